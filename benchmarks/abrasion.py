@@ -8,10 +8,10 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from common import Row, table
+from common import ErrorRow, print_rows
 
-from flashtemp.model.case import load
-from flashtemp.model.numerics import available
+from flashtemp.model.case import load_case
+from flashtemp.model.numerics import installed_bindings
 from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
 
@@ -25,7 +25,7 @@ KINDS = {
 }
 
 
-def seconds(case) -> tuple[float, Run]:
+def time_case(case) -> tuple[float, Run]:
     """CPU seconds of set-up and solve with two profiles a stretch, and the Run."""
     lean, began = replace(case.settings, profiles=2, fields=2), time.process_time()
     run = march(case.scene, lean)
@@ -35,17 +35,17 @@ def seconds(case) -> tuple[float, Run]:
 LOST = 1e-8  # %: heat that appears or vanishes
 
 
-def compare(repeat: int, given: dict) -> list[Row]:
+def compare_kinds(repeat: int, given: dict) -> list[ErrorRow]:
     """A row per kind, its error the heat that was lost; kinds take turns, so that a busy machine slows all alike."""
-    cases = {kind: load(CASE, given | {"effects": effects}) for kind, effects in KINDS.items()}
+    cases = {kind: load_case(CASE, given | {"effects": effects}) for kind, effects in KINDS.items()}
     times: dict[str, list[float]] = {kind: [] for kind in KINDS}
     runs = {}
     for _ in range(repeat + 1):
         for kind, case in cases.items():
-            spent, runs[kind] = seconds(case)
+            spent, runs[kind] = time_case(case)
             times[kind].append(spent)
     return [
-        Row(f"{kind}, {run.statistics['steps']} steps", run.mesh.n_cells, 100.0 * run.summary["energy_imbalance"], LOST,
+        ErrorRow(f"{kind}, {run.statistics['steps']} steps", run.mesh.n_cells, 100.0 * run.summary["energy_imbalance"], LOST,
             statistics.median(times[kind][1:]))
         for kind, run in runs.items()
     ]  # fmt: skip
@@ -56,11 +56,11 @@ def main() -> int:
     parser.add_argument("--repeat", type=int, default=3)
     options = parser.parse_args()
     beyond = 0
-    for binding in available():
+    for binding in installed_bindings():
         for repetitions, mesh in ((30, 1.0), (10, 1.0), (10, 2.0)):
             print(f"{binding}, {repetitions} repetitions, mesh {mesh:g}")
             given = {"schedule.repetitions": repetitions, "numerics.mesh": mesh, "numerics.integrator": binding}
-            beyond |= table(compare(options.repeat, given))
+            beyond |= print_rows(compare_kinds(options.repeat, given))
     return beyond
 
 

@@ -65,20 +65,20 @@ Record = dict[str, Any]
 # --- one campaign, in a process of its own ----------------------------------------------------------------------
 def judge_campaign(folder: Path, engine: str, limit: int, store: Path | None = None) -> Record:
     """Verdict of an engine on FOLDER/campaign, with the CPU and wall seconds that it took; its evidence in `store`."""
-    from discover import counting_time
+    from discover import time_counting
     from stored_evidence import Recorder, write_evidence
 
     from flashtemp.comparison import campaign
 
     discover = import_module(engine).discover
-    count_s = counting_time()
+    count_s = time_counting()
     soft = math.ceil(time.process_time()) + limit
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_CPU, (soft, resource.RLIM_INFINITY if store else soft + 10))
     recorder = Recorder()
     cpu, wall = time.process_time(), time.perf_counter()
     try:
-        with recorder.installed() if store else nullcontext():
+        with recorder.record_calls() if store else nullcontext():
             found = discover(campaign.load(folder / "campaign"), partial(print, file=sys.stderr, flush=True), 1)
         out = describe_verdict(found[0] if isinstance(found, tuple) else found, read_truth(folder)["hidden"])
     except Exception:  # a failure is a result too
@@ -88,7 +88,7 @@ def judge_campaign(folder: Path, engine: str, limit: int, store: Path | None = N
         resource.setrlimit(resource.RLIMIT_CPU, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
         try:
             write_evidence(
-                recorder.evidence({"name": folder.name, **read_truth(folder), **out}), store / f"{folder.name}.pkl.xz"
+                recorder.to_stored_search({"name": folder.name, **read_truth(folder), **out}), store / f"{folder.name}.pkl.xz"
             )
         except Exception:  # the verdict counts all the same
             out["not_stored"] = traceback.format_exc(limit=-6)
@@ -128,14 +128,14 @@ def describe_verdict(verdict: Any, hidden: dict[str, dict[str, float]]) -> Recor
 
 def signal_to_noise(verdict: Any, hidden: dict[str, dict[str, float]]) -> dict[str, float]:
     """z of every hidden effect that was a candidate: its true size over the size that is detected at 5 sigma."""
-    from flashtemp.physics.effect import find
+    from flashtemp.physics.effect import find_effect
 
     out = {}
     for rival in verdict.rivals:
         parameter = rival.parameter.rpartition(".")[2]
         true = hidden.get(rival.effect, {}).get(parameter)
         if true is not None and rival.detectable > 0.0:
-            off = find(rival.effect).params()[parameter].off or 0.0
+            off = find_effect(rival.effect).params()[parameter].off or 0.0
             out[rival.effect] = 5.0 * abs(true - off) / rival.detectable
     return out
 
@@ -191,7 +191,7 @@ def read_records(file: Path, engine: str | None = None) -> list[Record]:
 
 def summarise_record(r: Record) -> str:
     z = "".join(f" z={v:.0f}" for v in r.get("z", {}).values())
-    return f"{r['name']}: {' + '.join(truths(r)) or 'nothing'}{z} -> {classify(r)}: {describe_end(r)}"
+    return f"{r['name']}: {' + '.join(hidden_effects(r)) or 'nothing'}{z} -> {classify(r)}: {describe_end(r)}"
 
 
 def describe_end(r: Record) -> str:
@@ -211,7 +211,7 @@ def classify(r: Record) -> str:
     verdict = str(r["verdict"])
     if verdict in ("timeout", "failed", "no_verdict", "unexplained"):
         return verdict
-    true, is_mistaken = list(truths(r).values()), len(truths(r)) > len(r["hidden"])
+    true, is_mistaken = list(hidden_effects(r).values()), len(hidden_effects(r)) > len(r["hidden"])
     group, inputs = set(r["group"]), set(r["inputs"])
     effects = set() if verdict == "learned" else set(r["effects"])
     wrong_effects, wrong_inputs = ({n for n in s if not is_true(n, true)} for s in (effects - group, inputs))
@@ -228,7 +228,7 @@ def classify(r: Record) -> str:
     return "extra" if wrong_effects else "group" if group else "right" if all(found) else "part"
 
 
-def truths(r: Record) -> dict[str, tuple[str, ...]]:
+def hidden_effects(r: Record) -> dict[str, tuple[str, ...]]:
     """Hidden effects and mistakes of the set-up, each with the names that it may go by."""
     return {name: (name,) for name in r["hidden"]} | {name: EXPECTED[name] for name in r["setup"] if name in EXPECTED}
 
@@ -364,7 +364,7 @@ def compare_records(first: list[Record], second: list[Record]) -> Iterator[str]:
         if (classify(a), a.get("effects"), a.get("inputs")) != (classify(b), b.get("effects"), b.get("inputs")):
             z = ", ".join(f"{v:.0f}" for v in a["z"].values())
             cells = (f"{classify(r)}: {describe_end(r)}" for r in (a, b))
-            yield f"| {a['name']} | {' + '.join(truths(a)) or 'nothing'} | {z} | {' | '.join(cells)} |"
+            yield f"| {a['name']} | {' + '.join(hidden_effects(a)) or 'nothing'} | {z} | {' | '.join(cells)} |"
 
 
 def parse_arguments() -> argparse.Namespace:

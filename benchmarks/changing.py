@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import scipy_peer
-from common import Row, clocked, profile_error, table, timed
+from common import ErrorRow, time_call, profile_error, print_rows, time_march
 
-from flashtemp.model.case import load
-from flashtemp.model.numerics import available
+from flashtemp.model.case import load_case
+from flashtemp.model.numerics import installed_bindings
 
 CASE = Path(__file__).parent.parent / "cases" / "slide2d"
 REFERENCE = Path(__file__).parent.parent / "tests" / "data" / "slide2d_changing.json"
@@ -32,8 +32,8 @@ PEERS = {1e-2: 0.15, 1e-3: 0.12, 1e-4: 0.1}
 
 def reference() -> int:
     """Richardson of the peer on its mesh and that mesh halved, rtol 1e-6; 0."""
-    coarse = scipy_peer.mesh(*MESH)
-    a, b = (scipy_peer.changing(m, SPEED, SOFTENING, END, 1e-6) for m in (coarse, scipy_peer.halved(coarse)))
+    coarse = scipy_peer.make_mesh(*MESH)
+    a, b = (scipy_peer.solve_changing(m, SPEED, SOFTENING, END, 1e-6) for m in (coarse, scipy_peer.halve_cells(coarse)))
     rise = b + (b - a) / 3.0
     left = 100.0 * float(np.abs(rise - b).max() / rise.max())
     out = {"x": scipy_peer.AT.tolist(), "T_R_rise": rise.round(6).tolist(), "finest_percent": round(left, 4)}
@@ -41,22 +41,22 @@ def reference() -> int:
     return 0
 
 
-def rows(repeat: int, small: bool = False) -> list[Row]:
+def rows(repeat: int, small: bool = False) -> list[ErrorRow]:
     """flashtemp with every binding and the peer, at several tolerances or the loosest alone."""
     told = json.loads(REFERENCE.read_text())
     x, rise = np.array(told["x"]), np.array(told["T_R_rise"])
     out = []
-    for binding in available():
+    for binding in installed_bindings():
         for rtol, limit in list(OURS.items())[: 1 if small else None]:
-            case = load(CASE, CHANGE | {"numerics.integrator": binding, "numerics.rtol": rtol})
-            seconds, run = timed(case, repeat)
+            case = load_case(CASE, CHANGE | {"numerics.integrator": binding, "numerics.rtol": rtol})
+            seconds, run = time_march(case, repeat)
             name = f"flashtemp, {binding}, rtol {rtol:g}"
-            out.append(Row(name, run.mesh.n_cells, profile_error(run, x, rise), limit, seconds))
-    mesh = scipy_peer.mesh(*MESH)
+            out.append(ErrorRow(name, run.mesh.n_cells, profile_error(run, x, rise), limit, seconds))
+    mesh = scipy_peer.make_mesh(*MESH)
     for rtol, limit in list(PEERS.items())[: 1 if small else None]:
-        seconds, T = clocked(lambda rtol=rtol: scipy_peer.changing(mesh, SPEED, SOFTENING, END, rtol), repeat)
+        seconds, T = time_call(lambda rtol=rtol: scipy_peer.solve_changing(mesh, SPEED, SOFTENING, END, rtol), repeat)
         error = 100.0 * float(np.abs(T - rise).max() / rise.max())
-        out.append(Row(f"scipy solve_ivp BDF, rtol {rtol:g}", mesh.cells, error, limit, seconds))
+        out.append(ErrorRow(f"scipy solve_ivp BDF, rtol {rtol:g}", mesh.cells, error, limit, seconds))
     return out
 
 
@@ -65,7 +65,7 @@ def main() -> int:
     parser.add_argument("--repeat", type=int, default=3)
     parser.add_argument("--reference", action="store_true")
     options = parser.parse_args()
-    return reference() if options.reference else table(rows(options.repeat))
+    return reference() if options.reference else print_rows(rows(options.repeat))
 
 
 if __name__ == "__main__":

@@ -14,11 +14,11 @@ import argparse
 import time
 
 import numpy as np
-from common import Row
+from common import ErrorRow
 
 from flashtemp.errors import SolverFailure
-from flashtemp.model.case import load
-from flashtemp.model.numerics import available
+from flashtemp.model.case import load_case
+from flashtemp.model.numerics import installed_bindings
 from flashtemp.solver.march import march
 
 POINTS = [  # speed m/s, diameter m, fraction
@@ -30,7 +30,7 @@ FINE = 6  # cells per diameter: one disc is then within 0.5 % (tests/test_road_f
 PASSES = 3  # of the block's length
 
 
-def case(v: float, D: float, phi: float, pattern: tuple[str, int] | None, fine: int) -> dict:
+def case_overrides(v: float, D: float, phi: float, pattern: tuple[str, int] | None, fine: int) -> dict:
     """Overrides: averaged where there is no pattern, else resolved by `fine` cells per diameter."""
     width = 4 * D
     given = {
@@ -40,7 +40,7 @@ def case(v: float, D: float, phi: float, pattern: tuple[str, int] | None, fine: 
         "ambient.convection": 0.0, "numerics.rtol": 1e-3, "numerics.cells": [round(0.025 / D * fine), 18, 26],
         "numerics.first_x": D / fine, "numerics.last_x": D / fine,
         "numerics.first_block": 5e-6, "numerics.first_road": 5e-6,
-        "output.fields": 25, "output.profiles": 25, "numerics.integrator": available()[-1],
+        "output.fields": 25, "output.profiles": 25, "numerics.integrator": installed_bindings()[-1],
     }  # fmt: skip
     if pattern is None:
         return given | {"effects": [], "numerics.cells": [60, 18, 26]}
@@ -49,12 +49,12 @@ def case(v: float, D: float, phi: float, pattern: tuple[str, int] | None, fine: 
                     "resolved_spots.repeat": 0.05, "numerics.across": 2 if kind == "stripes" else 4 * fine}  # fmt: skip
 
 
-def go(given: dict):
-    made = load("cases/uniform_pressure", given)
+def run_case(given: dict):
+    made = load_case("cases/uniform_pressure", given)
     return march(made.scene, made.settings)
 
 
-def seen(run) -> np.ndarray:
+def mean_rises(run) -> np.ndarray:
     """Mean rise of face, spots by area, spots by load, and the share of the heat that the road takes: second half."""
     late = run.time[run.frames] > 0.5 * run.time[-1]
     at, dx = run.frames[late], run.mesh.dx_block / run.mesh.dx_block.sum()
@@ -70,23 +70,23 @@ def seen(run) -> np.ndarray:
     return np.array([face, by_area - run.ambient_degC, means.mean() - run.ambient_degC, road])
 
 
-def tried(given: dict) -> np.ndarray:
+def try_mean_rises(given: dict) -> np.ndarray:
     """What is seen; not a number where at some time no spot is under the block."""
     try:
-        return seen(go(given))
+        return mean_rises(run_case(given))
     except SolverFailure as fault:
         if "no spot" not in str(fault):
             raise
         return np.full(4, np.nan)
 
 
-def compare(v: float, D: float, phi: float, patterns, fine: int) -> np.ndarray:
+def compare_levels(v: float, D: float, phi: float, patterns, fine: int) -> np.ndarray:
     """Print a row; the flash factors (patterns, 2), by area and by load, that give the averaged spots the same gap.
 
     A square lattice is printed, but in no mean: its rows follow each other in the same lanes as spots of a road do not.
     """
-    face, spot, _, road = seen(go(case(v, D, phi, None, fine)))
-    found = np.array([tried(case(v, D, phi, one, fine)) for one in patterns])
+    face, spot, _, road = mean_rises(run_case(case_overrides(v, D, phi, None, fine)))
+    found = np.array([try_mean_rises(case_overrides(v, D, phi, one, fine)) for one in patterns])
     like = [kind != "regular" for kind, _ in patterns]
     rf, rs, _, rr = np.nanmean(found[like], axis=0)
     factors = (found[:, 1:3] - found[:, :1]) / (spot - face)
@@ -101,11 +101,11 @@ def compare(v: float, D: float, phi: float, patterns, fine: int) -> np.ndarray:
     return factors  # (patterns, 2), of all
 
 
-def small() -> list[Row]:
+def small_rows() -> list[ErrorRow]:
     """Large stripes, four cells per diameter: the flash factor is 1 within 25 %."""
     began = time.process_time()
-    [[_, by_load]] = compare(*POINTS[5], PATTERNS[-1:], 4)
-    return [Row("flash factor of stripes, off 1", 0, 100.0 * abs(by_load - 1.0), 25.0, time.process_time() - began)]
+    [[_, by_load]] = compare_levels(*POINTS[5], PATTERNS[-1:], 4)
+    return [ErrorRow("flash factor of stripes, off 1", 0, 100.0 * abs(by_load - 1.0), 25.0, time.process_time() - began)]
 
 
 def main() -> None:
@@ -119,10 +119,10 @@ def main() -> None:
     )
     if options.cells:
         for fine in (6, 9, 12, 18):
-            compare(*POINTS[0], PATTERNS[:1], fine)
+            compare_levels(*POINTS[0], PATTERNS[:1], fine)
         return
     chosen = [POINTS[k] for k in options.only]
-    factors = np.array([compare(v, D, phi, PATTERNS, FINE) for v, D, phi in chosen])
+    factors = np.array([compare_levels(v, D, phi, PATTERNS, FINE) for v, D, phi in chosen])
     factors = factors[:, [kind != "regular" for kind, _ in PATTERNS]]
     means, scatter = np.nanmean(factors, axis=(0, 1)), np.nanmean(factors, axis=1).std(axis=0)
     print(f"flash factor by area {means[0]:.2f}, by load {means[1]:.2f}; points scatter by {scatter[0]:.2f}, "

@@ -14,7 +14,7 @@ from flashtemp.model.case import Case
 from flashtemp.solver.march import march
 
 
-def clocked(function, repeat: int):
+def time_call(function, repeat: int):
     """Median CPU seconds of a call, and what it gives."""
     spent = []
     for _ in range(repeat):
@@ -24,7 +24,7 @@ def clocked(function, repeat: int):
     return statistics.median(spent), found
 
 
-def timed(case: Case, repeat: int):
+def time_march(case: Case, repeat: int):
     """Median CPU seconds of set-up and solve of a case, and a Run of it; compiled beforehand.
 
     The timed runs keep two profiles a stretch, as the peers do; the Run returned keeps them all.
@@ -45,7 +45,7 @@ def profile_error(run, x, rise) -> float:
 
 
 @dataclass(frozen=True)
-class Row:
+class ErrorRow:
     """What one solver took: its error in % of the largest rise, and the error that it is stated to stay below."""
 
     name: str
@@ -55,15 +55,15 @@ class Row:
     seconds: float
 
     @property
-    def beyond(self) -> bool:
+    def is_beyond_limit(self) -> bool:
         return not self.error <= self.limit
 
 
-def table(rows: Sequence[Row]) -> int:
+def print_rows(rows: Sequence[ErrorRow]) -> int:
     """Print the rows, those beyond their stated error marked; 1 if there is any, else 0."""
     print(f"{'solver':44s} {'cells':>7s} {'error %':>8s} {'stated':>7s} {'CPU s':>8s} {'ratio':>7s}")
     for row in rows:
-        mark = "  BEYOND ITS STATED ERROR" if row.beyond else ""
+        mark = "  BEYOND ITS STATED ERROR" if row.is_beyond_limit else ""
         print(f"{row.name:44s} {row.cells:7d} {row.error:8.3f} {row.limit:7.3g} {row.seconds:8.3f} "
               f"{row.seconds / rows[0].seconds:7.2f}{mark}", flush=True)  # fmt: skip
-    return int(any(row.beyond for row in rows))
+    return int(any(row.is_beyond_limit for row in rows))

@@ -30,7 +30,7 @@ from flashtemp.discovery.criteria import CRITERIA, Criteria
 from flashtemp.discovery.decision import AdequacyTest, decide
 from flashtemp.discovery.diagnostics import adequacy_tests as adequacy_module
 from flashtemp.discovery.diagnostics import setup_errors as setup_module
-from flashtemp.discovery.parameters import PLACED, Kind, ParameterId
+from flashtemp.discovery.parameters import PLACEMENT_KINDS, Kind, ParameterId
 from flashtemp.discovery.selection import forward_selection
 
 Names = frozenset[str]
@@ -41,7 +41,7 @@ VERDICT_KEYS = ("verdict", "effects", "inputs", "group")
 
 
 @dataclass(frozen=True)
-class Replayed:
+class ReplayedVerdict:
     """A verdict as campaigns.py describes it, with the full fits that selection asked for.
 
     `missing`: those of them that nobody made; `law_not_tried`: whether a law would have been looked for and was not.
@@ -57,11 +57,11 @@ class Replayed:
         return tuple(self.record[k] for k in VERDICT_KEYS)
 
 
-def replay(stored: StoredSearch) -> Replayed:
+def replay(stored: StoredSearch) -> ReplayedVerdict:
     """The verdict that the present criteria give on stored evidence."""
     with _stored_answers(stored):
         search, asked, missing = select_stored(stored)
-        hint = None if search.best.model.effects else engine.best_hint(search)
+        hint = None if search.best.model.effects else engine.find_best_hint(search)
         record = _verdict(stored, search, hint or search.best, hint is not None)
         law_not_tried = record["verdict"] == "unexplained" and not stored.law_was_tried
         if record["verdict"] == "unexplained" and (law := stored.law) is not None:
@@ -71,7 +71,7 @@ def replay(stored: StoredSearch) -> Replayed:
                 found = SimpleNamespace(**vars(search) | {"best": law.fit, "fits": search.fits | {names: law.fit}})
                 judged = _verdict(stored, found, law.fit, False, law.excess)
                 record = judged if judged["verdict"] == "learned" else record
-    return Replayed(stored.record | record, frozenset(asked), frozenset(missing), law_not_tried)
+    return ReplayedVerdict(stored.record | record, frozenset(asked), frozenset(missing), law_not_tried)
 
 
 # --- selection --------------------------------------------------------------------------------------------------
@@ -94,7 +94,7 @@ def select_stored(stored: StoredSearch) -> tuple[Any, set[Names], set[Names]]:
                 search.unfitted[names] = stored.unfitted[names]
             else:
                 missing.add(names)
-        found = forward_selection._worth_its_parameters(search)  # type: ignore[arg-type]
+        found = forward_selection._best_extension(search)  # type: ignore[arg-type]
         if found is None:
             break
         search.best = found
@@ -113,9 +113,9 @@ def _ranking(stored: StoredSearch, best: Any) -> Sequence[Any] | None:
 def _wanted_fits(search: Any, ranked: Sequence[Any], stored: StoredSearch) -> Iterator[Names]:
     """Effects of the models that are fitted in full beside the best one."""
     own = frozenset(search.best.model.effects)
-    yield from (own | {s.effect} for s in forward_selection.shortlist(ranked))
+    yield from (own | {s.effect} for s in forward_selection.shortlist_candidates(ranked))
     if not own and stored.pair is not None:
-        yield from (frozenset(p.effects) for p in forward_selection._pairs(search, ranked))  # type: ignore[attr-defined]
+        yield from (frozenset(p.effects) for p in forward_selection._promising_pairs(search, ranked))  # type: ignore[attr-defined]
 
 
 # --- verdict ----------------------------------------------------------------------------------------------------
@@ -127,7 +127,7 @@ def _verdict(
     if final.model.effects and final.size is not None:
         mesh_error = CRITERIA.mesh_error_left * final.size.mesh_error_K
         change = SimpleNamespace(size=replace(final.size, mesh_error_K=mesh_error))
-    setup = engine.setup_errors(None, None, final, None, stored.inputs, CRITERIA)  # type: ignore[arg-type]
+    setup = engine.find_setup_errors(None, None, final, None, stored.inputs, CRITERIA)  # type: ignore[arg-type]
     base, own = _assessment(search.base), _assessment(final)
     evidence = engine.collect_evidence(search, final, base, own, change, setup, None, is_hint)  # type: ignore[arg-type]
     if law_excess is not None:
@@ -162,13 +162,13 @@ def _stored_answers(stored: StoredSearch) -> Iterator[None]:
         return [SimpleNamespace(probability=p) for p in fit.probabilities[effect][int(every)]]
 
     def adequacy_tests(problem: Any, fit: StoredFit, criteria: Criteria) -> tuple[AdequacyTest, ...]:
-        return adequacy_module.adequacy_tests(problem, _for_adequacy(fit), criteria)  # type: ignore[arg-type]
+        return adequacy_module.run_adequacy_tests(problem, _for_adequacy(fit), criteria)  # type: ignore[arg-type]
 
     def reduced(problem: Any, fit: StoredFit, system: Any, known: Any, floor: float | None) -> Any:
         return fit.setup.system if floor is None else fit.setup.largest
 
     def visible_fraction(data: Any, fit: StoredFit, system: Any, p: ParameterId, value: float, gain: float) -> float:
-        if p.kind not in PLACED:  # evidence that was stored before holds nothing of it
+        if p.kind not in PLACEMENT_KINDS:  # evidence that was stored before holds nothing of it
             return abs(value) * fit.setup.changes.get(p, np.inf)
         return float(np.sqrt(2.0 * gain / fit.setup.rise_squares[p]))
 
@@ -217,7 +217,7 @@ def changed_values(name: str) -> dict[str, float]:
     return {side: max(1.0, round(f * now)) if name in COUNTS else f * now for side, f in FACTORS.items()}
 
 
-def replay_criterion(name: str, searches: Sequence[StoredSearch], default: Sequence[Replayed]) -> Record:
+def replay_criterion(name: str, searches: Sequence[StoredSearch], default: Sequence[ReplayedVerdict]) -> Record:
     """What one criterion changes at half and at double its value.
 
     For each side the changes of the numbers of outcomes, and in `moved` every change of a verdict; `fits` that would
@@ -254,7 +254,7 @@ def _recordings(s: StoredSearch, name: str, factor: float) -> tuple[str, ...]:
     return s.recordings.get((name, factor), s.recordings.get(("", 1.0), ()))
 
 
-def count_outcomes(found: Iterable[Replayed]) -> Counter[str]:
+def count_outcomes(found: Iterable[ReplayedVerdict]) -> Counter[str]:
     """Number of campaigns in every column of the page on validation."""
     return Counter(summary_column(r.record) for r in found)
 
@@ -265,7 +265,7 @@ def replay_all(searches: Sequence[StoredSearch]) -> Record:
     return {f.name: replay_criterion(f.name, searches, default) for f in fields(Criteria)}
 
 
-def not_reproduced(searches: Iterable[StoredSearch]) -> list[str]:
+def list_not_reproduced(searches: Iterable[StoredSearch]) -> list[str]:
     """Campaigns of which a replay at the present values does not give the stored verdict, with both."""
     pairs = ((s.record, replay(s)) for s in searches)
     return [f"{old['name']}: {describe_end(old)}; replayed {describe_end(new.record)}"
@@ -302,7 +302,7 @@ def main() -> None:
     outcomes = count_outcomes(replay(s) for s in searches)
     print(f"{len(searches)} campaigns; as they are: {', '.join(f'{n} {o}' for o, n in outcomes.most_common())}")
     print(*tabulate(report), sep="\n")
-    if different := not_reproduced(searches):
+    if different := list_not_reproduced(searches):
         raise SystemExit("\n".join(["not the stored verdict at the present values:", *different]))
 
 

@@ -61,7 +61,7 @@ def draw_realistic(seed: int) -> dict:
     return {"seed": seed, "kind": kind, "hidden": names, "size": size}
 
 
-def draw(seed: int) -> dict:
+def draw_hidden(seed: int) -> dict:
     """What is hidden under a seed: kind, effects with their parameters, and which effect the catalogue lacks."""
     rng = np.random.default_rng([seed, 77])
     kind = str(rng.choice(["null", "single", "pair", "outside"], p=[0.2, 0.55, 0.15, 0.1]))
@@ -75,7 +75,7 @@ def draw(seed: int) -> dict:
 
 def overrides(plan: dict, wide: bool = False) -> dict:
     """Keys of the case under which `twin` hides what was drawn."""
-    from flashtemp.physics.effect import find
+    from flashtemp.physics.effect import find_effect
 
     out: dict = dict(SMALL)
     if wide:
@@ -86,7 +86,7 @@ def overrides(plan: dict, wide: bool = False) -> dict:
     if plan["hidden"]:
         out["effects"] = plan["hidden"]
     for name, size in plan["size"].items():
-        for k, param in find(name).params().items():
+        for k, param in find_effect(name).params().items():
             if param.off is not None and isinstance(param.value, (int, float)):
                 size_k = size if k == SINGLE[name] else 0.0
                 out[f"{name}.{k}"] = float(
@@ -95,33 +95,33 @@ def overrides(plan: dict, wide: bool = False) -> dict:
     return out
 
 
-def flat(case: Path) -> None:
+def flatten_case(case: Path) -> None:
     """The case in 2D, as who has no side walls would have it."""
     text = re.sub(r"(?m)^across = .*$", "across = 1", case.read_text())
     case.write_text(re.sub(r"(?m)^first_y = .*\n", "", text))
 
 
-def one(seed: int, wide: bool = False) -> dict:
+def run_seed(seed: int, wide: bool = False) -> dict:
     """Make a campaign, discover, then open the truth."""
     from flashtemp.comparison import campaign
-    from flashtemp.comparison.twin import SEALED, Plan, twin
+    from flashtemp.comparison.twin import SEALED_TRUTH, SyntheticPlan, make_synthetic_campaign
     from flashtemp.discovery import engine
     from flashtemp.model import case
 
-    plan, began = draw(seed), time.process_time()
+    plan, began = draw_hidden(seed), time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "campaign"
         few = {"conditions": 2} if wide else {}
-        twin(case.load(CASE, overrides(plan, wide)), Plan(tuple(plan["hidden"]), seed, sliding=3, **few), out)
+        make_synthetic_campaign(case.load_case(CASE, overrides(plan, wide)), SyntheticPlan(tuple(plan["hidden"]), seed, sliding=3, **few), out)
         if wide:
-            flat(out / "case.toml")
+            flatten_case(out / "case.toml")
         made = time.process_time() - began
         loaded = campaign.load(out)
         if plan["kind"] == "outside":
-            loaded = replace(loaded, candidates=_without(plan["hidden"]))
+            loaded = replace(loaded, candidates=_other_candidates(plan["hidden"]))
         verdict, search = engine.discover(loaded, workers=1)
-        truth = json.loads((out / SEALED).read_text())
-    return plan | _record(verdict, search, truth) | {"made_s": made, "cpu_s": time.process_time() - began}
+        truth = json.loads((out / SEALED_TRUTH).read_text())
+    return plan | _record_verdict(verdict, search, truth) | {"made_s": made, "cpu_s": time.process_time() - began}
 
 
 def make_realistic(plan: dict, folder: Path) -> tuple[dict, dict]:
@@ -149,12 +149,12 @@ def store_realistic(first: int, last: int, folder: Path) -> None:
         (own / "truth.json").write_text(json.dumps(truth, default=float))
 
 
-def one_realistic(seed: int) -> dict:
+def run_realistic_seed(seed: int) -> dict:
     """Make a campaign in the independent laboratory with uncooled cameras, discover, then open the truth."""
     from flashtemp.comparison import campaign
     from flashtemp.discovery import engine
 
-    plan, count_s = draw_realistic(seed), counting_time()
+    plan, count_s = draw_realistic(seed), time_counting()
     began = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         hidden, drawn = make_realistic(plan, Path(folder))
@@ -163,11 +163,11 @@ def one_realistic(seed: int) -> dict:
     cpu = time.process_time() - began
     truth = {"hidden": hidden, "nuisance": drawn["drawn"]}
     cameras = {file: r["camera"] for file, r in drawn["recordings"].items()}
-    found = _record(verdict, search, truth) | {"cameras": cameras}
+    found = _record_verdict(verdict, search, truth) | {"cameras": cameras}
     return plan | found | {"made_s": made, "cpu_s": cpu, "count_s": count_s}
 
 
-def counting_time() -> float:
+def time_counting() -> float:
     """CPU seconds in which this machine counts to ten million."""
     began, count = time.process_time(), 0
     while count < COUNTED:
@@ -175,16 +175,16 @@ def counting_time() -> float:
     return time.process_time() - began
 
 
-def _without(hidden: list[str]) -> tuple[str, ...]:
+def _other_candidates(hidden: list[str]) -> tuple[str, ...]:
     """The catalogue as if what is hidden were not in it."""
     from flashtemp.physics.effect import catalogue
 
     return tuple(n for n, e in catalogue().items() if e.candidate and not e.alike and n not in hidden)
 
 
-def _record(verdict, search, truth: dict) -> dict:
+def _record_verdict(verdict, search, truth: dict) -> dict:
     """Numbers that the tables need."""
-    from flashtemp.physics.effect import find
+    from flashtemp.physics.effect import find_effect
 
     z = {}
     for ranked in search.ranking[:1]:
@@ -192,7 +192,7 @@ def _record(verdict, search, truth: dict) -> dict:
             if s.effect in truth["hidden"]:
                 k = STRENGTH[s.effect]
                 a = s.candidate.strengths[k]
-                z[s.effect] = abs(truth["hidden"][s.effect][k] - find(s.effect).params()[k].off) / abs(a) * s.seen
+                z[s.effect] = abs(truth["hidden"][s.effect][k] - find_effect(s.effect).params()[k].off) / abs(a) * s.seen
     causes = []
     for c in verdict.causes:
         for p in c.parameters:
@@ -220,7 +220,7 @@ def run(first: int, last: int, file: Path, processes: int = 2, mode: str = "") -
     done = {json.loads(line)["seed"] for line in file.read_text().splitlines()} if file.exists() else set()
     seeds = [s for s in range(first, last) if s not in done]
     with ProcessPoolExecutor(processes) as pool, file.open("a") as out:
-        for future in as_completed([pool.submit(attempt, s, mode) for s in seeds]):
+        for future in as_completed([pool.submit(attempt_seed, s, mode) for s in seeds]):
             found = future.result()
             out.write(json.dumps(found, default=float) + "\n")
             out.flush()
@@ -229,12 +229,12 @@ def run(first: int, last: int, file: Path, processes: int = 2, mode: str = "") -
             print(found["seed"], found["kind"], found["hidden"], z, "->", found["verdict"], *named, flush=True)
 
 
-def attempt(seed: int, mode: str = "") -> dict:
+def attempt_seed(seed: int, mode: str = "") -> dict:
     """One campaign of a mode, realistic, wide or neither; a failure is a result too."""
     try:
-        return one_realistic(seed) if mode == "realistic" else one(seed, mode == "wide")
+        return run_realistic_seed(seed) if mode == "realistic" else run_seed(seed, mode == "wide")
     except Exception:
-        plan = draw_realistic(seed) if mode == "realistic" else draw(seed)
+        plan = draw_realistic(seed) if mode == "realistic" else draw_hidden(seed)
         return plan | {"verdict": "failed", "error": traceback.format_exc(limit=4)}
 
 
@@ -242,7 +242,7 @@ def attempt(seed: int, mode: str = "") -> dict:
 BINS = ((0, 5), (5, 10), (10, 20), (20, np.inf))
 
 
-def outcome(r: dict) -> str:
+def classify_record(r: dict) -> str:
     """right, group, weak, none, unexplained, extra or wrong."""
     truth, found = set(r["hidden"]), set(r.get("accepted", []))
     if r["verdict"] in ("none_needed", "unexplained", "no_verdict", "failed"):
@@ -254,7 +254,7 @@ def outcome(r: dict) -> str:
     return "right" if found == truth else "extra" if found > truth else "part" if found < truth else "wrong"
 
 
-def table(file: Path) -> None:
+def print_tables(file: Path) -> None:
     rows = [json.loads(line) for line in file.read_text().splitlines()]
     kinds = defaultdict(list)
     for r in rows:
@@ -268,18 +268,18 @@ def table(file: Path) -> None:
     print("|---|---|---|---|---|---|---|---|---|")
     for low, high in BINS:
         own = [r for r in kinds["single"] if r.get("z") and low <= max(r["z"].values()) < high]
-        n = Counter(outcome(r) for r in own)
+        n = Counter(classify_record(r) for r in own)
         cells = [len(own), n["right"], n["group"], n["weak"], n["none"], n["unexplained"], n["extra"],
                  n["wrong"] + n["weak wrong"]]  # fmt: skip
         print(f"| {low} to {high} | " + " | ".join(map(str, cells)) + " |")
     for kind in ("null", "pair", "outside"):
-        print(kind, dict(Counter(outcome(r) for r in kinds[kind])))
+        print(kind, dict(Counter(classify_record(r) for r in kinds[kind])))
     for low, high in BINS:
         own = [r for r in kinds["pair"] if len(r.get("z", {})) == 2 and low <= min(r["z"].values()) < high]
-        print(f"pairs whose weaker z is {low} to {high}:", dict(Counter(outcome(r) for r in own)))
+        print(f"pairs whose weaker z is {low} to {high}:", dict(Counter(classify_record(r) for r in own)))
     for r in sorted(kinds["outside"], key=lambda r: r["hidden"]):
         print(f"  left out of the catalogue: {r['hidden'][0]} -> {r['verdict']} {', '.join(r.get('accepted', []))}")
-    good = [(c, r) for r in kinds["single"] if outcome(r) == "right" for c in r["causes"] if c["true"] is not None]
+    good = [(c, r) for r in kinds["single"] if classify_record(r) == "right" for c in r["causes"] if c["true"] is not None]
     inside = sum(c["ci95"][0] <= c["true"] <= c["ci95"][1] for c, _ in good)
     errors = [abs(c["value"] / c["true"] - 1) for c, r in good if max(r["z"].values()) >= 10]
     pulls = [(c["value"] - c["true"]) / max(c["stderr"], 1e-300) for c, _ in good]
@@ -287,7 +287,7 @@ def table(file: Path) -> None:
         print(f"95 % intervals cover {inside} of {len(good)}; spread of (found - true)/stderr {np.std(pulls):.2f}")
         print(f"error at z >= 10: median {100 * np.median(errors):.1f} %, p90 {100 * np.quantile(errors, 0.9):.1f} %")
     confused = Counter((r["hidden"][0], ",".join(r.get("accepted", [])) or r["verdict"]) for r in kinds["single"]
-                       if outcome(r) not in ("right",))  # fmt: skip
+                       if classify_record(r) not in ("right",))  # fmt: skip
     for (true, named), count in confused.most_common():
         print(f"  {true} -> {named}: {count}")
 
@@ -298,8 +298,8 @@ if __name__ == "__main__":
         mode = sys.argv[1] if sys.argv[1] == "realistic" else "wide" if "wide" in sys.argv[5:] else ""
         run(int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]), *processes, mode=mode)
         if mode == "realistic":
-            table(Path(sys.argv[4]))
+            print_tables(Path(sys.argv[4]))
     elif sys.argv[1] == "store":
         store_realistic(int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]))
     else:
-        table(Path(sys.argv[2]))
+        print_tables(Path(sys.argv[2]))

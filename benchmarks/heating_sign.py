@@ -18,9 +18,9 @@ import numpy as np
 from scipy.stats import qmc, spearmanr
 
 from flashtemp.errors import SolverFailure
-from flashtemp.model.case import load
+from flashtemp.model.case import load_case
 from flashtemp.physics.material import LIBRARY
-from flashtemp.runs.load_dependence import QUIET, Asked, frictions
+from flashtemp.runs.load_dependence import MINIMAL_OUTPUT, LoadCase, compute_load_frictions
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "benchmarks" / "results" / "heating_sign.json"
@@ -70,7 +70,7 @@ def case_values(x: dict[str, float], law: str, softened: bool) -> dict[str, Any]
         "relaxed": x["relaxed modulus, Pa"], "unrelaxed": 2e9, "exponent": x["exponent of the master curve"],
         "time": x["time of the master curve, s"],
     }  # fmt: skip
-    return QUIET | {
+    return MINIMAL_OUTPUT | {
         theory + "master_curve": curve, theory + "wlf": [7.718, 116.6], theory + "rms_slope": x["rms slope"],
         theory + "shear_stress": x["shear stress, Pa"], theory + "activation": x["activation energy, eV"],
         theory + "gamma": x["gamma"], theory + "flattened": 1.0, theory + "work_of_adhesion": 0.0,
@@ -88,11 +88,11 @@ def case_values(x: dict[str, float], law: str, softened: bool) -> dict[str, Any]
 
 def measure(x: dict[str, float], law: str, softened: bool, speed: float) -> dict[str, Any]:
     """mu at PRESSURES with heat and without."""
-    case = load(ROOT / "cases" / "mu_of_p", case_values(x, law, softened) | {"schedule.speed": speed})
-    return {name: frictions(Asked(case, PRESSURES, name == "cold")) for name in ("hot", "cold")}
+    case = load_case(ROOT / "cases" / "mu_of_p", case_values(x, law, softened) | {"schedule.speed": speed})
+    return {name: compute_load_frictions(LoadCase(case, PRESSURES, name == "cold")) for name in ("hot", "cold")}
 
 
-def effects(found: dict[str, Any]) -> dict[str, float]:
+def heating_effects(found: dict[str, Any]) -> dict[str, float]:
     """What heat adds to ln mu at the higher load, and to its change from the lower load to the higher one."""
     at = np.log(np.array(found["hot"]) / np.array(found["cold"]))
     return {"level": float(at[-1]), "load": float(at[-1] - at[0])}
@@ -117,12 +117,12 @@ def summary(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return out
 
 
-def _rounded(value: Any) -> Any:
+def _round_numbers(value: Any) -> Any:
     """Four digits of every number, for a file that a person can read."""
     if isinstance(value, dict):
-        return {k: _rounded(v) for k, v in value.items()}
+        return {k: _round_numbers(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_rounded(v) for v in value]
+        return [_round_numbers(v) for v in value]
     return float(f"{value:.4g}") if isinstance(value, float) else value
 
 
@@ -144,7 +144,7 @@ def main() -> None:
                 except SolverFailure as fault:
                     failed.append(name | {"why": str(fault)})
                     continue
-                rows.append(name | effects(found) | found | {"inputs": x})
+                rows.append(name | heating_effects(found) | found | {"inputs": x})
     said = summary(rows)
     for one in said:
         print(json.dumps(one))
@@ -152,7 +152,7 @@ def main() -> None:
     answer = {
         "ranges": SETS, "pressures_Pa": PRESSURES, "summary": said, "failed": failed, "inputs": inputs, "rows": kept,
     }  # fmt: skip
-    given.out.write_text(json.dumps(_rounded(answer), indent=None) + "\n", encoding="utf-8")
+    given.out.write_text(json.dumps(_round_numbers(answer), indent=None) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -39,7 +39,7 @@ KINDS = {"null": 0.3, "single": 0.45, "foreign": 0.125, "laboratory": 0.125}
 BINS = ((0, 5), (5, 10), (10, 20), (20, np.inf))
 
 
-def draw(seed: int, small: bool = False) -> dict:
+def draw_hidden(seed: int, small: bool = False) -> dict:
     """What is hidden under a seed."""
     rng = np.random.default_rng([seed, 177])
     kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
@@ -52,70 +52,70 @@ def draw(seed: int, small: bool = False) -> dict:
     return {"seed": seed, "kind": kind, "hidden": name, "size": size}
 
 
-def without_some(campaign, seed: int):
+def hold_out_some(campaign, seed: int):
     """The campaign with one image, or all of one condition, marked held out, as drawn from the seed."""
     rng = np.random.default_rng([seed, 179])
     view = campaign.views[rng.integers(len(campaign.views))]
     whole = rng.uniform() < 0.25
 
-    def marked(entry):
+    def mark_held_out(entry):
         return replace(entry, held_out=entry is view or (whole and entry.given == view.given))
 
-    return replace(campaign, views=tuple(map(marked, campaign.views)), forces=tuple(map(marked, campaign.forces)))
+    return replace(campaign, views=tuple(map(mark_held_out, campaign.views)), forces=tuple(map(mark_held_out, campaign.forces)))
 
 
-def programme(seed: int):
+def draw_programme(seed: int):
     """A block on a road, a schedule and cameras as drawn from the seed; half of all have thermocouples."""
     from truth.laboratory import Programme
     from truth.sliding import Pair
 
     rng = np.random.default_rng([seed, 181])
 
-    def within(low: float, high: float, digits: int = 3) -> float:
+    def draw_within(low: float, high: float, digits: int = 3) -> float:
         return float(f"{np.exp(rng.uniform(np.log(low), np.log(high))):.{digits}g}")
 
-    length, height = within(0.012, 0.05), within(0.005, 0.015)
+    length, height = draw_within(0.012, 0.05), draw_within(0.005, 0.015)
     pair = Pair(
-        length=length, height=height, width=within(0.03, 0.09), diameter=within(1.5e-3, 5e-3), k=within(0.2, 0.45),
-        rc=1700.0 * within(1050.0, 1250.0), road_k=within(0.8, 2.5), road_rc=950.0 * within(1900.0, 2600.0),
+        length=length, height=height, width=draw_within(0.03, 0.09), diameter=draw_within(1.5e-3, 5e-3), k=draw_within(0.2, 0.45),
+        rc=1700.0 * draw_within(1050.0, 1250.0), road_k=draw_within(0.8, 2.5), road_rc=950.0 * draw_within(1900.0, 2600.0),
     )  # fmt: skip
-    pressure, speed = within(0.6e5, 3e5), within(0.05, 0.3)
-    conditions = [(pressure, speed), (pressure * within(0.4, 1.0, 2), speed * within(1.5, 4.0, 2))]
+    pressure, speed = draw_within(0.6e5, 3e5), draw_within(0.05, 0.3)
+    conditions = [(pressure, speed), (pressure * draw_within(0.4, 1.0, 2), speed * draw_within(1.5, 4.0, 2))]
     if rng.uniform() < 0.3:
         conditions.append((conditions[1][0], speed))
     beads = [(rng.uniform(0.1, 0.9), rng.uniform(0.1, 0.6)) for _ in range(rng.integers(2, 6))]
-    taken = np.linspace(within(0.15, 0.3), 0.9, int(rng.integers(2, 6)))
+    taken = np.linspace(draw_within(0.15, 0.3), 0.9, int(rng.integers(2, 6)))
     return Programme(
-        distance=max(within(0.3, 1.0), 12.0 * length), repetitions=int(rng.integers(1, 5)), wait=within(3.0, 20.0),
-        columns=int(np.clip(round(length / 2.5e-4), 60, 140)), convection=within(6.0, 25.0, 2),
-        conditions=tuple(conditions), pair=pair, mu=within(0.5, 1.3, 2), fraction=within(0.08, 0.4, 2),
-        netd=within(0.03, 0.1, 2), taken=tuple(taken),
-        pitch={"sidewall": within(1.5e-4, 5e-4, 2), "wake": within(3e-4, 1e-3, 2)}, behind=within(0.015, 0.05, 2),
-        beads=tuple(beads) if rng.uniform() < 0.5 else (), lag=within(0.1, 1.0, 2),
+        distance=max(draw_within(0.3, 1.0), 12.0 * length), repetitions=int(rng.integers(1, 5)), wait=draw_within(3.0, 20.0),
+        columns=int(np.clip(round(length / 2.5e-4), 60, 140)), convection=draw_within(6.0, 25.0, 2),
+        conditions=tuple(conditions), pair=pair, mu=draw_within(0.5, 1.3, 2), fraction=draw_within(0.08, 0.4, 2),
+        netd=draw_within(0.03, 0.1, 2), taken=tuple(taken),
+        pitch={"sidewall": draw_within(1.5e-4, 5e-4, 2), "wake": draw_within(3e-4, 1e-3, 2)}, behind=draw_within(0.015, 0.05, 2),
+        beads=tuple(beads) if rng.uniform() < 0.5 else (), lag=draw_within(0.1, 1.0, 2),
     )  # fmt: skip
 
 
-def one(seed: int, small: bool = False, held: bool = False, varied: bool = False) -> dict:
+def run_seed(seed: int, small: bool = False, held: bool = False, varied: bool = False) -> dict:
     """Make a campaign, discover, then open the truth."""
     from truth import laboratory
 
     from flashtemp.comparison import campaign
     from flashtemp.discovery import engine
 
-    plan, began = draw(seed, small), time.process_time()
+    plan, began = draw_hidden(seed, small), time.process_time()
     name, kind = plan["hidden"], plan["kind"]
     hidden = {name: plan["size"] * TYPICAL[name][1]} if kind == "single" else {}
     hidden |= {name: FOREIGN[name]} if kind == "foreign" else {}
     beyond = {name: LABORATORY[name]} if kind == "laboratory" else {}
     with tempfile.TemporaryDirectory() as folder:
         usual = laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5) if small else laboratory.Programme()
-        test = programme(seed) if varied else usual
+        test = draw_programme(seed) if varied else usual
         truth = laboratory.campaign(folder, hidden, seed, test=test, beyond=beyond)
         made = time.process_time() - began
         loaded = replace(campaign.load(folder), candidates=FEW if small else tuple(TYPICAL))
-        loaded = without_some(loaded, seed) if held else loaded
+        loaded = hold_out_some(loaded, seed) if held else loaded
         verdict, search = engine.discover(loaded, workers=1)
-    found = _record(verdict, search, plan, hidden)
+    found = _record_verdict(verdict, search, plan, hidden)
     return (
         plan
         | {"true": hidden, "made_s": made, "cpu_s": time.process_time() - began}
@@ -124,7 +124,7 @@ def one(seed: int, small: bool = False, held: bool = False, varied: bool = False
     )
 
 
-def _record(verdict, search, plan: dict, hidden: dict) -> dict:
+def _record_verdict(verdict, search, plan: dict, hidden: dict) -> dict:
     """Numbers that the tables need; z of the hidden effect from its trace and its true size."""
     z = 0.0
     for s in search.ranking[0] if search.ranking else ():
@@ -149,9 +149,9 @@ def run(first: int, last: int, file: Path, **how: bool) -> None:
         if seed in done:
             continue
         try:
-            found = one(seed, **how)
+            found = run_seed(seed, **how)
         except Exception:  # a failure is a result too
-            found = draw(seed, how.get("small", False)) | {"verdict": "failed", "error": traceback.format_exc(limit=4)}
+            found = draw_hidden(seed, how.get("small", False)) | {"verdict": "failed", "error": traceback.format_exc(limit=4)}
         with file.open("a") as out:
             out.write(json.dumps(found, default=float) + "\n")
         named = [c["effect"] for c in found.get("causes", [])]
@@ -160,7 +160,7 @@ def run(first: int, last: int, file: Path, **how: bool) -> None:
 
 
 # --- tables ----------------------------------------------------------------------------------------------
-def outcome(r: dict) -> str:
+def classify_record(r: dict) -> str:
     """right, extra, wrong, group, weak, weak wrong, laboratory, or the verdict itself."""
     physics = {c["effect"] for c in r.get("causes", []) if not c["laboratory"]}
     truth = {r["hidden"]} if r["kind"] == "single" else set()
@@ -176,7 +176,7 @@ def outcome(r: dict) -> str:
     return "right" if physics == truth else "extra" if truth and physics > truth else "wrong"
 
 
-def table(file: Path) -> None:
+def print_tables(file: Path) -> None:
     """Counts by kind, and of singles by z; coverage of the intervals of what was named rightly; CPU by kind."""
     rows = [json.loads(line) for line in file.read_text().splitlines()]
     print(f"{len(rows)} campaigns, {np.mean([r.get('cpu_s', 0) for r in rows]):.0f} s of CPU each")
@@ -188,14 +188,14 @@ def table(file: Path) -> None:
             label = f"one effect, z {low} to {high}"
         elif r["hidden"] in KNOWN:
             label = "walls cooled as sqrt(v)"
-        counts[label][outcome(r)] += 1
+        counts[label][classify_record(r)] += 1
     heads = sorted({o for c in counts.values() for o in c})
     print("| hidden | campaigns | " + " | ".join(heads) + " |\n" + "|---" * (len(heads) + 2) + "|")
     for label in sorted(counts):
         print(f"| {label} | {counts[label].total()} | " + " | ".join(str(counts[label][o]) for o in heads) + " |")
     inside, total = 0, 0
     for r in rows:
-        if r["hidden"] and outcome(r) in ("right", "extra", "weak"):
+        if r["hidden"] and classify_record(r) in ("right", "extra", "weak"):
             effect, key, true = KNOWN.get(r["hidden"], (r["hidden"], "", r["true"].get(r["hidden"])))
             name = f"{effect}.{key or TYPICAL[effect][0]}"
             for c in r["causes"]:
@@ -215,4 +215,4 @@ if __name__ == "__main__":
         how = {word: word in sys.argv[5:] for word in ("small", "held", "varied")}
         run(int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]), **how)
     else:
-        table(Path(sys.argv[2]))
+        print_tables(Path(sys.argv[2]))

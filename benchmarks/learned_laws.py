@@ -26,13 +26,13 @@ TRIED = ("pressure_tilt",)  # the catalogue is not asked
 
 
 @dataclass(frozen=True)
-class Traces:
+class LawSignatures:
     """What nuisances leave of the traces of laws: `information` (k, k), and of every law the columns and its size."""
 
     information: np.ndarray
     laws: tuple[tuple[np.ndarray, float], ...]
 
-    def gains(self, u: np.ndarray, widths: tuple[float, ...]) -> np.ndarray:
+    def best_gains(self, u: np.ndarray, widths: tuple[float, ...]) -> np.ndarray:
         """ln Bayes factor of every law at its best width (laws, draws), for projected scores u (k, draws)."""
         out = []
         for at, size in self.laws:
@@ -46,13 +46,13 @@ class Traces:
             out.append(np.max(each, axis=0))
         return np.array(out)
 
-    def drawn(self, rng: np.random.Generator, draws: int) -> np.ndarray:
+    def draw_scores(self, rng: np.random.Generator, draws: int) -> np.ndarray:
         """Scores (k, draws) of data that hold only noise and nuisances: their covariance is the information."""
         values, vectors = np.linalg.eigh(self.information)
         return (vectors * np.sqrt(np.maximum(values, 0.0))) @ rng.normal(size=(len(values), draws))
 
 
-def traces(calibrated, laws) -> Traces:
+def law_signatures(calibrated, laws) -> LawSignatures:
     """Of all laws at the calibrated base."""
     from flashtemp.discovery import law_identification
     from flashtemp.discovery.parameters import ParameterId
@@ -64,40 +64,40 @@ def traces(calibrated, laws) -> Traces:
     names: list[ParameterId] = []
     own = []
     for law in laws:
-        columns = [c for c in made[law.name].columns() if c in fit.system.index] if law.name in made else []
+        columns = [c for c in made[law.name].strength_columns() if c in fit.system.index] if law.name in made else []
         if columns:
             own.append((len(names) + np.arange(len(columns)), law.quantity.typical_size))
             names += columns
-    return Traces(fit.system.projected(fit.nuisances, names, fit.equations).information, tuple(own))
+    return LawSignatures(fit.system.project_out(fit.free_priors, names, fit.equations).information, tuple(own))
 
 
-def one(seed: int) -> dict:
+def run_seed(seed: int) -> dict:
     """A null: the best law by its traces, and how many draws of noise would have had one."""
     from truth import laboratory
 
     from flashtemp.comparison import campaign
     from flashtemp.discovery import engine
     from flashtemp.discovery.criteria import CRITERIA
-    from flashtemp.discovery.law_identification import RELATIVE_WIDTHS, laws_of, price_of_choice, score_laws
+    from flashtemp.discovery.law_identification import RELATIVE_WIDTHS, list_possible_laws, ln_choice_odds, score_laws
     from flashtemp.discovery.prediction.prediction import predict_condition
     from flashtemp.discovery.prediction.problem import prepare_problem
-    from flashtemp.discovery.selection.forward_selection import Search
-    from flashtemp.runs.workers import crew
+    from flashtemp.discovery.selection.forward_selection import EffectSearch
+    from flashtemp.runs.workers import open_worker_pool
 
     began = time.process_time()
-    with tempfile.TemporaryDirectory() as folder, crew(predict_condition, 1) as run:
+    with tempfile.TemporaryDirectory() as folder, open_worker_pool(predict_condition, 1) as run:
         laboratory.campaign(folder, {}, seed, test=laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5))
         problem = prepare_problem(replace(campaign.load(folder), candidates=TRIED), run)
-        problem, _, first = engine.correct(problem, print)
-        problem, data, base = engine.calibrate(problem, first, print)
-        calibrated = Search(problem, data, base, base, {frozenset(): base})
-        laws = list(laws_of(calibrated))
+        problem, _, first = engine.correct_measurements(problem, print)
+        problem, data, base = engine.calibrate_base(problem, first, print)
+        calibrated = EffectSearch(problem, data, base, base, {frozenset(): base})
+        laws = list(list_possible_laws(calibrated))
         best = score_laws(calibrated, laws)[0]
-        threshold = CRITERIA.ln_bayes_named + price_of_choice(laws)
-        found = traces(calibrated, laws)
-    gains = found.gains(found.drawn(np.random.default_rng([seed, 3]), DRAWS), RELATIVE_WIDTHS).max(axis=0)
+        threshold = CRITERIA.ln_bayes_named + ln_choice_odds(laws)
+        found = law_signatures(calibrated, laws)
+    gains = found.best_gains(found.draw_scores(np.random.default_rng([seed, 3]), DRAWS), RELATIVE_WIDTHS).max(axis=0)
     return {
-        "seed": seed, "converged": calibrated.base.converged, "laws": len(laws), "threshold": threshold,
+        "seed": seed, "converged": calibrated.base.is_converged, "laws": len(laws), "threshold": threshold,
         "best": [best.law.description, best.ln_bayes], "draws": DRAWS, "beyond": int(np.sum(gains > threshold)),
         "largest": float(gains.max()), "cpu_s": time.process_time() - began,
     }  # fmt: skip
@@ -108,13 +108,13 @@ def run(first: int, last: int, file: Path) -> None:
     done = {json.loads(line)["seed"] for line in file.read_text().splitlines()} if file.exists() else set()
     for seed in range(first, last):
         if seed not in done:
-            found = one(seed)
+            found = run_seed(seed)
             with file.open("a") as out:
                 out.write(json.dumps(found) + "\n")
             print(found, flush=True)
 
 
-def table(file: Path) -> None:
+def print_counts(file: Path) -> None:
     """Counts over all nulls of a file."""
     rows = [json.loads(line) for line in file.read_text().splitlines()]
     own = sum(r["best"][1] > r["threshold"] for r in rows)
@@ -127,6 +127,6 @@ def table(file: Path) -> None:
 
 if __name__ == "__main__":
     if sys.argv[1] == "table":
-        table(Path(sys.argv[2]))
+        print_counts(Path(sys.argv[2]))
     else:
         run(int(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3]))

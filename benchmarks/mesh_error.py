@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from flashtemp.errors import BadInput
-from flashtemp.model.case import load
+from flashtemp.model.case import load_case
 from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
 
@@ -35,13 +35,13 @@ CASES: dict[str, dict[str, Any]] = {
 
 def simulate(case: str, speed: float, factor: float) -> Run:
     """A short run on a mesh with a factor on the number of cells per direction."""
-    given = load(ROOT / "cases" / case, SHORT | CASES[case] | {"schedule.speed": speed, "numerics.mesh": factor})
+    given = load_case(ROOT / "cases" / case, SHORT | CASES[case] | {"schedule.speed": speed, "numerics.mesh": factor})
     return march(given.scene, given.settings)
 
 
 def face_error(run: Run, finest: Run) -> float:
     """Largest difference of the face temperature in the inner part, in percent of the largest rise."""
-    k = run.last
+    k = run.last_sliding_index
     rise = finest.T_block[k].max() - finest.T_block[0].min()
     inner = (run.x > INNER[0] * finest.x.max()) & (run.x < INNER[1] * finest.x.max())
     off = run.T_block[k] - np.interp(run.x, finest.x, finest.T_block[k])

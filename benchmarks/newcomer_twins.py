@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import Any
 
 from campaigns import ENGINE, REFERENCE_COUNT_S, classify, run_in_child
-from discover import CASE, counting_time
+from discover import CASE, time_counting
 
 RESULTS = Path(__file__).parent / "results" / "newcomer_twins.json"
 SHORT = ("schedule.distance=0.4", "schedule.repetitions=2")
@@ -45,7 +45,7 @@ def effects() -> list[str]:
     return [name for name, effect in catalogue().items() if not effect.base]
 
 
-def alike(name: str) -> str:
+def is_alike(name: str) -> str:
     """The effect that `discover` tries in place of one, because both look alike; empty where it tries the effect."""
     from flashtemp.physics.effect import catalogue
 
@@ -61,7 +61,7 @@ def is_no_candidate(name: str) -> bool:
 
 def judge_twin(name: str, seed: int, limit: int) -> tuple[Row, Row]:
     """The row of one twin, and the full record of its verdict (see campaigns.py)."""
-    head = {"effect": name, "seed": seed, "alike": alike(name), "detail": is_no_candidate(name)}
+    head = {"effect": name, "seed": seed, "alike": is_alike(name), "detail": is_no_candidate(name)}
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch, f"newcomer_{name}_{seed}")
         folder.mkdir()
@@ -101,7 +101,7 @@ def describe(record: Row, like: str) -> Row:
         "named": named,
         "group": record.get("group", []),
         "z": z[0] if z else None,
-        "cpu_s": round(record.get("cpu_s", math.nan) * REFERENCE_COUNT_S / record.get("count_s", counting_time()), 1),
+        "cpu_s": round(record.get("cpu_s", math.nan) * REFERENCE_COUNT_S / record.get("count_s", time_counting()), 1),
     }
 
 
@@ -113,7 +113,7 @@ def run(seeds: list[int], pattern: str, limit: int, records: Path | None) -> Non
             if (name, seed) in done or not fnmatch(name, pattern):
                 continue
             row, record = judge_twin(name, seed, limit)
-            print(say(row), flush=True)
+            print(print_progress(row), flush=True)
             rows = sorted([*read_rows(), row], key=lambda r: (r["effect"], r["seed"]))
             found = {"counting_time_s": REFERENCE_COUNT_S, "rows": rows}
             RESULTS.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
@@ -126,7 +126,7 @@ def read_rows() -> list[Row]:
     return json.loads(RESULTS.read_text(encoding="utf-8"))["rows"] if RESULTS.exists() else []
 
 
-def say(row: Row) -> str:
+def print_progress(row: Row) -> str:
     """One row in a line."""
     names = ", ".join(row.get("named", [])) + (f" of {', '.join(row['group'])}" if row.get("group") else "")
     end = row.get("reason") or f"{row['verdict']} {names} ({row['cpu_s']:.0f} s)"
@@ -136,7 +136,7 @@ def say(row: Row) -> str:
 
 def tabulate(rows: list[Row]) -> Iterator[str]:
     """Each row in a line, then CPU seconds."""
-    yield from map(say, rows)
+    yield from map(print_progress, rows)
     if spent := [r["cpu_s"] for r in rows if "cpu_s" in r]:
         yield f"{len(spent)} verdicts; CPU s median {statistics.median(spent):.0f}, largest {max(spent):.0f}"
 

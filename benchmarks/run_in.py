@@ -6,15 +6,15 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from common import Row, table, timed
+from common import ErrorRow, print_rows, time_march
 
-from flashtemp.model.case import load
-from flashtemp.model.numerics import available
+from flashtemp.model.case import load_case
+from flashtemp.model.numerics import installed_bindings
 
 CASE = Path(__file__).parent.parent / "cases" / "chosen_peak"
 
 
-def ends(run) -> np.ndarray:
+def repetition_end_rises(run) -> np.ndarray:
     """Rises at the end of every repetition (repetitions, lines), K."""
     last = [np.flatnonzero(run.sliding & (run.repetition == r))[-1] for r in np.unique(run.repetition)]
     return run.T_block[last] - run.ambient_degC
@@ -23,18 +23,18 @@ def ends(run) -> np.ndarray:
 STATED = {(0.7, 1e-3): 1.0, (0.9, 5e-3): 0.5, (0.9, 1e-3): 0.7, (1.0, 1e-3): 0.6, (1.4, 1e-3): 0.4}  # mesh, rtol: %
 
 
-def rows(repeat: int, runs=tuple(STATED), finest: float = 2.0, **more) -> list[Row]:
+def rows(repeat: int, runs=tuple(STATED), finest: float = 2.0, **more) -> list[ErrorRow]:
     """Every binding on every mesh, against flashtemp itself on a finer mesh: what the numbers alone err."""
-    _, best = timed(load(CASE, {"numerics.mesh": finest, "numerics.rtol": 1e-5} | more), 1)
-    truth, out = ends(best), []
+    _, best = time_march(load_case(CASE, {"numerics.mesh": finest, "numerics.rtol": 1e-5} | more), 1)
+    truth, out = repetition_end_rises(best), []
     for mesh, rtol in runs:
-        for binding in available():
-            case = load(CASE, {"numerics.mesh": mesh, "numerics.rtol": rtol, "numerics.integrator": binding} | more)
-            seconds, run = timed(case, repeat)
-            found = np.array([np.interp(best.x, run.x, row) for row in ends(run)])
+        for binding in installed_bindings():
+            case = load_case(CASE, {"numerics.mesh": mesh, "numerics.rtol": rtol, "numerics.integrator": binding} | more)
+            seconds, run = time_march(case, repeat)
+            found = np.array([np.interp(best.x, run.x, row) for row in repetition_end_rises(run)])
             error = 100 * float(np.abs(found - truth)[:, 2:-2].max() / truth.max())
             out.append(
-                Row(f"{binding}, mesh {mesh:g}, rtol {rtol:g}", run.mesh.n_cells, error, STATED[mesh, rtol], seconds)
+                ErrorRow(f"{binding}, mesh {mesh:g}, rtol {rtol:g}", run.mesh.n_cells, error, STATED[mesh, rtol], seconds)
             )
     return out
 
@@ -42,7 +42,7 @@ def rows(repeat: int, runs=tuple(STATED), finest: float = 2.0, **more) -> list[R
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeat", type=int, default=3)
-    return table(rows(parser.parse_args().repeat))
+    return print_rows(rows(parser.parse_args().repeat))
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from flashtemp.errors import SolverFailure
-from flashtemp.model.case import load
+from flashtemp.model.case import load_case
 from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
 
@@ -48,7 +48,7 @@ def describe_run(run: Run) -> dict[str, Any]:
     at, dx = run.x / length, run.mesh.dx_block
     inner, first, last = (at > 0.2) & (at < 0.9), at < 0.1, at > 0.9
     found: dict[str, Any] = {"friction": np.round(run.friction_per_repetition, 5).tolist()}
-    for name, repetition in (("new", 1), ("worn", int(run.repetition[run.last]))):
+    for name, repetition in (("new", 1), ("worn", int(run.repetition[run.last_sliding_index]))):
         k = np.flatnonzero(run.sliding & (run.repetition == repetition))[-1]
         rise, p = run.T_block[k] - run.ambient_degC, run.pressure[k]
         T = rise[inner]
@@ -81,7 +81,7 @@ def solve(overrides: dict[str, Any]) -> dict[str, Any]:
     """A described run with its statements, or why there is none."""
     began = time.process_time()
     try:
-        case = load(CASE, COARSE | overrides)
+        case = load_case(CASE, COARSE | overrides)
         found = describe_run(march(case.scene, case.settings, case.title))
         found["holds"] = judge_statements(found)
     except SolverFailure as failure:

@@ -22,7 +22,7 @@ IN_DEPTH = 0.5  # of the heat; of the rest each face gets half
 AT = (np.arange(50) + 0.5) * LENGTH / 50  # m: where profiles are compared
 
 
-def graded(size: float, first: float, growth: float) -> np.ndarray:
+def graded_edges(size: float, first: float, growth: float) -> np.ndarray:
     """Edges (n + 1,) from 0 to a size, cells growing from about `first` by about `growth`."""
     n = max(1, round(np.log1p(size * (growth - 1.0) / first) / np.log(growth)))
     if abs(n * first - size) < 1e-9 * size:
@@ -49,18 +49,18 @@ class Mesh:
         return (self.ends[1] - self.ends[0]) * (len(self.up) - 1) + (len(self.x) - 1) * (len(self.down) - 1)
 
 
-def mesh(first_x: float, first_z: float, along: float, across: float) -> Mesh:
+def make_mesh(first_x: float, first_z: float, along: float, across: float) -> Mesh:
     """A mesh graded towards both edges of the block and the contact, by growths of `along` and `across`."""
-    half, wide = graded(0.5 * LENGTH, first_x, along), 1.3 * along
-    ahead, behind = graded(AHEAD, first_x, wide), LENGTH + graded(BEHIND, first_x, wide)
+    half, wide = graded_edges(0.5 * LENGTH, first_x, along), 1.3 * along
+    ahead, behind = graded_edges(AHEAD, first_x, wide), LENGTH + graded_edges(BEHIND, first_x, wide)
     block = np.concatenate([half, LENGTH - half[-2::-1]])
     x = np.concatenate([-ahead[::-1], block[1:], behind[1:]])
     first = len(ahead) - 1
-    down = -graded(DEPTH, first_z, across)[::-1]
-    return Mesh(x, (first, first + len(block) - 1), graded(HEIGHT, first_z, across), down)
+    down = -graded_edges(DEPTH, first_z, across)[::-1]
+    return Mesh(x, (first, first + len(block) - 1), graded_edges(HEIGHT, first_z, across), down)
 
 
-def halved(m: Mesh) -> Mesh:
+def halve_cells(m: Mesh) -> Mesh:
     """Every cell cut in two."""
 
     def cut(edges: np.ndarray) -> np.ndarray:
@@ -117,7 +117,7 @@ class Slide2d:
         """Rise (columns,) of the block's surface."""
         return self.own * T[self.above] + self.other * T[self.below] + self.by_heat * q
 
-    def at(self, T: np.ndarray, q) -> np.ndarray:
+    def compared_rise(self, T: np.ndarray, q) -> np.ndarray:
         """The same at the places of comparison."""
         return PchipInterpolator(self.x, self.surface(T, q), extrapolate=True)(AT)
 
@@ -162,11 +162,11 @@ def crank_nicolson(m: Mesh, speed: float = 0.1) -> np.ndarray:
             else:
                 T = solve(T + dt * (0.5 * (A @ T) + g))
         t = until
-    return s.at(T, q)
+    return s.compared_rise(T, q)
 
 
 # --- speed that changes, friction that falls with temperature ---------------------------------------------
-def changing(m: Mesh, table, softening: float, end: float, rtol: float) -> np.ndarray:
+def solve_changing(m: Mesh, table, softening: float, end: float, rtol: float) -> np.ndarray:
     """Rise at `AT` at the end: mu = exp(-softening T_surface), speed between the (s, m/s) of a table; solve_ivp BDF."""
     s, (at, speeds) = Slide2d(m), np.array(table).T
     still, moving = s.still.tocsc(), s.moving.tocsc()
@@ -193,4 +193,4 @@ def changing(m: Mesh, table, softening: float, end: float, rtol: float) -> np.nd
 
     found = solve_ivp(rate, (0.0, end), np.zeros(s.n), method="BDF", jac=jacobian, rtol=rtol, atol=10.0 * rtol)
     T = found.y[:, -1]
-    return s.at(T, heat(end, T)[0])
+    return s.compared_rise(T, heat(end, T)[0])

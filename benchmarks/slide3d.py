@@ -26,11 +26,11 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
-from common import Row
+from common import ErrorRow
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from flashtemp.model.case import load
-from flashtemp.model.numerics import available
+from flashtemp.model.case import load_case
+from flashtemp.model.numerics import installed_bindings
 from flashtemp.solver.march import march
 
 CASE = Path(__file__).parent.parent / "cases" / "slide3d"
@@ -44,16 +44,16 @@ MILLION = {  # 10,000 cells in a plane, as the peers had
 }  # fmt: skip
 
 
-def rises(run) -> np.ndarray:
+def surface_rises(run) -> np.ndarray:
     """Rise (len(Y), len(X)) K of the block's surface at the end."""
     T = run.maps["T_block"][-1].astype(float) - run.ambient_degC
     across = CubicSpline(run.mesh.y_centre, T, axis=1)(Y)
     return np.array([PchipInterpolator(run.x, column, extrapolate=True)(X) for column in across.T])
 
 
-def go(change: dict):
+def run_case(change: dict):
     """Run, and CPU seconds of its march."""
-    case = load(CASE, change)
+    case = load_case(CASE, change)
     scene, numerics = case.scene, case.settings
     began = time.process_time()
     run = march(scene, replace(numerics, fields=2))
@@ -65,8 +65,8 @@ def reference() -> None:
     base = {"output.fields": 2, "output.profiles": 4, "numerics.rtol": 1e-5, "numerics.order": 5}
     found = []
     for level in (0.5, 1.0, 2.0):
-        run, seconds = go(base | {"numerics.mesh": level})
-        found.append(rises(run))
+        run, seconds = run_case(base | {"numerics.mesh": level})
+        found.append(surface_rises(run))
         print(f"mesh {level:g}: {run.mesh.n_cells} cells, {run.statistics['steps']} steps, {seconds:.0f} s", flush=True)
     order = np.log2(np.abs(found[1] - found[0]).max() / np.abs(found[2] - found[1]).max())
     best = found[2] + (found[2] - found[1]) / 3
@@ -76,56 +76,56 @@ def reference() -> None:
     REFERENCE.write_text(json.dumps(out | {"finest_percent": round(float(left), 4)}, indent=1) + "\n")
 
 
-def error(run) -> float:
+def surface_error(run) -> float:
     """Largest error of the block's surface in per cent of its largest rise."""
     told = np.array(json.loads(REFERENCE.read_text())["T_R_rise"])
-    return float(100 * np.abs(rises(run) - told).max() / told.max())
+    return float(100 * np.abs(surface_rises(run) - told).max() / told.max())
 
 
 STATED = {1.0: 0.02, 0.34: 0.5}  # mesh: error, %
 
 
-def million(repeat: int) -> int:
+def print_million(repeat: int) -> int:
     """The table; 1 where an error is beyond what is stated."""
-    go(MILLION | {"numerics.mesh": 0.2})  # compile
+    run_case(MILLION | {"numerics.mesh": 0.2})  # compile
     beyond = 0
     print("binding             cells  steps   rhs   J v     P  error %   CPU s")
-    for binding in available():
+    for binding in installed_bindings():
         spent = []
         for _ in range(repeat):
-            run, seconds = go(MILLION | {"numerics.integrator": binding})
+            run, seconds = run_case(MILLION | {"numerics.integrator": binding})
             spent.append(seconds)
         s = run.statistics
-        beyond |= error(run) > STATED[1.0]
+        beyond |= surface_error(run) > STATED[1.0]
         counts = (s["rhs_evaluations"], s["jacobian_products"], s["preconditioner_solves"])
         print(
             f"{binding:15s} {run.mesh.n_cells:9d} {s['steps']:6d} {counts[0]:5d} {counts[1]:5d} {counts[2]:5d} "
-            f"{error(run):8.3f} {np.median(spent):7.2f}   {min(spent):.2f} to {max(spent):.2f}",
+            f"{surface_error(run):8.3f} {np.median(spent):7.2f}   {min(spent):.2f} to {max(spent):.2f}",
             flush=True,
         )
     return int(beyond)
 
 
 def tolerances() -> None:
-    go(MILLION | {"numerics.mesh": 0.2})
+    run_case(MILLION | {"numerics.mesh": 0.2})
     for rtol in (1e-4, 1e-3, 2e-3, 3e-3, 5e-3):
-        run, seconds = go(MILLION | {"numerics.integrator": available()[-1], "numerics.rtol": rtol})
-        print(f"rtol {rtol:g}: {run.statistics['steps']} steps, {error(run):.4f} %, {seconds:.2f} s", flush=True)
+        run, seconds = run_case(MILLION | {"numerics.integrator": installed_bindings()[-1], "numerics.rtol": rtol})
+        print(f"rtol {rtol:g}: {run.statistics['steps']} steps, {surface_error(run):.4f} %, {seconds:.2f} s", flush=True)
 
 
-def small() -> list[Row]:
+def small_rows() -> list[ErrorRow]:
     """A twentieth of the cells."""
     level = min(STATED)
-    run, seconds = go(MILLION | {"numerics.mesh": level, "numerics.integrator": available()[-1]})
-    return [Row(f"slide3d, mesh {level:g}", run.mesh.n_cells, error(run), STATED[level], seconds)]
+    run, seconds = run_case(MILLION | {"numerics.mesh": level, "numerics.integrator": installed_bindings()[-1]})
+    return [ErrorRow(f"slide3d, mesh {level:g}", run.mesh.n_cells, surface_error(run), STATED[level], seconds)]
 
 
 def sizes() -> None:
-    go(MILLION | {"numerics.mesh": 0.2})
-    for binding in available():
+    run_case(MILLION | {"numerics.mesh": 0.2})
+    for binding in installed_bindings():
         rows = []
         for level in (0.215, 0.34, 0.54, 0.8, 1.0, 1.26, 1.59):
-            run, seconds = go(MILLION | {"numerics.mesh": level, "numerics.integrator": binding})
+            run, seconds = run_case(MILLION | {"numerics.mesh": level, "numerics.integrator": binding})
             rows.append((run.mesh.n_cells, seconds))
             per = 1e6 * seconds / run.mesh.n_cells / run.statistics["steps"]
             print(f"{binding:15s} {run.mesh.n_cells:9d} cells {run.statistics['steps']:4d} steps {seconds:7.2f} s  "
@@ -135,41 +135,41 @@ def sizes() -> None:
         print(f"{binding:15s} cost grows as cells^{np.polyfit(cells, spent, 1)[0]:.2f}", flush=True)
 
 
-def peak(binding: str) -> float:
+def peak_bytes(binding: str) -> float:
     """Bytes per cell by which 1.0e6 cells raise the peak of this process over that of a small run."""
-    go(MILLION | {"numerics.mesh": 0.2, "numerics.integrator": binding})
+    run_case(MILLION | {"numerics.mesh": 0.2, "numerics.integrator": binding})
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    run, _ = go(MILLION | {"numerics.integrator": binding})
+    run, _ = run_case(MILLION | {"numerics.integrator": binding})
     return 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / run.mesh.n_cells
 
 
-def fresh(processes: int = 1) -> ProcessPoolExecutor:
+def fresh_pool(processes: int = 1) -> ProcessPoolExecutor:
     """Processes that have nothing in memory yet."""
     return ProcessPoolExecutor(processes, mp_context=get_context("spawn"))
 
 
 def memory() -> None:
-    for binding in available():
-        with fresh() as pool:
-            print(f"{binding:15s} {pool.submit(peak, binding).result():.0f} B per cell", flush=True)
+    for binding in installed_bindings():
+        with fresh_pool() as pool:
+            print(f"{binding:15s} {pool.submit(peak_bytes, binding).result():.0f} B per cell", flush=True)
 
 
 LARGE = 2.17  # mesh level of 1.0e7 cells
 
 
-def once(level: float, binding: str) -> tuple[int, int, float, float, float]:
+def run_once(level: float, binding: str) -> tuple[int, int, float, float, float]:
     """Cells, steps, CPU and wall seconds, and peak memory (GB) of a process that runs nothing else."""
-    go(MILLION | {"numerics.mesh": 0.2, "numerics.integrator": binding})
+    run_case(MILLION | {"numerics.mesh": 0.2, "numerics.integrator": binding})
     began = time.perf_counter()
-    run, seconds = go(MILLION | {"numerics.mesh": level, "numerics.integrator": binding})
+    run, seconds = run_case(MILLION | {"numerics.mesh": level, "numerics.integrator": binding})
     wall, most = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
     return run.mesh.n_cells, run.statistics["steps"], seconds, wall, most
 
 
 def large() -> None:
-    for binding in available():
-        with fresh() as pool:
-            cells, steps, seconds, wall, most = pool.submit(once, LARGE, binding).result()
+    for binding in installed_bindings():
+        with fresh_pool() as pool:
+            cells, steps, seconds, wall, most = pool.submit(run_once, LARGE, binding).result()
         print(
             f"{binding:15s} {cells:9d} cells {steps:4d} steps {seconds:7.1f} s of CPU, {wall:.1f} s, {most:.2f} GB; "
             f"{1e6 * seconds / cells / steps:.4f} us per cell and step",
@@ -179,11 +179,11 @@ def large() -> None:
 
 def cores() -> None:
     """As many runs as there are cores, each in its own process: how much of a core each still has."""
-    for binding in available():
+    for binding in installed_bindings():
         alone = 0.0
         for count in range(1, (os.cpu_count() or 1) + 1):
-            with fresh(count) as pool:
-                wall = max(w for *_, w, _ in pool.map(once, [1.0] * count, [binding] * count))
+            with fresh_pool(count) as pool:
+                wall = max(w for *_, w, _ in pool.map(run_once, [1.0] * count, [binding] * count))
             alone = alone or wall
             print(
                 f"{binding:15s} {count:3d} at once: {wall:6.2f} s, {wall / alone:.2f} times as long as one", flush=True
@@ -193,10 +193,10 @@ def cores() -> None:
 def parts() -> None:
     """Seconds in the compiled loops, in the rest of the callbacks (laws, ledger), and outside them (CVODE, copies)."""
     from flashtemp.solver import kernels_2d, kernels_3d
-    from flashtemp.solver.linearised import Linearised
-    from flashtemp.solver.system import System
+    from flashtemp.solver.linearised import LinearisedSystem
+    from flashtemp.solver.system import PhaseSystem
 
-    go(MILLION | {"numerics.mesh": 0.2})
+    run_case(MILLION | {"numerics.mesh": 0.2})
     spent = dict.fromkeys(("loops", "callbacks"), 0.0)
 
     def timed(function, name):
@@ -214,12 +214,12 @@ def parts() -> None:
     ):
         for name in names:
             setattr(module, name, timed(getattr(module, name), "loops"))
-    for kind, name in ((System, "rate"), (System, "linearised"), (Linearised, "times"), (Linearised, "solve")):
+    for kind, name in ((PhaseSystem, "rate"), (PhaseSystem, "linearised"), (LinearisedSystem, "times"), (LinearisedSystem, "solve")):
         setattr(kind, name, timed(getattr(kind, name), "callbacks"))
-    for binding in available():
+    for binding in installed_bindings():
         spent |= dict.fromkeys(spent, 0.0)
         began = time.perf_counter()
-        go(MILLION | {"numerics.integrator": binding})
+        run_case(MILLION | {"numerics.integrator": binding})
         whole = time.perf_counter() - began
         laws, outside = spent["callbacks"] - spent["loops"], whole - spent["callbacks"]
         print(
@@ -231,14 +231,14 @@ def parts() -> None:
 
 def bandwidth() -> None:
     """Time of one pass over memory, beside one product and one solve of the preconditioner."""
-    from flashtemp.solver.balance import Balance
-    from flashtemp.solver.system import System
+    from flashtemp.solver.balance import HeatBalance
+    from flashtemp.solver.system import PhaseSystem
 
-    scene = load(CASE, MILLION).scene
-    balance = Balance(scene)
-    system, n = System(balance, scene.schedule.phases[0]), balance.size
+    scene = load_case(CASE, MILLION).scene
+    balance = HeatBalance(scene)
+    system, n = PhaseSystem(balance, scene.schedule.phases[0]), balance.size
     y, out = np.zeros(n), np.zeros(n)
-    at = system.linearised(1.0, y, 0.05)
+    at = system.linearise(1.0, y, 0.05)
     r = np.random.default_rng(0).normal(size=n)
 
     def best(what, times=7) -> float:
@@ -255,9 +255,9 @@ def bandwidth() -> None:
     print(f"{n} unknowns; copy {1e3 * copy:.2f} ms, {rate / 1e9:.1f} GB/s read and written")
     for name, what in (
         ("rate", lambda: system.rate(1.0, r, out)),
-        ("J v", lambda: at.times(r, out)),
+        ("J v", lambda: at.apply_jacobian(r, out)),
         ("P^-1 r", lambda: at.solve(r, out)),
-        ("set-up", lambda: system.linearised(1.0, r, 0.05)),
+        ("set-up", lambda: system.linearise(1.0, r, 0.05)),
     ):
         took = best(what)
         print(f"{name:8s} {1e3 * took:7.2f} ms, {took / copy:5.1f} copies, {1e9 * took / n:.2f} ns per cell")
@@ -273,7 +273,7 @@ def main() -> int:
     asked = [run for name, run in alone.items() if options[name]]
     for run in asked:
         run()
-    return 0 if asked else million(options["repeat"])
+    return 0 if asked else print_million(options["repeat"])
 
 
 if __name__ == "__main__":

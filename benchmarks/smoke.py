@@ -28,61 +28,61 @@ import slide2d
 import slide3d
 import spots
 import theory
-from common import Row, table
+from common import ErrorRow, print_rows
 
-from flashtemp.model.numerics import available
+from flashtemp.model.numerics import installed_bindings
 
 
-def theories() -> list[Row]:
+def theory_rows() -> list[ErrorRow]:
     """Tables of friction for a plain case."""
     with tempfile.TemporaryDirectory() as folder:
         case = Path(folder) / "case.toml"
         case.write_text("effects = []\n")
-        return theory.tables(case, 1, ("one speed",))
+        return theory.table_rows(case, 1, ("one speed",))
 
 
-def worn() -> list[Row]:
+def abrasion_rows() -> list[ErrorRow]:
     """One repetition of the run-in with every kind of wear."""
-    given = {"schedule.repetitions": 1, "numerics.mesh": 0.5, "numerics.integrator": available()[-1]}
-    return abrasion.compare(1, given)
+    given = {"schedule.repetitions": 1, "numerics.mesh": 0.5, "numerics.integrator": installed_bindings()[-1]}
+    return abrasion.compare_kinds(1, given)
 
 
-def blind() -> list[Row]:
+def blind_rows() -> list[ErrorRow]:
     """What the blind benchmarks hide: every seed draws the same twice, and what it draws is a case or a campaign."""
-    from flashtemp.model.case import load
+    from flashtemp.model.case import load_case
 
     began, case = time.process_time(), Path(__file__).parents[1] / "cases" / "uniform_pressure"
     for seed in range(12):
-        plan = discover.draw(seed)
-        assert plan == discover.draw(seed)
-        load(case, discover.overrides(plan))
-        assert independent.draw(seed, True) == independent.draw(seed, True)
+        plan = discover.draw_hidden(seed)
+        assert plan == discover.draw_hidden(seed)
+        load_case(case, discover.overrides(plan))
+        assert independent.draw_hidden(seed, True) == independent.draw_hidden(seed, True)
         assert discover.draw_realistic(seed) == discover.draw_realistic(seed)
-    noise = learned_laws.Traces(np.eye(4), ((np.arange(4), 1.0),))
-    gains = noise.gains(noise.drawn(np.random.default_rng(1), 2000), (0.5, 1.0))
+    noise = learned_laws.LawSignatures(np.eye(4), ((np.arange(4), 1.0),))
+    gains = noise.best_gains(noise.draw_scores(np.random.default_rng(1), 2000), (0.5, 1.0))
     share = 100.0 * float(np.mean(gains > 8.0))  # of draws of nothing but noise in which a law is seen
-    return [Row("blind: laws seen in noise, %", 0, share, 0.1, time.process_time() - began)]
+    return [ErrorRow("blind: laws seen in noise, %", 0, share, 0.1, time.process_time() - began)]
 
 
-SMALL: dict[str, Callable[[], list[Row]]] = {
+SMALL_BENCHMARKS: dict[str, Callable[[], list[ErrorRow]]] = {
     "slide2d": lambda: slide2d.rows(1),
     "changing": lambda: changing.rows(1, small=True),
     "run_in": lambda: run_in.rows(1, ((0.7, 1e-3),), 1.2, **{"schedule.repetitions": 1}),
-    "abrasion": worn,
-    "theory": theories,
-    "slide3d": slide3d.small,
-    "closure": closure.small,
-    "spots": spots.small,
-    "discover, independent, learned_laws": blind,
+    "abrasion": abrasion_rows,
+    "theory": theory_rows,
+    "slide3d": slide3d.small_rows,
+    "closure": closure.small_rows,
+    "spots": spots.small_rows,
+    "discover, independent, learned_laws": blind_rows,
 }
 
 
-def told(name: str) -> tuple[str, int]:
+def run_benchmark(name: str) -> tuple[str, int]:
     """What one benchmark prints, and 1 where a row is beyond its stated error."""
     began, out = time.perf_counter(), StringIO()
     with redirect_stdout(out):
         print(f"--- {name}")
-        beyond = table(SMALL[name]())
+        beyond = print_rows(SMALL_BENCHMARKS[name]())
         print(f"    {time.perf_counter() - began:.1f} s")
     return out.getvalue(), beyond
 
@@ -91,7 +91,7 @@ def main() -> int:
     """All of them, two at a time: errors are judged here, not times."""
     beyond = 0
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        for text, one in pool.map(told, SMALL):
+        for text, one in pool.map(run_benchmark, SMALL_BENCHMARKS):
             print(text, end="", flush=True)
             beyond |= one
     return beyond

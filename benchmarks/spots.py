@@ -15,11 +15,11 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from common import Row, table
+from common import ErrorRow, print_rows
 
-from flashtemp.model.numerics import Settings, choose
+from flashtemp.model.numerics import SolverSettings, choose_binding
 from flashtemp.physics.effect import Term
-from flashtemp.physics.effects.resolved_spots import STEPS, ResolvedSpots
+from flashtemp.physics.effects.resolved_spots import STEPS_PER_DIAMETER, ResolvedSpots
 from flashtemp.solver.march import march
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
@@ -30,7 +30,7 @@ LOOSE, TIGHT = 1e-2, 1e-4  # relative tolerances
 STATED = {"own frame": 0.6, "fixed cells": 8.0}  # % of the rise
 
 
-class Paced(ResolvedSpots):
+class PacedSpots(ResolvedSpots):
     """Resolved spots whose steps are at most D/(steps v)."""
 
     def __init__(self, steps: float) -> None:
@@ -42,13 +42,13 @@ class Paced(ResolvedSpots):
         yield Term("march.rate", lambda T, now, p: self.steps * p.weight * now.speed / scene.spot_diameter)
 
 
-def scene(frame: str, steps: float):
+def disc_scene(frame: str, steps: float):
     """One disc between block and road, followed by so many steps a diameter at least."""
     import conftest as lab
     from test_road_frame import one_disc
 
     made = one_disc(lab, CELLS)
-    acting = tuple(replace(a, effect=Paced(steps)) if isinstance(a.effect, ResolvedSpots) else a for a in made.acting)
+    acting = tuple(replace(a, effect=PacedSpots(steps)) if isinstance(a.effect, ResolvedSpots) else a for a in made.acting)
     x = made.mesh.x.copy()
     if frame != "own frame":
         x[0] -= UNEVEN * (x[1] - x[0])
@@ -56,38 +56,38 @@ def scene(frame: str, steps: float):
 
 
 @cache
-def compiled() -> None:
+def compile_kernels() -> None:
     """Compile what all rows use."""
     for frame in STATED:
-        march(scene(frame, STEPS), Settings(choose(None), LOOSE, profiles=4))
+        march(disc_scene(frame, STEPS_PER_DIAMETER), SolverSettings(choose_binding(None), LOOSE, profiles=4))
 
 
-def row(frame: str, steps: float, rtol: float) -> Row:
+def measure_row(frame: str, steps: float, rtol: float) -> ErrorRow:
     """Its number of steps stands in the name."""
     from test_road_frame import WAVES, mean_rise
 
-    made, settings = scene(frame, steps), Settings(choose(None), rtol, profiles=4)
-    compiled()
+    made, settings = disc_scene(frame, steps), SolverSettings(choose_binding(None), rtol, profiles=4)
+    compile_kernels()
     began = time.process_time()
     run = march(made, settings)
     seconds = time.process_time() - began
     error = 100.0 * abs(mean_rise(run) / WAVES - 1.0)
     limit = f"D/{steps:g}v" if steps else "no limit"
     name = f"{frame}, rtol {rtol:g}, {limit}: {run.statistics['steps']} steps"
-    return Row(name, made.mesh.n_cells, error, STATED[frame], seconds)
+    return ErrorRow(name, made.mesh.n_cells, error, STATED[frame], seconds)
 
 
-def small() -> list[Row]:
+def small_rows() -> list[ErrorRow]:
     """Both frames as shipped, at a loose tolerance."""
-    return [row(frame, STEPS, LOOSE) for frame in STATED]
+    return [measure_row(frame, STEPS_PER_DIAMETER, LOOSE) for frame in STATED]
 
 
-def rows() -> list[Row]:
+def rows() -> list[ErrorRow]:
     """The road in its own frame with other limits too; fixed cells at a loose tolerance without one end in nonsense."""
-    limits = {"own frame": (4.0 * STEPS, STEPS, 0.0), "fixed cells": (4.0 * STEPS, STEPS)}
+    limits = {"own frame": (4.0 * STEPS_PER_DIAMETER, STEPS_PER_DIAMETER, 0.0), "fixed cells": (4.0 * STEPS_PER_DIAMETER, STEPS_PER_DIAMETER)}
     rtols = [float(r) for r in np.geomspace(LOOSE, TIGHT, 3)]
-    return [row(frame, steps, rtol) for frame in STATED for rtol in rtols for steps in limits[frame]]
+    return [measure_row(frame, steps, rtol) for frame in STATED for rtol in rtols for steps in limits[frame]]
 
 
 if __name__ == "__main__":
-    raise SystemExit(table(rows()))
+    raise SystemExit(print_rows(rows()))

@@ -19,18 +19,18 @@ from flashtemp.discovery import engine
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.decision import EffectSize
 from flashtemp.discovery.diagnostics import setup_errors as setup_module
-from flashtemp.discovery.diagnostics.adequacy_tests import adequacy_tests, refit_all_data
+from flashtemp.discovery.diagnostics.adequacy_tests import run_adequacy_tests, refit_all_data
 from flashtemp.discovery.diagnostics.cross_validation import cross_validate
-from flashtemp.discovery.diagnostics.setup_errors import Reduced
+from flashtemp.discovery.diagnostics.setup_errors import ReducedFit
 from flashtemp.discovery.diagnostics.stated_inputs import StatedInput
-from flashtemp.discovery.estimation.linear_gaussian import System
-from flashtemp.discovery.estimation.linearised_fit import Fit, Status
+from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
+from flashtemp.discovery.estimation.linearised_fit import LinearisedFit, FitStatus
 from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY
-from flashtemp.discovery.estimation.per_condition import estimates_per_condition
-from flashtemp.discovery.law_identification import IdentifiedLaw, heldout_excess, price_of_choice
-from flashtemp.discovery.parameters import PLACED, Kind, ParameterId
+from flashtemp.discovery.estimation.per_condition import estimate_effect_by_condition
+from flashtemp.discovery.law_identification import IdentifiedLaw, heldout_excess, ln_choice_odds
+from flashtemp.discovery.parameters import PLACEMENT_KINDS, Kind, ParameterId
 from flashtemp.discovery.selection import forward_selection
-from flashtemp.discovery.selection.forward_selection import Search
+from flashtemp.discovery.selection.forward_selection import EffectSearch
 
 Names = frozenset[str]
 RECORDING_CRITERIA = ("ln_bayes_distinct", "law_excess_left", "adequacy_standard_errors", "noise_sd_uncertainty")
@@ -86,8 +86,8 @@ class StoredSetup:
     sums of squares of the rise {error: in standard deviations of the noise} of the recordings that it acts on; of
     inputs and sizes what a unit `changes` {error: largest fraction of the rise of a recording}."""
 
-    system: Reduced | None
-    largest: Reduced | None
+    system: ReducedFit | None
+    largest: ReducedFit | None
     rise_squares: dict[ParameterId, float]
     changes: dict[ParameterId, float] = field(default_factory=dict)
 
@@ -102,12 +102,12 @@ class StoredFit:
     """
 
     model: StoredModel
-    status: Status
+    status: FitStatus
     ln_evidence: float
     promise: float
     chi2: float
     count: int
-    effects: dict[ParameterId, Any]
+    effect_priors: dict[ParameterId, Any]
     bound: frozenset[ParameterId]
     largest: dict[frozenset[ParameterId], float]
     probabilities: dict[str, tuple[tuple[float, ...], tuple[float, ...]]]
@@ -118,15 +118,15 @@ class StoredFit:
     size: EffectSize | None
     setup: StoredSetup
 
-    usable = Fit.usable
-    converged = Fit.converged
-    secured = Fit.secured
+    is_comparable = LinearisedFit.is_comparable
+    is_converged = LinearisedFit.is_converged
+    secured_evidence = LinearisedFit.secured_evidence
 
     @property
     def solution(self) -> StoredSolution:
         return StoredSolution(self.count)
 
-    def at_largest(self, problem: Any, free: Mapping[ParameterId, Any]) -> float:
+    def evidence_at_max_discrepancy(self, problem: Any, free: Mapping[ParameterId, Any]) -> float:
         return self.largest[frozenset(free)]
 
 
@@ -169,24 +169,24 @@ class Recorder:
     """Calls of a running discovery whose answers cannot be had from its search: simulations of stated inputs, the
     identification of a law, and recordings against the first predictions."""
 
-    systems: list[tuple[Search, System]] = field(default_factory=list)
-    searches: list[Search] = field(default_factory=list)
+    systems: list[tuple[EffectSearch, LinearSystem]] = field(default_factory=list)
+    searches: list[EffectSearch] = field(default_factory=list)
     laws: list[IdentifiedLaw | None] = field(default_factory=list)
     recordings: list[tuple[tuple[Any, ...], Any]] = field(default_factory=list)
     inputs: list[StatedInput] = field(default_factory=list)
 
     @contextmanager
-    def installed(self) -> Iterator[Recorder]:
+    def record_calls(self) -> Iterator[Recorder]:
         """The engine with its calls recorded."""
         kept = {name: getattr(engine, name) for name in ("question_inputs", "identify_law", "find_recording_errors")}
 
-        def question_inputs(search: Search, final: Fit, watch: Any) -> Any:
+        def question_inputs(search: EffectSearch, final: LinearisedFit, watch: Any) -> Any:
             found = kept["question_inputs"](search, final, watch)
             self.systems.append((search, found.system))
             self.inputs = [c.input for c in found.checks]
             return found
 
-        def identify_law(search: Search, watch: Any) -> IdentifiedLaw | None:
+        def identify_law(search: EffectSearch, watch: Any) -> IdentifiedLaw | None:
             self.laws.append(None)
             self.laws[-1] = kept["identify_law"](search, watch)
             return self.laws[-1]
@@ -204,16 +204,16 @@ class Recorder:
             for name, function in kept.items():
                 setattr(engine, name, function)
 
-    def evidence(self, record: dict[str, Any]) -> StoredSearch:
+    def to_stored_search(self, record: dict[str, Any]) -> StoredSearch:
         """All that was recorded, reduced to numbers."""
         search, system = self.systems[0]
         base, law = search.base, self.laws[0] if self.laws else None
         stored_law = None
         if law is not None and len(self.systems) > 1:
-            known = max((f.ln_evidence for f in search.fits.values() if f.usable), default=base.ln_evidence)
+            known = max((f.ln_evidence for f in search.fits.values() if f.is_comparable), default=base.ln_evidence)
             stored_law = StoredLaw(
                 store_fit(law.search, law.search.best, self.systems[1][1], self.inputs),
-                law.search.best.ln_evidence - base.ln_evidence, known - base.ln_evidence, price_of_choice(law.scored),
+                law.search.best.ln_evidence - base.ln_evidence, known - base.ln_evidence, ln_choice_odds(law.scored),
                 heldout_excess(law.search),
             )  # fmt: skip
         return StoredSearch(
@@ -243,29 +243,29 @@ class Recorder:
         return out
 
 
-def _best_pair(search: Search) -> StoredPair | None:
+def _best_pair(search: EffectSearch) -> StoredPair | None:
     ranked = search.ranking[0] if search.ranking else ()
-    found = forward_selection.pairs(search.problem, search.base, ranked)[:1] if len(ranked) > 1 else []
+    found = forward_selection.score_pairs(search.problem, search.base, ranked)[:1] if len(ranked) > 1 else []
     return next((StoredPair(p.ln_bayes, p.more, tuple(s.effect for s in p.scores)) for p in found), None)
 
 
-def store_fit(search: Search, fit: Fit, with_inputs: System, inputs: Any) -> StoredFit:
+def store_fit(search: EffectSearch, fit: LinearisedFit, with_inputs: LinearSystem, inputs: Any) -> StoredFit:
     """A fit as numbers; `with_inputs` a system of any fit of these data with columns of all stated inputs.
 
     Sensitivities to stated inputs hardly depend on the model: those of the final one serve for all.
     """
     problem = search.problem
-    free = {p: v for p, v in fit.effects.items() if p not in fit.bound}
+    free = {p: v for p, v in fit.effect_priors.items() if p not in fit.bound}
     base, own = engine.assess_model(search, search.base), engine.assess_model(search, fit)
     change = engine.size_of_change(search, base, own)
-    blocks = [b.joined(o, lambda p: p.kind is Kind.INPUT) for b, o in zip(fit.blocks, with_inputs.blocks, strict=True)]
+    blocks = [b.with_columns_of(o, lambda p: p.kind is Kind.INPUT) for b, o in zip(fit.blocks, with_inputs.blocks, strict=True)]
     every = refit_all_data(fit)
-    pairs = (f.system.left(f.solution) for f in (fit, every))
+    pairs = (f.system.block_chi2(f.solution) for f in (fit, every))
     misfits = [(float(u if b.held_out else s), b.count) for b, s, u in zip(fit.blocks, *pairs, strict=True)]
     left_out = cross_validate(search.data, fit)
     scatter = {
         e: tuple(
-            tuple(s.probability for s in estimates_per_condition(problem, fit, e, every=every_datum))
+            tuple(s.probability for s in estimate_effect_by_condition(problem, fit, e, every=every_datum))
             for every_datum in (False, True)
         )
         for e in fit.model.effects
@@ -277,16 +277,16 @@ def store_fit(search: Search, fit: Fit, with_inputs: System, inputs: Any) -> Sto
         promise=float(fit.promise),
         chi2=float(fit.chi2),
         count=int(fit.solution.count),
-        effects=fit.effects,
+        effect_priors=fit.effect_priors,
         bound=fit.bound,
-        largest={frozenset(f): float(fit.at_largest(problem, f)) for f in (free, fit.effects, {})},
+        largest={frozenset(f): float(fit.evidence_at_max_discrepancy(problem, f)) for f in (free, fit.effect_priors, {})},
         probabilities=scatter,  # type: ignore[arg-type]
-        adequacy={t.name: float(t.value) for t in adequacy_tests(problem, fit, CRITERIA)},
+        adequacy={t.name: float(t.value) for t in run_adequacy_tests(problem, fit, CRITERIA)},
         misfits=tuple(misfits),
         heldout=tuple(map(float, left_out.density)),
         is_held_out=left_out.is_held_out,
         size=_with_whole_mesh_error(change.size) if fit.model.effects else None,
-        setup=_store_setup(search, fit, System(blocks), inputs),
+        setup=_store_setup(search, fit, LinearSystem(blocks), inputs),
     )
 
 
@@ -295,14 +295,14 @@ def _with_whole_mesh_error(size: EffectSize) -> EffectSize:
     return replace(size, mesh_error_K=size.mesh_error_K / CRITERIA.mesh_error_left)
 
 
-def _store_setup(search: Search, fit: Fit, system: System, inputs: Any) -> StoredSetup:
+def _store_setup(search: EffectSearch, fit: LinearisedFit, system: LinearSystem, inputs: Any) -> StoredSetup:
     known = {i.parameter: i for i in inputs}
     problem = search.problem
     floors = (None, LARGEST_DISCREPANCY)
-    found, largest = (setup_module._reduced(problem, fit, system, known, floor) for floor in floors)
+    found, largest = (setup_module._reduce_fit(problem, fit, system, known, floor) for floor in floors)
     squares, changes = {}, {}
     for p in () if found is None else found.names:
-        if p.kind in PLACED:
+        if p.kind in PLACEMENT_KINDS:
             share = setup_module._visible_fraction(search.data, fit, system, p, 1.0, 1.0)
             squares[p] = 2.0 / share**2
         else:

@@ -12,11 +12,11 @@ import time
 from pathlib import Path
 
 import numpy as np
-from common import Row, clocked, table
+from common import ErrorRow, time_call, print_rows
 
-from flashtemp.model.build import theory_of
-from flashtemp.model.case import load
-from flashtemp.physics.friction.friction_table import tabulate
+from flashtemp.model.build import find_theory
+from flashtemp.model.case import load_case
+from flashtemp.physics.friction.friction_table import tabulate_friction
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.solver.march import march
 
@@ -35,28 +35,28 @@ STATED = 0.15  # %: of mu, by which a table is off at most
 SPEEDS = {"one speed": (0.1, 0.1), "0.01 to 1 m/s": (0.01, 1.0)}
 
 
-def tables(file: Path, repeat: int, spans=tuple(SPEEDS)) -> list[Row]:
+def table_rows(file: Path, repeat: int, spans=tuple(SPEEDS)) -> list[ErrorRow]:
     """What tabulating costs: mu(v, T) alone, and the solver's table over speed, two temperatures and pressure."""
     rows = []
-    scene, acting = theory_of(load(file, THEORY))
+    scene, acting = find_theory(load_case(file, THEORY))
     theory, T = acting.p.theory, KELVIN + np.linspace(-20.0, 180.0, 40)
     v = np.geomspace(1e-6, 10.0, 60)[:, None]
-    print(f"{'mu(v, T), 60 x 40':36s} {1e3 * clocked(lambda: theory(v, T, 1.5e5), repeat)[0]:6.0f} ms")
+    print(f"{'mu(v, T), 60 x 40':36s} {1e3 * time_call(lambda: theory(v, T, 1.5e5), repeat)[0]:6.0f} ms")
     for words in spans:
         made: list = []
 
         def make(speeds=SPEEDS[words], made=made):  # other spots each time, so that no table is taken from before
-            made.append(tabulate(theory, scene.block, 3e-3 + 1e-9 * len(made), speeds, 1.5e5, 293.15, 4e-6))
+            made.append(tabulate_friction(theory, scene.block, 3e-3 + 1e-9 * len(made), speeds, 1.5e5, 293.15, 4e-6))
 
-        spent, _ = clocked(make, repeat)
-        rows.append(Row(f"table for a run, {words}", 0, 100.0 * made[-1].error, STATED, spent))
+        spent, _ = time_call(make, repeat)
+        rows.append(ErrorRow(f"table for a run, {words}", 0, 100.0 * made[-1].error, STATED, spent))
     return rows
 
 
-def runs(file: Path, repeat: int, meshes) -> None:
+def print_run_times(file: Path, repeat: int, meshes) -> None:
     """CPU seconds of a 35 s slide and their ratio to friction that is a number."""
     for mesh in meshes:
-        cases = {name: load(file, given | {"numerics.mesh": mesh}) for name, given in OTHERS.items()}
+        cases = {name: load_case(file, given | {"numerics.mesh": mesh}) for name, given in OTHERS.items()}
         made = {name: (case.scene, case.settings) for name, case in cases.items()}
         spent: dict[str, list[float]] = {name: [] for name in made}
         for n in range(repeat + 1):
@@ -80,7 +80,7 @@ if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as folder:
         case = Path(folder) / "case.toml"
         case.write_text("effects = []\n")
-        beyond = table(tables(case, given.repeat))
+        beyond = print_rows(table_rows(case, given.repeat))
         print()
-        runs(case, given.repeat, given.meshes)
+        print_run_times(case, given.repeat, given.meshes)
     raise SystemExit(beyond)

@@ -23,8 +23,8 @@ _PUBLIC = {
 }
 _HOME = {name: module for module, names in _PUBLIC.items() for name in names}
 __all__ = [
-    "BadInput", "Campaign", "Case", "Run", "SolverFailure", "Verdict", "area", "check", "check_effect", "compare",
-    "converge", "discover", "draw", "effects", "friction", "import_recording", "load", "loads", "look", "new",
+    "BadInput", "Campaign", "Case", "Run", "SolverFailure", "Verdict", "compute_contact_area", "check", "check_effect", "compare",
+    "converge", "discover", "draw", "effects", "friction", "import_recording", "load", "loads", "inspect_files", "new",
     "open_campaign",
     "open_fields", "physics", "plan", "recording_template", "repetitions", "resume", "sensitivity", "simulate",
     "spectrum", "spots", "sweep", "tread", "twin", "tyre", "view", "wait",
@@ -32,11 +32,11 @@ __all__ = [
 
 if TYPE_CHECKING:  # for editors and type checkers, which run nothing
     from flashtemp import physics
-    from flashtemp.api.camera import import_recording, look, recording_template
+    from flashtemp.api.camera import import_recording, inspect_files, recording_template
     from flashtemp.api.campaigns import compare, discover, open_campaign, plan, twin
     from flashtemp.api.drawing import draw
     from flashtemp.api.effects import check_effect, effects
-    from flashtemp.api.friction import area, friction, loads, spectrum, spots, tread, tyre
+    from flashtemp.api.friction import compute_contact_area, friction, loads, spectrum, spots, tread, tyre
     from flashtemp.api.inputs import load
     from flashtemp.api.simulation import check, open_fields, resume, simulate, view
     from flashtemp.api.starting import new

@@ -11,11 +11,11 @@ PROGRAM_FOLDER = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 if __name__ == "__main__" and not sys.flags.safe_path and sys.path[0] != PROGRAM_FOLDER:
     del sys.path[0]
 
-from flashtemp.cli.ending import DONE, ended
-from flashtemp.cli.interrupts import interruptible
-from flashtemp.cli.log_file import logged, split
+from flashtemp.cli.ending import EXIT_DONE, report_fault
+from flashtemp.cli.interrupts import answer_interrupts
+from flashtemp.cli.log_file import log_to_file, split_log_option
 from flashtemp.errors import BadInput, FlashtempError
-from flashtemp.runs.current_folder import leave_current_folder_out
+from flashtemp.runs.current_folder import exclude_current_folder
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -24,7 +24,7 @@ def main(argv: list[str] | None = None) -> int:
     With --log FILE everything that is said goes to the end of that file too.
     """
     if argv is None:
-        leave_current_folder_out()
+        exclude_current_folder()
         # small products: threads that wait for each other take 5 to 200 times as long on a shared machine
         for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
             os.environ.setdefault(name, "1")
@@ -32,35 +32,35 @@ def main(argv: list[str] | None = None) -> int:
             if hasattr(stream, "reconfigure"):
                 stream.reconfigure(errors="backslashreplace")
     try:
-        asked, log = split(list(sys.argv[1:] if argv is None else argv))
-        with logged(log, asked):
+        asked, log = split_log_option(list(sys.argv[1:] if argv is None else argv))
+        with log_to_file(log, asked):
             return _ended(asked, argv is None)
     except (BadInput, OSError) as fault:  # of the log itself
-        return ended(fault)
+        return report_fault(fault)
 
 
 def _ended(asked: list[str], last: bool) -> int:
     """One command from its first moment to its exit code."""
     debug = "--debug" in asked
     try:
-        with interruptible(last) as interrupts:
+        with answer_interrupts(last) as interrupts:
             try:
                 if last:
                     _ignore_local_settings()
                 return _run([word for word in asked if word != "--debug"], debug)
             except Exception as fault:
-                if interrupts.seen and not isinstance(fault, FlashtempError):  # an interrupt in another's clothes
+                if interrupts.is_requested and not isinstance(fault, FlashtempError):  # an interrupt in another's clothes
                     raise KeyboardInterrupt from fault
                 raise
     except BrokenPipeError:  # the reader of stdout has gone, as in `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return DONE
+        return EXIT_DONE
     except (Exception, KeyboardInterrupt) as fault:
         if debug:
             import traceback
 
             traceback.print_exc()
-        return ended(fault)
+        return report_fault(fault)
 
 
 def _ignore_local_settings() -> None:
@@ -72,18 +72,18 @@ def _ignore_local_settings() -> None:
 def _run(words: list[str], debug: bool) -> int:
     import warnings
 
-    from flashtemp.cli.commands import CANONICAL_NAMES, NAMES, CycloptsError, app, plain
+    from flashtemp.cli.commands import CANONICAL_NAMES, COMMAND_NAMES, CycloptsError, app, strip_units
     from flashtemp.cli.table_notes import table_notes
 
     if not debug:  # what becomes of it is told where it matters
         warnings.simplefilter("ignore", RuntimeWarning)
     try:
         with table_notes():
-            code = app(plain(words), exit_on_error=False, print_error=False, result_action="return_value")
+            code = app(strip_units(words), exit_on_error=False, print_error=False, result_action="return_value")
     except CycloptsError as fault:
-        where = f"{words[0]} " if words and words[0] in (*NAMES, *CANONICAL_NAMES) else ""
+        where = f"{words[0]} " if words and words[0] in (*COMMAND_NAMES, *CANONICAL_NAMES) else ""
         raise BadInput("flashtemp: " + " ".join(str(fault).split()) + f" See flashtemp {where}--help.") from fault
-    return code if isinstance(code, int) else DONE
+    return code if isinstance(code, int) else EXIT_DONE
 
 
 if __name__ == "__main__":

@@ -8,8 +8,8 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-WORD = re.compile(r"[^\s/]{256,}|\S{1000,}")  # longer than the name of any file, and than a path that is read
-MANY = 16  # names in a message
+LONG_WORD = re.compile(r"[^\s/]{256,}|\S{1000,}")  # longer than the name of any file, and than a path that is read
+MAX_LISTED_NAMES = 16  # names in a message
 
 
 class FlashtempError(Exception):
@@ -26,7 +26,7 @@ class BadInput(FlashtempError):
     """
 
     def __init__(self, *lines: str):
-        self.lines = tuple(WORD.sub(lambda word: short(word[0]), line) for line in lines)
+        self.lines = tuple(LONG_WORD.sub(lambda word: shorten_text(word[0]), line) for line in lines)
         super().__init__("\n".join(self.lines))
 
 
@@ -34,7 +34,7 @@ class SolverFailure(FlashtempError):
     """The time integration stopped: says at what time, in which cell and under which effect."""
 
 
-class AuditFailure(SolverFailure):
+class EnergyBalanceError(SolverFailure):
     """The march ended, but its books do not balance; `run` is what it gave, to be looked at and not believed."""
 
     def __init__(self, said: str, run: Any):
@@ -42,7 +42,7 @@ class AuditFailure(SolverFailure):
         self.run = run
 
 
-class Interrupted(FlashtempError):
+class UserInterrupt(FlashtempError):
     """The user stopped the work; what goes on from it is `left` in `path`, and `how` to."""
 
     def __init__(self, path: Path, how: str, left: str = "checkpoint"):
@@ -50,7 +50,7 @@ class Interrupted(FlashtempError):
         self.path = path
 
 
-def short(text: str) -> str:
+def shorten_text(text: str) -> str:
     """A text for a message, cut where nobody would read on.
 
     >>> short("7" * 500)[-20:]
@@ -59,15 +59,15 @@ def short(text: str) -> str:
     return text if len(text) <= 200 else f"{text[:160]}... ({len(text)} characters)"
 
 
-class Halted(FlashtempError):
+class SystemFailure(FlashtempError):
     """The machine stopped the work, as by a full disk; what goes on from it is left in `path`, and `how` to."""
 
     def __init__(self, fault: BaseException, path: Path, how: str):
-        super().__init__(f"{reason(fault)}; checkpoint left in {path}; mend that and go on with: {how}")
+        super().__init__(f"{describe_exception(fault)}; checkpoint left in {path}; mend that and go on with: {how}")
         self.path = path
 
 
-class Incomplete(FlashtempError):
+class IncompleteResult(FlashtempError):
     """A `result` is there, but not all that should lie beside it: says what is missing and how to get it."""
 
     def __init__(self, text: str, result: Any):
@@ -75,7 +75,7 @@ class Incomplete(FlashtempError):
         self.result = result
 
 
-def reason(fault: BaseException) -> str:
+def describe_exception(fault: BaseException) -> str:
     """Why something failed, in one line.
 
     >>> reason(OSError(28, "No space left on device", "run.nc")), reason(ValueError())
@@ -83,11 +83,11 @@ def reason(fault: BaseException) -> str:
     """
     if isinstance(fault, OSError) and fault.strerror:
         return f"{fault.strerror}: {fault.filename}" if fault.filename else fault.strerror
-    said, kind = short(" ".join(str(fault).split())), type(fault).__name__
+    said, kind = shorten_text(" ".join(str(fault).split())), type(fault).__name__
     return said if isinstance(fault, FlashtempError) else f"{kind}: {said}" if said else kind
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
+def suggest_name(name: str, known: Iterable[str]) -> str:
     """What would be right instead of an unknown name, as half a sentence: the nearest or all known.
 
     >>> nearest("frction", ["friction", "contact"])
@@ -99,5 +99,5 @@ def nearest(name: str, known: Iterable[str]) -> str:
         return f"; did you mean '{match[0]}'?"
     if not known:
         return "; nothing can stand here"
-    more = f" and {len(known) - MANY} more" if len(known) > MANY else ""
-    return f"; known are {', '.join(known[:MANY])}{more}"
+    more = f" and {len(known) - MAX_LISTED_NAMES} more" if len(known) > MAX_LISTED_NAMES else ""
+    return f"; known are {', '.join(known[:MAX_LISTED_NAMES])}{more}"

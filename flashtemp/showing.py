@@ -13,12 +13,12 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-MOST = 40  # rows of a table in a notebook
-TITLE = "font-weight: 600; margin: .3em 0"
-NOTE = "margin: .2em 0"
+MAX_TABLE_ROWS = 40  # rows of a table in a notebook
+TITLE_STYLE = "font-weight: 600; margin: .3em 0"
+NOTE_STYLE = "margin: .2em 0"
 
 
-class Shown:
+class DisplayMixin:
     """A result that shows itself: its `repr` is its text, and a notebook draws its `sheet`.
 
     A subclass writes `__str__` and, where that text is a table, `sheet`.
@@ -28,16 +28,16 @@ class Shown:
         return str(self)
 
     def _repr_html_(self) -> str:
-        return self.sheet().html()
+        return self.to_table().to_html()
 
-    def sheet(self) -> Sheet:
+    def to_table(self) -> DisplayTable:
         """The text, its first line as the title."""
         title, *notes = str(self).splitlines()
-        return Sheet(title, notes=tuple(note.strip() for note in notes))
+        return DisplayTable(title, notes=tuple(note.strip() for note in notes))
 
 
 @dataclass(frozen=True)
-class Sheet:
+class DisplayTable:
     """What a notebook shows: a title, `rows` of cells below a `head`, `notes`, and `parts` that can be unfolded.
 
     >>> Sheet("a < b", rows=[("mu", 0.25, "1")]).html().count("&lt;")
@@ -48,35 +48,35 @@ class Sheet:
     rows: Sequence[Sequence[Any]] = ()
     head: Sequence[str] = ()
     notes: Sequence[str] = ()
-    parts: Sequence[Sheet] = ()
+    parts: Sequence[DisplayTable] = ()
 
-    def html(self) -> str:
+    def to_html(self) -> str:
         """An HTML fragment; every text is escaped."""
-        return f'<div><p style="{TITLE}">{escape(self.title)}</p>{self._inside()}</div>'
+        return f'<div><p style="{TITLE_STYLE}">{escape(self.title)}</p>{self._inner_html()}</div>'
 
-    def _inside(self) -> str:
-        notes = "".join(f'<p style="{NOTE}">{escape(note)}</p>' for note in self.notes)
+    def _inner_html(self) -> str:
+        notes = "".join(f'<p style="{NOTE_STYLE}">{escape(note)}</p>' for note in self.notes)
         folded = "".join(
-            f"<details><summary>{escape(part.title)}</summary>{part._inside()}</details>" for part in self.parts
+            f"<details><summary>{escape(part.title)}</summary>{part._inner_html()}</details>" for part in self.parts
         )
-        return _table(self.head, self.rows) + notes + folded
+        return _html_table(self.head, self.rows) + notes + folded
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+def _html_table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     """Rows as an HTML table, the first MOST of them; numbers to four digits."""
     if not rows:
         return ""
-    top = f"<thead>{_row('th', head)}</thead>" if head else ""
-    body = "".join(_row("td", map(written, row)) for row in rows[:MOST])
-    more = f'<p style="{NOTE}">and {len(rows) - MOST} more</p>' if len(rows) > MOST else ""
+    top = f"<thead>{_html_row('th', head)}</thead>" if head else ""
+    body = "".join(_html_row("td", map(format_value, row)) for row in rows[:MAX_TABLE_ROWS])
+    more = f'<p style="{NOTE_STYLE}">and {len(rows) - MAX_TABLE_ROWS} more</p>' if len(rows) > MAX_TABLE_ROWS else ""
     return f"<table>{top}<tbody>{body}</tbody></table>{more}"
 
 
-def _row(tag: str, cells: Iterable[str]) -> str:
+def _html_row(tag: str, cells: Iterable[str]) -> str:
     return f"<tr>{''.join(f'<{tag}>{escape(cell)}</{tag}>' for cell in cells)}</tr>"
 
 
-def written(value: Any) -> str:
+def format_value(value: Any) -> str:
     """A value for people.
 
     >>> written(0.123456), written(None), written((1, 2.0)), written(True)
@@ -88,19 +88,19 @@ def written(value: Any) -> str:
         return "yes" if value else "no"
     if isinstance(value, float):
         return f"{value:.4g}"
-    return ", ".join(map(written, value)) if isinstance(value, (list, tuple)) else str(value)
+    return ", ".join(map(format_value, value)) if isinstance(value, (list, tuple)) else str(value)
 
 
-def finite(data: Any) -> Any:
+def make_json_safe(data: Any) -> Any:
     """Data with infinite and undefined numbers as text or null, so that the JSON is valid everywhere.
 
     >>> finite({"a": [float("nan"), float("-inf")]})
     {'a': [None, '-inf']}
     """
     if isinstance(data, dict):
-        return {k: finite(v) for k, v in data.items()}
+        return {k: make_json_safe(v) for k, v in data.items()}
     if isinstance(data, (list, tuple)):
-        return [finite(v) for v in data]
+        return [make_json_safe(v) for v in data]
     if isinstance(data, float) and data != data:
         return None
     if isinstance(data, float) and abs(data) == float("inf"):
@@ -110,16 +110,16 @@ def finite(data: Any) -> Any:
 
 def to_json(data: Any) -> str:
     """Plain data as JSON text for people and programs."""
-    return json.dumps(finite(data), indent=2, default=float)
+    return json.dumps(make_json_safe(data), indent=2, default=float)
 
 
 def write_json(data: Any, file: Path) -> None:
     """Write plain data into a JSON file, whole or not at all."""
-    with whole_file(file) as fresh:
+    with atomic_write(file) as fresh:
         fresh.write_text(to_json(data) + "\n", encoding="utf-8")
 
 
-def several(count: int, thing: str) -> str:
+def format_count(count: int, thing: str) -> str:
     """A number of things in words.
 
     >>> several(1, "frame"), several(2, "frame")
@@ -128,11 +128,11 @@ def several(count: int, thing: str) -> str:
     return f"{count} {thing}{'' if count == 1 else 's'}"
 
 
-UNFINISHED = re.compile(r"\.[0-9a-f]{16}(\.[A-Za-z0-9]+)?")  # names of files that are being written
+PARTIAL_FILE_NAME = re.compile(r"\.[0-9a-f]{16}(\.[A-Za-z0-9]+)?")  # names of files that are being written
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
+def atomic_write(path: Path) -> Iterator[Path]:
     """A new name beside `path` to write to, which becomes `path` when all is on disk; a failure changes nothing."""
     fresh = path.with_name(f".{secrets.token_hex(8)}{path.suffix}")
     try:

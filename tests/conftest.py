@@ -18,18 +18,18 @@ import pytest
 
 from flashtemp.meshes.grading import geometric
 from flashtemp.meshes.mesh import Mesh
-from flashtemp.model.case import assemble
-from flashtemp.model.case_file import Places
-from flashtemp.model.numerics import Settings, choose
-from flashtemp.model.scene import Acting, Scene
-from flashtemp.model.schedule import Schedule, constant
+from flashtemp.model.case import assemble_case
+from flashtemp.model.case_file import KeyLocations
+from flashtemp.model.numerics import SolverSettings, choose_binding
+from flashtemp.model.scene import ActiveEffect, Scene
+from flashtemp.model.schedule import Schedule, constant_series
 from flashtemp.physics.effect import Effect, Heat, Term
 from flashtemp.physics.material import LIBRARY, Material
 from flashtemp.physics.quantities import KELVIN
-from flashtemp.solver.balance import Balance
+from flashtemp.solver.balance import HeatBalance
 from flashtemp.solver.march import march
-from flashtemp.solver.progress import Progress
-from flashtemp.solver.system import System
+from flashtemp.solver.progress import MarchState
+from flashtemp.solver.system import PhaseSystem
 
 RUBBER, ROAD, L = LIBRARY["tread_rubber"], LIBRARY["asphalt"], 0.025
 # the effusivities of road and rubber with 1e-4 and 1e-8 of their diffusivity: V8 and V15 neglect conduction along x
@@ -79,8 +79,8 @@ def scene(mesh, *parts, rubber=RUBBER, road=ROAD, speed=0.1, pressure=1e5, time=
         (e, {k: v.value for k, v in e.params().items()} | own) for e, own in (p for p in parts if type(p) is tuple)
     ]
     own = Given(number("contact.spot_fraction", phi), *(p for p in parts if type(p) is not tuple))
-    acting = [Acting(type(e).__name__, e, SimpleNamespace(**values)) for e, values in [(own, {}), *effects]]
-    plan = Schedule(constant(speed), constant(pressure), speed * time, 2 if wait else 1, wait, lifted)
+    acting = [ActiveEffect(type(e).__name__, e, SimpleNamespace(**values)) for e, values in [(own, {}), *effects]]
+    plan = Schedule(constant_series(speed), constant_series(pressure), speed * time, 2 if wait else 1, wait, lifted)
     return Scene(
         mesh=mesh, block=rubber, road=road, schedule=plan, acting=tuple(acting), ambient=KELVIN,
         length=float(mesh.x[mesh.last]), height=float(mesh.height[-1]), spot_diameter=3e-3,
@@ -89,22 +89,22 @@ def scene(mesh, *parts, rubber=RUBBER, road=ROAD, speed=0.1, pressure=1e5, time=
 
 def slide(scene, warm=0.0, rtol=1e-7, phase=0, profiles=4):
     """March from a block that is `warm` (K) above ambient; the Run and the cells' final rises."""
-    balance = Balance(scene)
+    balance = HeatBalance(scene)
     y = np.zeros(balance.size)
     warm = np.asarray(warm)
     y[scene.mesh.everywhere(scene.mesh.block)] = warm[..., None] if warm.ndim == 2 else warm
     start = scene.schedule.phases[phase].begin
-    state = Progress(t=start, phase=phase, y=y, left=-np.array(balance.stored(y)))
-    run = march(scene, Settings(choose(None), rtol, profiles=profiles), state=state)
+    state = MarchState(t=start, phase=phase, y=y, removed_heat=-np.array(balance.stored_heat(y)))
+    run = march(scene, SolverSettings(choose_binding(None), rtol, profiles=profiles), state=state)
     assert run.energy_imbalance < LEAK
     return run, state.y[: balance.n]
 
 
 def fluxes(scene, rise):
     """Fluxes and temperatures of the contact at the end of the schedule."""
-    system = System(Balance(scene), scene.schedule.phases[-1])
+    system = PhaseSystem(HeatBalance(scene), scene.schedule.phases[-1])
     now = system.moment(scene.schedule.end)
-    return system.interface.contact(now, 0.0, rise, system.road(now), system.b.ones).flux
+    return system.interface.solve_contact(now, 0.0, rise, system.incoming_road(now), system.b.ones).flux
 
 
 def column(cells, height, first, refine=1):
@@ -125,7 +125,7 @@ def check_second_order(label, errors, bound):
 
 def case(**given):
     """A case assembled from overrides alone, table__key=value, and its run."""
-    made = assemble({}, {k.replace("__", "."): v for k, v in given.items()}, Places("none"), Path(), "verification")
+    made = assemble_case({}, {k.replace("__", "."): v for k, v in given.items()}, KeyLocations("none"), Path(), "verification")
     run = march(made.scene, made.settings)
     assert run.energy_imbalance < LEAK
     return run
@@ -143,12 +143,12 @@ def calibrate():
     from flashtemp.discovery import engine
     from flashtemp.discovery.prediction.prediction import predict_condition
     from flashtemp.discovery.prediction.problem import prepare_problem
-    from flashtemp.runs.workers import crew
+    from flashtemp.runs.workers import open_worker_pool
 
     def made(campaign):
-        with crew(predict_condition, 1) as run:
-            problem, errors, first = engine.correct(prepare_problem(campaign, run), lambda text: None)
-            problem, data, base = engine.calibrate(problem, first, lambda text: None)
+        with open_worker_pool(predict_condition, 1) as run:
+            problem, errors, first = engine.correct_measurements(prepare_problem(campaign, run), lambda text: None)
+            problem, data, base = engine.calibrate_base(problem, first, lambda text: None)
         return SimpleNamespace(problem=problem, data=data, base=base, recording_errors=errors)
 
     return made

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator
 
-from flashtemp.model.case import load
-from flashtemp.model.laws import STEP
-from flashtemp.model.numerics import available
+from flashtemp.model.case import load_case
+from flashtemp.model.laws import COMPLEX_STEP
+from flashtemp.model.numerics import installed_bindings
 from flashtemp.runs.convergence import Convergence
 from flashtemp.solver import cvode
-from flashtemp.solver.balance import Balance
-from flashtemp.solver.system import System
+from flashtemp.solver.balance import HeatBalance
+from flashtemp.solver.system import PhaseSystem
 
 L = 0.025
 BARE = {"ambient__convection": 0.0, "contact__lane_widening": 0.0}
@@ -97,11 +97,11 @@ class Decay:
     def rate(self, t, y, out):
         out[:] = -y
 
-    def linearised(self, t, y, gamma):
+    def linearise(self, t, y, gamma):
         self.gamma = gamma
         return self
 
-    def times(self, v, out):
+    def apply_jacobian(self, v, out):
         out[:] = -v
 
     def solve(self, r, z):
@@ -110,7 +110,7 @@ class Decay:
 
 def decayed(binding, size=4):
     """Every step of a start, to the bit."""
-    solver = cvode.Integrator(binding, Decay(), cvode.Tolerance(1e-4, 1e-6))
+    solver = cvode.BdfIntegrator(binding, Decay(), cvode.IntegratorSettings(1e-4, 1e-6))
     solver.start(0.0, np.linspace(1.0, 2.0, size), 1.0)
     path = []
     while not path or path[-1][0] < 1.0:
@@ -120,7 +120,7 @@ def decayed(binding, size=4):
     return path, solver.calls
 
 
-@pytest.mark.parametrize("binding", available())
+@pytest.mark.parametrize("binding", installed_bindings())
 def test_a_start_keeps_no_memory_of_the_starts_before(binding):
     """Less than half a vector of the problem's size per start; a CVODE object that is left alone keeps 14 of them."""
     psutil = pytest.importorskip("psutil")
@@ -133,7 +133,7 @@ def test_a_start_keeps_no_memory_of_the_starts_before(binding):
     assert psutil.Process().memory_info().rss - before < 0.5 * 8 * size * starts
 
 
-@pytest.mark.parametrize("binding", available())
+@pytest.mark.parametrize("binding", installed_bindings())
 def test_a_start_is_the_same_to_the_bit_whether_its_integrator_served_before_or_not(binding):
     cvode._idle_solvers.cache_clear()
     first = decayed(binding)
@@ -177,17 +177,17 @@ def test_heat_in_depth_cools_no_face_while_the_first_spots_build_up(lab, diamete
 def test_bounded_faces_conserve_heat_and_their_derivative_is_exact(across):
     """A random field around zero has many of them; of its heat the bound moves some and loses none."""
     given = {"numerics.cells": [14, 8, 10], "numerics.across": across, "schedule.distance": 0.05, "schedule.speed": 5.0}
-    scene = load(Path(__file__).parents[1] / "cases" / "uniform_pressure", given).scene
-    b, rng = Balance(scene), np.random.default_rng(5)
-    system, y, v = System(b, scene.schedule.phases[0]), np.zeros(b.size), np.zeros(b.size)
+    scene = load_case(Path(__file__).parents[1] / "cases" / "uniform_pressure", given).scene
+    b, rng = HeatBalance(scene), np.random.default_rng(5)
+    system, y, v = PhaseSystem(b, scene.schedule.phases[0]), np.zeros(b.size), np.zeros(b.size)
     y[: b.n], v[: b.n] = rng.normal(size=b.n), rng.normal(size=b.n)
     now = system.moment(1e-3)
-    bounded = system.solid.bound(y[: b.n], system.entering_enthalpy(system.entering(now)), b.carry(now), system.floor)
+    bounded = system.solid.limit_undershoots(y[: b.n], system.incoming_enthalpy(system.incoming_rise(now)), b.advection_coefficient(now), system.undershoot_floor)
     assert len(bounded.faces) > 0.1 * b.n / 2
     moved, step, product = np.zeros(b.n), np.zeros(b.size, dtype=complex), np.zeros(b.size)
     bounded.add_rate(moved)
     heat = np.outer(b.capacity, scene.mesh.share).ravel() * moved
     assert abs(heat.sum()) < 1e-12 * np.abs(heat).sum()
-    system.linearised(1e-3, y, 1e-2).times(v, product)
-    system.rate(1e-3, y + 1j * STEP * v, step)
-    np.testing.assert_allclose(product[: b.n], step.imag[: b.n] / STEP, rtol=1e-9, atol=1e-9 * np.abs(product).max())
+    system.linearise(1e-3, y, 1e-2).apply_jacobian(v, product)
+    system.rate(1e-3, y + 1j * COMPLEX_STEP * v, step)
+    np.testing.assert_allclose(product[: b.n], step.imag[: b.n] / COMPLEX_STEP, rtol=1e-9, atol=1e-9 * np.abs(product).max())

@@ -11,8 +11,8 @@ from scipy.interpolate import RegularGridInterpolator
 import flashtemp.viz
 from flashtemp import BadInput
 from flashtemp.api.simulation import simulate
-from flashtemp.model.case import assemble
-from flashtemp.model.case_file import Places
+from flashtemp.model.case import assemble_case
+from flashtemp.model.case_file import KeyLocations
 from flashtemp.solver.march import march
 from flashtemp.viz import animation, animation_frame, theme, time_axis
 
@@ -29,7 +29,7 @@ SMALL = {
 
 def small(**more):
     given = SMALL | {k.replace("__", "."): v for k, v in more.items()}
-    return assemble({}, given, Places("x"), Path("."), "small")
+    return assemble_case({}, given, KeyLocations("x"), Path("."), "small")
 
 
 @pytest.fixture(scope="module")
@@ -51,20 +51,20 @@ def decode(path):
 @theme.styled
 def taken(run, kept):
     """The screen of a run and its pictures before they are stored."""
-    still = animation_frame.Screen(run, kept)
-    return still, list(still.pictures(kept))
+    still = animation_frame.AnimationFigure(run, kept)
+    return still, list(still.render_frames(kept))
 
 
 def test_every_kept_frame_is_shown_in_its_colours(run, tmp_path):
-    kept = animation.frames(run)
+    kept = animation.select_frames(run)
     stored, lasted, loop = decode(animation.write(run, tmp_path / "a.gif"))
     assert (len(stored), loop) == (len(run.frames), 0) == (13, 0)
-    assert lasted == animation.durations(run, kept)
+    assert lasted == animation.frame_durations(run, kept)
     still, pictures = taken(run, kept)
     ax, mesh, x, z = still.fig.axes[0], run.mesh, 0.012, 0.0035
     for i, picture in enumerate(pictures):
         assert (abs(stored[i] - picture).max(axis=-1) > 24).mean() < 1e-3
-        bottom = 0.0 if run.sliding[run.frames[i]] else animation_frame.LIFT * mesh.height[-1]
+        bottom = 0.0 if run.sliding[run.frames[i]] else animation_frame.LIFT_FRACTION * mesh.height[-1]
         T = RegularGridInterpolator((run.x, mesh.z_centre[mesh.block[0]]), run.field[i][mesh.block].astype(float))
         column, row = ax.transData.transform((1e3 * x, 1e3 * (z + bottom))).astype(int)
         expected = ax.images[0].cmap(ax.images[0].norm(float(T((x, z)))))[:3]
@@ -72,7 +72,7 @@ def test_every_kept_frame_is_shown_in_its_colours(run, tmp_path):
 
 
 def test_panels_follow_the_records(run):
-    still, _ = taken(run, animation.frames(run))
+    still, _ = taken(run, animation.select_frames(run))
     block, heat, friction, press, _ = still.fig.axes
     for i, k in enumerate(run.frames):
         still.show(i)
@@ -89,15 +89,15 @@ def test_panels_follow_the_records(run):
 
 
 def test_frames_and_durations_stay_within_bounds(run, monkeypatch):
-    ms = animation.durations(run, animation.frames(run))
-    assert all(animation.SHORTEST <= v <= animation.LONGEST for v in ms[:-1])
-    assert ms[-1] == animation.REST
+    ms = animation.frame_durations(run, animation.select_frames(run))
+    assert all(animation.MIN_FRAME_MS <= v <= animation.MAX_FRAME_MS for v in ms[:-1])
+    assert ms[-1] == animation.LAST_FRAME_MS
     monkeypatch.setattr(animation, "MOST", 10)
-    kept = animation.frames(run)
+    kept = animation.select_frames(run)
     assert set(run.repetition[run.frames[kept]]) == {1, 3}
     assert len(kept) == 8  # whole repetitions, first and last
     monkeypatch.setattr(animation, "MOST", 3)
-    kept = animation.frames(run)
+    kept = animation.select_frames(run)
     assert (len(kept), kept[0], kept[-1]) == (3, 0, len(run.frames) - 1)
 
 
@@ -117,9 +117,9 @@ def test_mp4_hands_every_frame_to_ffmpeg_for_its_time(run, tmp_path, monkeypatch
     program = tmp_path / "ffmpeg"
     program.write_text('#!/bin/sh\nfor last; do :; done\nwc -c >"$last"\n')
     program.chmod(0o755)
-    kept = animation.frames(run)
-    pictures = sum(max(1, round(v * animation.RATE / 1000)) for v in animation.durations(run, kept))
-    wide, tall = (round(v * animation_frame.DPI) for v in animation_frame.SIZE)
+    kept = animation.select_frames(run)
+    pictures = sum(max(1, round(v * animation.MP4_FRAMES_PER_S / 1000)) for v in animation.frame_durations(run, kept))
+    wide, tall = (round(v * animation_frame.ANIMATION_DPI) for v in animation_frame.ANIMATION_SIZE_IN)
     assert int(animation.write(run, tmp_path / "a.mp4").read_text()) == 3 * wide * tall * pictures
     program.write_text("#!/bin/sh\necho no such encoder >&2\nexit 1\n")
     with pytest.raises(BadInput, match="ffmpeg could not write it: no such encoder"):
@@ -127,7 +127,7 @@ def test_mp4_hands_every_frame_to_ffmpeg_for_its_time(run, tmp_path, monkeypatch
 
 
 def test_one_frame_per_repetition_and_constant_temperature(run, tmp_path):
-    ends = [int(np.flatnonzero(run.frames == k)[0]) for k in time_axis.ends(run)]
+    ends = [int(np.flatnonzero(run.frames == k)[0]) for k in time_axis.sliding_ends(run)]
     few = replace(run, frames=run.frames[ends], field=run.field[ends])
     assert len(decode(animation.write(few, tmp_path / "few.gif"))[0]) == 3
     cold = {k: np.full_like(getattr(run, k), 20.0) for k in ("field", "T_block", "T_spot", "T_road")}

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 import flashtemp
-from flashtemp.cli.commands import NAMES as COMMAND_NAMES
+from flashtemp.cli.commands import COMMAND_NAMES as COMMAND_NAMES
 from flashtemp.cli.commands import app
-from flashtemp.discovery.verdict import Cause, Estimate, Rival, Verdict
-from flashtemp.runs.load_dependence import NAMES, Loads, subsets
-from flashtemp.showing import MOST, Sheet, Shown
+from flashtemp.discovery.verdict import Cause, ParameterEstimate, CandidateReport, Verdict
+from flashtemp.runs.load_dependence import PROCESS_NAMES, LoadDependence, list_subsets
+from flashtemp.showing import MAX_TABLE_ROWS, DisplayTable, DisplayMixin
 
 ROOT = Path(__file__).parents[1]
 CALL = {"run": "simulate", "import": "import_recording"}  # the others are called as the command
@@ -115,9 +115,9 @@ CALLS = {  # every public call on something small
         next((lab / "twin").glob("*.nc")), view="sidewall", out=lab / "side.nc"
     ),
     "new": lambda lab: flashtemp.new("campaign", out=lab / "begun.toml"),
-    "look": lambda lab: flashtemp.look(next((lab / "twin").glob("*sidewall.nc"))),
+    "look": lambda lab: flashtemp.inspect_files(next((lab / "twin").glob("*sidewall.nc"))),
     "friction": lambda lab: flashtemp.friction(THEORY, slowest=1e-3, fastest=1.0),
-    "area": lambda lab: flashtemp.area(THEORY),
+    "area": lambda lab: flashtemp.compute_contact_area(THEORY),
     "tread": lambda lab: flashtemp.tread(THEORY, {"title": TITLE, "tread.slip": [0.05]}),
     "tyre": lambda lab: flashtemp.tyre(ROOT / "cases" / "tyre", {"title": TITLE, "tyre.angles": [2.0, 4.0], "tyre.loads": [2e3, 4e3]}),
     "spots": lambda lab: flashtemp.spots(cutoff=2e-3, length=0.01, width=0.01, pixel=2e-4, out=lab / "road.npz"),
@@ -146,7 +146,7 @@ def opened(html: str) -> ET.Element:
 @pytest.mark.sample("[!td]*", "twin")
 def test_a_result_shows_itself(name, lab):
     result = CALLS[name](lab)
-    assert isinstance(result, Shown)
+    assert isinstance(result, DisplayMixin)
     assert screen(repr(result)) or name == "effects", repr(result)
     assert "array(" not in repr(result)
     found = opened(result._repr_html_())
@@ -176,8 +176,8 @@ def test_titles_are_escaped(lab):
 
 def test_loads_show_shares():
     one, flat = np.array([[1.0, 0.8]]), np.ones((1, 2))
-    mu = {some: one if "heating" in some else flat for some in subsets(NAMES)}
-    found = Loads(TITLE, np.array([1e5, 2e5]), np.array([1.0]), NAMES, {}, mu, one, "fixed")
+    mu = {some: one if "heating" in some else flat for some in list_subsets(PROCESS_NAMES)}
+    found = LoadDependence(TITLE, np.array([1e5, 2e5]), np.array([1.0]), PROCESS_NAMES, {}, mu, one, "fixed")
     cells = [cell.text for cell in opened(found._repr_html_()).findall("table/tbody/tr/td")]
     assert cells[:4] == ["1", "1", "0.8", "-20.0 %"]
     assert cells[-1] == "-20.0 %"
@@ -187,9 +187,9 @@ def test_loads_show_shares():
 
 def test_a_verdict_shows_causes_and_rivals():
     cause = Cause(
-        "wear", "rubber wears off", (Estimate("wear.rate", 4e-11, 1e-12, (3e-11, 5e-11), "m2/N"),), 100.0, 9.0, 0.9
+        "wear", "rubber wears off", (ParameterEstimate("wear.rate", 4e-11, 1e-12, (3e-11, 5e-11), "m2/N"),), 100.0, 9.0, 0.9
     )
-    verdict = Verdict(TITLE, "named", ("Cause: <i>wear</i>.",), (cause,), rivals=(Rival("flash", 3.0, 0.5, ""),))
+    verdict = Verdict(TITLE, "named", ("Cause: <i>wear</i>.",), (cause,), rivals=(CandidateReport("flash", 3.0, 0.5, ""),))
     found = opened(verdict._repr_html_())
     text = "".join(found.itertext())
     assert all(word in text for word in (TITLE, "named", "Cause: <i>wear</i>.", "wear.rate", "4e-11", "m2/N", "flash"))
@@ -197,9 +197,9 @@ def test_a_verdict_shows_causes_and_rivals():
 
 
 def test_long_tables_are_cut_and_parts_unfold():
-    sheet = Sheet("top", [(n, None) for n in range(MOST + 5)], parts=[Sheet("<deep>", [("x", True)])])
-    found = opened(sheet.html())
-    assert len(found.findall("table/tbody/tr")) == MOST
+    sheet = DisplayTable("top", [(n, None) for n in range(MAX_TABLE_ROWS + 5)], parts=[DisplayTable("<deep>", [("x", True)])])
+    found = opened(sheet.to_html())
+    assert len(found.findall("table/tbody/tr")) == MAX_TABLE_ROWS
     assert "and 5 more" in "".join(found.itertext())
     assert found.find("details/summary").text == "<deep>"
     assert [cell.text for cell in found.findall("details/table/tbody/tr/td")] == ["x", "yes"]
@@ -246,9 +246,9 @@ def test_what_the_docs_show_is_there(lab):
     run, record = flashtemp.simulate(lab), flashtemp.repetitions(lab / "friction.csv", distance=0.05)
     assert "T_spot" in run.dataset()
     assert record.s_w_interval[0] < record.s_w < record.s_w_interval[1]
-    assert flashtemp.open_fields(lab / "run").at(0.0)["block"].n_cells > 0
+    assert flashtemp.open_fields(lab / "run").grids_at(0.0)["block"].n_cells > 0
     swept = flashtemp.sweep(lab, {"friction.mu": [0.5, 1.0]}, workers=1).dataset
     assert swept.T_max_degC.dims == ("friction.mu",)
-    seen = flashtemp.compare(lab / "twin").seeings[0]
+    seen = flashtemp.compare(lab / "twin").recordings[0]
     assert seen.residual.ndim == 3
     assert seen.rmse_K > 0

@@ -12,13 +12,13 @@ from scipy.special import erf
 
 from flashtemp.__main__ import main
 from flashtemp.physics.friction import adhesion
-from flashtemp.physics.friction.adhesive_shear import Shear
-from flashtemp.physics.friction.curve_peak import highest
-from flashtemp.physics.friction.flash_temperature import Spots, branches
-from flashtemp.physics.friction.persson import Theory
-from flashtemp.physics.friction.rheology import READY as RUBBERS
-from flashtemp.physics.friction.roughness_spectrum import READY as ROADS
-from flashtemp.physics.friction.roughness_spectrum import self_affine
+from flashtemp.physics.friction.adhesive_shear import AdhesiveShear
+from flashtemp.physics.friction.curve_peak import find_peak
+from flashtemp.physics.friction.flash_temperature import ContactSpots, compute_branches
+from flashtemp.physics.friction.persson import PerssonTheory
+from flashtemp.physics.friction.rheology import READY_RUBBERS as RUBBERS
+from flashtemp.physics.friction.roughness_spectrum import READY_ROADS as ROADS
+from flashtemp.physics.friction.roughness_spectrum import self_affine_spectrum
 from flashtemp.physics.material import LIBRARY
 
 CASE = Path(__file__).parents[1] / "cases" / "slope_tester"
@@ -42,10 +42,10 @@ def test_area_over_pressure_is_told_and_drawn(tmp_path, capsys):
 
 def test_attraction_on_a_smooth_surface_lets_friction_rise_as_the_load_falls():
     """0.5 um, rms slope 0.03, 0.05 J/m2: mu = tau A/p rises fourfold from 0.3 to 0.02 MPa; without attraction 1 %."""
-    road = replace(self_affine(5e-7, 1e4, 0.8, 1e3, slope=None), q1=1e7)
-    plain = Theory(RUBBERS["A"], road, shear=Shear(2e5))
+    road = replace(self_affine_spectrum(5e-7, 1e4, 0.8, 1e3, slope=None), q1=1e7)
+    plain = PerssonTheory(RUBBERS["A"], road, shear=AdhesiveShear(2e5))
     p = np.array([2e4, 5e4, 1e5, 2e5, 3e5])
-    held = replace(plain, enlarged=(adhesion.attracted(plain, 0.1, 293.15, 0.05, p, viscous=0.0),))
+    held = replace(plain, enlarged=(adhesion.adhesion_enlargement(plain, 0.1, 293.15, 0.05, p, viscous=0.0),))
     mu, without = (theory(0.1, 293.15, p).mu for theory in (held, plain))
     print(mu, without)
     assert np.all(np.diff(mu) < 0)
@@ -56,11 +56,11 @@ def test_attraction_on_a_smooth_surface_lets_friction_rise_as_the_load_falls():
 @pytest.mark.parametrize(("fraction", "low", "high"), [(None, 0.0, 0.01), (0.06, -0.15, -0.06)])
 def test_the_maximum_of_friction_over_load_on_asphalt(fraction, low, high):
     """C8, from 0.05 to 0.3 MPa at 20 degC: it falls through heat where the spots are fixed by the road, not otherwise."""
-    theory = Theory(RUBBERS["A"], ROADS["asphalt A"], shear=Shear(4e6))
+    theory = PerssonTheory(RUBBERS["A"], ROADS["asphalt A"], shear=AdhesiveShear(4e6))
     v, tops = np.geomspace(0.3, 30.0, 13), []
     for p in (5e4, 3e5):
-        pair = branches(theory, LIBRARY["tread_rubber"], Spots(3e-3, fraction), v, 293.15, p)
-        tops.append([highest(v, branch.mu).value for branch in pair])
+        pair = compute_branches(theory, LIBRARY["tread_rubber"], ContactSpots(3e-3, fraction), v, 293.15, p)
+        tops.append([find_peak(v, branch.mu).value for branch in pair])
     change = np.array(tops[1]) / np.array(tops[0]) - 1
     print(change)
     assert 0.0 < change[0] < 0.01

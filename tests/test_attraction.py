@@ -9,26 +9,26 @@ from scipy.special import erf, ndtr
 
 from flashtemp.errors import BadInput
 from flashtemp.physics.friction import adhesion, rheology, roughness_spectrum
-from flashtemp.physics.friction.persson import Theory
+from flashtemp.physics.friction.persson import PerssonTheory
 
 q = np.geomspace(1.0, 1e4, 120)
 LOADS = np.array([5e4, 1e5, 2e5, 6e5])  # Pa
 COLD = 1e-3, 293.15
 
 
-def elastic(E: float, road: str | roughness_spectrum.Spectrum = "asphalt A", **more) -> Theory:
+def elastic(E: float, road: str | roughness_spectrum.RoughnessSpectrum = "asphalt A", **more) -> PerssonTheory:
     """A road and rubber without loss."""
     rubber = rheology.Rubber(rheology.ColeCole(E, E, 0.5, 1e-8), rheology.WLF(7.718, 116.6, 293.15))
-    return Theory(rubber, roughness_spectrum.READY[road] if isinstance(road, str) else road, **more)
+    return PerssonTheory(rubber, roughness_spectrum.READY_ROADS[road] if isinstance(road, str) else road, **more)
 
 
 def factors(theory, work, **more):
-    return np.array(adhesion.attracted(theory, *COLD, work, LOADS, **more).factor)
+    return np.array(adhesion.adhesion_enlargement(theory, *COLD, work, LOADS, **more).factor)
 
 
 def test_without_tension_the_area_is_the_error_function():
     G = np.array([1e-3, 1e-1, 1e-5])[:, None] * q**2
-    found = adhesion.area(q, G, 0.0)
+    found = adhesion.area_with_tension(q, G, 0.0)
     exact = erf(0.5 / np.sqrt(G))
     np.testing.assert_allclose(found, exact, atol=3e-5)
     np.testing.assert_allclose(found, exact, rtol=5e-4)
@@ -40,13 +40,13 @@ def test_a_wall_that_recedes_evenly(rate, first):
     G = 1e-3 * q**1.5
     s, reach = 1.0 + first, np.sqrt(2.0 * G)
     exact = ndtr((s + rate * G) / reach) - np.exp(-rate * s) * ndtr((-s + rate * G) / reach)
-    np.testing.assert_allclose(adhesion.area(q, G, first + rate * G), exact, atol=3e-5)
+    np.testing.assert_allclose(adhesion.area_with_tension(q, G, first + rate * G), exact, atol=3e-5)
 
 
 def test_the_tension_that_parts_a_contact_is_griffiths():
     """A penny crack of radius pi/q before a rigid body releases, per area that it grows by, the work of adhesion."""
     E, w, wave = 1.3e7, 0.05, 1e5
-    stress, radius = adhesion.parting(wave, w, E), np.pi / wave
+    stress, radius = adhesion.detachment_stress(wave, w, E), np.pi / wave
 
     def energy(a):  # of a crack with the opening (4/(pi E*)) sigma sqrt(a^2 - r^2) in one half-space
         return 0.5 * stress * quad(lambda r: 4 / np.pi * stress / E * np.sqrt(a * a - r * r) * 2 * np.pi * r, 0, a)[0]
@@ -82,20 +82,20 @@ def test_area_stays_linear_in_pressure_with_a_larger_slope():
 @pytest.mark.long
 def test_more_work_softer_rubber_and_a_smoother_road_take_more_hold():
     def factor(theory, work=0.05, v=1e-3):
-        return adhesion.attracted(theory, v, 293.15, work, [1.5e5]).factor[0]
+        return adhesion.adhesion_enlargement(theory, v, 293.15, work, [1.5e5]).factor[0]
 
     base = factor(elastic(1e7))
     assert 1.0 < base < min(factor(elastic(1e7), 0.2), factor(elastic(3e6)), factor(elastic(1e7, "concrete B")))
-    viscous = Theory(rheology.READY["A"], roughness_spectrum.READY["asphalt A"])  # stiff at the frequencies of sliding
+    viscous = PerssonTheory(rheology.READY_RUBBERS["A"], roughness_spectrum.READY_ROADS["asphalt A"])  # stiff at the frequencies of sliding
     assert factor(viscous, v=1e-3) > factor(viscous, v=1.0) > 1.0
 
 
 def test_energy_of_the_shorter_waves_is_won_back():
     """Full contact: w_eff = w - (pi E*/2) int_q^q1 q^2 C dq, C ~ q^-3.8."""
-    road = roughness_spectrum.self_affine(1e-6, 1e3, 0.9, 250.0, 1e-2)
+    road = roughness_spectrum.self_affine_spectrum(1e-6, 1e3, 0.9, 250.0, 1e-2)
     theory, E, w = elastic(1e6, road), 1e6 / 0.75, 0.05
     waves = np.geomspace(2e3, road.q1, 400)
-    left = adhesion._effective(theory, waves, np.ones((1, 400)), w, E)[0]
+    left = adhesion._effective_work(theory, waves, np.ones((1, 400)), w, E)[0]
     stored = np.pi * E / 2 * road(1e3) * 1e3**3.8 * (waves**-0.8 - road.q1**-0.8) / 0.8
     assert stored[0] > 1e-3 * w
     np.testing.assert_allclose(w - left, stored, rtol=2e-3, atol=1e-9)
@@ -103,23 +103,23 @@ def test_energy_of_the_shorter_waves_is_won_back():
 
 def test_enlarged_is_what_a_theory_takes():
     theory = elastic(1e7, "concrete B")
-    part = adhesion.attracted(theory, *COLD, 0.05, LOADS)
+    part = adhesion.adhesion_enlargement(theory, *COLD, 0.05, LOADS)
     assert part.viscous == 1.0
     both = elastic(1e7, "concrete B", enlarged=(part,))
     np.testing.assert_allclose(both(*COLD, LOADS).area, np.array(part.factor) * theory(*COLD, LOADS).area)
-    assert adhesion.attracted(both, *COLD, 0.05, LOADS) == part  # what enlarges already does not count
+    assert adhesion.adhesion_enlargement(both, *COLD, 0.05, LOADS) == part  # what enlarges already does not count
 
 
 def test_a_modulus_at_rest_is_needed():
     rubber = rheology.Rubber(rheology.ColeCole(0.0, 1e9, 0.5, 1e-8), rheology.WLF(7.718, 116.6, 293.15))
     with pytest.raises(BadInput, match="modulus: 0"):
-        adhesion.attracted(Theory(rubber, roughness_spectrum.READY["asphalt A"]), *COLD, 0.05, LOADS)
+        adhesion.adhesion_enlargement(PerssonTheory(rubber, roughness_spectrum.READY_ROADS["asphalt A"]), *COLD, 0.05, LOADS)
 
 
 @pytest.mark.parametrize(
     ("theory", "work", "p", "says"),
     [
-        (elastic(1e6, roughness_spectrum.self_affine(3e-6, 3e3, 0.8, 250.0, 0.05)), 0.05, LOADS, "without load"),
+        (elastic(1e6, roughness_spectrum.self_affine_spectrum(3e-6, 3e3, 0.8, 250.0, 0.05)), 0.05, LOADS, "without load"),
         (elastic(1e7), -0.05, LOADS, "work of adhesion >= 0"),
         (elastic(1e7), 0.05, LOADS[::-1], "rising pressures"),
         (elastic(1e7), 0.05, [0.0, 1e5], "rising pressures"),
@@ -127,5 +127,5 @@ def test_a_modulus_at_rest_is_needed():
 )
 def test_bad_wishes(theory, work, p, says):
     with pytest.raises(BadInput, match=says) as fault:
-        adhesion.attracted(theory, *COLD, work, p)
+        adhesion.adhesion_enlargement(theory, *COLD, work, p)
     assert "\n" not in str(fault.value)

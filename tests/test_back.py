@@ -18,13 +18,13 @@ from flashtemp.api.simulation import resume, simulate
 from flashtemp.camera.observation import observe
 from flashtemp.camera.recording import Recording
 from flashtemp.errors import BadInput
-from flashtemp.model.case import assemble
-from flashtemp.model.case_file import Places
-from flashtemp.model.priors import inputs
-from flashtemp.model.schedule import Course, Schedule, constant
-from flashtemp.runs.convergence import numbers
-from flashtemp.runs.inert import remarks
-from flashtemp.runs.sensitivity_result import NUMBERS
+from flashtemp.model.case import assemble_case
+from flashtemp.model.case_file import KeyLocations
+from flashtemp.model.priors import find_uncertain_inputs
+from flashtemp.model.schedule import SpeedProfile, Schedule, constant_series
+from flashtemp.runs.convergence import watched_values
+from flashtemp.runs.inert import describe_inactive_effects
+from flashtemp.runs.sensitivity_result import OUTPUT_SPECS
 
 L, P, V = 0.025, 1.5e5, 0.1
 SMALL = {"numerics__mesh": 0.5, "schedule__distance": 0.3}
@@ -75,23 +75,23 @@ def test_what_acts_behind_the_block_acts_behind_it_whichever_way_it_slides(lab):
 
 def test_numbers_of_the_edges_follow_the_edge_that_leads(lab):
     forward, back = (lab.case(**SMALL, schedule__speed=v) for v in (V, -V))
-    for about in NUMBERS.values():
-        assert about.of(back) == pytest.approx(about.of(forward), rel=1e-12)
-    np.testing.assert_allclose(numbers(back), numbers(forward), rtol=1e-9)
-    assert numbers(back)[0] < numbers(back)[2]
+    for about in OUTPUT_SPECS.values():
+        assert about.evaluate(back) == pytest.approx(about.evaluate(forward), rel=1e-12)
+    np.testing.assert_allclose(watched_values(back), watched_values(forward), rtol=1e-9)
+    assert watched_values(back)[0] < watched_values(back)[2]
 
 
 def test_the_prior_of_a_speed_does_not_turn_the_block():
-    case = assemble({}, {"schedule.speed": -V}, Places("none"), Path(), "back")
-    [speed] = inputs(case, ("schedule.speed",))[0]
-    assert (speed.low, speed.high, speed.at_bound) == (-1000.0, -5e-324, False)
-    assert speed.at(np.linspace(-3.0, 3.0, 7)) == pytest.approx(-V * (1.0 - 0.01 * np.linspace(-3.0, 3.0, 7)))
+    case = assemble_case({}, {"schedule.speed": -V}, KeyLocations("none"), Path(), "back")
+    [speed] = find_uncertain_inputs(case, ("schedule.speed",))[0]
+    assert (speed.low, speed.high, speed.is_near_bound) == (-1000.0, -5e-324, False)
+    assert speed.value_at(np.linspace(-3.0, 3.0, 7)) == pytest.approx(-V * (1.0 - 0.01 * np.linspace(-3.0, 3.0, 7)))
 
 
 @pytest.mark.parametrize(("turn", "said"), [(1, 0), (0, 1)])
 def test_track_memory_is_called_idle_only_where_road_never_comes_again(turn, said):
     given = {"schedule.repetitions": 3, "schedule.turn": turn, "schedule.distance": 0.2, "numerics.mesh": 0.4}
-    assert len(remarks(assemble({}, given | {"effects": ["track_memory"]}, Places("none"), Path(), "shuttle"))) == said
+    assert len(describe_inactive_effects(assemble_case({}, given | {"effects": ["track_memory"]}, KeyLocations("none"), Path(), "shuttle"))) == said
 
 
 def test_what_belongs_to_the_block_stays_where_it_is(lab):
@@ -286,13 +286,13 @@ def test_cameras_see_the_wake_on_the_side_where_it_is(lab):
 
 
 def test_a_turn_divides_the_repetition():
-    course = Course.of((0.0, 1.0, 3.0, 4.0), (0.1, 0.1, -0.1, -0.1))
-    plan = Schedule(course.speed, constant(1e5), 0.25, 4, 5.0, heading=course.heading, turns=course.turns, turn=2)
+    course = SpeedProfile.from_signed_speeds((0.0, 1.0, 3.0, 4.0), (0.1, 0.1, -0.1, -0.1))
+    plan = Schedule(course.speed, constant_series(1e5), 0.25, 4, 5.0, heading=course.heading, turns=course.turns, turn=2)
     assert course.turns == (2.0,)
     assert [p.direction for p in plan.phases if p.sliding] == [
         1, 1, -1, -1, 1, 1, -1, -1, -1, -1, 1, 1, -1, -1, 1, 1
     ]  # fmt: skip
-    assert plan.returns
+    assert plan.has_return_pass
     assert plan.directions == {1, -1}
     for p in plan.phases:
         if p.sliding and p.leg_before:
@@ -301,7 +301,7 @@ def test_a_turn_divides_the_repetition():
 
 
 def test_resting_between_forward_and_back_turns_once(lab):
-    course = Course.of((0.0, 1.0, 2.0, 3.0, 4.0), (-0.1, 0.0, 0.0, 0.1, 0.1))
+    course = SpeedProfile.from_signed_speeds((0.0, 1.0, 2.0, 3.0, 4.0), (-0.1, 0.0, 0.0, 0.1, 0.1))
     assert (course.heading, course.turns) == (-1, (2.0,))
     run = lab.case(
         schedule__speed=[[0.0, 0.0], [0.1, 0.1], [1.0, 0.1], [1.1, 0.0], [1.5, 0.0], [1.6, -0.1], [3.0, -0.1]],

@@ -12,26 +12,26 @@ import pytest
 from flashtemp.camera import recording as recordings
 from flashtemp.camera.camera_classes import CAMERA_CLASSES
 from flashtemp.camera.image_screening import (
-    flickering_lines,
-    outlying_pixels,
+    find_flickering_lines,
+    find_outlying_pixels,
     screen_recording,
-    shutter_events,
+    find_shutter_events,
 )
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
-from flashtemp.comparison.campaign import View
+from flashtemp.comparison.campaign import RecordingEntry
 from flashtemp.comparison.line_noise import LineNoise
-from flashtemp.comparison.noise import Noise, beyond_stated, noise, unwhiten, whiten
+from flashtemp.comparison.noise import NoiseLevels, raise_stated_noise, estimate_noise, unwhiten, whiten
 from flashtemp.comparison.screening import screen_campaign
 from flashtemp.discovery.estimation.camera_error_columns import (
-    FAMILIES,
-    NONE,
-    USUAL,
+    CAMERA_ERROR_SCALES,
+    NO_CAMERA_ERRORS,
+    USUAL_CAMERA_ERRORS,
     camera_columns,
     smooth_maps,
     wiener_modes,
 )
-from flashtemp.discovery.estimation.linear_gaussian import Block, System, gram_matrices
+from flashtemp.discovery.estimation.linear_gaussian import DataBlock, LinearSystem, gram_matrices
 from flashtemp.discovery.estimation.nuisance_priors import is_camera_gain, scale_priors
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction.prediction import Observable
@@ -69,21 +69,21 @@ def test_clean_recordings_raise_less_than_one_false_alarm_in_a_hundred_fields():
         if k % 3 == 0:
             made = replace(made, temperature=np.round(made.temperature, 1))
         found = screen_recording(made)
-        masked += int(found.bad.sum()) + int(found.frozen.sum()) + len(found.shutter_events)
+        masked += int(found.bad_pixels.sum()) + int(found.frozen.sum()) + len(found.shutter_events)
     assert masked <= 4  # of 600 families of tests at a rate of 0.01 each, 12 would be nine standard deviations
 
 
 def test_computed_frames_are_returned_as_they_are():
     made = recorded(scene(), None, noisy=False)
     found = screen_recording(made)
-    assert found.words == ""
-    assert found.applied(made) is made
+    assert found.summary == ""
+    assert found.apply_to(made) is made
 
 
 def test_points_are_no_image():
     places = SimpleNamespace()
     made = SimpleNamespace(temperature=np.zeros((5, 1, 3)), places=places)
-    assert screen_recording(made).words == ""
+    assert screen_recording(made).summary == ""
 
 
 def test_stuck_flickering_and_off_level_pixels_are_masked_and_no_others():
@@ -99,10 +99,10 @@ def test_stuck_flickering_and_off_level_pixels_are_masked_and_no_others():
     assert found.stuck[12:14, 30:32].all()
     assert found.off_level[off]
     assert found.flickering[flickering]
-    assert found.bad.sum() == 7
-    masked = found.applied(recorded(T, rng, noisy=False)).temperature
-    assert np.isnan(masked[:, found.bad]).all()
-    assert np.isfinite(masked[:, ~found.bad]).all()
+    assert found.bad_pixels.sum() == 7
+    masked = found.apply_to(recorded(T, rng, noisy=False)).temperature
+    assert np.isnan(masked[:, found.bad_pixels]).all()
+    assert np.isfinite(masked[:, ~found.bad_pixels]).all()
 
 
 @pytest.mark.parametrize("kind", ["stuck", "off level", "flickering"])
@@ -126,7 +126,7 @@ def test_a_real_hot_spot_and_a_real_hot_line_stay():
     spot = np.exp(-0.5 * ((j - 12) ** 2 + (i - 30) ** 2) / 0.75**2)
     line = np.exp(-0.5 * (j - 18) ** 2 / 0.75**2)
     T = scene(20) + 5.0 * (spot + line) * np.sqrt(np.arange(20) / 20)[:, None, None]
-    assert not screen_recording(recorded(T, rng, psf_sigma_px=0.7)).bad.any()
+    assert not screen_recording(recorded(T, rng, psf_sigma_px=0.7)).bad_pixels.any()
 
 
 def test_repeated_frames_are_left_out_and_shutter_events_found():
@@ -138,22 +138,22 @@ def test_repeated_frames_are_left_out_and_shutter_events_found():
     found = screen_recording(made)
     assert np.flatnonzero(found.frozen).tolist() == [8]
     assert found.shutter_events == (9,)
-    assert found.applied(made).frames == 19
+    assert found.apply_to(made).frames == 19
 
 
 def test_heat_that_sets_in_is_no_shutter_event():
     rng = np.random.default_rng(6)
     T = np.where(np.arange(20)[:, None, None] < 10, 20.0, scene(20)) + rng.normal(0.0, SIGMA, (20, 24, 60))
-    assert len(shutter_events(T, recorded(T, rng, noisy=False), SIGMA)) == 0
+    assert len(find_shutter_events(T, recorded(T, rng, noisy=False), SIGMA)) == 0
 
 
 def test_outlying_residuals_are_rejected_and_what_a_model_misses_is_not():
     rng = np.random.default_rng(7)
     left = rng.normal(0.0, SIGMA, (10, 30, 60)) + 0.5 * np.exp(-np.arange(60) / 3.0)  # a peak along one edge
-    assert not outlying_pixels(left).any()
+    assert not find_outlying_pixels(left).any()
     left[:, 10, 20] += 0.5
     left[::3, 20, 40] += 1.0
-    assert np.argwhere(outlying_pixels(left)).tolist() == [[10, 20], [20, 40]]
+    assert np.argwhere(find_outlying_pixels(left)).tolist() == [[10, 20], [20, 40]]
 
 
 # --- the class of a camera ------------------------------------------------------------------------------
@@ -183,7 +183,7 @@ def test_a_campaign_is_screened_and_says_so_in_one_line_per_recording():
     rng = np.random.default_rng(15)
     clean, T = recorded(scene(10), rng), scene(10) + rng.normal(0.0, SIGMA, (10, 24, 60))
     T[:, 12] = 25.0
-    views = (View("clean.nc", clean), View("row.nc", recorded(T, rng, noisy=False)))
+    views = (RecordingEntry("clean.nc", clean), RecordingEntry("row.nc", recorded(T, rng, noisy=False)))
     made, found = screen_campaign(campaign.Campaign("", ROOT, (), views, (), ROOT))
     assert found == {"row.nc": "left out 1 bad row"}
     assert made.views[0] is views[0]
@@ -191,7 +191,7 @@ def test_a_campaign_is_screened_and_says_so_in_one_line_per_recording():
 
 
 # --- noise of lines ---------------------------------------------------------------------------------------
-def covariance(known, n: Noise):
+def covariance(known, n: NoiseLevels):
     """Of all known values, dense."""
     k, j, i = np.nonzero(known)
     same, row, column = ((a[:, None] == a).astype(float) for a in (k, j, i))
@@ -205,7 +205,7 @@ def covariance(known, n: Noise):
 def test_noise_of_rows_or_columns_is_whitened_exactly_with_pixels_missing(lines):
     known = np.ones((3, 4, 5), bool)
     known[:, 1, 2] = known[:, 3] = known[:, 0, 0] = False
-    n = Noise(SIGMA, 0.03, (), None, lines)
+    n = NoiseLevels(SIGMA, 0.03, (), None, lines)
     count = int(known.sum())
     W = np.empty((count, count))
     for k, unit in enumerate(np.eye(count)):
@@ -225,8 +225,8 @@ def test_components_of_the_three_dimensional_noise_model_are_estimated_and_chanc
         sizes = ((rows, (nv, 1)), (columns, (nu,)), (frame_rows, (n, nv, 1)), (frame_columns, (n, 1, nu)))
         return rng.normal(0.0, SIGMA, shape) + sum(s * rng.normal(size=where) for s, where in sizes)
 
-    assert all(noise(field(0, 0, 0, 0), SIGMA, None).lines.is_none for _ in range(20))
-    found = noise(field(0.04, 0.03, 0.02, 0.02), SIGMA, None).lines
+    assert all(estimate_noise(field(0, 0, 0, 0), SIGMA, None).lines.is_none for _ in range(20))
+    found = estimate_noise(field(0.04, 0.03, 0.02, 0.02), SIGMA, None).lines
     sizes = [found.rows, found.columns, found.frame_rows, found.frame_columns]
     # a MAD of 38 rows scatters by 1/sqrt(2 * 0.37 * 38 / 2) = 27 %, of 20 times as many values by 6 %
     assert sizes[:2] == pytest.approx([0.04, 0.03], rel=0.8)
@@ -237,11 +237,11 @@ def test_stated_noise_is_raised_to_what_frames_show_and_by_coarse_digits():
     rng = np.random.default_rng(16)
     values = rng.normal(20.0, SIGMA, (20, 24, 60))
     made = recorded(values, rng, noisy=False)
-    stated = Noise(SIGMA, 0.0)
-    assert beyond_stated(stated, made, values - 20.0) == stated
-    assert beyond_stated(replace(stated, white=0.03), made, values - 20.0).white == pytest.approx(SIGMA, rel=0.05)
+    stated = NoiseLevels(SIGMA, 0.0)
+    assert raise_stated_noise(stated, made, values - 20.0) == stated
+    assert raise_stated_noise(replace(stated, white=0.03), made, values - 20.0).white == pytest.approx(SIGMA, rel=0.05)
     coarse = replace(made, temperature=np.round(values / 0.1) * 0.1)
-    found = beyond_stated(stated, coarse, coarse.temperature - 20.0)
+    found = raise_stated_noise(stated, coarse, coarse.temperature - 20.0)
     assert found.white == pytest.approx(np.hypot(SIGMA, 0.1 / np.sqrt(12.0)), rel=1e-3)
 
 
@@ -277,18 +277,18 @@ def test_an_error_that_the_model_spans_is_absorbed_and_only_at_a_size_that_is_no
     F = np.stack([own[p].ravel() for p in names], axis=1) / SIGMA
     size = 0.003 if kind is Kind.MAP else 1.0
     error = F @ (size * rng.normal(size=F.shape[1]))
-    block = Block("a", 0, False, error, np.zeros((len(error), 0), np.float32),
-                  tuple((p.within(0, "a"), k) for k, p in enumerate(names)), F, gram_matrices([F])[0])  # fmt: skip
-    system = System([block])
+    block = DataBlock("a", 0, False, error, np.zeros((len(error), 0), np.float32),
+                  tuple((p.with_scope(0, "a"), k) for k, p in enumerate(names)), F, gram_matrices([F])[0])  # fmt: skip
+    system = LinearSystem([block])
     priors = {p: (0.0, size) for p in system.names}
     found = system.solve(priors)
     dense = np.eye(len(error)) + size**2 * F.astype(float) @ F.T.astype(float)
     free = system.solve({p: (0.0, 1e4 * size) for p in system.names})
-    assert system.left(free)[0] < 1e-6 * float(error @ error)
+    assert system.block_chi2(free)[0] < 1e-6 * float(error @ error)
     expected = -0.5 * (error @ np.linalg.solve(dense, error) + np.linalg.slogdet(dense)[1])
     assert found.ln_evidence == pytest.approx(expected, rel=1e-6)
-    assert system.evidence(priors)(np.full(len(names), size)) == pytest.approx(expected, rel=1e-6)
-    assert system.evidence(priors)(np.zeros(len(names))) == pytest.approx(-0.5 * error @ error)
+    assert system.evidence_function(priors)(np.full(len(names), size)) == pytest.approx(expected, rel=1e-6)
+    assert system.evidence_function(priors)(np.zeros(len(names))) == pytest.approx(-0.5 * error @ error)
 
 
 def test_evidence_by_elimination_equals_that_of_the_whole_matrix():
@@ -297,12 +297,12 @@ def test_evidence_by_elimination_equals_that_of_the_whole_matrix():
     blocks = []
     for number, file in enumerate("abc"):
         C = rng.normal(size=(40, 4))
-        own = tuple((p.within(number, file), k) for k, p in enumerate(names))
-        blocks.append(Block(file, number, False, rng.normal(size=40), C, own, np.zeros((40, 0)), np.zeros((0, 0))))
-    system = System(blocks)
+        own = tuple((p.with_scope(number, file), k) for k, p in enumerate(names))
+        blocks.append(DataBlock(file, number, False, rng.normal(size=40), C, own, np.zeros((40, 0)), np.zeros((0, 0))))
+    system = LinearSystem(blocks)
     priors = {p: (0.1, 0.5) for p in system.names}
-    sd = np.array([priors[p][1] for p in system.known(priors)])
-    assert system.evidence(priors)(sd) == pytest.approx(system.solve(priors).ln_evidence, rel=1e-12)
+    sd = np.array([priors[p][1] for p in system.known_columns(priors)])
+    assert system.evidence_function(priors)(sd) == pytest.approx(system.solve(priors).ln_evidence, rel=1e-12)
 
 
 def test_an_ideal_camera_has_the_priors_that_it_had():
@@ -313,9 +313,9 @@ def test_an_ideal_camera_has_the_priors_that_it_had():
     priors = dict.fromkeys([*names, low, high], (0.0, 1.0))
     assert not is_camera_gain(low)
     assert is_camera_gain(high)
-    assert scale_priors(priors, 1.0, 1e-3, NONE) == {low: (0.0, 1.0)}
-    assert scale_priors(priors, 1.0, 1e-3, USUAL).keys() == priors.keys()
-    assert all(sizes[0] == 0.0 for sizes in FAMILIES.values())
+    assert scale_priors(priors, 1.0, 1e-3, NO_CAMERA_ERRORS) == {low: (0.0, 1.0)}
+    assert scale_priors(priors, 1.0, 1e-3, USUAL_CAMERA_ERRORS).keys() == priors.keys()
+    assert all(sizes[0] == 0.0 for sizes in CAMERA_ERROR_SCALES.values())
 
 
 def _residual(rng, heat=0.0, flicker=0.0, slow=0.0):
@@ -332,12 +332,12 @@ def _residual(rng, heat=0.0, flicker=0.0, slow=0.0):
 @pytest.mark.parametrize("seed", range(5))
 def test_a_line_that_flickers_is_found_at_the_edge_of_an_image_too(seed):
     left = _residual(np.random.default_rng(seed), flicker=1.4)
-    assert flickering_lines(left, 2, 0.05) == (18,)
-    assert flickering_lines(left, 1, 0.05) == ()
+    assert find_flickering_lines(left, 2, 0.05) == (18,)
+    assert find_flickering_lines(left, 1, 0.05) == ()
 
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("missed", [{}, {"heat": 1.4}, {"slow": 4.0}], ids=["noise", "heat", "slow"])
 def test_what_a_model_misses_is_no_line_that_flickers(seed, missed):
     left = _residual(np.random.default_rng(seed), **missed)
-    assert flickering_lines(left, 1, 0.05) == () == flickering_lines(left, 2, 0.05)
+    assert find_flickering_lines(left, 1, 0.05) == () == find_flickering_lines(left, 2, 0.05)

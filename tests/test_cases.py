@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from flashtemp.model.case import assemble, load
-from flashtemp.model.case_file import Places
+from flashtemp.model.case import assemble_case, load_case
+from flashtemp.model.case_file import KeyLocations
 from flashtemp.solver.march import march
 
 CASES = Path(__file__).parents[1] / "cases"
@@ -77,7 +77,7 @@ def all_checks():
 
 def run_of(folder, overrides):
     """The run of a case, computed once for every effective case."""
-    case = load(folder, overrides)
+    case = load_case(folder, overrides)
     key = (folder.name, case.toml())
     if key not in RUNS:
         run = RUNS[key] = march(case.scene, case.settings, case.title)
@@ -222,11 +222,11 @@ def faults(check, axis, values):
 # --- tests ----------------------------------------------------------------------------------------
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda f: f.name)
 def test_case_is_valid_and_says_what_to_expect(folder):
-    case = load(folder)
-    again = assemble(tomllib.loads(case.toml()), {}, Places("effective case"), folder, folder.name)
+    case = load_case(folder)
+    again = assemble_case(tomllib.loads(case.toml()), {}, KeyLocations("effective case"), folder, folder.name)
     assert again.toml() == case.toml()
     short, checks = expectations(folder)
-    assert load(folder, short)
+    assert load_case(folder, short)
     assert checks, "no expectations: add an expected.toml with at least one [[check]]"
     assert not [(check.get("says"), wrong) for check in checks if (wrong := misprints(check))]
 

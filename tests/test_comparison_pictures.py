@@ -10,9 +10,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex, to_rgb
 
 from flashtemp.camera.recording import Recording
-from flashtemp.comparison.campaign import Campaign, Force, View
-from flashtemp.comparison.compare import Comparison, Pulling, Seeing
-from flashtemp.comparison.noise import Noise, lag_one, structured, whiten
+from flashtemp.comparison.campaign import Campaign, LoadCellEntry, RecordingEntry
+from flashtemp.comparison.compare import Comparison, ForceComparison, RecordingComparison
+from flashtemp.comparison.noise import NoiseLevels, lag1_autocorrelation, largest_structured_residual, whiten
 from flashtemp.viz import comparison as draw
 from flashtemp.viz import residuals, theme
 
@@ -30,7 +30,7 @@ RUN = SimpleNamespace(
 
 def seeing(view="sidewall", level=None, extra=0.0, file="side.nc", seed=1, **given):
     """A comparison made by hand: noise, one dead pixel, an outer column not compared, `extra` K in the fifth frame."""
-    level = level or Noise(0.05, 0.02, ("pattern",))
+    level = level or NoiseLevels(0.05, 0.02, ("pattern",))
     nv = {"sidewall": 9, "wake": 14, "profile": 1}[view]
     rng, shape = np.random.default_rng(seed), (len(TIME), nv, 20)
     u = 1e-3 * np.arange(20) + (0.0265 if view == "wake" else 0.0005)
@@ -45,8 +45,8 @@ def seeing(view="sidewall", level=None, extra=0.0, file="side.nc", seed=1, **giv
     residual[:, :, 0] = np.nan
     sigmas = whiten(residual, level)
     good = np.isfinite(residual)
-    return Seeing(
-        view=View(file, recording, given, 0.05),
+    return RecordingComparison(
+        view=RecordingEntry(file, recording, given, 0.05),
         predicted=predicted,
         residual=residual,
         sigmas=sigmas,
@@ -58,8 +58,8 @@ def seeing(view="sidewall", level=None, extra=0.0, file="side.nc", seed=1, **giv
         bias_K=float(np.mean(residual[good])),
         chi2_per_dof=float(np.mean(sigmas[good] ** 2)),
         pixels=int(good.sum()),
-        largest=structured(residual, level, recording),
-        correlation={name: lag_one(sigmas, axis) for axis, name in ((2, "u"), (1, "v"), (0, "time"))},
+        largest=largest_structured_residual(residual, level, recording),
+        correlation={name: lag1_autocorrelation(sigmas, axis) for axis, name in ((2, "u"), (1, "v"), (0, "time"))},
     )
 
 
@@ -69,8 +69,8 @@ def pulling(bias=0.0, file="mu.csv"):
     predicted = 0.9 - 0.01 * np.sqrt(time)
     off = np.where((time > 4.05) & (time < 7.95), np.nan, bias + 0.005 * np.random.default_rng(2).normal(size=111))
     mu = np.where(np.isfinite(off), predicted + off, 0.0)
-    return Pulling(
-        Force(file, tuple(time), tuple(mu), {}, 0.005), predicted, off, 0.005, float(np.sqrt(np.nanmean(off**2))),
+    return ForceComparison(
+        LoadCellEntry(file, tuple(time), tuple(mu), {}, 0.005), predicted, off, 0.005, float(np.sqrt(np.nanmean(off**2))),
         float(np.nanmean(off)), float(np.nanmean((off / 0.005) ** 2)), {"time": (0.01, 0.1)},
     )  # fmt: skip
 
@@ -118,11 +118,11 @@ def band(ax):
 @pytest.mark.parametrize("view", ["sidewall", "wake"])
 def test_images_are_those_of_the_comparison_and_masked_where_nothing_is_compared(view):
     s = seeing(view, extra=1.0)
-    fig = draw.images(s, RUN)
+    fig = draw.draw_images(s, RUN)
     shown = [2, 4, 5]  # end of sliding of both repetitions, and the largest difference
-    assert list(draw.frames(s, RUN)) == shown
+    assert list(draw.choose_frames(s, RUN)) == shown
     for k, axes in zip(shown, rows(fig, 3), strict=True):
-        wanted = s.view.recording.temperature[k], s.predicted[k], s.residual[k], s.in_sigma[k]
+        wanted = s.view.recording.temperature[k], s.predicted[k], s.residual[k], s.sigma_residual[k]
         hidden = np.isnan(s.residual[k])
         assert hidden[DEAD]
         assert hidden[:, 0].all()
@@ -145,7 +145,7 @@ def test_images_are_those_of_the_comparison_and_masked_where_nothing_is_compared
 
 def test_measured_and_computed_share_colours_and_differences_are_centred():
     s = seeing(extra=1.0)
-    shown = rows(draw.images(s, RUN), 3)
+    shown = rows(draw.draw_images(s, RUN), 3)
     heat = {(ax.images[0].norm.vmin, ax.images[0].norm.vmax, ax.images[0].cmap.name) for ax in shown[:, :2].ravel()}
     assert len(heat) == 1
     low, high, _ = heat.pop()
@@ -154,7 +154,7 @@ def test_measured_and_computed_share_colours_and_differences_are_centred():
     kelvin = {(ax.images[0].norm.vmin, ax.images[0].norm.vmax) for ax in shown[:, 2]}
     (limits,) = kelvin
     assert -limits[0] == limits[1] >= abs(s.largest.K)
-    assert {(ax.images[0].norm.vmin, ax.images[0].norm.vmax) for ax in shown[:, 3]} == {(-draw.CLIP, draw.CLIP)}
+    assert {(ax.images[0].norm.vmin, ax.images[0].norm.vmax) for ax in shown[:, 3]} == {(-draw.MAX_COLOUR_SIGMA, draw.MAX_COLOUR_SIGMA)}
 
 
 def test_a_wild_pixel_does_not_take_the_colours():
@@ -162,23 +162,23 @@ def test_a_wild_pixel_does_not_take_the_colours():
     wild = s.view.recording.temperature.copy()
     wild[5, 7, 7] = 500.0
     wild = replace(s, view=replace(s.view, recording=replace(s.view.recording, temperature=wild)))
-    assert rows(draw.images(wild, RUN), len(draw.frames(wild, RUN)))[0, 0].images[0].norm.vmax < 40.0
+    assert rows(draw.draw_images(wild, RUN), len(draw.choose_frames(wild, RUN)))[0, 0].images[0].norm.vmax < 40.0
 
 
 def test_dead_pixels_are_grey_on_the_page():
     s = seeing()
-    fig = draw.images(s, RUN)
+    fig = draw.draw_images(s, RUN)
     page = render(fig)
     r = s.view.recording
-    for ax in rows(fig, len(draw.frames(s, RUN))).ravel():
+    for ax in rows(fig, len(draw.choose_frames(s, RUN))).ravel():
         column, row = ax.transData.transform((1e3 * r.u[DEAD[1]], 1e3 * r.v[DEAD[0]]))
         colour = page[len(page) - 1 - round(row), round(column)] / 255
-        np.testing.assert_allclose(colour, to_rgb(draw.MASKED), atol=0.01)
+        np.testing.assert_allclose(colour, to_rgb(draw.MASKED_COLOUR), atol=0.01)
 
 
 def test_the_square_marks_the_largest_difference_in_its_frame_only():
     s = seeing(extra=1.0)
-    shown = rows(draw.images(s, RUN), 3)
+    shown = rows(draw.draw_images(s, RUN), 3)
     assert [[len(ax.patches) for ax in line] for line in shown] == [[0] * 4, [0, 0, 1, 1], [0] * 4]
     square = shown[1, 2].patches[0]
     middle = square.get_x() + square.get_width() / 2, square.get_y() + square.get_height() / 2
@@ -188,14 +188,14 @@ def test_the_square_marks_the_largest_difference_in_its_frame_only():
 
 def test_without_the_run_the_hottest_frames_are_shown():
     s = seeing(extra=1.0)
-    assert list(draw.frames(s)) == [3, 4, 5]  # 8 s is a wait, but nobody says so
-    assert draw.frames(replace(s, largest=None)) == {3: "hottest frame", 5: "hottest frame"}
-    assert draw.frames(s, RUN)[2] == "last frame of sliding"
+    assert list(draw.choose_frames(s)) == [3, 4, 5]  # 8 s is a wait, but nobody says so
+    assert draw.choose_frames(replace(s, largest=None)) == {3: "hottest frame", 5: "hottest frame"}
+    assert draw.choose_frames(s, RUN)[2] == "last frame of sliding"
 
 
 def test_a_profile_is_drawn_as_lines_with_the_noise_of_one_pixel():
     s = seeing("profile", extra=1.0)
-    fig = draw.images(s, RUN)
+    fig = draw.draw_images(s, RUN)
     render(fig)
     above, below = np.array(fig.axes).reshape(2, 3)
     for k, curves, off in zip((2, 4, 5), above, below, strict=True):
@@ -212,19 +212,19 @@ def test_a_profile_is_drawn_as_lines_with_the_noise_of_one_pixel():
 # --- means and their bands --------------------------------------------------------------------------
 @pytest.mark.parametrize("kept", [0, 1, 2, None])
 def test_the_standard_error_of_a_mean_is_that_of_simulated_noise(kept):
-    rng, level = np.random.default_rng(0), Noise(0.05, 0.04)
+    rng, level = np.random.default_rng(0), NoiseLevels(0.05, 0.04)
     gone = rng.random((6, 4, 5)) < 0.2
     means = []
     for _ in range(1500):
         noise = level.white * rng.normal(size=(6, 4, 5)) + level.pattern * rng.normal(size=(4, 5))
-        values, error = residuals.mean(np.where(gone, np.nan, noise), level, kept)
+        values, error = residuals.mean_residual(np.where(gone, np.nan, noise), level, kept)
         means.append(values)
     np.testing.assert_allclose(np.std(means, axis=0), error, rtol=0.08)
 
 
 def test_means_are_drawn_with_twice_their_error_and_red_beyond():
-    s = seeing("wake", Noise(0.05, 0.0), extra=1.0)
-    fig = draw.along(s, RUN)
+    s = seeing("wake", NoiseLevels(0.05, 0.0), extra=1.0)
+    fig = draw.draw_mean_residuals(s, RUN)
     render(fig)
     x, z, time, repetition = fig.axes
     for ax, kept, at in ((x, 2, 1e3 * s.view.recording.u), (z, 1, 1e3 * s.view.recording.v), (time, 0, TIME)):
@@ -235,47 +235,47 @@ def test_means_are_drawn_with_twice_their_error_and_red_beyond():
         np.testing.assert_allclose(edge[1:-1], at[some])
         np.testing.assert_allclose(half[1:-1], 2 * 0.05 / np.sqrt(n[some]))
         out = some & (np.abs(values) > 2 * 0.05 / np.sqrt(np.maximum(n, 1)))
-        np.testing.assert_allclose(dots(ax, residuals.BEYOND), np.stack([at[out], values[out]], axis=1))
+        np.testing.assert_allclose(dots(ax, residuals.BEYOND_COLOUR), np.stack([at[out], values[out]], axis=1))
         assert f"{out.sum()} of {some.sum()} beyond noise" in ax.get_title(loc="left")
     second = s.residual[4:]
-    assert dots(repetition, residuals.BEYOND)[-1].tolist() == pytest.approx([2, np.nanmean(second)])
+    assert dots(repetition, residuals.BEYOND_COLOUR)[-1].tolist() == pytest.approx([2, np.nanmean(second)])
     np.testing.assert_allclose(band(repetition)[1][-1], 2 * 0.05 / np.sqrt(np.isfinite(second).sum()))
 
 
 def test_white_noise_stays_in_the_band():
     inside = []
     for seed in range(6):
-        fig = draw.along(seeing("wake", Noise(0.05, 0.03), seed=seed))
-        inside += [(len(dots(ax, residuals.BEYOND)), len(dots(ax, theme.AMBIENT))) for ax in fig.axes[:2]]
+        fig = draw.draw_mean_residuals(seeing("wake", NoiseLevels(0.05, 0.03), seed=seed))
+        inside += [(len(dots(ax, residuals.BEYOND_COLOUR)), len(dots(ax, theme.AMBIENT_COLOUR))) for ax in fig.axes[:2]]
     out, within = np.sum(inside, axis=0)
     assert 0.01 < out / (out + within) < 0.12
 
 
 def test_waits_are_shaded_and_a_profile_has_no_second_direction():
-    fig = draw.along(seeing("profile"), RUN)
+    fig = draw.draw_mean_residuals(seeing("profile"), RUN)
     render(fig)
     assert len(fig.axes) == 3
     wait = fig.axes[1].patches[0]
     assert (wait.get_x(), wait.get_x() + wait.get_width()) == (4.0, 8.0)
     labels = [ax.get_xlabel() for ax in fig.axes] + [fig.get_supylabel()]
     assert all("(" in text and ")" in text for text in labels), labels
-    assert not draw.along(seeing("profile")).axes[1].patches
+    assert not draw.draw_mean_residuals(seeing("profile")).axes[1].patches
 
 
 # --- friction and overview --------------------------------------------------------------------------
 def test_friction_is_drawn_over_the_time_slid_without_waits():
     p = pulling(bias=0.02)
-    fig = draw.force(p)
+    fig = draw.draw_friction(p)
     render(fig)
     above, below = fig.axes
     on = np.isfinite(p.residual)
-    seen = dots(above, residuals.MEASURED)
+    seen = dots(above, residuals.MEASURED_COLOUR)
     np.testing.assert_array_equal(seen[:, 1], np.array(p.force.mu)[on])
     np.testing.assert_allclose(np.diff(seen[:, 0]), 0.1)
-    computed = [i.get_ydata() for i in above.lines if to_hex(i.get_color()) == to_hex(residuals.COMPUTED)]
+    computed = [i.get_ydata() for i in above.lines if to_hex(i.get_color()) == to_hex(residuals.COMPUTED_COLOUR)]
     assert len(computed) == 2  # one piece per repetition
     np.testing.assert_array_equal(np.concatenate(computed), p.predicted[on])
-    red, grey = dots(below, residuals.BEYOND), dots(below, theme.AMBIENT)
+    red, grey = dots(below, residuals.BEYOND_COLOUR), dots(below, theme.AMBIENT_COLOUR)
     assert len(red) == (np.abs(p.residual[on]) > 0.01).sum()
     assert len(red) + len(grey) == on.sum()
     assert below.patches[0].get_height() == pytest.approx(0.02)
@@ -284,7 +284,7 @@ def test_friction_is_drawn_over_the_time_slid_without_waits():
 def test_overview_holds_every_number():
     s, p = [seeing(extra=1.0), seeing("wake", file="wake.nc")], [pulling(0.02)]
     s[1] = replace(s[1], view=replace(s[1].view, held_out=True))
-    fig = draw.summary(comparison(s, p))
+    fig = draw.draw_summary(comparison(s, p))
     render(fig)
     left, right, low_left, _ = fig.axes
     drawn = {i.get_label(): i.get_xdata() for i in left.lines}
@@ -294,17 +294,17 @@ def test_overview_holds_every_number():
     assert [t.get_text() for t in left.get_yticklabels()] == ["side.nc", "wake.nc (held out)"]
     assert right.lines[-1].get_xdata().tolist() == [i.chi2_per_dof for i in s]
     assert {i.get_label(): i.get_xdata() for i in low_left.lines}["RMSE"].tolist() == [p[0].rmse]
-    assert len(draw.summary(comparison([], p)).axes) == 2
-    assert "(K)" in draw.summary(comparison(s, [])).axes[0].get_xlabel()
+    assert len(draw.draw_summary(comparison([], p)).axes) == 2
+    assert "(K)" in draw.draw_summary(comparison(s, [])).axes[0].get_xlabel()
 
 
 def test_odd_names_and_empty_comparisons_are_drawn():
     s = seeing(file="price_$5_$x^.nc", **{"contact.pressure": 1.5e5, "schedule.speed": "speed.csv"})
-    assert "contact pressure 0.15 MPa, speed speed.csv" in draw.images(s)._suptitle.get_text()
-    render(draw.along(s))
+    assert "contact pressure 0.15 MPa, speed speed.csv" in draw.draw_images(s)._suptitle.get_text()
+    render(draw.draw_mean_residuals(s))
     nothing = np.full_like(s.residual, np.nan)
     empty = replace(s, residual=nothing, sigmas=nothing, largest=None)
-    render(draw.images(empty))
-    render(draw.along(empty))
+    render(draw.draw_images(empty))
+    render(draw.draw_mean_residuals(empty))
     p = pulling()
-    render(draw.force(replace(p, residual=np.full_like(p.residual, np.nan))))
+    render(draw.draw_friction(replace(p, residual=np.full_like(p.residual, np.nan))))

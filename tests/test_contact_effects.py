@@ -14,17 +14,17 @@ from scipy.special import j0, jn_zeros, jv
 from flashtemp.errors import BadInput
 from flashtemp.meshes.grading import geometric
 from flashtemp.meshes.mesh import Mesh
-from flashtemp.model.case import assemble
-from flashtemp.model.case_file import Places
-from flashtemp.model.numerics import Settings, choose
-from flashtemp.model.scene import Acting
-from flashtemp.physics.effect import Effect, Factor, find
+from flashtemp.model.case import assemble_case
+from flashtemp.model.case_file import KeyLocations
+from flashtemp.model.numerics import SolverSettings, choose_binding
+from flashtemp.model.scene import ActiveEffect
+from flashtemp.physics.effect import Effect, Factor, find_effect
 from flashtemp.physics.material import LIBRARY
 from flashtemp.physics.quantities import KELVIN
-from flashtemp.solver.balance import Balance
+from flashtemp.solver.balance import HeatBalance
 from flashtemp.solver.march import march
-from flashtemp.solver.progress import Progress
-from flashtemp.solver.system import System
+from flashtemp.solver.progress import MarchState
+from flashtemp.solver.system import PhaseSystem
 
 RUBBER, ROAD, STONE = (LIBRARY[name] for name in ("tread_rubber", "asphalt", "granite"))
 L, D, S = 0.025, 1e-5, 0.05
@@ -36,7 +36,7 @@ QUICK = {
 
 def acting(name, **values):
     """An effect for `lab.scene`, defaults unless told."""
-    return find(name)(), values
+    return find_effect(name)(), values
 
 
 def block_on_road(height=2e-3, levels=6, finest=2e-6):
@@ -48,19 +48,19 @@ def block_on_road(height=2e-3, levels=6, finest=2e-6):
 def sides(lab, effect, speed=0.1):
     """What an effect adds to the rubber's side and to the road's, m2 K/W, by the laws alone."""
     scene = lab.scene(block_on_road(), effect, speed=speed)
-    laws, now = Balance(scene).laws, scene.moment(scene.schedule.phases[0], scene.schedule.end)
+    laws, now = HeatBalance(scene).laws, scene.moment(scene.schedule.phases[0], scene.schedule.end)
     now = now._replace(x=np.zeros(1), local_pressure=np.full(1, 1e5))
     return tuple(laws(f"contact.{name}", 0.0, None, now) for name in ("micro_resistance", "resistance"))
 
 
 def at_the_end(lab, scene):
     """Fluxes at the end of a slide and the worn depth (columns,) m, with all that the state says."""
-    balance = Balance(scene)
-    y = balance.initial()
-    state = Progress(t=0.0, phase=0, y=y, left=-np.array(balance.stored(y)))
-    assert march(scene, Settings(choose(None), 1e-7, profiles=4), state=state).energy_imbalance < lab.LEAK
-    system = System(balance, scene.schedule.phases[-1])
-    return system.contact(system.moment(scene.schedule.end), state.y).flux, balance.worn_depth(state.y)
+    balance = HeatBalance(scene)
+    y = balance.initial_state()
+    state = MarchState(t=0.0, phase=0, y=y, removed_heat=-np.array(balance.stored_heat(y)))
+    assert march(scene, SolverSettings(choose_binding(None), 1e-7, profiles=4), state=state).energy_imbalance < lab.LEAK
+    system = PhaseSystem(balance, scene.schedule.phases[-1])
+    return system.solve_contact(system.moment(scene.schedule.end), state.y).flux, balance.worn_depth(state.y)
 
 
 # --- what is asked once ------------------------------------------------------------------------------
@@ -85,12 +85,12 @@ def test_a_contact_that_is_asked_once_is_what_it_is_at_every_moment(monkeypatch,
     """To the bit, while speed and pressure change, at the start, at rest and lifted."""
     given = {k.replace("__", "."): v for k, v in QUICK.items()} | {"schedule.lifted": lifted, "output.profiles": 4}
     given |= {"schedule.speed": [[0.0, 0.1], [0.5, 0.1], [1.0, 0.3]], "contact.pressure": [[0.0, 1e5], [0.3, 2e5]]}
-    made = assemble({"effects": [name]} if name not in ("", "warm") else {}, given, Places("none"), Path(), "asked")
+    made = assemble_case({"effects": [name]} if name not in ("", "warm") else {}, given, KeyLocations("none"), Path(), "asked")
     plain = made.scene
     if name == "warm":
-        plain = replace(plain, acting=(*plain.acting, Acting("warmed", Warmed(), SimpleNamespace())))
+        plain = replace(plain, acting=(*plain.acting, ActiveEffect("warmed", Warmed(), SimpleNamespace())))
     once = march(plain, made.settings)
-    monkeypatch.setattr(Balance, "calm", False)
+    monkeypatch.setattr(HeatBalance, "calm", False)
     always = march(plain, made.settings)
     for what in ("time", "T_block", "T_spot", "T_road", "T_wake", "pressure", "friction"):
         np.testing.assert_array_equal(getattr(once, what), getattr(always, what), err_msg=what)
@@ -283,10 +283,10 @@ def test_wear_by_the_literature_is_fourfold_in_100_K(lab, tmp_path):
     wear, values = acting("wear", rate=1e-9, energy=0.0, temperature="literature")
     values = wear.prepare({k: p.value for k, p in wear.params().items()} | values, tmp_path)
     scene = lab.scene(block_on_road(), lab.APART, lab.number("friction.mu", 0.0), (wear, values), time=0.5)
-    balance = Balance(scene)
-    system, worn = System(balance, scene.schedule.phases[0]), []
+    balance = HeatBalance(scene)
+    system, worn = PhaseSystem(balance, scene.schedule.phases[0]), []
     for warm in (0.0, 100.0):
-        y, out = balance.initial(), np.zeros(balance.size)
+        y, out = balance.initial_state(), np.zeros(balance.size)
         y[scene.mesh.block.ravel()] = warm
         system.rate(0.2, y, out)
         worn.append(out[balance.worn])

@@ -10,9 +10,9 @@ import pytest
 
 from flashtemp.discovery.criteria import CRITERIA, Criteria
 from flashtemp.discovery.decision import EffectSize
-from flashtemp.discovery.diagnostics.setup_errors import Reduced
-from flashtemp.discovery.estimation.linearised_fit import Status
-from flashtemp.discovery.estimation.nuisance_priors import GROUPS
+from flashtemp.discovery.diagnostics.setup_errors import ReducedFit
+from flashtemp.discovery.estimation.linearised_fit import FitStatus
+from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD
 from flashtemp.discovery.parameters import Kind, ParameterId
 
 TESTS = ("amplitude", "heat of", "pressure of", "calibrated", "camera and", "noise left")
@@ -28,7 +28,7 @@ def search(discovery_benchmark):
     def fit(*effects, gain=0.0, probability=1.0, size=LARGE, chi2=100.0, misfit=0.0, away=None, setup=None):
         free = {ParameterId.of_effect(e, "a"): (0.0, 1.0) for e in effects}
         return s.StoredFit(
-            model=s.StoredModel(dict.fromkeys(effects)), status=Status.CONVERGED, ln_evidence=-50.0 + gain, promise=0.0,
+            model=s.StoredModel(dict.fromkeys(effects)), status=FitStatus.CONVERGED, ln_evidence=-50.0 + gain, promise=0.0,
             chi2=chi2, count=100, effects=free, bound=frozenset(),
             largest={frozenset(): -50.0, frozenset(free): -50.0 + gain},
             probabilities={e: ((probability,), (probability,)) for e in effects},
@@ -111,8 +111,8 @@ def test_an_alternative_is_told_apart_or_not(discovery_benchmark, search):
 
 def test_errors_of_the_setup_are_judged_anew(discovery_benchmark, search):
     """A length that is off by three of its usual sizes, and by six to seven of its standard errors."""
-    usual = GROUPS[Kind.SIZE]
-    found = Reduced((LENGTH,), np.array([15.0 / usual]), np.array([[4.0 / usual**2]]), np.array([usual]))
+    usual = NUISANCE_SD[Kind.SIZE]
+    found = ReducedFit((LENGTH,), np.array([15.0 / usual]), np.array([[4.0 / usual**2]]), np.array([usual]))
     stored = search.made(setup=discovery_benchmark.stored.StoredSetup(found, found, {}), kind="null")
     assert discovery_benchmark.replay.replay(stored).record["inputs"] == ["block_length"]
     with discovery_benchmark.stored.criteria_changed(setup_standard_errors=8.0):

@@ -15,50 +15,50 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 
 from flashtemp.__main__ import main
-from flashtemp.model.case import load
+from flashtemp.model.case import load_case
 from flashtemp.physics.friction import flash_temperature, friction_curves, persson, rheology, roughness_spectrum
-from flashtemp.physics.friction.adhesive_shear import Shear
-from flashtemp.physics.friction.curve_peak import highest
+from flashtemp.physics.friction.adhesive_shear import AdhesiveShear
+from flashtemp.physics.friction.curve_peak import find_peak
 from flashtemp.physics.material import LIBRARY
 from flashtemp.viz import friction_curves as picture
 
-A, RUBBER, SPOTS = rheology.READY["A"], LIBRARY["tread_rubber"], flash_temperature.Spots(3e-3)
-ASPHALT = persson.Theory(A, roughness_spectrum.READY["asphalt A"], shear=Shear(4e6))
-CONCRETE = persson.Theory(A, roughness_spectrum.READY["concrete B"], shear=Shear(4e6))
+A, RUBBER, SPOTS = rheology.READY_RUBBERS["A"], LIBRARY["tread_rubber"], flash_temperature.ContactSpots(3e-3)
+ASPHALT = persson.PerssonTheory(A, roughness_spectrum.READY_ROADS["asphalt A"], shear=AdhesiveShear(4e6))
+CONCRETE = persson.PerssonTheory(A, roughness_spectrum.READY_ROADS["concrete B"], shear=AdhesiveShear(4e6))
 C8, C20 = 281.15, 293.15
 SLOPE = Path(__file__).parents[1] / "cases" / "slope_tester"
 
 
 @pytest.fixture(scope="module")
 def asphalt():
-    return friction_curves.curves(ASPHALT, RUBBER, SPOTS, friction_curves.SPEEDS, C20, 1.5e5)
+    return friction_curves.compute_curves(ASPHALT, RUBBER, SPOTS, friction_curves.CURVE_SPEEDS_M_S, C20, 1.5e5)
 
 
 @pytest.fixture(scope="module")
 def concrete():
-    return friction_curves.curves(CONCRETE, RUBBER, SPOTS, friction_curves.SPEEDS, C8, 1e5)
+    return friction_curves.compute_curves(CONCRETE, RUBBER, SPOTS, friction_curves.CURVE_SPEEDS_M_S, C8, 1e5)
 
 
 def test_branches_and_contact_are_the_theorys(asphalt):
     v = asphalt.speed
     np.testing.assert_allclose(v[[0, -1]], [1e-6, 10.0])
-    cold, warm = flash_temperature.branches(ASPHALT, RUBBER, SPOTS, v[::20], C20, 1.5e5)
+    cold, warm = flash_temperature.compute_branches(ASPHALT, RUBBER, SPOTS, v[::20], C20, 1.5e5)
     np.testing.assert_allclose(asphalt.cold.mu[::20], cold.mu)
     np.testing.assert_allclose(asphalt.hot.viscous[::20], warm.viscous, rtol=1e-6)
     np.testing.assert_allclose(asphalt.area, ASPHALT(v, C20, 1.5e5).area)
-    np.testing.assert_allclose(asphalt.phi, ASPHALT.contact(2 * np.pi / 3e-3, v, C20, 1.5e5))
+    np.testing.assert_allclose(asphalt.phi, ASPHALT.contact_fraction(2 * np.pi / 3e-3, v, C20, 1.5e5))
     assert asphalt.highest[-1] == pytest.approx(112.6, abs=0.1)
 
 
 def test_adhesive_part_of_the_hot_branch_feels_the_shortest_waves(asphalt):
-    found, T = flash_temperature.hot(ASPHALT, RUBBER, SPOTS, 10.0, C20, 1.5e5)
+    found, T = flash_temperature.solve_hot_branch(ASPHALT, RUBBER, SPOTS, 10.0, C20, 1.5e5)
     assert T[-1] == pytest.approx(T.max(), abs=1e-3)
     assert asphalt.hot.adhesive[-1] == pytest.approx(float(ASPHALT.shear(10.0, T[-1]) * found.area / 1.5e5), rel=1e-5)
 
 
 def test_table_over_temperature(asphalt):
     assert asphalt.mu.shape == (60, 40)
-    assert asphalt.T[0] == pytest.approx(C20 - friction_curves.COOLER)
+    assert asphalt.T[0] == pytest.approx(C20 - friction_curves.TABLE_K_BELOW)
     for v, known in ((0.1, [0.506, 0.450, 0.429, 0.357]), (1.0, [0.619, 0.494, 0.453, 0.436])):
         for T, mu in zip((20.0, 40.0, 60.0, 80.0), known, strict=True):
             at = asphalt.dataset().mu.assign_coords(speed=np.log(asphalt.speed)).interp(speed=np.log(v), temperature=T)
@@ -69,8 +69,8 @@ def test_table_over_temperature(asphalt):
     ("reach", "T0", "low", "high"), [((290.0, 300.0), C20, 290.0, 300.0), ((330.0, 340.0), C20, C20, 340.0)]
 )
 def test_table_ends_where_the_shift_factors_do(reach, T0, low, high):
-    rubber = rheology.Rubber(A.modulus, rheology.Shifts(reach, (0.0, -1.0)))
-    T = friction_curves._temperatures(persson.Theory(rubber, roughness_spectrum.READY["asphalt A"]), T0)
+    rubber = rheology.Rubber(A.modulus, rheology.MeasuredShift(reach, (0.0, -1.0)))
+    T = friction_curves._table_temperatures(persson.PerssonTheory(rubber, roughness_spectrum.READY_ROADS["asphalt A"]), T0)
     assert (T[0], T[-1]) == pytest.approx((low, high))
 
 
@@ -80,8 +80,8 @@ def test_depth_of_the_heat(asphalt):
     assert 0.5 / np.array(asphalt.depths.at(0.1)) == pytest.approx([6.6e3, 2.9e5, 1.75e6], rel=0.01)
     q = 0.5 / np.array(asphalt.depths.at(10.0))
     found = ASPHALT(10.0, C20, 1.5e5)
-    for share, cut in zip(friction_curves.SHARES, q, strict=True):
-        below = float(np.interp(cut, found.q, ASPHALT.up_to(found.density)))
+    for share, cut in zip(friction_curves.DEPTH_HEAT_FRACTIONS, q, strict=True):
+        below = float(np.interp(cut, found.q, ASPHALT.cumulative_integral(found.density)))
         assert below / float(found.viscous) == pytest.approx(share, abs=0.01)
     assert np.all(np.diff(asphalt.depths.deeper) >= 0)
     np.testing.assert_allclose(asphalt.depths.deeper[:, -1], 1.0, atol=1e-2)
@@ -90,10 +90,10 @@ def test_depth_of_the_heat(asphalt):
 
 def test_peak_of_a_parabola_in_the_logarithm():
     v = np.geomspace(1e-3, 1e1, 41)
-    top = highest(v, 0.8 - 0.05 * np.log(v / 0.0312) ** 2)
-    assert (top.at, top.value, top.edge) == pytest.approx((0.0312, 0.8, False))
-    assert highest(v, v).last
-    assert highest(v, -v).first
+    top = find_peak(v, 0.8 - 0.05 * np.log(v / 0.0312) ** 2)
+    assert (top.at, top.value, top.is_at_edge) == pytest.approx((0.0312, 0.8, False))
+    assert find_peak(v, v).last
+    assert find_peak(v, -v).first
 
 
 @pytest.mark.parametrize(
@@ -108,20 +108,20 @@ def test_peak_of_a_parabola_in_the_logarithm():
 )
 def test_constant_force_holds_the_rising_branch_only(mu, holds):
     """C9."""
-    assert friction_curves.held(np.array(mu, dtype=float)).tolist() == holds
+    assert friction_curves.held_by_slope_tester(np.array(mu, dtype=float)).tolist() == holds
 
 
 def test_a_slope_tester_on_concrete_and_on_asphalt(concrete, asphalt):
     """C9: below the maximum; all of it where the maximum does not lie inside."""
     for branch in concrete.branches.values():
-        top = highest(concrete.speed, branch.mu)
-        on = friction_curves.held(branch.mu)
+        top = find_peak(concrete.speed, branch.mu)
+        on = friction_curves.held_by_slope_tester(branch.mu)
         assert 0.02 < top.at < 0.5
         assert np.all(on[concrete.speed < 0.9 * top.at])
         assert not np.any(on[concrete.speed > 1.2 * top.at])
-    assert highest(asphalt.speed, asphalt.cold.mu).last
-    assert friction_curves.held(asphalt.cold.mu).all()
-    assert not highest(asphalt.speed, asphalt.hot.mu).edge
+    assert find_peak(asphalt.speed, asphalt.cold.mu).last
+    assert friction_curves.held_by_slope_tester(asphalt.cold.mu).all()
+    assert not find_peak(asphalt.speed, asphalt.hot.mu).is_at_edge
     assert asphalt.as_dict()["maximum"].keys() == {"cold", "hot"}
     assert asphalt.as_dict()["maximum"]["hot"].keys() == {"speed", "mu"}
     text = str(concrete)
@@ -131,18 +131,18 @@ def test_a_slope_tester_on_concrete_and_on_asphalt(concrete, asphalt):
 
 @pytest.mark.parametrize(("v", "says"), [([3.0, 10.0], "holds none of it"), ([1e-6, 1e-4], "reaches all of it")])
 def test_words_for_branches_without_a_maximum(v, says):
-    found = friction_curves.curves(CONCRETE, RUBBER, SPOTS, np.geomspace(*v, 8), C8, 1e5)
+    found = friction_curves.compute_curves(CONCRETE, RUBBER, SPOTS, np.geomspace(*v, 8), C8, 1e5)
     assert f"{says}" in str(found)
     assert found.as_dict()["maximum"]["cold"] is None
 
 
 def test_shift_moves_the_ridge(concrete):
     """C10: the maximum of the viscoelastic part moves by the factor that is told, with temperature in the table too."""
-    plain = friction_curves.curves(
-        persson.Theory(A, CONCRETE.road), RUBBER, SPOTS, np.geomspace(1e-6, 1e3, 80), C8, 1e5
+    plain = friction_curves.compute_curves(
+        persson.PerssonTheory(A, CONCRETE.road), RUBBER, SPOTS, np.geomspace(1e-6, 1e3, 80), C8, 1e5
     )
-    v = plain.ridge()
-    at = np.exp(np.interp([C8, C8 + friction_curves.STEP], plain.T, np.log(v)))
+    v = plain.peak_speeds()
+    at = np.exp(np.interp([C8, C8 + friction_curves.SHIFT_STEP_K], plain.T, np.log(v)))
     assert at[1] / at[0] == pytest.approx(plain.shift[0], rel=0.05)
     assert plain.shift[1] is None
     assert concrete.shift == pytest.approx((240, 171), rel=0.01)
@@ -157,10 +157,10 @@ def test_ridge_is_unknown_where_the_maximum_is_outside(asphalt):
 def test_remarks_tell_what_lies_outside(asphalt, concrete):
     assert not asphalt.remarks
     assert ["contact fractions up to" in r for r in concrete.remarks] == [True]
-    short = rheology.Measured((1e-4, 1e4), (1e7, 1e8), (2e6, 5e7))
-    rubber = rheology.Rubber(short, rheology.Shifts((283.15, 303.15), (1.0, -1.0)))
-    said = friction_curves.curves(
-        persson.Theory(rubber, ASPHALT.road), RUBBER, SPOTS, np.geomspace(1e-2, 10, 5), C20, 1.5e5
+    short = rheology.MeasuredModulus((1e-4, 1e4), (1e7, 1e8), (2e6, 5e7))
+    rubber = rheology.Rubber(short, rheology.MeasuredShift((283.15, 303.15), (1.0, -1.0)))
+    said = friction_curves.compute_curves(
+        persson.PerssonTheory(rubber, ASPHALT.road), RUBBER, SPOTS, np.geomspace(1e-2, 10, 5), C20, 1.5e5
     ).remarks
     assert any("beyond the master curve" in r for r in said)
     assert any("hot branch reaches" in r for r in said)
@@ -200,7 +200,7 @@ def test_the_folder_holds_curves_table_numbers_and_picture(results):
 
 @pytest.mark.long
 def test_the_folder_holds_a_case_that_gives_the_same(results, tmp_path):
-    assert load(results)["contact.pressure"] == 2e5
+    assert load_case(results)["contact.pressure"] == 2e5
     assert main(["friction", str(results), "--out", str(tmp_path / "again")]) == 0
     assert (tmp_path / "again" / "friction.csv").read_text() == (results / "friction.csv").read_text()
 
@@ -209,7 +209,7 @@ def test_the_folder_holds_a_case_that_gives_the_same(results, tmp_path):
 def test_files_of_the_case_come_along(tmp_path):
     q = np.geomspace(250.0, 1e6, 20)
     np.savetxt(
-        tmp_path / "C.csv", np.c_[q, roughness_spectrum.READY["asphalt A"](q)], delimiter=",", header="q,C", comments=""
+        tmp_path / "C.csv", np.c_[q, roughness_spectrum.READY_ROADS["asphalt A"](q)], delimiter=",", header="q,C", comments=""
     )
     (tmp_path / "case.toml").write_text(
         'effects = ["persson_friction"]\n[contact]\npressure = [[0.0, 1e5], [5.0, 3e5]]\n'
@@ -218,7 +218,7 @@ def test_files_of_the_case_come_along(tmp_path):
     out = tmp_path / "out"
     assert main(["friction", str(tmp_path), "--fastest", "1", "--out", str(out)]) == 0
     assert tomllib.loads((out / "case.toml").read_text())["persson_friction"]["spectrum"].startswith("inputs/")
-    assert load(out)
+    assert load_case(out)
     assert json.loads((out / "friction.json").read_text())["pressure_Pa"] == 3e5
 
 
@@ -305,7 +305,7 @@ FOUND = {
     "concrete": (CONCRETE, C8, 1e5, (1e-6, 10.0)),
     "asphalt": (ASPHALT, C20, 1.5e5, (1e-6, 10.0)),
     "hot": (ASPHALT, 393.15, 1.5e5, (1e-3, 1.0)),
-    "falling": (persson.Theory(A, CONCRETE.road), C8, 1e5, (3.0, 10.0)),
+    "falling": (persson.PerssonTheory(A, CONCRETE.road), C8, 1e5, (3.0, 10.0)),
 }
 
 
@@ -313,7 +313,7 @@ FOUND = {
 @pytest.mark.sample("hot")
 def test_picture_has_units_and_no_overlaps(name):
     theory, T0, p, ends = FOUND[name]
-    fig = picture.draw(friction_curves.curves(theory, RUBBER, SPOTS, np.geomspace(*ends, 30), T0, p), name)
+    fig = picture.draw(friction_curves.compute_curves(theory, RUBBER, SPOTS, np.geomspace(*ends, 30), T0, p), name)
     canvas = FigureCanvasAgg(fig)
     canvas.draw()
     renderer = canvas.get_renderer()
@@ -337,10 +337,10 @@ def test_picture_has_units_and_no_overlaps(name):
 def test_picture_tells_what_no_tester_holds(concrete, asphalt):
     def drawn(found, style):
         ax = picture.draw(found, "x").axes[0]
-        lines = [i for i in ax.lines if to_hex(i.get_color()) == to_hex(picture.COLD) and i.get_linewidth() > 1.0]
+        lines = [i for i in ax.lines if to_hex(i.get_color()) == to_hex(picture.COLD_COLOUR) and i.get_linewidth() > 1.0]
         return next(i.get_ydata() for i in lines if (i.get_linestyle() == "-") == (style == "full"))
 
-    top = highest(concrete.speed, concrete.cold.mu)
+    top = find_peak(concrete.speed, concrete.cold.mu)
     full, dashed = drawn(concrete, "full"), drawn(concrete, "dashed")
     assert concrete.speed[np.isfinite(full)].max() <= 1.2 * top.at
     assert concrete.speed[np.isfinite(dashed)].min() >= 0.8 * top.at

@@ -6,25 +6,25 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flashtemp.discovery.criteria import CRITERIA, Criteria, table
-from flashtemp.discovery.decision import AdequacyTest, Alternative, EffectSize, Evidence, decide
+from flashtemp.discovery.criteria import CRITERIA, Criteria, list_criteria
+from flashtemp.discovery.decision import AdequacyTest, AlternativeCause, EffectSize, VerdictEvidence, decide
 from flashtemp.discovery.diagnostics.effect_size import camera_fraction
-from flashtemp.discovery.hypotheses.candidates import Candidate
-from flashtemp.physics.effect import find
+from flashtemp.discovery.hypotheses.candidates import CandidateEffect
+from flashtemp.physics.effect import find_effect
 
 SEEN = EffectSize(rise_fraction=0.045, change_K=0.1, mesh_error_K=0.002)
 QUIET = (AdequacyTest("noise left over", 0.9, 1.0),)
-CAUSE = Evidence(
+CAUSE = VerdictEvidence(
     is_converged=True, base_certainly_misfits=False, causes=("pressure_tilt",), ln_bayes=58.0,
     ln_bayes_discrepancy=50.0, heldout_gain=43.0, size=SEEN, adequacy=QUIET,
 )  # fmt: skip
-NOTHING = Evidence(is_converged=True, base_certainly_misfits=False, adequacy=QUIET)
+NOTHING = VerdictEvidence(is_converged=True, base_certainly_misfits=False, adequacy=QUIET)
 
 
 def test_a_plain_cause_is_named_whatever_an_rms_does():
     """ln Bayes factor 58 and left-out data likelier by 43; an rms that moved in its last digit is no evidence at all."""
     assert decide(CAUSE).kind == "named"
-    assert not any("rms" in f for f in Evidence.__dataclass_fields__)
+    assert not any("rms" in f for f in VerdictEvidence.__dataclass_fields__)
 
 
 def test_nothing_missing_is_an_answer():
@@ -47,8 +47,8 @@ def test_nothing_missing_is_an_answer():
         ({"size": EffectSize(4e-3, change_K=0.001, mesh_error_K=0.01)}, "weak"),
         ({"size": EffectSize(8e-4, change_K=0.01, mesh_error_K=0.1, camera_fraction=0.03)}, "named"),
         ({"size": EffectSize(8e-4, change_K=0.01, camera_fraction=8e-4)}, "none_needed"),
-        ({"alternatives": (Alternative(frozenset({"edge_pressure"}), 2.0),)}, "group"),
-        ({"alternatives": (Alternative(frozenset({"edge_pressure"}), 20.0),)}, "named"),
+        ({"alternatives": (AlternativeCause(frozenset({"edge_pressure"}), 2.0),)}, "group"),
+        ({"alternatives": (AlternativeCause(frozenset({"edge_pressure"}), 20.0),)}, "named"),
         ({"is_hint": True, "ln_bayes": 6.0, "ln_bayes_discrepancy": 6.0}, "weak"),
     ],
 )
@@ -77,21 +77,21 @@ def test_a_verdict_that_is_not_certain_says_why():
 
 
 def test_members_of_a_group_are_the_accepted_and_the_other():
-    other = Alternative(frozenset({"edge_pressure", "wear"}), 1.0)
+    other = AlternativeCause(frozenset({"edge_pressure", "wear"}), 1.0)
     found = decide(replace(CAUSE, causes=("pressure_tilt", "wear"), ln_bayes=90.0, alternatives=(other,)))
     assert found.kind == "group"
     assert set(found.group) == {"pressure_tilt", "edge_pressure"}
 
 
 def _candidate(name, strength, optical):
-    return Candidate(name, find(name).params(), {strength: 1.0}, {}, optical)
+    return CandidateEffect(name, find_effect(name).params(), {strength: 1.0}, {}, optical)
 
 
 def test_an_error_of_the_camera_is_as_large_as_what_it_shows_however_well_others_imitate_it():
     """A camera reads 1 K too high where pixels are 0 and 10 K warm; calibrated again hardly anything is left of it."""
     offset, tilt = _candidate("camera_offset", "offset", True), _candidate("pressure_tilt", "a", False)
     warm = np.array([[[20.0, 30.0]], [[20.0, 30.0]]])  # frames, rows, columns
-    names = ((offset.column("offset"), 0), (tilt.column("a"), 0))
+    names = ((offset.strength_column("offset"), 0), (tilt.strength_column("a"), 0))
     block = SimpleNamespace(label="a", names=names, C=np.full((4, 1), 20.0))  # 1 K in units of the noise
     data = SimpleNamespace(
         known={"a": np.ones((2, 2), bool)}, sigmas={}, kelvin=lambda label, c: 0.05 * c.reshape(2, 2)
@@ -120,7 +120,7 @@ def test_left_out_data_speak_against_a_true_cause_once_in_forty_times_at_most():
 
 
 def test_there_are_at_most_forty_numbers_and_each_says_what_it_is():
-    rows = table()
+    rows = list_criteria()
     assert len(rows) == len(Criteria.__dataclass_fields__) <= 40
     for name, value, unit, meaning, reason in rows:
         assert np.isfinite(value), name

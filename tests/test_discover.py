@@ -25,18 +25,18 @@ import pytest
 
 from flashtemp.__main__ import main
 from flashtemp.comparison import campaign
-from flashtemp.comparison.twin import SEALED, Plan, twin
+from flashtemp.comparison.twin import SEALED_TRUTH, SyntheticPlan, make_synthetic_campaign
 from flashtemp.discovery import engine
 from flashtemp.discovery.diagnostics.verdict_sentences import ADEQUACY_WORDS
 from flashtemp.discovery.estimation import fitting, whitening
-from flashtemp.discovery.parameters import SHIFTS, ParameterId
+from flashtemp.discovery.parameters import SHIFT_KINDS, ParameterId
 from flashtemp.discovery.prediction import prediction
-from flashtemp.discovery.verdict import KINDS
+from flashtemp.discovery.verdict import VERDICT_KINDS
 from flashtemp.errors import BadInput
-from flashtemp.model.case import load
-from flashtemp.physics.effect import catalogue, find
-from flashtemp.showing import finite
-from flashtemp.viz.verdict_parts import structure
+from flashtemp.model.case import load_case
+from flashtemp.physics.effect import catalogue, find_effect
+from flashtemp.showing import make_json_safe
+from flashtemp.viz.verdict_parts import count_rare_tests
 
 CASE = Path(__file__).parents[1] / "cases" / "uniform_pressure"
 SMALL = {
@@ -112,12 +112,12 @@ def make(hidden: Hidden, folder: Path, scale: float = 1.0, brief: bool = False) 
         SMALL | (BRIEF if brief else {}) | hidden.more | ({"effects": list(hidden.effects)} if hidden.effects else {})
     )
     for name, own in hidden.effects.items():
-        for k, p in find(name).params().items():
+        for k, p in find_effect(name).params().items():
             if p.off is not None and isinstance(p.value, (int, float)):
                 given[f"{name}.{k}"] = p.off + scale * (own.get(k, p.off) - p.off)
-    out = twin(load(CASE, given), Plan(tuple(hidden.effects), hidden.seed, conditions=2, sliding=2), folder / "lab")
-    shutil.move(out / SEALED, folder / "sealed.json")
-    (out / SEALED).parent.rmdir()
+    out = make_synthetic_campaign(load_case(CASE, given), SyntheticPlan(tuple(hidden.effects), hidden.seed, conditions=2, sliding=2), folder / "lab")
+    shutil.move(out / SEALED_TRUTH, folder / "sealed.json")
+    (out / SEALED_TRUTH).parent.rmdir()
     return out
 
 
@@ -186,7 +186,7 @@ def work_through(job: tuple[str, str, bool]) -> str:
         except BadInput as fault:
             (folder / "refused.txt").write_text(str(fault))
             return f"{name}: refused: {fault}"
-        (folder / "verdict.json").write_text(json.dumps(finite(verdict.as_dict()), default=float))
+        (folder / "verdict.json").write_text(json.dumps(make_json_safe(verdict.as_dict()), default=float))
     return row(name, opened(folder), time.process_time() - began)
 
 
@@ -197,7 +197,7 @@ def opened(folder: Path) -> SimpleNamespace:
     for c in verdict["candidates"]:
         if c["effect"] in truth["hidden"] and isinstance(c["detectable"], float):
             k = c["parameter"].split(".")[1]
-            off = find(c["effect"]).params()[k].off
+            off = find_effect(c["effect"]).params()[k].off
             z[c["effect"]] = 5.0 * abs(truth["hidden"][c["effect"]][k] - off) / c["detectable"]
     names = [c["effect"] for c in verdict["causes"]]
     brief = len(verdict["candidates"]) == len(FEW)
@@ -278,13 +278,13 @@ def check_friction(found):
 
 def check_parameter(found, effect):
     """The first strength within four standard errors, or a tenth, of what was hidden."""
-    k = next(k for k, p in find(effect).params().items() if p.off is not None)
+    k = next(k for k, p in find_effect(effect).params().items() if p.off is not None)
     value, true = parameters(found)[f"{effect}.{k}"], found.truth["hidden"][effect][k]
     assert abs(value["value"] - true) < max(4 * value["stderr"], 0.1 * abs(true))
     low, high = value["ci95"]
     assert low <= value["value"] <= high
     assert value["stderr"] > 0
-    assert value["unit"] == find(effect).params()[k].unit
+    assert value["unit"] == find_effect(effect).params()[k].unit
 
 
 @pytest.mark.parametrize("name", each(ONE))
@@ -376,8 +376,8 @@ def test_road_under_a_block_that_slides_to_and_fro_is_found_to_remember(tmp_path
     """Lifted and slid back at once: edges in the wake, and evidence that jumps with the steps, left this unexplained."""
     given = {"schedule.turn": 1, "schedule.repetitions": 4, "schedule.distance": 0.2, "schedule.wait": 0.0}
     given |= {"schedule.lifted": True, "road.track_length": 3.5, "numerics.mesh": 1.0}
-    lab = twin(load(CASE, given), Plan(("track_memory",), 3, conditions=1), tmp_path / "lab")
-    hidden = json.loads((lab / SEALED).read_text())["hidden"]["track_memory"]["strength"]
+    lab = make_synthetic_campaign(load_case(CASE, given), SyntheticPlan(("track_memory",), 3, conditions=1), tmp_path / "lab")
+    hidden = json.loads((lab / SEALED_TRUTH).read_text())["hidden"]["track_memory"]["strength"]
     verdict, _ = engine.discover(campaign.load(lab))
     assert (verdict.kind, [c.effect for c in verdict.causes]) == ("named", ["track_memory"])
     [strength] = verdict.causes[0].parameters
@@ -451,7 +451,7 @@ def test_verdict_holds_the_contract(found):
     now = vars(found(BY_COMMAND))
     for key, kind in CONTRACT.items():
         assert isinstance(now[key], kind), key
-    assert now["verdict"] in KINDS
+    assert now["verdict"] in VERDICT_KINDS
     for c in now["causes"]:
         for key, kind in {"effect": str, "words": str, "parameters": dict}.items():
             assert isinstance(c[key], kind), key
@@ -481,8 +481,8 @@ def test_tests_for_structure_are_of_what_the_maps_show(found):
     now = found(BY_COMMAND)
     p = {stage: [t for t in now.diagnostics if t["stage"] == stage] for stage in ("before", "after")}
     assert min(t["p"] for t in p["before"] if "sidewall" in t["where"] and "neighbours" in t["name"]) <= 0.01
-    assert structure([SimpleNamespace(**t) for t in p["before"]])[1]
-    assert not structure([SimpleNamespace(**t) for t in p["after"]])[1]
+    assert count_rare_tests([SimpleNamespace(**t) for t in p["before"]])[1]
+    assert not count_rare_tests([SimpleNamespace(**t) for t in p["after"]])[1]
 
 
 @pytest.mark.parametrize("name", each([*NONE, *OUTSIDE]))
@@ -490,7 +490,7 @@ def test_verdicts_without_a_cause_hold_the_contract_too(found, name):
     now = vars(found(name))
     for key, kind in CONTRACT.items():
         assert isinstance(now[key], kind) or (key in ("extended", "extended_case") and not now["causes"]), key
-    assert now["verdict"] in KINDS
+    assert now["verdict"] in VERDICT_KINDS
 
 
 def test_the_extended_case_runs(found, tmp_path):
@@ -519,8 +519,8 @@ def tiny(tmp_path_factory):
     """One condition, side wall only, nothing hidden; the image is known to 0.5 px and stands 1 px further off."""
     folder = tmp_path_factory.mktemp("tiny")
     (folder / "case.toml").write_text("")
-    out = twin(load(folder / "case.toml", TINY), Plan((), 41, 1, ("sidewall",), 3), folder / "lab")
-    told, truth = campaign.load(out), json.loads((out / SEALED).read_text())
+    out = make_synthetic_campaign(load_case(folder / "case.toml", TINY), SyntheticPlan((), 41, 1, ("sidewall",), 3), folder / "lab")
+    told, truth = campaign.load(out), json.loads((out / SEALED_TRUTH).read_text())
     [view] = told.views
     r = view.recording
     moved = replace(r, u=r.u - OFF * r.pitch[0], v=r.v - OFF * r.pitch[1], registration_sigma_px=0.5)
@@ -538,7 +538,7 @@ def check_calibration(base, truth):
     file, drawn = "condition1_sidewall.nc", truth["recordings"]["condition1"]["sidewall"]["shift"]
     shift = base.model.shift(file)
     for axis in (0, 1):
-        name = ParameterId(SHIFTS[axis], file=file)
+        name = ParameterId(SHIFT_KINDS[axis], file=file)
         assert abs(shift[axis] + base.solution[name] - drawn[axis] - OFF) < 4 * base.solution.sd(name), name
 
 
@@ -587,7 +587,7 @@ def test_a_fit_that_ran_out_of_simulations_gives_no_verdict(tiny, monkeypatch, t
     monkeypatch.setattr(fitting, "MAX_EVALUATIONS", 0)
     monkeypatch.setattr(fitting, "NEGLIGIBLE_GAIN", 0.0)
     verdict, search = engine.discover(replace(tiny[0], candidates=FEW[:1]), workers=1)
-    told = finite(verdict.as_dict())
+    told = make_json_safe(verdict.as_dict())
     assert (told["verdict"], told["causes"]) == ("no_verdict", [])
     assert told["certificate"]["converged"] is False
     assert "did not converge" in told["says"][0]

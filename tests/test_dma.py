@@ -9,7 +9,7 @@ import pytest
 
 from flashtemp.errors import BadInput
 from flashtemp.physics.friction import master_curve_files
-from flashtemp.physics.friction.rheology import WLF, ColeCole, Shifts
+from flashtemp.physics.friction.rheology import WLF, ColeCole, MeasuredShift
 
 DATA = Path(__file__).parent / "data"
 LAW = ColeCole(3e6, 1e9, 0.5, 1e-6)
@@ -48,7 +48,7 @@ FORMATS = {
 @pytest.mark.parametrize("name", FORMATS)
 def test_one_curve_from_every_file(name, encoding, tmp_path):
     (tmp_path / "curve.txt").write_text(FORMATS[name], encoding=encoding)
-    found = master_curve_files.read_master("curve.txt", tmp_path, "k")
+    found = master_curve_files.read_master_curve("curve.txt", tmp_path, "k")
     assert found.omega == pytest.approx(2 * np.pi * F, rel=1e-7)
     assert found.storage == pytest.approx(E.real, rel=1e-7)
     assert found.loss == pytest.approx(E.imag, rel=1e-7)
@@ -56,7 +56,7 @@ def test_one_curve_from_every_file(name, encoding, tmp_path):
 
 def test_rows_of_a_case_are_sorted_and_repeated_frequencies_averaged():
     rows = [[100.0, 4e6, 2e5], [10.0, 1e6, 1e5], [10.0, 4e6, 4e5], [1.0, 1e6, 1e5]]
-    found = master_curve_files.read_master(rows, Path("."), "k")
+    found = master_curve_files.read_master_curve(rows, Path("."), "k")
     assert found.omega == pytest.approx((1.0, 10.0, 100.0))
     assert found.storage == pytest.approx((1e6, 2e6, 4e6))
     assert found.loss == pytest.approx((1e5, 2e5, 2e5))
@@ -65,23 +65,23 @@ def test_rows_of_a_case_are_sorted_and_repeated_frequencies_averaged():
 def test_old_encoding_and_poisson(tmp_path):
     head = "f;G';G'';T\nHz;MPa;MPa;°C\n"
     (tmp_path / "a.csv").write_bytes((head + "1;1;0.1;20\n2;1;0.1;20\n3;1;0.1;20\n").encode("latin-1"))
-    assert master_curve_files.read_master("a.csv", tmp_path, "k", None, 0.25).storage == pytest.approx([2.5e6] * 3)
+    assert master_curve_files.read_master_curve("a.csv", tmp_path, "k", None, 0.25).storage == pytest.approx([2.5e6] * 3)
 
 
 def test_measured_files():
     """Units line below the names, byte order mark, temperatures that drift by some 0.1 K within a sweep."""
-    master = master_curve_files.read_master("pyvisco_master.csv", DATA, "k")
+    master = master_curve_files.read_master_curve("pyvisco_master.csv", DATA, "k")
     assert master.omega[0] / (2e-12 * np.pi) == pytest.approx(1.0)
     assert (master.storage[0], master.loss[0]) == pytest.approx((88.79651575665739e6, 10.502460140936773e6))
     assert len(master.omega) == 58
     shift = master_curve_files.read_shift("pyvisco_shift.csv", DATA, "s")
-    assert shift.reach == pytest.approx((223.15, 373.15))
+    assert shift.valid_range == pytest.approx((223.15, 373.15))
     assert np.log10(shift(268.15)) == pytest.approx(0.0, abs=1e-12)
     sweeps = master_curve_files.read_sweeps("pyvisco_raw.csv", DATA, "k")
     assert np.array(sweeps.temperatures) - 273.15 == pytest.approx((-49.91, -42.45, -34.92), abs=0.01)
-    raw = master_curve_files.read_master("pyvisco_raw.csv", DATA, "k", shift)
-    assert raw.reach[0] == pytest.approx(0.2 * np.pi * shift(273.15 - 34.96), rel=0.2)
-    assert raw.reach[1] == pytest.approx(200 * np.pi * shift(273.15 - 49.9912), rel=1e-9)
+    raw = master_curve_files.read_master_curve("pyvisco_raw.csv", DATA, "k", shift)
+    assert raw.valid_range[0] == pytest.approx(0.2 * np.pi * shift(273.15 - 34.96), rel=0.2)
+    assert raw.valid_range[1] == pytest.approx(200 * np.pi * shift(273.15 - 49.9912), rel=1e-9)
 
 
 def raw_sweeps(tmp_path, name="raw.csv"):
@@ -95,27 +95,27 @@ def raw_sweeps(tmp_path, name="raw.csv"):
 
 def test_sweeps_fall_on_the_master_curve(tmp_path):
     raw_sweeps(tmp_path)
-    found = master_curve_files.read_master("raw.csv", tmp_path, "k", SHIFT)
-    assert found.reach == pytest.approx((0.2 * np.pi * SHIFT(313.15), 200 * np.pi * SHIFT(253.15)), rel=1e-6)
-    omega = np.geomspace(*found.reach, 300)
+    found = master_curve_files.read_master_curve("raw.csv", tmp_path, "k", SHIFT)
+    assert found.valid_range == pytest.approx((0.2 * np.pi * SHIFT(313.15), 200 * np.pi * SHIFT(253.15)), rel=1e-6)
+    omega = np.geomspace(*found.valid_range, 300)
     assert found(omega) == pytest.approx(LAW(omega), rel=3e-3)
     sweeps = master_curve_files.read_sweeps("raw.csv", tmp_path, "k")
-    assert sweeps.scatter(SHIFT) < 2e-3 < 0.2 < sweeps.scatter(None)
-    table = Shifts(T := tuple(np.arange(250.0, 320.0, 2.5)), tuple(np.log10(SHIFT(np.array(T)))))
-    assert master_curve_files.read_master("raw.csv", tmp_path, "k", table)(omega) == pytest.approx(LAW(omega), rel=5e-3)
+    assert sweeps.rms_scatter(SHIFT) < 2e-3 < 0.2 < sweeps.rms_scatter(None)
+    table = MeasuredShift(T := tuple(np.arange(250.0, 320.0, 2.5)), tuple(np.log10(SHIFT(np.array(T)))))
+    assert master_curve_files.read_master_curve("raw.csv", tmp_path, "k", table)(omega) == pytest.approx(LAW(omega), rel=5e-3)
 
 
 def test_sweeps_need_the_right_shift(tmp_path):
     f, storage, loss, T = raw_sweeps(tmp_path)
     with pytest.raises(BadInput, match="-20 to 40 degC without a shift; give WLF"):
-        master_curve_files.read_master("raw.csv", tmp_path, "k", None)
-    wrong = Shifts((250.0, 320.0), tuple(-np.log10(SHIFT(np.array([250.0, 320.0])))))
+        master_curve_files.read_master_curve("raw.csv", tmp_path, "k", None)
+    wrong = MeasuredShift((250.0, 320.0), tuple(-np.log10(SHIFT(np.array([250.0, 320.0])))))
     with pytest.raises(BadInput, match="decades apart once shifted"):
-        master_curve_files.read_master("raw.csv", tmp_path, "k", wrong)
+        master_curve_files.read_master_curve("raw.csv", tmp_path, "k", wrong)
     reduced = f * SHIFT(T + 273.15)
     (tmp_path / "done.csv").write_text(lines("f,E',E'',T\nHz,MPa,MPa,degC\n", (reduced, storage, loss, T), ","))
     with pytest.raises(BadInput, match="leave out the temperatures if the frequencies are reduced already"):
-        master_curve_files.read_master("done.csv", tmp_path, "k", SHIFT)
+        master_curve_files.read_master_curve("done.csv", tmp_path, "k", SHIFT)
 
 
 def test_shift_factors(tmp_path):
@@ -151,7 +151,7 @@ def test_shift_factors(tmp_path):
 def test_wrong_files_are_told_by_line_and_column(text, says, tmp_path):
     (tmp_path / "x.csv").write_text(text)
     with pytest.raises(BadInput, match=says) as told:
-        master_curve_files.read_master("x.csv", tmp_path, "friction.master")
+        master_curve_files.read_master_curve("x.csv", tmp_path, "friction.master")
     assert str(told.value).startswith("friction.master: x.csv:")
     assert "\n" not in str(told.value)
 
@@ -171,7 +171,7 @@ def test_wrong_files_are_told_by_line_and_column(text, says, tmp_path):
 )
 def test_wrong_rows(source, says, tmp_path):
     with pytest.raises(BadInput, match=says):
-        master_curve_files.read_master(source, tmp_path, "k")
+        master_curve_files.read_master_curve(source, tmp_path, "k")
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,8 @@ import pytest
 
 from flashtemp.cli.commands import app
 from flashtemp.discovery.criteria import Criteria
-from flashtemp.discovery.verdict import KINDS
-from flashtemp.model.schema import declared
+from flashtemp.discovery.verdict import VERDICT_KINDS
+from flashtemp.model.schema import declared_params
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
@@ -112,7 +112,7 @@ def test_flow_chart_of_discovery_names_modules_that_exist(monkeypatch):
 def test_guide_says_what_to_do_with_every_kind_of_verdict():
     guide = (ROOT / "docs" / "how_to" / "discovery_guide.md").read_text(encoding="utf-8")
     rows = guide.partition("## What to do next")[2].partition("\n## ")[0]
-    assert set(re.findall(r"^\| `(\w+)`", rows, re.MULTILINE)) == set(KINDS)
+    assert set(re.findall(r"^\| `(\w+)`", rows, re.MULTILINE)) == set(VERDICT_KINDS)
 
 
 def test_glossary_is_sorted_and_names_keys_and_commands_that_exist():
@@ -127,7 +127,7 @@ def test_glossary_is_sorted_and_names_keys_and_commands_that_exist():
     ]
     assert len(keys) > 50
     for table, _, key in (k.rpartition(".") for k in keys):
-        assert key in declared(table), f"{table}.{key}"
+        assert key in declared_params(table), f"{table}.{key}"
     for command in {p.split()[1] for p in places if p.startswith("flashtemp ")}:
         assert command in app, command
 

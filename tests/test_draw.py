@@ -12,7 +12,7 @@ import pytest
 
 import flashtemp
 from flashtemp.__main__ import main
-from flashtemp.errors import Incomplete
+from flashtemp.errors import IncompleteResult
 from flashtemp.runs.finished import open_run
 
 CASE = """title = "small"
@@ -127,7 +127,7 @@ def test_fields_of_a_run_whose_pictures_failed_lie_beside_its_checkpoint(case, t
     with monkeypatch.context() as m:
         m.setattr("flashtemp.runs.processes.cores", lambda: 1)  # a second process would know nothing of what follows
         m.setattr("flashtemp.viz.field.draw", lambda run: 1 / 0)
-        with pytest.raises(Incomplete, match=r"missing in .*field.png \(ZeroDivisionError: division by zero\)"):
+        with pytest.raises(IncompleteResult, match=r"missing in .*field.png \(ZeroDivisionError: division by zero\)"):
             flashtemp.simulate(case, {"output.vtk": False, "output.animation": False}, out=tmp_path / "a")
     assert not (tmp_path / "a" / "field.png").exists()
     assert tmp_path / "a" / "field.png" in flashtemp.draw(tmp_path / "a").files

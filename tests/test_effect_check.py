@@ -11,11 +11,11 @@ import pytest
 import flashtemp
 from flashtemp.__main__ import main
 from flashtemp.errors import BadInput
-from flashtemp.physics.own_effects import read
+from flashtemp.physics.own_effects import read_effect
 from flashtemp.runs.effect_check import balance, battery
-from flashtemp.runs.effect_check.battery import examine
-from flashtemp.runs.effect_check.scenes import Bench, Trial
-from flashtemp.runs.effect_check.source import unit_fault
+from flashtemp.runs.effect_check.battery import run_all_checks
+from flashtemp.runs.effect_check.scenes import SceneCache, EffectUnderTest
+from flashtemp.runs.effect_check.source import find_unit_fault
 
 DOCS = Path(__file__).parents[1] / "docs" / "how_to" / "effects.md"
 SOUND = '''"""Friction falls as the contact warms.
@@ -79,13 +79,13 @@ BROKEN = {  # what is written instead, where it is told, and in which words
     "import": ("import numpy as np\n", "import numpy as np\nimport pytest\n", "imports", "own.py:10: imports pytest; .*numpy"),
 }  # fmt: skip
 
-ALONE = {look.__name__: lambda trial, bench, look=look: look(trial) for look in battery.FILE}  # spares the runs
-ALONE |= {"off": battery.off, "acts": lambda trial, bench: balance.acts(bench, trial)}
+ALONE = {look.__name__: lambda trial, bench, look=look: look(trial) for look in battery.FILE_CHECKS}  # spares the runs
+ALONE |= {"off": battery.check_off, "acts": lambda trial, bench: balance.check_default_change(bench, trial)}
 
 
 @pytest.fixture(scope="module")
 def bench():
-    return Bench()
+    return SceneCache()
 
 
 @pytest.fixture
@@ -95,9 +95,9 @@ def look(tmp_path, bench):
     def at(text: str, values=(), only: str = ""):
         file = tmp_path / "own.py"
         file.write_text(text, encoding="utf-8")
-        trial = Trial("own", read(file), dict(values))
+        trial = EffectUnderTest("own", read_effect(file), dict(values))
         if only not in ALONE:
-            return {f.name: f for f in examine(trial, bench)}
+            return {f.name: f for f in run_all_checks(trial, bench)}
         return {only: ALONE[only](trial, bench)}
 
     return at
@@ -212,9 +212,9 @@ def test_values_that_cannot_be(tmp_path):
     "unit", ["1", "m2/N", "W/m2K/(m/s)^0.8", "rad/(N m)", "rad/s, Pa, Pa", "J/kgK", "mm", "1/(K s)"]
 )
 def test_units(unit):
-    assert unit_fault(unit) is None
+    assert find_unit_fault(unit) is None
 
 
 @pytest.mark.parametrize("unit", ["C", "%", "watts", "W/m²K", "m/sec", "°C"])
 def test_units_that_nobody_else_writes(unit):
-    assert "write" in unit_fault(unit)
+    assert "write" in find_unit_fault(unit)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from flashtemp.errors import BadInput
-from flashtemp.model.case import load
+from flashtemp.model.case import load_case
 from flashtemp.physics.effect import catalogue
 from flashtemp.solver.march import march
 
@@ -54,7 +54,7 @@ def values(effects, way: str) -> dict:
 def hold_to_physics(given: dict) -> str:
     """Run a case and assert what every result must be; 'refused' where the case is bad input in one line."""
     try:
-        case = load(UNIFORM, given)
+        case = load_case(UNIFORM, given)
         run = march(case.scene, case.settings, case.title)
     except BadInput as fault:
         return "refused" if all("\n" not in line and len(line) < 600 for line in fault.lines) else f"{fault.lines}"

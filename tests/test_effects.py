@@ -12,10 +12,10 @@ import flashtemp
 from flashtemp.errors import SolverFailure
 from flashtemp.physics.effect import Param, catalogue
 from flashtemp.runs.effect_check import balance, camera, laws, source
-from flashtemp.runs.effect_check.balance import by_differences, direction, parts, product, smooth, states
-from flashtemp.runs.effect_check.scenes import RICH, SHAPES, Bench, Trial
-from flashtemp.solver.balance import Balance
-from flashtemp.solver.system import System
+from flashtemp.runs.effect_check.balance import difference_product, random_direction, state_parts, jacobian_product, smooth_temperature_rise, sample_states
+from flashtemp.runs.effect_check.scenes import ALL_EFFECTS_CASE, CASE_SHAPES, SceneCache, EffectUnderTest
+from flashtemp.solver.balance import HeatBalance
+from flashtemp.solver.system import PhaseSystem
 
 PACKAGE = Path(flashtemp.__file__).parent
 EVERY = sorted(catalogue())
@@ -25,23 +25,23 @@ NEEDS = {
     "pressure_profile": {"pressure_profile.profile": [[0.0, 1.5], [0.025, 0.5]]},
     "driven_faces": {"driven_faces.face": [[0.0, 20.0], [10.0, 60.0]]},
 }
-TRIALS = {n: Trial(n, e, NEEDS.get(n, {})) for n, e in catalogue().items()}
-HEATING = [n for n in OPTIONAL if TRIALS[n].heats]  # the others act on the picture only
+TRIALS = {n: EffectUnderTest(n, e, NEEDS.get(n, {})) for n, e in catalogue().items()}
+HEATING = [n for n in OPTIONAL if TRIALS[n].has_heat]  # the others act on the picture only
 WITH = {"wear": ("edge_pressure",), "evaporation": ("track_memory",)}
-IN_EVERY_SHAPE = pytest.mark.parametrize("shape", SHAPES)
+IN_EVERY_SHAPE = pytest.mark.parametrize("shape", CASE_SHAPES)
 EACH_IN_EVERY_SHAPE = pytest.mark.parametrize(
     ("name", "shape"),
     [
         pytest.param(n, s, id=f"{n or 'base'}-{s}", marks=[pytest.mark.long] if n and s != "lifted" else [])
         for n in ("", *HEATING)
-        for s in SHAPES
+        for s in CASE_SHAPES
     ],
 )
 
 
 @pytest.fixture(scope="session")
 def bench():
-    return Bench()
+    return SceneCache()
 
 
 def check_findings(*findings) -> None:
@@ -61,9 +61,9 @@ def test_off_is_the_base_bit_for_bit(bench, name, shape):
 @pytest.mark.sample("[!epr]*", "persson_friction", "radiation")
 def test_acts_at_its_defaults(bench, name):
     trial = TRIALS[name]
-    check_findings(balance.acts(bench, trial))
+    check_findings(balance.check_default_change(bench, trial))
     if name == "pressure_roll":  # what leans sideways has a width
-        shape = SHAPES["3D"]
+        shape = CASE_SHAPES["3D"]
         assert np.ptp(bench.run(trial, values=shape).field[-1] - bench.run(None, values=shape).field[-1]) > 1.0
         return
     beside = WITH.get(name, ())
@@ -74,7 +74,7 @@ def test_acts_at_its_defaults(bench, name):
 
 @pytest.mark.parametrize("name", [n for n in OPTIONAL if n not in HEATING])
 def test_camera(bench, name):
-    check_findings(*camera.seen(bench, TRIALS[name]))
+    check_findings(*camera.check_camera_effect(bench, TRIALS[name]))
 
 
 @pytest.mark.parametrize("name", BASE)
@@ -82,12 +82,12 @@ def test_camera(bench, name):
 def test_base_effect_differs_from_its_off(bench, name):
     """Defaults that are off already are compared with a value that is not."""
     effect = catalogue()[name]
-    for key, off in TRIALS[name].off().items():
+    for key, off in TRIALS[name].off_values().items():
         param = effect.params()[key.split(".")[1]]
         on = param.value if param.value != off else {np.inf: 2e4}.get(off, min(param.high, 100.0) / 2)
         tilted = ("pressure_tilt",)  # the exponent of phi needs a pressure that is not the reference
         without, acting = (bench.run(None, tilted, {key: value}) for value in (off, on))
-        assert balance.differences(without, acting), key
+        assert balance.differing_arrays(without, acting), key
 
 
 def test_meaning_of_off_in_the_base(bench):
@@ -111,21 +111,21 @@ def test_meaning_of_off_in_the_base(bench):
 @pytest.mark.parametrize("name", [*BASE, *HEATING])
 def test_laws_are_sound(bench, name):
     """Finite, repeatable, pointwise, differentiable, and finite where speed, pressure or a parameter is at its end."""
-    check_findings(*laws.asked(bench, TRIALS[name]))
+    check_findings(*laws.check_laws(bench, TRIALS[name]))
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", CASE_SHAPES)
 def test_films_of_the_base_change_with_nothing_but_touch_and_air(bench, shape):
     """So a system asks them once while both stay: `System.films`."""
-    b = Balance(bench.scene(None, values=SHAPES[shape]))
-    assert b.laws.calm_films
+    b = HeatBalance(bench.scene(None, values=CASE_SHAPES[shape]))
+    assert b.laws.base_films_only
     rng, kept = np.random.default_rng(0), {}
     for phase in b.scene.schedule.phases:
         for t in rng.uniform(phase.begin, phase.end, 3):
-            now = b.scene.moment(phase, t)
+            now = b.scene.law_context(phase, t)
             for other in (now, now._replace(speed=2.0 * now.speed + 1.0, pressure=0.5 * now.pressure, repetition=7)):
-                assert kept.setdefault((now.touching, now.ambient), b.boundary.films(other).each) == (
-                    b.boundary.films(other).each
+                assert kept.setdefault((now.touching, now.ambient), b.boundary.film_coefficients(other).site_films) == (
+                    b.boundary.film_coefficients(other).site_films
                 )
 
 
@@ -145,15 +145,15 @@ def test_jacobian_is_exact(bench, name, shape):
 )
 def test_jacobian_is_exact_where_effects_meet(bench, names):
     """Friction tilts the holder and answers to the heat of the tilt; spots answer to the pressure that wear leaves."""
-    scene = bench.scene(None, names, RICH)
-    b, rng = Balance(scene), np.random.default_rng(3)
-    system = System(b, scene.schedule.phases[0])
-    y = b.initial()
-    y[: b.n] = smooth(scene.mesh, rng)
+    scene = bench.scene(None, names, ALL_EFFECTS_CASE)
+    b, rng = HeatBalance(scene), np.random.default_rng(3)
+    system = PhaseSystem(b, scene.schedule.phases[0])
+    y = b.initial_state()
+    y[: b.n] = smooth_temperature_rise(scene.mesh, rng)
     y[b.worn] = 3 * np.cos(3 * scene.mesh.column_x / 0.025 + 20 * scene.mesh.column_y)
-    v = direction(b, smooth(scene.mesh, rng) - 8, rng)
-    J, by = product(b, system, 1.0, y, v), by_differences(b, system, 1.0, y, v)
-    for part in parts(b):
+    v = random_direction(b, smooth_temperature_rise(scene.mesh, rng) - 8, rng)
+    J, by = jacobian_product(b, system, 1.0, y, v), difference_product(b, system, 1.0, y, v)
+    for part in state_parts(b):
         np.testing.assert_allclose(J[part], by[part], rtol=1e-6, atol=1e-8 * np.abs(J[part]).max())
 
 
@@ -168,14 +168,14 @@ BESIDE_WEAR = [(), ("debris_film",), ("micro_flash", "friction_softening"), ("sh
 
 @pytest.mark.parametrize("beside", BESIDE_WEAR, ids="-".join)
 def test_linearisation_of_abrasion_is_exact_where_spots_are_fixed(bench, beside):
-    fixed = RICH | {"contact.spot_exponent": 0.0, "contact.gap_coefficient": 0.0, "wear.temperature": 0.02}
-    for b, system, t, y, rng in states(bench.scene(TRIALS["wear"], beside, fixed)):
+    fixed = ALL_EFFECTS_CASE | {"contact.spot_exponent": 0.0, "contact.gap_coefficient": 0.0, "wear.temperature": 0.02}
+    for b, system, t, y, rng in sample_states(bench.scene(TRIALS["wear"], beside, fixed)):
         if "debris_film" in beside:
             y[b.worn] += 6.0  # a film has no negative thickness
-        v = direction(b, smooth(b.scene.mesh, rng) - 8, rng)
-        J, out = product(b, system, t, y, v), np.zeros(b.size)
-        system.linearised(t, y, 1e-2).times(v, out)
-        for part in parts(b):
+        v = random_direction(b, smooth_temperature_rise(b.scene.mesh, rng) - 8, rng)
+        J, out = jacobian_product(b, system, t, y, v), np.zeros(b.size)
+        system.linearise(t, y, 1e-2).apply_jacobian(v, out)
+        for part in state_parts(b):
             assert np.linalg.norm((out - J)[part]) <= 1e-10 * np.linalg.norm(J[part])
 
 
@@ -192,15 +192,15 @@ def test_every_linear_step_conserves_heat(bench, name, shape):
     "track_memory", "wear", "thermal_expansion", "conductivity_slope", "radiation", "friction_moment", "debris_film"
 )
 def test_energy_audit(bench, name):
-    check_findings(*(balance.energy(bench, TRIALS[name], shape) for shape in SHAPES))
+    check_findings(*(balance.energy(bench, TRIALS[name], shape) for shape in CASE_SHAPES))
 
 
 @pytest.mark.long
 @IN_EVERY_SHAPE
 def test_energy_audit_of_all_effects_together(bench, shape):
-    values = RICH | SHAPES[shape] | {"friction.volumetric_share": 0.0}
+    values = ALL_EFFECTS_CASE | CASE_SHAPES[shape] | {"friction.volumetric_share": 0.0}
     every = {k: v for need in NEEDS.values() for k, v in need.items()}
-    assert bench.run(None, HEATING, values | every).energy_imbalance < balance.LEAK
+    assert bench.run(None, HEATING, values | every).energy_imbalance < balance.MAX_HEAT_LEAK
 
 
 def test_runaway_is_explained(bench):
@@ -212,13 +212,13 @@ def test_runaway_is_explained(bench):
 # --- what the files declare ------------------------------------------------------------------------
 @pytest.mark.parametrize("name", EVERY)
 def test_declaration(name):
-    check_findings(source.words(TRIALS[name]), source.parameters(TRIALS[name]))
+    check_findings(source.check_words(TRIALS[name]), source.check_parameters(TRIALS[name]))
     assert all(isinstance(p, Param) for p in catalogue()[name].params().values())
 
 
 @pytest.mark.parametrize("name", EVERY)
 def test_file(name):
-    check_findings(*(look(TRIALS[name]) for look in (source.file, source.imports, source.example)))
+    check_findings(*(look(TRIALS[name]) for look in (source.check_file, source.check_imports, source.check_example)))
 
 
 def test_every_file_is_in_the_catalogue():
@@ -272,5 +272,5 @@ def test_engine_names_no_effect(file):
 def test_a_stream_cools_nothing_at_rest_whatever_its_exponent():
     """0^0 is 1: an exponent of 0 would be a film that never rests."""
     exponent = catalogue()["side_cooling"].params()["exponent"]
-    assert exponent.fault(0.0) is not None
-    assert exponent.fault(1e-3) is None
+    assert exponent.find_fault(0.0) is not None
+    assert exponent.find_fault(1e-3) is None

@@ -12,7 +12,7 @@ import pytest
 from independent_elasticity import ElasticBlock, column_values, crowd_at_ends, gauss
 
 from flashtemp.physics.elastic_block import face_compliance, foundation_stiffness
-from flashtemp.solver.elastic_foundation import ElasticFoundation, Holder
+from flashtemp.solver.elastic_foundation import ElasticFoundation, HolderSupport
 
 E, L, H, MEAN = 5e6, 0.025, 7e-3, 0.15e6
 COLUMNS = np.linspace(0.0, L, 41)
@@ -201,9 +201,9 @@ def settle_columns(height, friction=0.0, worn=None, expansion=None, arm=0.0, tur
     bed = ElasticFoundation(CENTRE, WIDTH, L, E, stiffness, face_compliance(GRADED, levels, 0.49))
     gap = (0.0 * CENTRE if worn is None else worn(CENTRE)) + face_motion(levels, strain=expansion)
     guided = np.isinf(turning_stiffness)
-    holder = Holder(1.0) if guided else Holder(1.0, arm, 2.0 * turning_stiffness / L)
-    settled = bed.settle(gap, MEAN, holder, lambda p: friction + 0.0 * p, None)
-    return settled.pressure, settled.approach / stiffness, 2.0 * bed.as_press(settled).tilt / L
+    holder = HolderSupport(1.0) if guided else HolderSupport(1.0, arm, 2.0 * turning_stiffness / L)
+    settled = bed.solve_equilibrium(gap, MEAN, holder, lambda p: friction + 0.0 * p, None)
+    return settled.pressure, settled.approach / stiffness, 2.0 * bed.to_pressure_solution(settled).tilt / L
 
 
 ACTING = {
@@ -256,7 +256,7 @@ def compare_pressure(height, **acting):
 
 
 # --- friction that follows the pressure, under a soft holder ------------------------------------------------
-SOFT = Holder(1.0, 0.55 * L, 0.05)  # the moment of friction all but tips it
+SOFT = HolderSupport(1.0, 0.55 * L, 0.05)  # the moment of friction all but tips it
 
 
 def bed_and_softening(seen=None):
@@ -274,7 +274,7 @@ def bed_and_softening(seen=None):
 def test_friction_is_asked_at_pressures_that_a_road_can_give():
     seen: list[float] = []
     bed, friction = bed_and_softening(seen)
-    bed.settle(worn_edge(CENTRE), MEAN, SOFT, friction, None)
+    bed.solve_equilibrium(worn_edge(CENTRE), MEAN, SOFT, friction, None)
     assert min(seen) >= 0.0
 
 

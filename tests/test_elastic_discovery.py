@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from flashtemp.comparison import campaign
-from flashtemp.comparison.twin import Plan, twin
+from flashtemp.comparison.twin import SyntheticPlan, make_synthetic_campaign
 from flashtemp.discovery import engine
-from flashtemp.model.case import load
+from flashtemp.model.case import load_case
 from flashtemp.solver.march import march
 
 CASE = Path(__file__).parents[1] / "cases" / "uniform_pressure"
@@ -25,7 +25,7 @@ CANDIDATES = ["sheared_block", "edge_pressure", "pressure_tilt", "pressure_crown
 def pressed(*effects: str, **values: float) -> np.ndarray:
     """Pressure over its mean (columns,) while a block slides that has these effects."""
     given = {"effects": list(effects)} | {k.replace("__", "."): v for k, v in values.items()}
-    case = load(CASE, SHORT | {"schedule.distance": 0.01} | given)
+    case = load_case(CASE, SHORT | {"schedule.distance": 0.01} | given)
     run = march(case.scene, case.settings, case.title)
     return run.pressure[run.sliding > 0.5][0] / case["contact.pressure"]
 
@@ -40,8 +40,8 @@ def test_a_prescribed_pressure_acts_beside_the_one_of_a_flat_face():
 
 def made(folder: Path, effects: list[str], hidden: tuple[str, ...], values: dict) -> Path:
     """A twin of two conditions on the elastic block with these effects and the hidden ones."""
-    case = load(CASE, SHORT | {"effects": [*effects, *hidden]} | values)
-    lab = twin(case, Plan(hidden, 1, conditions=2), folder / "lab")
+    case = load_case(CASE, SHORT | {"effects": [*effects, *hidden]} | values)
+    lab = make_synthetic_campaign(case, SyntheticPlan(hidden, 1, conditions=2), folder / "lab")
     (lab / "campaign.toml").write_text(
         f"candidates = {json.dumps(CANDIDATES)}\n{(lab / 'campaign.toml').read_text(encoding='utf-8')}"
     )

@@ -158,7 +158,7 @@ def test_V8_any_profile_agrees_with_the_three_closed_ones():
         lambda x: 7.5e4 * np.exp(-x / 5e-3): closed_forms.road_rise_exponential(ROAD, 0.1, 7.5e4, 5e-3, 0.01),
     }
     for law, closed in laws.items():
-        assert closed_forms.road_rise_any(ROAD, 0.1, law, 0.01) == pytest.approx(closed, rel=1e-11)
+        assert closed_forms.road_rise_by_quadrature(ROAD, 0.1, law, 0.01) == pytest.approx(closed, rel=1e-11)
 
 
 def test_V8_wake_and_wall():
@@ -193,21 +193,21 @@ def test_V8_weighted_means_of_an_exponential_pressure(decay, proportional, unifo
     ],
 )
 def test_V9_jaeger(peclet, peak, place, middle):
-    X = closed_forms.jaeger_peak(peclet)
+    X = closed_forms.jaeger_strip_peak(peclet)
     assert [printed(place), printed(peak), printed(middle)] == [
         X,
-        closed_forms.jaeger(peclet, X),
-        closed_forms.jaeger(peclet, 0.0),
+        closed_forms.jaeger_strip(peclet, X),
+        closed_forms.jaeger_strip(peclet, 0.0),
     ]
 
 
 def test_V9_trailing_edge():
-    assert closed_forms.jaeger(1.0, -1.0) == printed("2.750090")
-    assert closed_forms.jaeger(1e6, -1.0) == pytest.approx(sqrt(4 * pi * 1e6), rel=1e-3)
+    assert closed_forms.jaeger_strip(1.0, -1.0) == printed("2.750090")
+    assert closed_forms.jaeger_strip(1e6, -1.0) == pytest.approx(sqrt(4 * pi * 1e6), rel=1e-3)
 
 
 def test_V10_build_up():
-    assert printed("1.2204156216") == closed_forms.OVERLAP
+    assert printed("1.2204156216") == closed_forms.SPOT_OVERLAP_INTEGRAL
     assert [closed_forms.flash_build_up(r) for r in (0.1, 0.2, 0.3, 0.5)] == [
         printed("0.49625100"),
         printed("0.67085638"),
@@ -224,16 +224,16 @@ def test_V10_build_up():
 
 def test_V10_V11_functions_of_the_kernels():
     r = np.array([0.0, 1e-6, 0.013, 0.1, 0.5, 0.99, 1.0, 2.0])
-    assert [heat_kernels.overlap_integral(v) / heat_kernels.FULL for v in r] == pytest.approx(
+    assert [heat_kernels.overlap_integral(v) / heat_kernels.FULL_OVERLAP_INTEGRAL for v in r] == pytest.approx(
         closed_forms.flash_build_up(r).tolist(), rel=1e-9, abs=1e-15
     )
-    assert pytest.approx(closed_forms.OVERLAP, rel=1e-10) == heat_kernels.FULL
-    assert heat_kernels.overlap(r) == pytest.approx(closed_forms.spot_overlap(r), abs=1e-15)
+    assert pytest.approx(closed_forms.SPOT_OVERLAP_INTEGRAL, rel=1e-10) == heat_kernels.FULL_OVERLAP_INTEGRAL
+    assert heat_kernels.disc_overlap(r) == pytest.approx(closed_forms.spot_overlap(r), abs=1e-15)
     for depth in (1e-6, 1e-5, 1e-4, 1e-3):
         share = closed_forms.spot_flash_deep(RUBBER, 1e4, depth, 3e-3, 0.1) / closed_forms.spot_flash(
             RUBBER, 1e4, 3e-3, 0.1
         )
-        assert heat_kernels.felt(sqrt(DR * 0.03) / depth) == pytest.approx(share, rel=1e-8)
+        assert heat_kernels.flash_response(sqrt(DR * 0.03) / depth) == pytest.approx(share, rel=1e-8)
 
 
 @pytest.mark.parametrize("kappa", [1e-3, 0.3, 3.0, 100.0, 1e4])
@@ -245,12 +245,12 @@ def test_V10_V11_flash_of_heat_in_depth_builds_up_with_the_slid_distance(kappa, 
         lambda s: 2 * s * closed_forms.spot_overlap(s * s) * erfcx(kappa * s), 0, sqrt(r), epsabs=0, epsrel=1e-11,
         limit=200, points=nodes,
     )[0]  # fmt: skip
-    flux = closed_forms.OVERLAP * closed_forms.flash_build_up(np.array([r]))[0]
-    assert heat_kernels.felt(kappa, r) == pytest.approx(kappa * sqrt(pi) * deep / flux, rel=1e-7)
+    flux = closed_forms.SPOT_OVERLAP_INTEGRAL * closed_forms.flash_build_up(np.array([r]))[0]
+    assert heat_kernels.flash_response(kappa, r) == pytest.approx(kappa * sqrt(pi) * deep / flux, rel=1e-7)
 
 
 def test_V11_spot_flash():
-    assert printed("0.6885457813") == closed_forms.OVERLAP / sqrt(pi)
+    assert printed("0.6885457813") == closed_forms.SPOT_OVERLAP_INTEGRAL / sqrt(pi)
     assert closed_forms.spot_flash(RUBBER, 1e4, 3e-3, 0.1) == printed("1.669969")
     assert closed_forms.spot_flash(RUBBER, 1e4, 3e-3, 1.0) == printed("0.528091")
     assert closed_forms.spot_flash_deep(RUBBER, 1e4, 1e-9, 3e-3, 0.1) == pytest.approx(
@@ -270,27 +270,27 @@ def test_V11_weighted_flash(v, values):
 def test_V12_stripes_and_the_closure_they_test():
     duty = (0.05, 0.1, 0.2, 0.3, 0.5)
     values = ("0.12701891", "0.15553895", "0.17201627", "0.16615538", "0.12625818")
-    assert [closed_forms.stripe_excess(d) for d in duty] == [printed(v) for v in values]
-    assert closed_forms.stripe_excess(1e-3) == pytest.approx(
+    assert [closed_forms.periodic_flux_excess(d) for d in duty] == [printed(v) for v in values]
+    assert closed_forms.periodic_flux_excess(1e-3) == pytest.approx(
         4 / (3 * sqrt(pi)) * sqrt(1e-3) - 0.82391680 * 1e-3, rel=1e-4
     )
     stripe = quad(lambda s: 2 * (1 - s * s), 0, 1)[0] / sqrt(pi)  # overlap of stripes: 1 - w
-    ratio = [closed_forms.stripe_excess(d) / ((1 - d) * stripe * sqrt(d)) for d in (0.2, 0.05)]
+    ratio = [closed_forms.periodic_flux_excess(d) / ((1 - d) * stripe * sqrt(d)) for d in (0.2, 0.05)]
     assert ratio == pytest.approx([0.64, 0.79], abs=0.005)
 
 
 def test_V13_slab():
-    assert closed_forms.slab(RUBBER, 7e-3, 1e3, 100.0) == printed("15.8553540")
-    assert closed_forms.slab(RUBBER, 7e-3, 1e3, 100.0, 7e-3) == printed("2.8167688")
+    assert closed_forms.slab_heating(RUBBER, 7e-3, 1e3, 100.0) == printed("15.8553540")
+    assert closed_forms.slab_heating(RUBBER, 7e-3, 1e3, 100.0, 7e-3) == printed("2.8167688")
     assert closed_forms.constant_flux(RUBBER, 1e3, 100.0) == printed("15.8004687")
     z = np.array([0.0, 1e-4, 5e-4])
-    assert closed_forms.slab(RUBBER, 7e-3, 1e3, 0.5, z) == pytest.approx(
+    assert closed_forms.slab_heating(RUBBER, 7e-3, 1e3, 0.5, z) == pytest.approx(
         closed_forms.constant_flux(RUBBER, 1e3, 0.5, z), rel=1e-9
     )
 
 
 def test_V14_cooling():
-    assert closed_forms.cooling(RUBBER, 15.0, 10.0) == printed("0.92925248")
+    assert closed_forms.half_space_cooling(RUBBER, 15.0, 10.0) == printed("0.92925248")
     zeta, C1, tau = closed_forms.slab_mode(RUBBER, 7e-3, 10.0)
     assert [zeta, C1, tau] == [printed("0.50568382"), printed("1.04233469"), printed("1563.609")]
     zeta, C1, tau = closed_forms.slab_mode(RUBBER, 7e-3, 20.0)
@@ -300,7 +300,7 @@ def test_V14_cooling():
 def test_V14_slab_series_joins_its_two_limits():
     z = np.array([0.0, 2e-4, 5e-4])
     assert closed_forms.slab_cooling(RUBBER, 7e-3, 20.0, 0.5, z) == pytest.approx(
-        closed_forms.cooling(RUBBER, 20.0, 0.5, z), rel=1e-9
+        closed_forms.half_space_cooling(RUBBER, 20.0, 0.5, z), rel=1e-9
     )
     _, C1, tau = closed_forms.slab_mode(RUBBER, 7e-3, 20.0)
     assert closed_forms.slab_cooling(RUBBER, 7e-3, 20.0, 1000.0, 7e-3) == pytest.approx(
@@ -309,8 +309,8 @@ def test_V14_slab_series_joins_its_two_limits():
 
 
 def test_V15_scaling():
-    assert closed_forms.scaling(0.5, 0.1) == printed("2.236068")
-    assert closed_forms.scaling(1.0, 0.1) == printed("3.162278")
+    assert closed_forms.speed_scaling(0.5, 0.1) == printed("2.236068")
+    assert closed_forms.speed_scaling(1.0, 0.1) == printed("3.162278")
 
 
 def test_V16_road_driven():

@@ -20,7 +20,7 @@ def left(**given):
     """K rms of the fitted pass and of the cooling that no fit has seen, with other values of the case."""
     made = campaign.load(MILLED / "calibrated.toml")
     made = replace(made, views=tuple(replace(v, given=v.given | given) for v in made.views))
-    return [s.rmse_K for s in compare(made).seeings]
+    return [s.rmse_K for s in compare(made).recordings]
 
 
 @pytest.mark.long

@@ -10,12 +10,12 @@ import pytest
 from test_formats import fff, info_record, jpeg, raw_record
 
 from flashtemp.camera import importing
-from flashtemp.camera.files import read
-from flashtemp.camera.formats.cells import parsed
-from flashtemp.camera.formats.text_labels import is_even
-from flashtemp.camera.import_options import Facts
-from flashtemp.camera.import_request import describe_order, found
-from flashtemp.camera.radiometry import ObjectParameters, Planck, apparent_counts
+from flashtemp.camera.files import read_frames
+from flashtemp.camera.formats.cells import parse_cells
+from flashtemp.camera.formats.text_labels import is_evenly_spaced
+from flashtemp.camera.import_options import ImportOptions
+from flashtemp.camera.import_request import describe_order, expand_patterns
+from flashtemp.camera.radiometry import ObjectParameters, PlanckCalibration, apparent_counts
 from flashtemp.errors import BadInput
 from flashtemp.physics.friction import measured_roughness
 from flashtemp.runs import road
@@ -50,7 +50,7 @@ def load(tmp_path):
 
     def load(data: bytes, **said):
         (tmp_path / "image.csv").write_bytes(data)
-        return read(tmp_path / "image.csv", **said)
+        return read_frames(tmp_path / "image.csv", **said)
 
     return load
 
@@ -79,7 +79,7 @@ AIRS = {
 }
 AT = (0x70, 0x74, 0x78, 0x7C, 0x80)
 WARM = np.linspace(15.0, 80.0, 12 * 16).reshape(12, 16)
-CALIBRATION = Planck(14985.93, 0.0112832, 1398.1, 1.0, -6233.0)
+CALIBRATION = PlanckCalibration(14985.93, 0.0112832, 1398.1, 1.0, -6233.0)
 
 
 def through_air(air, distance=2.0, constants=None) -> bytes:
@@ -140,7 +140,7 @@ def calibrated(R1, R2, B, F, O, counts=8100) -> bytes:  # noqa: E741 (the maker'
 def test_what_a_core_without_calibration_writes_is_refused_with_the_remedy(load, constants, wrap):
     data = wrap(calibrated(*constants))
     refusal(load, data, "planck: .*(--planck|copy it again)")
-    own = Planck(14000.0, 0.03, 1428.0, 1.0, -100.0)
+    own = PlanckCalibration(14000.0, 0.03, 1428.0, 1.0, -100.0)
     assert np.isfinite(load(data, planck=own).temperature).all()
 
 
@@ -378,11 +378,11 @@ def test_labels_that_cannot_be_told_from_the_image_are_asked_for(load, side):
 
 
 def test_is_even_needs_a_step():
-    assert not is_even(np.full(9, 25.0))
-    assert not is_even(np.array([1.0, 2.0]))
-    assert is_even(np.array([3.0, 1.0, -1.0]))
-    assert not is_even(np.array([0.0, 1.0, np.nan, 3.0]))
-    assert not is_even(25.0 + 0.01 * np.arange(80) + 0.02 * np.sin(np.arange(80)))
+    assert not is_evenly_spaced(np.full(9, 25.0))
+    assert not is_evenly_spaced(np.array([1.0, 2.0]))
+    assert is_evenly_spaced(np.array([3.0, 1.0, -1.0]))
+    assert not is_evenly_spaced(np.array([0.0, 1.0, np.nan, 3.0]))
+    assert not is_evenly_spaced(25.0 + 0.01 * np.arange(80) + 0.02 * np.sin(np.arange(80)))
 
 
 # --- quotes and decimal signs ---------------------------------------------------------------------------------
@@ -482,7 +482,7 @@ def test_marks_of_no_value_are_missing(load, mark):
 
 def test_the_numbers_of_an_open_channel_are_missing():
     """SCPI-1999: 9.9E37 is infinity, 9.91E37 not a number."""
-    values = parsed([["9.9E37", "-9.9E+37", "9.91E37", "9.8E37", "25.0", "x"]], ";", False)[0]
+    values = parse_cells([["9.9E37", "-9.9E+37", "9.91E37", "9.8E37", "25.0", "x"]], ";", False)[0]
     assert np.isnan(values).tolist() == [True, True, True, False, False, False]
     assert np.isinf(values[5])
 
@@ -555,7 +555,7 @@ def test_a_copy_comes_after_what_it_is_a_copy_of(names, tmp_path):
         (tmp_path / name).touch()
     shuffled = [str(tmp_path / name) for name in sorted(names)]
     for asked in (shuffled, shuffled[::-1], [str(tmp_path)], [str(tmp_path / "*.*")]):
-        assert [path.name for path in found(asked)] == names
+        assert [path.name for path in expand_patterns(asked)] == names
 
 
 def test_an_order_that_names_do_not_tell_is_noted():
@@ -572,10 +572,10 @@ def test_frames_follow_the_order_of_the_copies(tmp_path):
     names = ["s_31 (1).csv", "s_31.csv", "s_32.csv"]
     for name, k in zip(names, (1, 0, 2), strict=True):
         (tmp_path / name).write_bytes(join(*lines_of(FRAME[k], ";")))
-    facts = Facts(
+    facts = ImportOptions(
         view="sidewall", downstream="right", pixel=(0.0, 59.0), mm_per_pixel=0.5, start=0.0, repetition=1, fps=1.0
     )
-    result = importing.recorded(found([str(tmp_path / name) for name in names]), facts)
+    result = importing.import_recording(expand_patterns([str(tmp_path / name) for name in names]), facts)
     assert np.diff(result.recording.temperature.mean(axis=(1, 2))) == pytest.approx([1.0, 1.0], abs=1e-3)
     assert any(note.startswith("order of the files: s_31.csv, s_31 (1).csv, s_32.csv") for note in result.notes)
 
@@ -614,7 +614,7 @@ def test_a_line_scan_with_units_needs_no_profile(tmp_path, kind, encoding):
     assert scan.step == pytest.approx(STEP, rel=1e-3)
     assert scan.heights == pytest.approx(HEIGHTS, abs=1e-12)
     assert len(scan.notes) == 1
-    heights, step, _ = road._heights(file, False, None)
+    heights, step, _ = road._read_heights(file, False, None)
     assert (heights.ndim, step) == (1, pytest.approx(STEP, rel=1e-3))
 
 
@@ -633,8 +633,8 @@ def test_a_scan_without_units_is_asked_for(tmp_path):
     rows = [f"{1e-3 * k:.4f},{1e3 * z:.7f}" for k, z in enumerate(HEIGHTS)]
     file.write_text("x,z\n" + "\n".join(rows) + "\n")
     with pytest.raises(BadInput, match="--profile"):
-        road.power_spectrum(file)
-    notes = road.power_spectrum(file, profile=True).notes
+        road.read_road_spectrum(file)
+    notes = road.read_road_spectrum(file, profile=True).notes
     assert [note.partition(": unit of ")[2] for note in notes] == [f"{c!r} not in the file, taken as m" for c in "xz"]
 
 

@@ -15,11 +15,11 @@ from matplotlib.colors import Normalize, to_hex
 from matplotlib.figure import Figure
 
 from flashtemp.camera.recording import Recording
-from flashtemp.comparison.campaign import View
-from flashtemp.comparison.compare import Seeing
-from flashtemp.comparison.noise import Noise, lag_one, structured, whiten
+from flashtemp.comparison.campaign import RecordingEntry
+from flashtemp.comparison.compare import RecordingComparison
+from flashtemp.comparison.noise import NoiseLevels, lag1_autocorrelation, largest_structured_residual, whiten
 from flashtemp.discovery.criteria import CRITERIA
-from flashtemp.discovery.decision import AdequacyTest, Alternative, EffectSize, Evidence, decide
+from flashtemp.discovery.decision import AdequacyTest, AlternativeCause, EffectSize, VerdictEvidence, decide
 from flashtemp.discovery.diagnostics import adequacy_tests as adequacy
 from flashtemp.discovery.diagnostics.verdict_sentences import (
     ADEQUACY_WORDS,
@@ -30,20 +30,20 @@ from flashtemp.discovery.diagnostics.verdict_sentences import (
 )
 from flashtemp.discovery.engine import _rule_result
 from flashtemp.discovery.verdict import (
-    KINDS,
+    VERDICT_KINDS,
     Cause,
-    Estimate,
-    Fitness,
-    Found,
-    Held,
+    ParameterEstimate,
+    FitMetrics,
+    SetupErrorReport,
+    InputCorrection,
     InputResult,
     LearnedLaw,
-    Missing,
-    OwnValue,
-    Pull,
-    Rival,
+    MissingHeatFlux,
+    ConditionEstimate,
+    NormalisedDeviation,
+    CandidateReport,
     RuleResult,
-    Test,
+    StructureTest,
     Verdict,
 )  # fmt: skip
 from flashtemp.physics.effect import catalogue
@@ -60,7 +60,7 @@ from flashtemp.viz import (
 )
 from flashtemp.viz import html as html_parts
 
-Test.__test__ = False  # a class of the verdict, not one of pytest
+StructureTest.__test__ = False  # a class of the verdict, not one of pytest
 TITLE = 'run-in <script>alert(1)</script> & "more" $5'
 TIME = np.array([5.0, 20.0, 35.0, 365.0, 380.0, 395.0])
 REPETITION = np.array([1, 1, 1, 10, 10, 10])
@@ -90,7 +90,7 @@ NAMES = [
 
 # --- verdicts made by hand --------------------------------------------------------------------------
 def seen(measured, predicted, view, file, given, held=False):
-    level, shape = Noise(0.05, 0.02), measured.shape
+    level, shape = NoiseLevels(0.05, 0.02), measured.shape
     u = 1e-3 * np.arange(shape[2]) + (0.0515 if view == "wake" else 0.0005)
     v = 1e-3 * (np.arange(shape[1]) + 0.5 - (shape[1] / 2 if view == "wake" else 0)) if view != "profile" else [0.0]
     recording = Recording(view, measured, TIME, REPETITION, u, np.asarray(v))
@@ -98,8 +98,8 @@ def seen(measured, predicted, view, file, given, held=False):
     residual[:, :, 0] = np.nan
     sigmas = whiten(residual, level)
     good = np.isfinite(residual)
-    return Seeing(
-        view=View(file, recording, given, 0.05, held),
+    return RecordingComparison(
+        view=RecordingEntry(file, recording, given, 0.05, held),
         predicted=predicted,
         residual=residual,
         sigmas=sigmas,
@@ -111,8 +111,8 @@ def seen(measured, predicted, view, file, given, held=False):
         bias_K=float(np.mean(residual[good])),
         chi2_per_dof=float(np.mean(sigmas[good] ** 2)),
         pixels=int(good.sum()),
-        largest=structured(residual, level, recording),
-        correlation={n: lag_one(sigmas, a) for a, n in ((2, "u"), (1, "v"), (0, "time"))},
+        largest=largest_structured_residual(residual, level, recording),
+        correlation={n: lag1_autocorrelation(sigmas, a) for a, n in ((2, "u"), (1, "v"), (0, "time"))},
     )
 
 
@@ -152,11 +152,11 @@ def lacks(condition, strength=1.0, repetitions=(1, 10)):
     flux = flux + sd * rng.normal(size=flux.shape)
     pressure = 1 + strength * 1.7 * np.exp(-x / 0.006) - 0.12
     resolution = np.clip(1.2 - (x / 0.05) ** 4 - 0.9 * np.exp(-x / 0.002), 0, 1)
-    return Missing(condition, x, np.array(repetitions), flux, sd + 0 * flux, pressure, sd / 2500, resolution)
+    return MissingHeatFlux(condition, x, np.array(repetitions), flux, sd + 0 * flux, pressure, sd / 2500, resolution)
 
 
 RIVALS = tuple(
-    Rival(
+    CandidateReport(
         n, score, 0.9 - 0.04 * i, f"would need an amplitude that breaks its bound {score:g} < 8", f"{n}.r", 0.45 + i,
         0.05, "1" if i % 2 else "W/m2/K", 3.0 + i, 0.02, 0.05 * (i + 1), 180.0 - i, i < 4,
     )
@@ -167,10 +167,10 @@ RIVALS = tuple(
 )  # fmt: skip
 CAUSE = Cause(
     "edge_pressure", "the nominal contact pressure peaks at the leading edge",
-    (Estimate("edge_pressure.a", 1.724, 0.051, (1.62, 1.82)),
-     Estimate("edge_pressure.length", 2.1e-3, 1.5e-4, (1.8e-3, 2.4e-3), "m", True)),
+    (ParameterEstimate("edge_pressure.a", 1.724, 0.051, (1.62, 1.82)),
+     ParameterEstimate("edge_pressure.length", 2.1e-3, 1.5e-4, (1.8e-3, 2.4e-3), "m", True)),
     5230.0, 0.041, 0.83, 3140.0, 72.0, 0.014,
-    (OwnValue("pressure 0.05 MPa, speed 0.1 m/s", 1.70, 0.08), OwnValue("pressure 0.1 MPa, speed 0.2 m/s", 1.74, 0.06)),
+    (ConditionEstimate("pressure 0.05 MPa, speed 0.1 m/s", 1.70, 0.08), ConditionEstimate("pressure 0.1 MPa, speed 0.2 m/s", 1.74, 0.06)),
     0.41,
 )  # fmt: skip
 AT = np.linspace(20.0, 60.0, 9)
@@ -180,7 +180,7 @@ LAW = LearnedLaw(
 )  # fmt: skip
 SIGNS = np.corrcoef(np.random.default_rng(5).normal(size=(len(NAMES), 12)))
 NUISANCE = tuple(
-    Pull(n, value, 0.01, pull, unit)
+    NormalisedDeviation(n, value, 0.01, pull, unit)
     for n, value, pull, unit in (
         ("friction.mu", 0.97, 0.8, "1"), ("conductance.h", 1498.0, -3.4, "W/m2/K"), ("block.k", 0.24, 1.2, "W/m/K"),
         ("road.e", 1450.0, -0.3, "J/m2/K/s^0.5"), ("image shift u, sidewall_0.nc", 0.12, 0.6, "px"),
@@ -188,11 +188,11 @@ NUISANCE = tuple(
     )
 )  # fmt: skip
 TESTS = (
-    Test("Moran's I", "sidewall_0.nc", 0.31, 0.001), Test("runs along x", "wake_1.nc", -6.2, 0.004),
-    Test("Moran's I", "sidewall_0.nc", 0.004, 0.37, "after"), Test("runs along x", "wake_1.nc", -0.4, 0.61, "after"),
+    StructureTest("Moran's I", "sidewall_0.nc", 0.31, 0.001), StructureTest("runs along x", "wake_1.nc", -6.2, 0.004),
+    StructureTest("Moran's I", "sidewall_0.nc", 0.004, 0.37, "after"), StructureTest("runs along x", "wake_1.nc", -0.4, 0.61, "after"),
 )  # fmt: skip
-BASE = Fitness(0.1863, 13.2, 0.2431, 17.1, 0.1712, 0.4105)
-EXTENDED = Fitness(0.0537, 1.004, 0.0541, 1.01, 0.0212, 0.0566)
+BASE = FitMetrics(0.1863, 13.2, 0.2431, 17.1, 0.1712, 0.4105)
+EXTENDED = FitMetrics(0.0537, 1.004, 0.0541, 1.01, 0.0212, 0.0566)
 CERTIFICATE = {
     "converged": True,
     "largest_step": 0.004,
@@ -240,7 +240,7 @@ def verdict(kind, count=2, **changes):
         "weak": {"says": ("The best explanation is weakly supported: ln Bayes factor 9.1.",)},
         "group": none | {
             "group": ("edge_pressure", "pressure_tilt"), "says": ("Either of two effects explains the data equally well.",),
-            "rivals": (Rival("edge_pressure", 98.0, 0.1, "cannot be told from pressure tilt", "edge_pressure.a", 1.7, 0.1,
+            "rivals": (CandidateReport("edge_pressure", 98.0, 0.1, "cannot be told from pressure tilt", "edge_pressure.a", 1.7, 0.1,
                              refitted=True), *RIVALS[1:]),
         },
         "none_needed": none | {
@@ -251,7 +251,7 @@ def verdict(kind, count=2, **changes):
         "unexplained": none | {"says": ("Something outside the catalogue is present at x = 10 to 14 mm.",)},
         "held_key": none | {
             "says": ("A key that was held explains what a cause would: friction.mu was held at 0.8.",),
-            "held_key": Held("friction.mu", 0.8, 1.0, 0.01, "1", 512.0, "friction.mu is 1, not 0.8"),
+            "held_key": InputCorrection("friction.mu", 0.8, 1.0, 0.01, "1", 512.0, "friction.mu is 1, not 0.8"),
         },
         "learned": {
             "causes": (replace(CAUSE, effect="learned", words="mu over T"),), "says": ("Learned: mu over T.",),
@@ -328,7 +328,7 @@ def pages(tmp_path_factory):
     def page(kind):
         path = folder / f"{kind}.html"
         before = set(folder.iterdir())
-        assert verdict_report.write(verdict(kind, 1), path) == path
+        assert verdict_report.write_report(verdict(kind, 1), path) == path
         assert set(folder.iterdir()) - before == {path}
         html = path.read_text(encoding="utf-8")
         return html, Reader(html)
@@ -342,7 +342,7 @@ def unpainted(monkeypatch):
     monkeypatch.setattr(discovery, "figures", lambda verdict: {})
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", VERDICT_KINDS)
 @pytest.mark.sample("named", "no_verdict")
 def test_every_kind_is_one_whole_file_with_nothing_outside_it(pages, kind):
     html, reader = pages(kind)
@@ -367,15 +367,15 @@ def test_every_kind_is_one_whole_file_with_nothing_outside_it(pages, kind):
     assert "nan" not in reader.text.replace("nano", "").lower().split()
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", VERDICT_KINDS)
 @pytest.mark.sample("named", "no_verdict")
 def test_the_answer_comes_first(pages, kind):
     _, reader = pages(kind)
-    first = reader.text.index(verdict_report.ANSWER[kind][0])
+    first = reader.text.index(verdict_report.ANSWERS_BY_KIND[kind][0])
     says = [reader.text.index(line) for line in verdict(kind).says]
     sections = [reader.text.find(h) for h in ("1. ", "Convergence of the calibration", "Warnings") if h in reader.text]
     assert first < min(says) <= max(says) < min(sections)
-    assert verdict_report.ANSWER[kind][1] in {v for t, n, v in reader.attributes if n == "class" for v in v.split()}
+    assert verdict_report.ANSWERS_BY_KIND[kind][1] in {v for t, n, v in reader.attributes if n == "class" for v in v.split()}
 
 
 def test_a_named_cause_stands_with_its_interval_and_its_gain(pages):
@@ -412,14 +412,14 @@ def test_kinds_read_as_they_are(pages):
     assert "Distinctness" not in text
     assert "wake_1.nc: the noise was <estimated>" in text
     two = replace(CAUSE, effect="third_body", words="")
-    assert "2 missing effects are identified" in verdict_report.text(
+    assert "2 missing effects are identified" in verdict_report.render_report(
         verdict("named", causes=(CAUSE, two), before=(), after=())
     )
 
 
 def test_a_verdict_without_anything_is_still_a_page():
-    for kind in KINDS:
-        reader = Reader(verdict_report.text(Verdict(TITLE, kind, ())))
+    for kind in VERDICT_KINDS:
+        reader = Reader(verdict_report.render_report(Verdict(TITLE, kind, ())))
         assert reader.tags.count("img") == 0
         assert "Nothing is known about the convergence" in reader.text
 
@@ -454,34 +454,34 @@ def test_what_the_cause_changes_is_told_in_kelvin_and_nothing_is_green_that_chan
     small = replace(BASE, rmse_K=0.058412, mean_map_rmse_K=0.02, near_contact_rmse_K=0.03, held_out_rmse_K=0.0584)
     for smaller, grade in ((0.05840, "near"), (0.0560, "good")):
         v = verdict("named", gain=gain, base=small, extended=replace(small, rmse_K=smaller), before=(), after=())
-        html = verdict_report.text(v)
+        html = verdict_report.render_report(v)
         assert f'<div class="verdict {grade}">' in html
         assert ("but it hardly changes what is computed" in html) == (grade == "near")
         assert "wake_&lt;1&gt;.nc by 0.0021 K root mean square (0.14 % of its rise)" in html
         assert ("the root mean square of the differences, noise included, stays at 0.0584 K" in html) == (
             grade == "near"
         )
-    assert '<div class="verdict near">' in verdict_report.text(
+    assert '<div class="verdict near">' in verdict_report.render_report(
         verdict("learned", gain=gain, base=small, extended=small, before=(), after=())
     )
 
 
 def test_noise_is_judged_by_the_very_data_that_are_shown(unpainted):
     """The heading claims structure only where maps or tests show it; both are said in numbers."""
-    page = verdict_report.text(verdict("named", 1))
+    page = verdict_report.render_report(verdict("named", 1))
     assert "2. It is not noise" in page
     quiet = recordings(1, 0.0)[0]
-    chance = tuple(Test(f"test {i}", "wall.nc", 0.1, p) for i, p in enumerate((0.01, 0.2, 0.5, 0.9)))
-    page = verdict_report.text(verdict("named", 1, before=quiet, after=quiet, tests=chance))
+    chance = tuple(StructureTest(f"test {i}", "wall.nc", 0.1, p) for i, p in enumerate((0.01, 0.2, 0.5, 0.9)))
+    page = verdict_report.render_report(verdict("named", 1, before=quiet, after=quiet, tests=chance))
     assert "It is not noise" not in page
     assert "1 of 4 tests find" in page
     assert "noise alone may do as much" in page
     sure = tuple(replace(t, p=0.01) for t in chance)
-    page = verdict_report.text(verdict("named", 1, before=quiet, after=quiet, tests=sure))
+    page = verdict_report.render_report(verdict("named", 1, before=quiet, after=quiet, tests=sure))
     assert "2. It is not noise" in page
     assert "4 of 4 tests find" in page
-    share = 100 * np.mean([np.abs(v) > 3 for v in verdict_parts.means(quiet[0]).ravel() if np.isfinite(v)])
-    assert verdict_parts.beyond(quiet[0]) == pytest.approx(share / 100)
+    share = 100 * np.mean([np.abs(v) > 3 for v in verdict_parts.whitened_means(quiet[0]).ravel() if np.isfinite(v)])
+    assert verdict_parts.outlier_fraction(quiet[0]) == pytest.approx(share / 100)
 
 
 def test_every_adequacy_test_has_plain_words(unpainted):
@@ -489,7 +489,7 @@ def test_every_adequacy_test_has_plain_words(unpainted):
         assert len({words.passes, words.measured_by, words.fails}) == 3
         assert "modes" not in words.passes + words.fails
     text = Reader(
-        verdict_report.text(verdict("named", gates=dict.fromkeys(ADEQUACY_WORDS, (5.0, 4.0)), before=(), after=()))
+        verdict_report.render_report(verdict("named", gates=dict.fromkeys(ADEQUACY_WORDS, (5.0, 4.0)), before=(), after=()))
     )
     rows = text.table("what was checked")
     assert [r[0] for r in rows] == [words.passes for words in ADEQUACY_WORDS.values()]
@@ -508,10 +508,10 @@ def test_colour_bars_begin_and_end_at_a_number():
 
 def test_the_frame_shown_is_of_a_difference_that_stands_out_or_hot():
     s = both()[0]
-    shown = difference._frame(s)
+    shown = difference._select_frame(s)
     assert TIME[shown] == s.largest.time
     faint = replace(s, largest=replace(s.largest, sigma=4.0, time=TIME[0]))
-    assert difference._frame(faint) == verdict_parts.hottest(s, np.arange(len(TIME))) != 0
+    assert difference._select_frame(faint) == verdict_parts.hottest_frame(s, np.arange(len(TIME))) != 0
 
 
 # --- pictures ---------------------------------------------------------------------------------------
@@ -542,9 +542,9 @@ def render(fig):
 )
 @pytest.mark.sample("group-3")
 def test_no_text_leaves_a_picture(kind, count):
-    for name, fig in discovery.figures(verdict(kind, count)).items():
+    for name, fig in discovery.draw_figures(verdict(kind, count)).items():
         render(fig)
-        assert name in discovery.CAPTIONS
+        assert name in discovery.PICTURE_CAPTIONS
 
 
 def test_warnings_are_printed_with_the_answer():
@@ -563,14 +563,14 @@ def test_files_are_named_by_what_they_show(tmp_path):
 @pytest.mark.long
 def test_the_worst_conditions_are_drawn_and_said():
     v = verdict("named", 6)
-    drawn = verdict_parts.shown(v)
+    drawn = verdict_parts.select_recordings(v)
     assert len(drawn) == 4
-    sizes = [max(verdict_parts.difference(p) for p in g) for g in verdict_parts.every(v)]
-    assert sorted(max(verdict_parts.difference(p) for p in g) for g in drawn) == sorted(sizes)[2:]
-    assert verdict_parts.choice(v).startswith("Drawn are the 4 of 6 conditions")
-    assert verdict_parts.choice(v) in Reader(verdict_report.text(v)).text
+    sizes = [max(verdict_parts.largest_difference(p) for p in g) for g in verdict_parts.group_recordings(v)]
+    assert sorted(max(verdict_parts.largest_difference(p) for p in g) for g in drawn) == sorted(sizes)[2:]
+    assert verdict_parts.describe_selection(v).startswith("Drawn are the 4 of 6 conditions")
+    assert verdict_parts.describe_selection(v) in Reader(verdict_report.render_report(v)).text
     assert "ambient" not in drawn[0][0].words
-    assert verdict_parts.choice(verdict("named", 2)) == ""
+    assert verdict_parts.describe_selection(verdict("named", 2)) == ""
 
 
 def test_images_and_lines_are_those_of_the_recordings():
@@ -592,7 +592,7 @@ def test_images_and_lines_are_those_of_the_recordings():
 
 
 def test_means_over_frames_are_white_where_only_noise_is_left():
-    flat = np.concatenate([verdict_parts.means(s).ravel() for s in recordings(6)[1]])
+    flat = np.concatenate([verdict_parts.whitened_means(s).ravel() for s in recordings(6)[1]])
     flat = flat[np.isfinite(flat)]
     assert np.std(flat) == pytest.approx(1.0, abs=0.05)
     assert np.abs(np.mean(flat)) < 0.05
@@ -611,7 +611,7 @@ def test_what_is_not_resolved_is_grey_and_bands_are_95_percent():
     v = verdict("named")
     flux, pressure = missing_heat.draw(v).axes[:2]
     m = v.missing[0]
-    hidden = int((m.resolution < missing_heat.LEAST).sum())
+    hidden = int((m.resolution < missing_heat.MIN_RESOLUTION).sum())
     assert hidden > 0
     assert len(flux.patches) == len(pressure.patches) == hidden
     top = flux.collections[0].get_paths()[0].vertices[:, 1].max()
@@ -620,37 +620,37 @@ def test_what_is_not_resolved_is_grey_and_bands_are_95_percent():
 
 def test_all_scores_are_drawn_with_the_alarm_level():
     v = verdict("named")
-    ax = candidates.why(v).axes[0]
+    ax = candidates.draw_scores(v).axes[0]
     assert sorted(p.get_width() for p in ax.patches) == sorted([CAUSE.ln_bayes, *(r.score for r in RIVALS)])
-    assert any(set(line.get_xdata()) == {candidates.ALARM} for line in ax.lines)
-    assert to_hex(ax.patches[0].get_facecolor()) == candidates.ACCEPTED.lower()
+    assert any(set(line.get_xdata()) == {candidates.LN_BAYES_ALARM} for line in ax.lines)
+    assert to_hex(ax.patches[0].get_facecolor()) == candidates.ACCEPTED_COLOUR.lower()
     assert ax.get_xscale() == "symlog"
-    kinds = {to_hex(p.get_edgecolor()) for p in candidates.why(verdict("group")).axes[0].patches}
-    assert candidates.ALIKE.lower() in kinds
-    twice = replace(v, rivals=(*RIVALS, Rival("edge_pressure", 3139.0, 0.8, "accepted")))
-    assert len(candidates.why(twice).axes[0].patches) == 1 + len(RIVALS)
+    kinds = {to_hex(p.get_edgecolor()) for p in candidates.draw_scores(verdict("group")).axes[0].patches}
+    assert candidates.AMBIGUOUS_COLOUR.lower() in kinds
+    twice = replace(v, rivals=(*RIVALS, CandidateReport("edge_pressure", 3139.0, 0.8, "accepted")))
+    assert len(candidates.draw_scores(twice).axes[0].patches) == 1 + len(RIVALS)
 
 
 def test_extreme_numbers_are_drawn():
     scores = (3e5, 12.0, 9.0, -4e3, float("nan"))
     rivals = tuple(
-        Rival(f"{n}_{i}", s, 0.5, "", refitted=True) for i, (n, s) in enumerate(zip(NAMES, scores, strict=False))
+        CandidateReport(f"{n}_{i}", s, 0.5, "", refitted=True) for i, (n, s) in enumerate(zip(NAMES, scores, strict=False))
     )
-    pulls = tuple(Pull(f"gain, file_{i}.nc", 1.0, 0.1, 40.0 * (-1) ** i) for i in range(40))
+    pulls = tuple(NormalisedDeviation(f"gain, file_{i}.nc", 1.0, 0.1, 40.0 * (-1) ** i) for i in range(40))
     v = verdict("unexplained", rivals=rivals, nuisance=pulls, separability=None)
-    render(candidates.why(v))
-    fig = render(candidates.alternatives(v))
+    render(candidates.draw_scores(v))
+    fig = render(candidates.draw_alternatives(v))
     assert "24 of 40" in fig.axes[0].get_title(loc="left")
-    same = Fitness(0.0701, 1.066, 0.071, 1.0)
+    same = FitMetrics(0.0701, 1.066, 0.071, 1.0)
     close = replace(same, rmse_K=0.0659)
     render(before_after.draw(verdict("named", base=same, extended=close, shifts=())))
 
 
 @pytest.mark.long
 def test_what_was_not_tried_has_no_bar_and_no_score():
-    v = verdict("unexplained", 1, rivals=(*RIVALS, Rival("spots", 0.0, 0.0, "not tried: the case has no spots")))
-    assert len(candidates.why(v).axes[0].patches) == len(RIVALS)
-    reader = Reader(verdict_report.text(v))
+    v = verdict("unexplained", 1, rivals=(*RIVALS, CandidateReport("spots", 0.0, 0.0, "not tried: the case has no spots")))
+    assert len(candidates.draw_scores(v).axes[0].patches) == len(RIVALS)
+    reader = Reader(verdict_report.render_report(v))
     assert ["spots", "the case has no spots"] in reader.table("effect", "why not")
     assert "spots" not in {r[0] for r in reader.table("candidate")}
 
@@ -680,7 +680,7 @@ def test_a_law_on_which_conditions_hardly_agree_is_named_with_its_doubt(chance, 
 
 @pytest.mark.long
 def test_no_verdict_keeps_what_it_knows():
-    known = Reader(verdict_report.text(verdict("no_verdict", base=EXTENDED, rivals=RIVALS))).text
+    known = Reader(verdict_report.render_report(verdict("no_verdict", base=EXTENDED, rivals=RIVALS))).text
     assert RIVALS[0].effect.replace("_", " ") in known
 
 
@@ -706,7 +706,7 @@ FAILED = RuleResult("heat of any shape (ln Bayes factor)", 31.2, 3.0, False, "he
 PASSED = RuleResult("the evidence is strong", 12.0, 8.0, True, "the ln Bayes factor is 12")
 SETUP = Cause(
     "pixel_scale", "the pixel scale of wall.nc is 1.2 % too small (or the block's length is 25.3 mm)",
-    (Estimate("pixel_scale.wall.nc", 0.012, 0.001, (0.01, 0.014)),), 144.0, 0.0, 1.0, 60.0, laboratory=True,
+    (ParameterEstimate("pixel_scale.wall.nc", 0.012, 0.001, (0.01, 0.014)),), 144.0, 0.0, 1.0, 60.0, laboratory=True,
 )  # fmt: skip
 
 
@@ -715,10 +715,10 @@ def evidence(**changes):
     whole = {
         "is_converged": True, "base_certainly_misfits": False, "causes": ("wear",), "ln_bayes": 30.0,
         "ln_bayes_discrepancy": 30.0, "heldout_gain": 3.0, "size": EffectSize(0.05, 0.0, 0.1, 0.01),
-        "alternatives": (Alternative(frozenset({"radiation"}), 1.0),),
+        "alternatives": (AlternativeCause(frozenset({"radiation"}), 1.0),),
         "adequacy": tuple(AdequacyTest(name, 0.5, 1.0) for name in ADEQUACY_WORDS),
     }  # fmt: skip
-    return Evidence(**(whole | changes))
+    return VerdictEvidence(**(whole | changes))
 
 
 def test_every_rule_of_a_decision_has_words_and_the_side_of_its_limit_is_right():
@@ -742,15 +742,15 @@ def test_adequacy_tests_and_their_words_have_the_same_names(monkeypatch):
     monkeypatch.setattr(adequacy, "largest_misfit", lambda *a: 0.0)
     monkeypatch.setattr(adequacy, "normalised_deviations", lambda *a: {})
     fit = SimpleNamespace(blocks=(), system=SimpleNamespace(seen=()), model=SimpleNamespace(effects=()))
-    assert [t.name for t in adequacy.adequacy_tests(None, fit, CRITERIA)] == list(ADEQUACY_WORDS)
+    assert [t.name for t in adequacy.run_adequacy_tests(None, fit, CRITERIA)] == list(ADEQUACY_WORDS)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", VERDICT_KINDS)
 @pytest.mark.sample("named", "no_verdict")
 def test_why_this_verdict_and_inputs_are_in_every_report_that_has_them(unpainted, kind):
     v = verdict(kind, 1, rules=(PASSED, FAILED), inputs=INPUTS, before=(), after=(), inputs_told_together=(
         ("block.length", "pixel scale"),))  # fmt: skip
-    page = verdict_report.text(v)
+    page = verdict_report.render_report(v)
     reader = Reader(page)
     rows = reader.table("what was asked")
     assert [r[2:] for r in rows[:2]] == [
@@ -772,9 +772,9 @@ def test_why_this_verdict_and_inputs_are_in_every_report_that_has_them(unpainted
 
 
 def test_inputs_without_a_contradiction_are_shown_and_old_verdicts_have_no_such_section(unpainted):
-    text = Reader(verdict_report.text(verdict("named", inputs=UNCHECKED, before=(), after=()))).text
+    text = Reader(verdict_report.render_report(verdict("named", inputs=UNCHECKED, before=(), after=()))).text
     assert "The data contradict no stated input." in text
-    text = Reader(verdict_report.text(verdict("named", before=(), after=()))).text
+    text = Reader(verdict_report.render_report(verdict("named", before=(), after=()))).text
     assert "Why this verdict" not in text
     assert "Inputs that the data question" not in text
     assert "Adequacy tests" in text
@@ -789,7 +789,7 @@ def test_the_text_of_a_verdict_names_contradicted_inputs_and_up_to_six_that_cann
     assert "cannot check 7 of 10\n" in more
     assert "road.n0" not in more
     assert "inputs:" not in str(verdict("named"))
-    titles = [part.title for part in verdict("named", inputs=INPUTS, rules=(PASSED,)).sheet().parts]
+    titles = [part.title for part in verdict("named", inputs=INPUTS, rules=(PASSED,)).to_table().parts]
     assert titles[:2] == ["Why this verdict", "Stated inputs against the data"]
 
 
@@ -837,7 +837,7 @@ def test_the_first_sentence_is_the_verdict_in_plain_words(kind, changes, first, 
 
 
 def test_an_input_of_another_verdict_is_contradicted_once_and_only_beyond_chance():
-    held = Held("contact.pressure", 1.5e5, 1.65e5, 3.1e3, "Pa", 14.0, "")
+    held = InputCorrection("contact.pressure", 1.5e5, 1.65e5, 3.1e3, "Pa", 14.0, "")
     faint = stated_input("schedule.speed", "contradicted", 3.1, CRITERIA.ln_bayes_hint - 1.0)
     lines = describe_verdict(verdict("named", inputs=(*INPUTS, faint), held_key=held), catalogue())
     assert sum("contact.pressure is stated" in line for line in lines) == 1
@@ -850,8 +850,8 @@ def test_an_input_of_another_verdict_is_contradicted_once_and_only_beyond_chance
 
 def test_an_error_of_the_set_up_within_usual_limits_has_the_unit_of_its_input():
     found = (
-        Found("ambient.temperature", -0.4, 0.05, "1", -0.8, "ambient.temperature is 19.6 degC, not 20 degC"),
-        Found("block_length", 0.005, 0.001, "1", 0.5, "the block's length is 25.1 mm"),
+        SetupErrorReport("ambient.temperature", -0.4, 0.05, "1", -0.8, "ambient.temperature is 19.6 degC, not 20 degC"),
+        SetupErrorReport("block_length", 0.005, 0.001, "1", 0.5, "the block's length is 25.1 mm"),
     )
     lines = describe_verdict(verdict("none_needed", inputs=INPUTS, laboratory=found), catalogue())
     assert [line for line in lines if line.startswith("The data suggest")] == [
@@ -866,14 +866,14 @@ def test_what_cannot_be_as_stated_has_no_number():
     assert lines[0] == (
         "The set-up differs from what is stated: a.nc and b.nc are exchanged; as stated it is impossible."
     )
-    html = verdict_report.text(verdict("named", causes=(swapped,), before=(), after=()))
-    assert verdict_report.SETUP_ANSWER["named"] in html
+    html = verdict_report.render_report(verdict("named", causes=(swapped,), before=(), after=()))
+    assert verdict_report.SETUP_ANSWERS_BY_KIND["named"] in html
 
 
 @pytest.mark.parametrize(("low", "wide"), [(20.1, 1.2), (20.2, 3.0), (20.4, 5.9), (20.4, 1.5), (20.0, 15.0)])
 def test_a_colour_bar_has_no_part_without_colours(low, wide):
-    ends = difference._ticks(Normalize(low, low + wide))
-    marks = difference._marks(Normalize(ends[0], ends[-1]))
+    ends = difference._round_ticks(Normalize(low, low + wide))
+    marks = difference._inner_ticks(Normalize(ends[0], ends[-1]))
     assert ends[0] - 1e-9 <= marks[0] < marks[-1] <= ends[-1] + 1e-9
     assert 3 <= len(marks) <= 8
 
@@ -882,8 +882,8 @@ def test_a_colour_bar_has_no_part_without_colours(low, wide):
 def test_numbers_on_the_axis_of_what_was_gained_do_not_overlap(least, most):
     figure = Figure(figsize=(3.0, 1.2), dpi=160)
     axis = figure.add_subplot()
-    with style.context(["default", theme.STYLE]):
-        before_after._dumbbells(axis, [("one", most, least)])
+    with style.context(["default", theme.MATPLOTLIB_STYLE]):
+        before_after._draw_dumbbells(axis, [("one", most, least)])
         FigureCanvasAgg(figure).draw()
     low, high = axis.get_xlim()
     labels = [t for t in axis.get_xticklabels() if low <= t.get_position()[0] <= high and t.get_text()]
@@ -905,15 +905,15 @@ def test_a_gain_or_loss_is_told_only_beyond_its_statistical_error(unpainted, err
     base = replace(BASE, rmse_K=0.0587, held_out_rmse_K=0.0498, held_out_z=1.0)
     after = replace(base, rmse_K=0.06, rmse_change_error_K=error_K, held_out_z=1.003, held_out_rmse_K=0.05)
     v = verdict("named", base=base, extended=replace(after, held_out_z_change_error=error_K), before=(), after=())
-    assert words in verdict_report.text(v)
+    assert words in verdict_report.render_report(v)
     lines = describe_verdict(v, catalogue())
     assert any("as well as before (1 and 1 sigma, within noise)" in line for line in lines) == (error_K == 0.002)
 
 
 def test_a_rule_that_passed_has_a_text_that_says_so():
-    for rule in decide(Evidence(True, False, ("pressure_tilt",), ln_bayes=58.0, ln_bayes_discrepancy=40.0)).rules:
+    for rule in decide(VerdictEvidence(True, False, ("pressure_tilt",), ln_bayes=58.0, ln_bayes_discrepancy=40.0)).rules:
         found = _rule_result(rule)
         assert rule.passed
         assert found.consequence == describe_success(found) != rule.consequence
-    [failed] = decide(Evidence(False, False)).rules
+    [failed] = decide(VerdictEvidence(False, False)).rules
     assert _rule_result(failed).consequence == failed.consequence

@@ -10,32 +10,32 @@ import numpy as np
 import pytest
 
 from flashtemp.comparison import campaign
-from flashtemp.comparison.twin import SEALED, Plan, twin
+from flashtemp.comparison.twin import SEALED_TRUTH, SyntheticPlan, make_synthetic_campaign
 from flashtemp.discovery.diagnostics.adequacy_tests import normalised_deviations
 from flashtemp.discovery.diagnostics.cross_validation import without_flexible_terms
 from flashtemp.discovery.diagnostics.verdict_sentences import describe_assumed_optics
 from flashtemp.discovery.estimation import image_alignment, prior_widths
 from flashtemp.discovery.estimation.fitting import (
-    NEGLIGIBLE_GAIN,
-    NOISE_GAIN,
+    NEGLIGIBLE_STEP_GAIN,
+    NUMERICAL_NOISE_GAIN,
     Hypothesis,
-    Request,
+    SimulationRequest,
     fit_hypothesis,
     run_fits,
 )
-from flashtemp.discovery.estimation.hyperparameters import estimate
-from flashtemp.discovery.estimation.linear_gaussian import System, residual
-from flashtemp.discovery.estimation.linearised_fit import Status
+from flashtemp.discovery.estimation.hyperparameters import maximise_evidence
+from flashtemp.discovery.estimation.linear_gaussian import LinearSystem, whitened_residual
+from flashtemp.discovery.estimation.linearised_fit import FitStatus
 from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY, LEAST_DISCREPANCY
-from flashtemp.discovery.estimation.nuisance_priors import GROUPS, MODE, UNSURE, nuisance_priors
-from flashtemp.discovery.estimation.trust_region import Quadratic
-from flashtemp.discovery.hypotheses.candidates import Model
+from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD, PRESSURE_MODE_SD, UNSTATED_OPTICS_SD, nuisance_priors
+from flashtemp.discovery.estimation.trust_region import QuadraticModel
+from flashtemp.discovery.hypotheses.candidates import ModelPoint
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction.problem import _unstated_facts, prepare_problem
-from flashtemp.discovery.selection.scores import SEEN, scores, worth_another_look
+from flashtemp.discovery.selection.scores import MIN_PARTNER_Z, score_candidates, select_for_rescoring
 from flashtemp.errors import BadInput
-from flashtemp.model.case import load
-from flashtemp.physics.effect import find
+from flashtemp.model.case import load_case
+from flashtemp.physics.effect import find_effect
 
 KNOWN_WELL = ("friction.mu", "contact.spot_fraction")  # what shows clearly in a few seconds of sliding
 SMALL = {
@@ -52,14 +52,14 @@ def campaigns(tmp_path_factory, calibrate):
         folder = tmp_path_factory.mktemp("fit")
         (folder / "case.toml").write_text("")
         settings = {"conditions": 1, "views": ("sidewall",), "sliding": 3, "nuisance": 0.5} | plan
-        out = twin(load(folder / "case.toml", SMALL), Plan(tuple(hidden), seed, **settings), folder / "lab")
+        out = make_synthetic_campaign(load_case(folder / "case.toml", SMALL), SyntheticPlan(tuple(hidden), seed, **settings), folder / "lab")
         if believed:
             rows = (out / "case.toml").read_text().splitlines()
             [at] = [i for i, row in enumerate(rows) if row.split(" = ")[0] == believed.split(" = ")[0]]
             rows[at] = believed
             (out / "case.toml").write_text("\n".join(rows))
         stated = campaign.load(out)
-        truth = json.loads((out / SEALED).read_text())
+        truth = json.loads((out / SEALED_TRUTH).read_text())
         return SimpleNamespace(**vars(calibrate(replace(stated, free=free or stated.free))), truth=truth)
 
     return make
@@ -102,14 +102,14 @@ def fitted(made, hypothesis):
 
 
 def extended(made, name):
-    return fitted(made, Hypothesis.extending(made.problem, made.data, made.base, [candidate(made, name)]))
+    return fitted(made, Hypothesis.from_parent(made.problem, made.data, made.base, [candidate(made, name)]))
 
 
 # --- calibration -------------------------------------------------------------------------------------
 def test_calibration_converges_and_promises_nothing_more(two):
     fit = two.base
     assert fit.converged
-    assert fit.promise < NEGLIGIBLE_GAIN
+    assert fit.promise < NEGLIGIBLE_STEP_GAIN
     assert fit.model.effects == {}
     assert len(fit.blocks) == 4
 
@@ -131,21 +131,21 @@ def test_what_was_drawn_is_found_again(two):
 def test_predictions_at_the_best_point_leave_noise(two):
     """Each recording by itself, with what its own nuisances explain."""
     for block in two.base.blocks:
-        left = residual(block, two.base.solution)
+        left = whitened_residual(block, two.base.solution)
         assert np.mean(left**2) == pytest.approx(1.0, abs=5 * np.sqrt(2 / block.count)), block.label
 
 
 @pytest.mark.parametrize("sign", [1.0, pytest.param(-1.0, marks=pytest.mark.long)])
 def test_a_far_start_ends_at_the_same_place(two, sign):
     """All that was known beforehand contradicts it by 2 standard deviations or more; within its standard errors."""
-    start = Model({k: sign * v for k, v in AWAY.items()})
+    start = ModelPoint({k: sign * v for k, v in AWAY.items()})
     found, _ = fitted(two, Hypothesis(two.problem, two.data, start))
-    assert found.converged
-    assert found.history[0] > NEGLIGIBLE_GAIN
+    assert found.is_converged
+    assert found.history[0] > NEGLIGIBLE_STEP_GAIN
     for key in AWAY:
         far = found.solution.sd(ParameterId.of_key(key))
         assert abs(value(found, key) - value(two.base, key)) < far, key
-    assert found.ln_evidence == pytest.approx(two.base.ln_evidence, abs=0.5 * NOISE_GAIN)
+    assert found.ln_evidence == pytest.approx(two.base.ln_evidence, abs=0.5 * NUMERICAL_NOISE_GAIN)
 
 
 def test_what_an_image_does_not_say_of_its_camera_is_taken_as_usual_and_told(two):
@@ -159,8 +159,8 @@ def test_what_an_image_does_not_say_of_its_camera_is_taken_as_usual_and_told(two
     assert (taken.registration_sigma_px, taken.psf_sigma_px, told.registration_sigma_px) == (0.5, 0.7, 0.0)
     spread = [ParameterId(Kind.SPREAD, file=v.file) for v in found.campaign.views]
     shift = ParameterId(Kind.SHIFT_U, file=mute.file)
-    priors = nuisance_priors(found, [*spread, shift], found.start)
-    assert [priors[p][1] for p in (*spread, shift)] == [UNSURE, GROUPS[Kind.SPREAD], 0.5]
+    priors = nuisance_priors(found, [*spread, shift], found.stated_model)
+    assert [priors[p][1] for p in (*spread, shift)] == [UNSTATED_OPTICS_SD, NUISANCE_SD[Kind.SPREAD], 0.5]
     solution = replace(two.base.solution, names=tuple(spread), d=np.array([0.4, 0.1]))
     far = normalised_deviations(replace(two.base, priors=priors, solution=solution))
     assert [far[p] for p in spread] == pytest.approx([1.0, 2.0])
@@ -192,8 +192,8 @@ def test_a_turned_image_is_aligned_whatever_its_columns_promise(two):
     place, p = best.place(file), ParameterId(Kind.TURN, file=file)
     turned = replace(best, places=best.places | {file: replace(place, turn=place.turn + 0.006)})
     found, _ = fitted(two, Hypothesis(two.problem, two.data, turned))
-    assert abs(found.model.placed(p) - best.placed(p)) < 0.001
-    assert found.ln_evidence == pytest.approx(two.base.ln_evidence, abs=0.5 * NOISE_GAIN)
+    assert abs(found.model.setup_value(p) - best.placed(p)) < 0.001
+    assert found.ln_evidence == pytest.approx(two.base.ln_evidence, abs=0.5 * NUMERICAL_NOISE_GAIN)
 
 
 def test_images_that_promise_next_to_nothing_are_not_predicted_again():
@@ -201,11 +201,11 @@ def test_images_that_promise_next_to_nothing_are_not_predicted_again():
     files = ("a", "b", "c")
     names = [ParameterId(kind, file=file) for file in files for kind in (Kind.SHIFT_U, Kind.TURN)]
     gradient = np.array([3.0, 1.0, 0.1, 0.1, 0.2, 0.3])
-    model = Quadratic(gradient, np.eye(6), np.full(6, -np.inf), np.full(6, np.inf))
+    model = QuadraticModel(gradient, np.eye(6), np.full(6, -np.inf), np.full(6, np.inf))
     step = model.best_step()
     found = image_alignment._of_promising_images(names, model, step)
     assert found.tolist() == [*step[:2].tolist(), 0.0, 0.0, *step[4:].tolist()]
-    assert model.reduction(step) - model.reduction(found) < image_alignment.NEGLIGIBLE_GAIN
+    assert model.predicted_reduction(step) - model.predicted_reduction(found) < image_alignment.NEGLIGIBLE_ALIGNMENT_GAIN
 
 
 def test_where_an_image_lies_that_is_held_out_is_estimated_from_that_image(two):
@@ -217,7 +217,7 @@ def test_where_an_image_lies_that_is_held_out_is_estimated_from_that_image(two):
     one_pixel = np.hstack([image.C, image.F])[:, dict(image.names)[p]]
     moved = [replace(b, r=b.r + one_pixel) if b is image else b for b in blocks]
     before, after = (
-        estimate(two.problem, System(some), base.model, {}, variances=base.hyper.variances).solution[p]
+        maximise_evidence(two.problem, LinearSystem(some), base.model, {}, variances=base.hyper.variances).solution[p]
         for some in (blocks, moved)
     )
     assert after - before == pytest.approx(1.0, abs=0.5)  # nearer to where it lies than to where it lay
@@ -239,9 +239,9 @@ def test_the_clock_of_an_image_that_is_held_out_is_followed_beyond_one_run(wakes
     model = wakes.base.model.moved(ParameterId.of_key("friction.mu"), away)
     found, seen = fitted(SimpleNamespace(problem=problem), Hypothesis(problem, wakes.data, model))
     clocks = [m.placed(p) for m in seen]
-    assert found.converged
+    assert found.is_converged
     assert clocks == sorted(clocks, reverse=True)  # nothing throws it back
-    assert found.model.placed(p) == pytest.approx(wakes.base.model.placed(p) - early, abs=0.5 * GROUPS[Kind.CLOCK])
+    assert found.model.setup_value(p) == pytest.approx(wakes.base.model.placed(p) - early, abs=0.5 * NUISANCE_SD[Kind.CLOCK])
 
 
 def test_where_all_images_of_a_view_are_off_alike_each_pays_for_what_is_its_own(two):
@@ -249,7 +249,7 @@ def test_where_all_images_of_a_view_are_off_alike_each_pays_for_what_is_its_own(
     walls = [v.file for v in two.problem.campaign.views if v.recording.view == "sidewall"]
     own = tuple(ParameterId(Kind.CLOCK, file=file) for file in walls)
     view = ParameterId(Kind.CLOCK, name="sidewall")
-    late, usual = 0.15, GROUPS[Kind.CLOCK]
+    late, usual = 0.15, NUISANCE_SD[Kind.CLOCK]
     model = two.base.model
     for p in own:
         model = model.moved(p, late - model.placed(p))
@@ -275,12 +275,12 @@ def test_scale_and_floor_are_chosen_together():
         (1.0, LARGEST_DISCREPANCY): -2.0,
     }
     mode, floor = ParameterId(Kind.MODE, (1,)), ParameterId(Kind.FLOOR, (0,), file="condition1_sidewall.nc")
-    priors = {mode: (0.0, MODE), floor: (0.0, LEAST_DISCREPANCY)}
+    priors = {mode: (0.0, PRESSURE_MODE_SD), floor: (0.0, LEAST_DISCREPANCY)}
     system = SimpleNamespace(
         known=lambda priors: (mode, floor),
-        evidence=lambda priors, equations: lambda sd: known.get((round(sd[0] / MODE, 6), sd[1]), -99.0),
+        evidence=lambda priors, equations: lambda sd: known.get((round(sd[0] / PRESSURE_MODE_SD, 6), sd[1]), -99.0),
     )
-    found = prior_widths.likeliest_widths(system, priors, {}, object(), (LARGEST_DISCREPANCY, LEAST_DISCREPANCY))
+    found = prior_widths.find_likeliest_widths(system, priors, {}, object(), (LARGEST_DISCREPANCY, LEAST_DISCREPANCY))
     assert (found.scale, found.floor) == (1.0, LEAST_DISCREPANCY)
 
 
@@ -294,11 +294,11 @@ def test_a_fit_that_cannot_reach_another_one_goes_no_further(two, behind, promis
     def fitting(best, rounds):
         for _ in range(rounds):
             asked.append(best)
-            yield Request([], best)
+            yield SimulationRequest([], best)
         return best
 
     found = run_fits(two.problem, {"fast": fitting(two.base, 1), "slow": fitting(slow, 5)}).fits
-    assert (found["slow"].status is Status.OUTRUN) is ends
+    assert (found["slow"].status is FitStatus.OUTRUN) is ends
     assert (asked.count(slow) < 5) is ends
     assert found["fast"] is two.base
 
@@ -328,9 +328,9 @@ def test_a_full_fit_from_a_gross_misfit_ends_at_the_truth(peaked, peak):
 def test_only_candidates_that_may_explain_what_is_left_are_simulated_again(peaked, peak):
     """None of the others would be seen by its own sensitivities; one that is there at 6 standard deviations is kept."""
     problem, data, base = peaked.problem, peaked.data, peaked.base
-    ranked = scores(problem, base, problem.candidates)
-    kept = worth_another_look(problem, base, peak, ranked)
-    asleep = {s.effect for s in ranked if s.seen < SEEN}
+    ranked = score_candidates(problem, base, problem.candidates)
+    kept = select_for_rescoring(problem, base, peak, ranked)
+    asleep = {s.effect for s in ranked if s.typical_z < MIN_PARTNER_Z}
     assert "edge_pressure" not in {k.effect for k in kept}
     assert "wear" in asleep  # does nothing where the pressure is even, and may where it is not
     assert asleep <= {k.effect for k in kept}
@@ -339,23 +339,23 @@ def test_only_candidates_that_may_explain_what_is_left_are_simulated_again(peake
     tasks = problem.tasks(peak.model, replace(h.all_derivatives(), candidates=problem.candidates))
     blocks = data.blocks(problem.predictions(tasks))
     system = peak.system.with_blocks({b.label: b for b in blocks})
-    own = {s.effect: s for s in scores(problem, replace(peak, system=system), problem.candidates)
+    own = {s.effect: s for s in score_candidates(problem, replace(peak, system=system), problem.candidates)
            if s.candidate not in kept}  # fmt: skip
     assert all(s.ln_bayes < 5.0 for s in own.values())
 
-    hidden = max(own.values(), key=lambda s: s.seen)
-    p, a = hidden.candidate.column(hidden.candidate.first[0]), hidden.candidate.first[1]
-    size = 6.0 * abs(a) / hidden.seen
+    hidden = max(own.values(), key=lambda s: s.typical_z)
+    p, a = hidden.candidate.strength_column(hidden.candidate.leading_strength[0]), hidden.candidate.leading_strength[1]
+    size = 6.0 * abs(a) / hidden.typical_z
     seen = {b.label: b.r + sum(size * b.C[:, k] for n, k in b.names if n == p) for b in blocks}
     found = replace(peak, system=system.shown(seen))
-    assert hidden.candidate in worth_another_look(problem, base, found, ranked)
+    assert hidden.candidate in select_for_rescoring(problem, base, found, ranked)
 
 
 # --- effects -----------------------------------------------------------------------------------------
 def inside(name, models):
     for model in models:
         for k, v in model.effects.get(name, {}).items():
-            param = find(name).params()[k]
+            param = find_effect(name).params()[k]
             assert param.low <= v <= param.high, (name, k, v)
 
 
@@ -376,11 +376,11 @@ FILM = ParameterId.of_effect("interface_resistance", "resistance")
 
 def test_what_extends_a_model_asks_only_for_what_is_new(resistive):
     c = candidate(resistive, "interface_resistance")
-    h = Hypothesis.extending(resistive.problem, resistive.data, resistive.base, [c])
-    assert h.new_derivatives().own == (FILM,)
+    h = Hypothesis.from_parent(resistive.problem, resistive.data, resistive.base, [c])
+    assert h.new_derivatives().model_parameters == (FILM,)
     assert not h.new_derivatives().optics
     alone = replace(h, parent=None)
-    assert alone.new_derivatives().own == (*resistive.problem.free, *h.effect_priors)
+    assert alone.new_derivatives().model_parameters == (*resistive.problem.free, *h.effect_priors)
     assert alone.new_derivatives().optics
 
 
@@ -391,10 +391,10 @@ def test_a_hidden_strength_is_found_from_nothing_and_from_far_beyond(resistive, 
     found = []
     for fit, seen in (film, fitted(resistive, Hypothesis(resistive.problem, resistive.data, model, (c,)))):
         inside(FILM.effect, seen)
-        assert fit.converged
+        assert fit.is_converged
         assert not fit.bound
         assert fit.ln_evidence > resistive.base.ln_evidence + 8.0
-        found.append(fit.model.value(FILM) + fit.solution[FILM])
+        found.append(fit.model.effect_value(FILM) + fit.solution[FILM])
         assert abs(found[-1] - truth) < 4 * fit.solution.sd(FILM)
     assert found[0] == pytest.approx(found[1], abs=0.05 * 2e-5)
 
@@ -409,10 +409,10 @@ def perfect(campaigns):
 def test_a_strength_that_ought_to_be_negative_ends_at_off(perfect):
     fit, seen = extended(perfect, "interface_resistance")
     inside(FILM.effect, seen)
-    assert fit.model.value(FILM) == 0.0
+    assert fit.model.effect_value(FILM) == 0.0
     assert fit.bound == {FILM}
     assert FILM not in fit.solution.names
-    assert fit.converged
+    assert fit.is_converged
     assert fit.ln_evidence == pytest.approx(perfect.base.ln_evidence, abs=0.5)
 
 

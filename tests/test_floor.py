@@ -12,8 +12,8 @@ from truth.laboratory import Errors, Programme
 from flashtemp.camera.recording import Recording
 from flashtemp.camera.recording import load as recording
 from flashtemp.comparison import campaign
-from flashtemp.comparison.campaign import View
-from flashtemp.discovery.decision import EffectSize, Evidence, decide
+from flashtemp.comparison.campaign import RecordingEntry
+from flashtemp.discovery.decision import EffectSize, VerdictEvidence, decide
 from flashtemp.discovery.engine import discover
 from flashtemp.discovery.estimation import model_discrepancy
 from flashtemp.discovery.prediction.prediction import Observable
@@ -29,7 +29,7 @@ def seen(view, frames=6, nv=20, nu=30):
         view, T, np.arange(frames, dtype=float), 1 + np.arange(frames) // 3, np.linspace(0.0, 0.02, nu),
         np.linspace(0.0, 5e-3, nv), reflected_degC=laboratory.AIR,
     )  # fmt: skip
-    return View("a.nc", made), Observable(T, np.full((nv, nu), True), {})
+    return RecordingEntry("a.nc", made), Observable(T, np.full((nv, nu), True), {})
 
 
 @pytest.mark.parametrize("view", ["sidewall", "wake"])
@@ -50,7 +50,7 @@ def test_a_wake_has_one_smooth_error_across_its_width():
 @pytest.mark.parametrize(("friction", "kind"), [(0.0, "none_needed"), (0.02, "named")])
 def test_a_cause_that_only_the_load_cell_shows_is_seen(friction, kind):
     unseen = EffectSize(rise_fraction=5e-4, change_K=0.01, friction_fraction=friction)
-    found = Evidence(
+    found = VerdictEvidence(
         is_converged=True, base_certainly_misfits=False, causes=("friction_softening",), ln_bayes=58.0,
         ln_bayes_discrepancy=50.0, heldout_gain=43.0, size=unseen,
     )  # fmt: skip

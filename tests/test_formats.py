@@ -14,15 +14,15 @@ import pytest
 import scipy.io
 import tifffile
 
-from flashtemp.camera.files import read
+from flashtemp.camera.files import read_frames
 from flashtemp.camera.formats import clean_text
-from flashtemp.camera.formats.cells import numeric, parsed
+from flashtemp.camera.formats.cells import count_numeric, parse_cells
 from flashtemp.camera.formats.text_layout import read_layout
-from flashtemp.camera.radiometry import ObjectParameters, Planck, apparent_counts
+from flashtemp.camera.radiometry import ObjectParameters, PlanckCalibration, apparent_counts
 from flashtemp.camera.recording import Recording
 from flashtemp.errors import BadInput
 
-PLANCK = Planck(14985.93, 0.0112832, 1398.1, 1.0, -6233.0)
+PLANCK = PlanckCalibration(14985.93, 0.0112832, 1398.1, 1.0, -6233.0)
 SEEN = ObjectParameters(emissivity=0.95, reflected=22.0, air=21.0, humidity=0.4, distance=1.5)
 ROWS, COLUMNS = 12, 16
 SCENE = 30.0 + 40.0 * np.exp(-(((np.arange(COLUMNS) - 9) / 5) ** 2) - (((np.arange(ROWS)[:, None] - 4) / 4) ** 2))
@@ -141,7 +141,7 @@ def given(tmp_path):
 
     def given(data: bytes, name="file.bin", **unsaid):
         (tmp_path / name).write_bytes(data)
-        return read(tmp_path / name, **unsaid)
+        return read_frames(tmp_path / name, **unsaid)
 
     return given
 
@@ -185,7 +185,7 @@ def test_sequence(given, kind):
     """Frames one after another, gaps and a false mark inside the counts; each has its own parameters."""
     false = COUNTS.copy()
     false[5, 4:6] = np.frombuffer(b"FFF\0", "<u2")
-    other = SEEN.changed({"emissivity": 0.9})
+    other = SEEN.with_values({"emissivity": 0.9})
     frames = given(fff(kind=kind) + b"\0" * 40 + fff(false, kind=kind, thousandths=500, seen=other))
     assert frames.format == "FLIR sequence"
     assert frames.temperature.shape == (2, ROWS, COLUMNS)
@@ -200,11 +200,11 @@ def test_given_parameters_go_before_the_files(given):
     broken = fff(numbers={0x20: float("nan")})
     check_refused(given, broken, "emissivity: nan; give")
     assert np.abs(given(broken, parameters={"emissivity": 0.95}).temperature[0] - SCENE).max() < STEP
-    hot = SEEN.changed({"emissivity": 0.8, "window": 0.7, "window_temperature": 50.0, "air": 35.0})
+    hot = SEEN.with_values({"emissivity": 0.8, "window": 0.7, "window_temperature": 50.0, "air": 35.0})
     counts = np.round(apparent_counts(SCENE, PLANCK, hot)).astype(np.uint16)
     change = {k: getattr(hot, k) for k in ("emissivity", "window", "window_temperature", "air")}
     assert np.abs(given(fff(counts), parameters=change).temperature[0] - SCENE).max() < 2 * STEP
-    other = Planck(PLANCK.R1, PLANCK.R2, PLANCK.B + 10, PLANCK.F, PLANCK.O)
+    other = PlanckCalibration(PLANCK.R1, PLANCK.R2, PLANCK.B + 10, PLANCK.F, PLANCK.O)
     assert given(fff(), planck=other).temperature[0, 4, 9] > SCENE[4, 9] + 1
 
 
@@ -299,9 +299,9 @@ def test_text_says_its_parameters(given):
     ["1.", ".5", "+-1", "-", "1e", "e5", "1.2.3", "1e2.5", "1e2e3", "--", "", "1 2", "1;2", "1_0", "nan", "9" * 65],
 )
 def test_what_is_no_plain_number_is_read_carefully(cell):
-    assert clean_text.rows("1\t2.5\n3\t4\n")[1].tolist() == [[1.0, 2.5], [3.0, 4.0]]
+    assert clean_text.read_plain_rows("1\t2.5\n3\t4\n")[1].tolist() == [[1.0, 2.5], [3.0, 4.0]]
     for row in (f"{cell}\t4", f"3\t{cell}"):
-        assert clean_text.rows(f"1\t2\n{row}\n5\t6\n") is None
+        assert clean_text.read_plain_rows(f"1\t2\n{row}\n5\t6\n") is None
 
 
 PLAIN = {
@@ -321,7 +321,7 @@ def test_plain_text_is_read_at_once_and_as_carefully(kind):
         if number:
             odd = str(rng.choice([*' .,;+-e\t\n"1x', "\n\n", "--", "1;1", "\n1;2;3\n"]))
             said = whole[:k] + odd + whole[k + int(rng.integers(0, 2)) :]
-        found = clean_text.rows(said)
+        found = clean_text.read_plain_rows(said)
         if found is None:
             assert number, "nothing was unusual"
             continue
@@ -329,7 +329,7 @@ def test_plain_text_is_read_at_once_and_as_carefully(kind):
         layout = read_layout(said.splitlines(), None, said[-1] in "\r\n")
         header = [line for number, line in layout.others if line and number < layout.blocks[0].lines[0]]
         assert (header, layout.comma) == (list(filter(None, found[0])), found[3])
-        np.testing.assert_array_equal(found[1], parsed(layout.rows, layout.separator, layout.comma))
+        np.testing.assert_array_equal(found[1], parse_cells(layout.rows, layout.separator, layout.comma))
     assert quick > 15, "some letters change a number into another"
 
 
@@ -355,7 +355,7 @@ def test_marks_below_the_range(given, mark):
     ids=["numbers", "units", "marks", "words", "too long", "a row with its label", "nothing"],
 )
 def test_what_counts_as_a_number(row, count):
-    assert numeric(row) == count
+    assert count_numeric(row) == count
 
 
 def test_a_threshold_for_below_the_range(given):
@@ -445,8 +445,8 @@ def test_own_recordings_and_classic_netcdf(given, tmp_path):
         emissivity=0.9,
     )
     made.save(tmp_path / "r.nc")
-    frames = read(tmp_path / "r.nc")
-    assert (frames.view, frames.said) == ("sidewall", {"emissivity": 0.9})
+    frames = read_frames(tmp_path / "r.nc")
+    assert (frames.view, frames.stated_parameters) == ("sidewall", {"emissivity": 0.9})
     assert frames.temperature == pytest.approx(T)
     assert frames.u == pytest.approx(made.u)
     out = tmp_path / "classic.nc"
@@ -455,7 +455,7 @@ def test_own_recordings_and_classic_netcdf(given, tmp_path):
             file.createDimension(name, size)
         file.createVariable("T", "f8", tuple("frc"))[:] = T + 273.15
         file.variables["T"].units = "K"
-    assert read(out).temperature == pytest.approx(T)
+    assert read_frames(out).temperature == pytest.approx(T)
 
 
 @pytest.mark.parametrize(
@@ -521,7 +521,7 @@ if (DATA / "flir_jpeg_vs_flirtools").is_dir():
     @pytest.mark.parametrize("image", IMAGES, ids=lambda p: p.stem)
     def test_makers_own_matrices(image):
         """Every image within 0.001 K of FLIR Tools (3 decimals); the same pixels are below the range."""
-        ours, makers = read(image).temperature, read(image.with_suffix(".flirtools.csv")).temperature
+        ours, makers = read_frames(image).temperature, read_frames(image.with_suffix(".flirtools.csv")).temperature
         assert np.array_equal(np.isnan(ours), np.isnan(makers))
         worst = np.nanmax(np.abs(ours - makers))
         print(f"{image.stem}: {worst:.6f} K, {np.isnan(makers).sum()} below range")
@@ -547,10 +547,10 @@ if (DATA / "flir_jpeg_vs_flirtools").is_dir():
         ],
     )
     def test_sample_files(name, unsaid, shape, low, high):
-        frames = read(DATA / name, **unsaid)
+        frames = read_frames(DATA / name, **unsaid)
         assert frames.temperature.shape == shape
         assert (frames.temperature.min(), frames.temperature.max()) == pytest.approx((low, high), abs=0.1)
 
     def test_clock_of_a_sample():
         """ExifTool says 2018:11:05 12:14:43.084+01:00."""
-        assert read(DATA / "flir_tiff_fff/frame_000000.fff").clock[0] == pytest.approx(1541420083.084, abs=1e-3)
+        assert read_frames(DATA / "flir_tiff_fff/frame_000000.fff").clock[0] == pytest.approx(1541420083.084, abs=1e-3)

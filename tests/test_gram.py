@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from flashtemp.discovery.estimation.linear_gaussian import Block, System, residual
+from flashtemp.discovery.estimation.linear_gaussian import DataBlock, LinearSystem, whitened_residual
 from flashtemp.discovery.parameters import Kind, ParameterId
 
 MU, PHI = ParameterId.of_key("friction.mu"), ParameterId.of_key("contact.spot_fraction")
@@ -30,7 +30,7 @@ def block(rng, label, condition, own, shared, aliases, size, held_out=False):
     C[:, 0] += 2.0 * F[:, 0]  # nothing is orthogonal
     names = [(n, i) for i, n in enumerate([*own, *shared])]
     names += [(alias, [*own, *shared].index(n)) for alias, n in aliases.items()]
-    return Block(label, condition, held_out, rng.normal(size=size), C, tuple(names), F, F.T @ F)
+    return DataBlock(label, condition, held_out, rng.normal(size=size), C, tuple(names), F, F.T @ F)
 
 
 @pytest.fixture
@@ -83,7 +83,7 @@ def fitted(blocks):
 @pytest.mark.parametrize("left", [(), (MODE, MESH), (LEVEL[0], LEVEL[1], FLUX[0], FLUX[1]), (MU,)])
 def test_estimate_and_evidence(blocks, left):
     priors = {n: v for n, v in PRIORS.items() if n not in left}
-    found = System(blocks).solve(priors)
+    found = LinearSystem(blocks).solve(priors)
     d, covariance = posterior(fitted(blocks), priors)
     count = sum(b.count for b in fitted(blocks))
     order = [list(priors).index(n) for n in found.names]
@@ -96,7 +96,7 @@ def test_estimate_and_evidence(blocks, left):
 
 def test_chi2_is_that_of_data_and_priors_at_the_estimate(blocks):
     names, mean, sd = parts(PRIORS)
-    found = System(blocks).solve(PRIORS)
+    found = LinearSystem(blocks).solve(PRIORS)
     r, A = dense(fitted(blocks), names)
     d = np.array([found[n] for n in names])
     assert found.chi2 == pytest.approx(np.sum((r - A @ d) ** 2) + np.sum(((d - mean) / sd) ** 2), rel=1e-11)
@@ -106,14 +106,14 @@ def test_single_precision_columns_are_multiplied_in_double(blocks):
     rough = [replace(b, C=b.C.astype(np.float32), F=b.F.astype(np.float32)) for b in blocks]
     rough = [replace(b, FF=b.F.astype(float).T @ b.F.astype(float)) for b in rough]
     exact = [replace(b, C=b.C.astype(float), F=b.F.astype(float)) for b in rough]
-    found, expected = System(rough).solve(PRIORS), System(exact).solve(PRIORS)
+    found, expected = LinearSystem(rough).solve(PRIORS), LinearSystem(exact).solve(PRIORS)
     np.testing.assert_allclose(found.d, expected.d, rtol=1e-6, atol=1e-7)
 
 
 def test_names_of_one_column_share_its_value(blocks):
     """Two names with priors sd and sd' are one with hypot(sd, sd'), and what each gets follows its variance."""
     [a] = (b for b in blocks if b.label == "a")
-    system = System([a])
+    system = LinearSystem([a])
     both = system.solve({MU: (0.3, 0.5), LEVEL[0]: (-0.1, 0.2)})
     one = system.solve({MU: (0.2, np.hypot(0.5, 0.2))})
     assert both.ln_evidence == pytest.approx(one.ln_evidence, rel=1e-12)
@@ -126,13 +126,13 @@ def test_shared_columns_give_what_own_ones_give(blocks):
     for b in blocks:
         whole = np.hstack([b.C, b.F])
         plain.append(replace(b, C=whole, F=np.zeros((b.count, 0)), FF=np.zeros((0, 0))))
-    own, shared = (System(made).solve(PRIORS) for made in (plain, blocks))
+    own, shared = (LinearSystem(made).solve(PRIORS) for made in (plain, blocks))
     np.testing.assert_allclose(shared.d, own.d, rtol=1e-11, atol=1e-13)
     assert shared.ln_evidence == pytest.approx(own.ln_evidence, rel=1e-12)
 
 
 def test_a_tight_prior_holds_and_a_wide_one_lets_go(blocks):
-    system = System(blocks)
+    system = LinearSystem(blocks)
     held = system.solve(PRIORS | {PHI: (0.7, 1e-6)})
     assert held[PHI] == pytest.approx(0.7, abs=1e-8)
     assert held.sd(PHI) == pytest.approx(1e-6, rel=1e-3)
@@ -141,7 +141,7 @@ def test_a_tight_prior_holds_and_a_wide_one_lets_go(blocks):
 
 
 def test_names_that_no_block_knows_take_no_part(blocks):
-    system = System(blocks)
+    system = LinearSystem(blocks)
     known, more = system.solve(PRIORS), system.solve(PRIORS | {NOBODY: (1.0, 2.0)})
     assert more.names == known.names
     assert more.ln_evidence == known.ln_evidence
@@ -149,7 +149,7 @@ def test_names_that_no_block_knows_take_no_part(blocks):
 
 def test_what_is_held_out_is_not_seen(blocks):
     loud = [replace(b, r=b.r + 100.0 * b.held_out) for b in blocks]
-    seen, again = System(blocks).solve(PRIORS), System(loud).solve(PRIORS)
+    seen, again = LinearSystem(blocks).solve(PRIORS), LinearSystem(loud).solve(PRIORS)
     np.testing.assert_array_equal(seen.d, again.d)
     assert seen.ln_evidence == again.ln_evidence
 
@@ -159,10 +159,10 @@ def test_what_only_data_know_that_are_held_out_is_estimated_from_them_alone(bloc
     own, view = ParameterId(Kind.SHIFT_U, file="d"), ParameterId(Kind.SCALE, name="profile")
     names = (*blocks[3].names, (own, 0), (view, 1))
     blocks[3] = replace(blocks[3], names=names, r=blocks[3].r + 5.0 * blocks[3].C[:, 0])
-    system, priors = System(blocks), PRIORS | {own: (0.3, 1.2), view: (0.0, 0.5)}
+    system, priors = LinearSystem(blocks), PRIORS | {own: (0.3, 1.2), view: (0.0, 0.5)}
     plain = system.solve(priors)
     assert plain[own] == pytest.approx(0.3)
-    found = system.completed(plain, priors)
+    found = system.fit_heldout_nuisances(plain, priors)
     still = {n: (plain[n], 1e-9) for n in plain.names if n != own}
     d, covariance = posterior(blocks[3:], still | {own: priors[own]})
     assert found[own] == pytest.approx(d[-1], rel=1e-9)
@@ -179,14 +179,14 @@ def test_what_only_data_know_that_are_held_out_is_estimated_from_them_alone(bloc
     np.testing.assert_allclose(found.covariance[last, at], together, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(found.covariance, found.covariance.T)
     assert (found.ln_evidence, found.chi2, found.count) == (plain.ln_evidence, plain.chi2, plain.count)
-    assert System(blocks[:3]).completed(plain, priors) is plain
+    assert LinearSystem(blocks[:3]).fit_heldout_nuisances(plain, priors) is plain
 
 
 @pytest.mark.parametrize("label", ["a", "b", "c", "d"])
 def test_density_of_what_was_left_out_is_a_difference_of_evidences(blocks, label):
-    system = System(blocks)
-    every = system.solve(PRIORS, system.total(lambda b: True))
-    rest = system.solve(PRIORS, system.total(lambda b: b.label != label))
+    system = LinearSystem(blocks)
+    every = system.solve(PRIORS, system.normal_equations(lambda b: True))
+    rest = system.solve(PRIORS, system.normal_equations(lambda b: b.label != label))
     [out] = (b for b in blocks if b.label == label)
     d, covariance = posterior([b for b in blocks if b is not out], PRIORS)
     _, A = dense([out], list(PRIORS))
@@ -195,23 +195,23 @@ def test_density_of_what_was_left_out_is_a_difference_of_evidences(blocks, label
 
 
 def test_residual_is_what_the_columns_leave(blocks):
-    found = System(blocks).solve(PRIORS)
+    found = LinearSystem(blocks).solve(PRIORS)
     for b in blocks:
         r, A = dense([b], list(found.names))
-        np.testing.assert_allclose(residual(b, found), r - A @ found.d, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(whitened_residual(b, found), r - A @ found.d, rtol=0, atol=1e-12)
 
 
 def test_products_of_lent_columns_are_those_of_their_data(blocks):
     """One column is anew and two of another block are lent, in another order; all else is as computed from scratch."""
-    rng, old = np.random.default_rng(3), System(blocks)
+    rng, old = np.random.default_rng(3), LinearSystem(blocks)
     for b in old.blocks:
         F_names = tuple((n, c - b.C.shape[1] + 1) for n, c in b.names if c >= b.C.shape[1])
         new = replace(b, r=rng.normal(size=b.count), C=rng.normal(size=(b.count, 1)), names=((MU, 0), *F_names))
-        found = new.joined(b, lambda p: p != SHIFT)
+        found = new.with_columns_of(b, lambda p: p != SHIFT)
         assert "gram" in vars(found)
         assert SHIFT not in [n for n, _ in found.names]
         np.testing.assert_allclose(found.gram, replace(found).gram, rtol=1e-12, atol=1e-12)
-        assert "gram" not in vars(new.joined(replace(b, F=b.F.copy()), lambda p: True))  # other data: nothing is lent
+        assert "gram" not in vars(new.with_columns_of(replace(b, F=b.F.copy()), lambda p: True))  # other data: nothing is lent
         assert found.with_residual(b.r).gram is found.gram
 
 
@@ -219,7 +219,7 @@ def test_projection_is_of_the_data_with_the_nuisances_marginalised(blocks):
     """u = W' V^-1 (r - N mean), I = W' V^-1 W, with V = 1 + N sd^2 N'."""
     wanted = [PHI, MODE]
     nuisance = {n: v for n, v in PRIORS.items() if n not in wanted}
-    found = System(blocks).projected(nuisance, wanted)
+    found = LinearSystem(blocks).project_out(nuisance, wanted)
     names, mean, sd = parts(nuisance)
     r, N = dense(fitted(blocks), names)
     _, W = dense(fitted(blocks), wanted)
@@ -232,9 +232,9 @@ def test_projection_is_of_the_data_with_the_nuisances_marginalised(blocks):
 
 def test_projection_and_estimate_agree(blocks):
     """With a prior N(0, s^2) on what is wanted, its estimate is (I + s^-2)^-1 u."""
-    system = System(blocks)
+    system = LinearSystem(blocks)
     nuisance = {n: v for n, v in PRIORS.items() if n != PHI}
-    projection = system.projected(nuisance, [PHI])
+    projection = system.project_out(nuisance, [PHI])
     [u], [[info]] = projection.score, projection.information
     found = system.solve(nuisance | {PHI: (0.0, 0.8)})
     assert found[PHI] == pytest.approx(u / (info + 0.8**-2), rel=1e-10)
@@ -244,8 +244,8 @@ def test_projection_and_estimate_agree(blocks):
 
 
 def test_all_blocks_left_out_gives_the_prior(blocks):
-    system = System(blocks)
-    found = system.solve(PRIORS, system.total(lambda b: False))
+    system = LinearSystem(blocks)
+    found = system.solve(PRIORS, system.normal_equations(lambda b: False))
     names, mean, sd = parts(PRIORS)
     order = [names.index(n) for n in found.names]
     np.testing.assert_allclose(found.d, mean[order], rtol=1e-12, atol=1e-15)
@@ -261,11 +261,11 @@ def test_all_blocks_left_out_gives_the_prior(blocks):
         (MU, "friction.mu"),
         (ParameterId.of_effect("pressure_tilt", "a"), "pressure_tilt.a"),
         (ParameterId.of_effect("heat_depth", "share", 2), "heat_depth.share@2"),
-        (ParameterId(Kind.SHIFT_V).within(3, "wall.nc"), "shift_v|wall.nc"),
-        (ParameterId(Kind.MAP, (1, 0)).within(3, "wall.nc"), "map:1:0|wall.nc"),
-        (ParameterId(Kind.SCATTER, (2,)).within(3, "wall.nc"), "scatter:2|3"),
-        (ParameterId(Kind.MODE, (4,)).within(3, "wall.nc"), "mode:4"),
-        (ParameterId(Kind.CELL).within(3, "mu.csv"), "cell"),
+        (ParameterId(Kind.SHIFT_V).with_scope(3, "wall.nc"), "shift_v|wall.nc"),
+        (ParameterId(Kind.MAP, (1, 0)).with_scope(3, "wall.nc"), "map:1:0|wall.nc"),
+        (ParameterId(Kind.SCATTER, (2,)).with_scope(3, "wall.nc"), "scatter:2|3"),
+        (ParameterId(Kind.MODE, (4,)).with_scope(3, "wall.nc"), "mode:4"),
+        (ParameterId(Kind.CELL).with_scope(3, "mu.csv"), "cell"),
         (LEVEL[0], "level|0"),
     ],
 )
@@ -288,10 +288,10 @@ def test_parameters_are_told_apart_and_sorted():
 def test_other_residuals_on_the_same_columns_are_a_system_of_their_own(blocks):
     rng = np.random.default_rng(11)
     residuals = {b.label: rng.normal(size=b.count) for b in blocks}
-    anew = System([replace(b, r=residuals[b.label]) for b in blocks])
-    first = System(blocks)
+    anew = LinearSystem([replace(b, r=residuals[b.label]) for b in blocks])
+    first = LinearSystem(blocks)
     before = first.solve(PRIORS)
-    moved, expected = first.shown(residuals).solve(PRIORS), anew.solve(PRIORS)
+    moved, expected = first.with_residuals(residuals).solve(PRIORS), anew.solve(PRIORS)
     np.testing.assert_allclose(moved.d, expected.d, rtol=1e-12)
     assert moved.ln_evidence == pytest.approx(expected.ln_evidence, rel=1e-12)
     np.testing.assert_array_equal(first.solve(PRIORS).d, before.d)
@@ -299,8 +299,8 @@ def test_other_residuals_on_the_same_columns_are_a_system_of_their_own(blocks):
 
 def test_equations_add_up_over_blocks(blocks):
     """Those of all fitted blocks are the sum of those of each."""
-    system = System(blocks)
-    whole, parts = system.total(), [system.total(lambda b, own=b: b is own) for b in fitted(blocks)]
+    system = LinearSystem(blocks)
+    whole, parts = system.normal_equations(), [system.normal_equations(lambda b, own=b: b is own) for b in fitted(blocks)]
     np.testing.assert_allclose(whole.matrix, sum(p.matrix for p in parts), rtol=1e-12)
     np.testing.assert_allclose(whole.right, sum(p.right for p in parts), rtol=1e-12)
     assert (whole.count, whole.square) == (sum(p.count for p in parts), pytest.approx(sum(p.square for p in parts)))

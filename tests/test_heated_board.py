@@ -14,7 +14,7 @@ from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare
 from flashtemp.discovery.diagnostics.adequacy_tests import unnamed_heat_evidence
 from flashtemp.discovery.parameters import Kind, ParameterId
-from flashtemp.discovery.prediction.prediction import Derivatives, predict_condition
+from flashtemp.discovery.prediction.prediction import DerivativeRequest, predict_condition
 from flashtemp.discovery.prediction.problem import prepare_problem
 
 BOARD = Path(__file__).parents[1] / "cases" / "heated_board"
@@ -23,20 +23,20 @@ PEERS = (6.2, 6.5, 10.6)  # K rms: best published submissions at 5.72, 11.44, 17
 
 def test_the_stack_from_the_heater_is_nearer_than_the_best_submissions():
     """Nothing is fitted to the stack: conductivity is that found between the outer thermocouples."""
-    [seeing] = compare(campaign.load(BOARD / "stack_campaign.toml")).seeings
-    found = [p["rmse_K"] for p in seeing.each_point]
+    [seeing] = compare(campaign.load(BOARD / "stack_campaign.toml")).recordings
+    found = [p["rmse_K"] for p in seeing.point_statistics]
     assert all(f < p for f, p in zip(found, PEERS, strict=True)), found
 
 
 def test_the_copper_disc_on_the_board_is_predicted_within_what_the_heater_is_known_to():
     """Two layers and their contact, nothing fitted: half of the heater's 3.2 % (two standard deviations) is 3.8 K rms here."""
-    [seeing] = compare(campaign.load(BOARD / "copper_campaign.toml")).seeings
+    [seeing] = compare(campaign.load(BOARD / "copper_campaign.toml")).recordings
     assert np.ptp(seeing.view.recording.temperature) > 290.0
     assert seeing.rmse_K < 3.8
 
 
 def test_what_is_left_in_the_first_120_s_is_told():
-    [seeing] = compare(campaign.load(BOARD / "first_120_s.toml")).seeings
+    [seeing] = compare(campaign.load(BOARD / "first_120_s.toml")).recordings
     assert 3.0 < seeing.rmse_K < 6.0
     assert 7.0 < np.abs(seeing.residual).max() < 9.0
 
@@ -59,7 +59,7 @@ def test_a_block_alone_leaves_a_whole_result(tmp_path, pictures):
     run = flashtemp.simulate(BOARD, given, out=tmp_path / "board")
     assert run.friction_per_repetition == []
     assert "548 degC" in str(run)
-    assert run.sheet().rows
+    assert run.to_table().rows
     assert (tmp_path / "board" / "profile.png").is_file() == pictures
 
 
@@ -80,8 +80,8 @@ def test_discovery_names_the_slope_of_the_conductivity(candidates):
 def test_where_nothing_slides_no_heat_of_any_shape_is_asked_for():
     """Nor where only data that are held out feel it."""
     problem = prepare_problem(campaign.load(BOARD), lambda tasks: [predict_condition(t) for t in tasks])
-    tasks = problem.tasks(problem.start, Derivatives(problem.free, scatter=True, modes=2, trends=True))
-    [made] = problem.predictions(tasks[:1])
+    tasks = problem.make_tasks(problem.stated_model, DerivativeRequest(problem.free_keys, scatter=True, modes=2, trends=True))
+    [made] = problem.predict(tasks[:1])
     kinds = {p.kind for o in made.observables.values() for p in o.columns}
     assert not kinds & {Kind.MODE, Kind.TREND, Kind.SCATTER}
     flux, asked = ParameterId(Kind.FLUX, (1,), condition=0), []

@@ -122,7 +122,7 @@ def test_images_are_moved_far_where_nothing_else_is_wrong(tmp_path, calibrate, h
         T[np.random.default_rng(1).uniform(size=T.shape) < 0.3] = np.nan
         stated = replace(stated, views=(replace(view, recording=replace(view.recording, temperature=T)),))
     problem = prepare_problem(stated, lambda tasks: [predict_condition(t) for t in tasks])
-    first = problem.predictions(problem.tasks(problem.start, replace(all_derivatives(problem), fields=True)))
+    first = problem.predict(problem.make_tasks(problem.stated_model, replace(all_derivatives(problem), fields=True)))
     found = register_images(problem, first)
     if is_registered:  # at first, or by the alignment of the fit
         base = calibrate(replace(stated, candidates=())).base
@@ -130,9 +130,9 @@ def test_images_are_moved_far_where_nothing_else_is_wrong(tmp_path, calibrate, h
             turn = base.model.place(view.file).turn
             assert turn == pytest.approx(beyond["turned"], abs=2e-3)
     else:
-        assert found.start.places == {}
+        assert found.stated_model.placements == {}
     held = replace(problem, conditions=tuple(_held_out(c) for c in problem.conditions))
-    assert register_images(held, first).places == found.places  # how a camera stood is no claim about heat
+    assert register_images(held, first).placements == found.placements  # how a camera stood is no claim about heat
 
 
 def _held_out(condition):

@@ -17,11 +17,11 @@ import xarray as xr
 import flashtemp
 from flashtemp.__main__ import main
 from flashtemp.api.simulation import resume, simulate
-from flashtemp.model.case import load
-from flashtemp.model.numerics import available
+from flashtemp.model.case import load_case
+from flashtemp.model.numerics import installed_bindings
 from flashtemp.runs import job
 from flashtemp.showing import write_json
-from flashtemp.solver.cvode import Integrator, Tolerance
+from flashtemp.solver.cvode import BdfIntegrator, IntegratorSettings
 
 SMALL = {
     "effects": ["track_memory", "friction_softening"],
@@ -48,7 +48,7 @@ def folder(tmp_path_factory):
 def result(folder, tmp_path_factory):
     """A whole result folder and its Run."""
     out = tmp_path_factory.mktemp("out") / "small"
-    run = simulate(load(folder, SMALL), out=out, pvd=True)
+    run = simulate(load_case(folder, SMALL), out=out, pvd=True)
     return out, run
 
 
@@ -83,7 +83,7 @@ def test_files_of_the_contract(result):
 
 def test_result_can_be_run_again_from_what_it_holds(result, tmp_path):
     out, run = result
-    again = simulate(load(out), out=tmp_path / "again")
+    again = simulate(load_case(out), out=tmp_path / "again")
     np.testing.assert_array_equal(again.T_block, run.T_block)
 
 
@@ -94,7 +94,7 @@ def test_vtk_offers_the_whole_series_in_metres(result):
     fields = flashtemp.open_fields(out)
     np.testing.assert_array_equal(fields.times, run.time[run.frames])
     late = fields.times[-1]
-    blocks = fields.at(late)
+    blocks = fields.grids_at(late)
     assert blocks.keys() == ["block", "road", "contact"]
     assert blocks["block"].bounds[:2] == pytest.approx((0.0, 0.025))
     assert blocks["block"].bounds[4:] == pytest.approx((0.0, 0.007))
@@ -127,7 +127,7 @@ def test_vtk_follows_the_contact_along_the_block(result):
     along |= {"pressure_Pa": run.pressure, "worn_m": run.worn}
     for i, (k, t) in enumerate(zip(run.frames, fields.times, strict=True)):
         series.set_active_time_point(i)
-        bodies, lines = fields.at(t), series.read()[2]
+        bodies, lines = fields.grids_at(t), series.read()[2]
         for name, values in along.items():
             np.testing.assert_allclose(bodies["contact"][name], values[k], rtol=1e-6)
             np.testing.assert_allclose(fields.cells("contact", name, t), values[k], rtol=1e-6)
@@ -146,14 +146,14 @@ def test_existing_folder_is_refused_and_overwritten_on_request(folder, tmp_path)
     out.mkdir()
     (out / "precious.txt").write_text("mine")
     with pytest.raises(flashtemp.BadInput, match="exists"):
-        simulate(load(folder, SMALL), out=out)
+        simulate(load_case(folder, SMALL), out=out)
     with pytest.raises(flashtemp.BadInput, match="no result of flashtemp"):
-        simulate(load(folder, SMALL), out=out, overwrite=True)
+        simulate(load_case(folder, SMALL), out=out, overwrite=True)
     assert (out / "precious.txt").read_text() == "mine"
     again = tmp_path / "again"
-    simulate(load(folder, SMALL), out=again)
+    simulate(load_case(folder, SMALL), out=again)
     (again / "note.txt").write_text("old")
-    simulate(load(folder, SMALL), out=again, overwrite=True)
+    simulate(load_case(folder, SMALL), out=again, overwrite=True)
     assert (again / "run.nc").exists()
     assert not (again / "note.txt").exists()
     assert {p.name for p in tmp_path.iterdir()} == {"out", "again"}
@@ -162,12 +162,12 @@ def test_existing_folder_is_refused_and_overwritten_on_request(folder, tmp_path)
 def test_two_runs_into_one_folder_do_not_meet(folder, tmp_path):
     def intrude(progress, end):
         with pytest.raises(flashtemp.BadInput, match="another run"):
-            simulate(load(folder, SMALL), out=tmp_path / "out", overwrite=True)
+            simulate(load_case(folder, SMALL), out=tmp_path / "out", overwrite=True)
         watched.append(progress.t)
 
     watched = []
     short = SMALL | {"schedule.repetitions": 1, "schedule.distance": 0.01}
-    simulate(load(folder, short), out=tmp_path / "out", watch=intrude)
+    simulate(load_case(folder, short), out=tmp_path / "out", watch=intrude)
     assert watched
     assert (tmp_path / "out" / "run.nc").exists()
 
@@ -177,14 +177,14 @@ def test_a_changed_or_damaged_checkpoint_is_refused(folder, tmp_path):
         os.kill(os.getpid(), signal.SIGTERM)
 
     with pytest.raises(flashtemp.errors.Interrupted):
-        simulate(load(folder, SMALL), out=tmp_path / "out", watch=stop)
+        simulate(load_case(folder, SMALL), out=tmp_path / "out", watch=stop)
     case = tmp_path / "out.partial" / "case.toml"
     text = case.read_text()
     case.write_text(text.replace("mesh = 0.4", "mesh = 0.5"))
     with pytest.raises(flashtemp.BadInput, match="was changed"):
         resume(tmp_path / "out")
     case.write_text(text)
-    checkpoint = tmp_path / "out.partial" / job.CHECKPOINT
+    checkpoint = tmp_path / "out.partial" / job.CHECKPOINT_FILE
     whole = checkpoint.read_bytes()
     checkpoint.write_bytes(whole.replace(b"checkpoint 3", b"checkpoint 2", 1))
     with pytest.raises(flashtemp.BadInput, match="another version of flashtemp"):
@@ -203,7 +203,7 @@ def test_a_failure_of_the_march_leaves_nothing(folder, tmp_path):
         "limits.temperature": 1e5,
     }
     with pytest.raises(flashtemp.SolverFailure, match="worn through"):
-        simulate(load(folder, SMALL | lost), out=tmp_path / "out")
+        simulate(load_case(folder, SMALL | lost), out=tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -211,7 +211,7 @@ def test_a_failure_after_the_march_leaves_the_march(result, folder, tmp_path, mo
     with monkeypatch.context() as m:
         m.setattr(job.vtk, "write", lambda *a: 1 / 0)
         with pytest.raises(flashtemp.errors.Halted, match="division by zero; checkpoint left in"):
-            simulate(load(folder, SMALL), out=tmp_path / "out")
+            simulate(load_case(folder, SMALL), out=tmp_path / "out")
     assert [p.name for p in tmp_path.iterdir()] == ["out.partial"]
     run = resume(tmp_path / "out", watch=lambda progress, end: pytest.fail("it was marched again"))
     np.testing.assert_array_equal(run.T_block, result[1].T_block)
@@ -234,11 +234,11 @@ def test_stop_and_resume_give_the_same_answer(result, folder, tmp_path, share):
             os.kill(os.getpid(), signal.SIGINT)
 
     with pytest.raises(flashtemp.errors.Interrupted):
-        simulate(load(folder, SMALL), out=out, watch=stop)
+        simulate(load_case(folder, SMALL), out=out, watch=stop)
     assert not out.exists()
-    assert (tmp_path / "out.partial" / job.CHECKPOINT).exists()
+    assert (tmp_path / "out.partial" / job.CHECKPOINT_FILE).exists()
     with pytest.raises(flashtemp.BadInput, match="--resume"):
-        simulate(load(folder, SMALL), out=out)
+        simulate(load_case(folder, SMALL), out=out)
     run = resume(out)
     assert out.exists()
     assert not (tmp_path / "out.partial").exists()
@@ -274,15 +274,15 @@ def test_ctrl_c_at_the_command_line(folder, tmp_path):
     assert process.returncode == 130
     assert f"--resume {out}" in messages
     assert "Traceback" not in messages
-    assert (partial / job.CHECKPOINT).exists()
+    assert (partial / job.CHECKPOINT_FILE).exists()
     assert not out.exists()
 
 
-@pytest.mark.skipif(len(available()) < 2, reason="one CVODE binding on this machine")
+@pytest.mark.skipif(len(installed_bindings()) < 2, reason="one CVODE binding on this machine")
 @pytest.mark.long
 def test_both_bindings_give_the_same_answer(folder):
     first, second = (
-        simulate(load(folder, SMALL | {"numerics.integrator": b, "numerics.rtol": 1e-6})) for b in available()
+        simulate(load_case(folder, SMALL | {"numerics.integrator": b, "numerics.rtol": 1e-6})) for b in installed_bindings()
     )
     rise = np.abs(first.T_block - 20.0).max()
     # columns of the track are kept at solver steps, linear between: 8e-5 whatever rtol is
@@ -333,11 +333,11 @@ def test_checkpoints_are_written_on_the_way(folder, tmp_path, monkeypatch):
     kept = []
 
     def look(progress, end):
-        kept.append((tmp_path / "out.partial" / job.CHECKPOINT).exists())
+        kept.append((tmp_path / "out.partial" / job.CHECKPOINT_FILE).exists())
 
-    simulate(load(folder, SMALL), out=tmp_path / "out", watch=look)
+    simulate(load_case(folder, SMALL), out=tmp_path / "out", watch=look)
     assert any(kept)
-    assert not (tmp_path / "out" / job.CHECKPOINT).exists()
+    assert not (tmp_path / "out" / job.CHECKPOINT_FILE).exists()
 
 
 @pytest.mark.parametrize("rtol", [1e-2, 1e-4])
@@ -347,12 +347,12 @@ def test_audit_closes_while_the_contact_fraction_changes(folder, rtol):
         "contact.spot_exponent": 1.0,
         "numerics.rtol": rtol,
     }
-    run = simulate(load(folder, SMALL | change))
+    run = simulate(load_case(folder, SMALL | change))
     assert run.energy_imbalance < 1e-12
     assert 0 < run.partition_error < rtol
 
 
-@pytest.mark.parametrize("binding", available())
+@pytest.mark.parametrize("binding", installed_bindings())
 @pytest.mark.parametrize("end", [0.01, 0.1, 1.1, 35.0])
 def test_integration_ends_exactly_where_it_should(binding, end):
     """Also where single precision cannot hold the end of a phase."""
@@ -371,7 +371,7 @@ def test_integration_ends_exactly_where_it_should(binding, end):
         def solve(self, r, z):
             z[:] = [r[0] / (1 + self.gamma), r[1]]
 
-    solver = Integrator(binding, Clock(), Tolerance(1e-6, 1e-9, 5, end))
+    solver = BdfIntegrator(binding, Clock(), IntegratorSettings(1e-6, 1e-9, 5, end))
     solver.start(0.0, np.array([1.0, 0.0]), end)
     t = 0.0
     while end - t > 1e-9 * end:

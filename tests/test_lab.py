@@ -22,14 +22,14 @@ import pytest
 
 import flashtemp
 from flashtemp.camera import recording
-from flashtemp.camera.import_request import found
+from flashtemp.camera.import_request import expand_patterns
 from flashtemp.errors import BadInput
 from flashtemp.lab import folder as folders
 from flashtemp.lab.camera_page import CameraPage
 from flashtemp.lab.campaign_page import CampaignPage
-from flashtemp.lab.jobs import Job, Jobs
-from flashtemp.lab.marks import FOUR, Marks, onsets
-from flashtemp.lab.toml_text import edited
+from flashtemp.lab.jobs import Job, JobList
+from flashtemp.lab.marks import CORNER_NAMES, BlockMarks, find_onsets
+from flashtemp.lab.toml_text import set_toml_key
 from flashtemp.model.toml_value import value_text
 
 CASE = """title = "small"
@@ -54,11 +54,11 @@ animation = false
     ],
 )
 def test_two_marks_give_scale_direction_and_outline(trailing, up, downstream, top):
-    marks = Marks({FOUR[0]: (30.0, 90.0), FOUR[1]: trailing}, 25.0, 7.0, up)
+    marks = BlockMarks({CORNER_NAMES[0]: (30.0, 90.0), CORNER_NAMES[1]: trailing}, 25.0, 7.0, up)
     side = np.hypot(*np.subtract(trailing, (30.0, 90.0)))
     expected = np.array(trailing) + (np.array(top) - trailing) * side / 100.0
-    np.testing.assert_allclose(marks.outline()[2], expected, atol=1e-9)
-    facts = marks.facts()
+    np.testing.assert_allclose(marks.block_outline()[2], expected, atol=1e-9)
+    facts = marks.to_options()
     assert (facts.downstream, facts.up) == (downstream, up)
     assert facts.pixel == (30.0, 90.0)
     assert facts.second == (*trailing, 25.0, 0.0)
@@ -66,16 +66,16 @@ def test_two_marks_give_scale_direction_and_outline(trailing, up, downstream, to
 
 def test_four_marks_give_the_map_of_a_view_at_an_angle():
     at = ((30.127, 90.0), (130.0, 92.0), (128.0, 60.0), (31.0, 61.0))
-    marks = Marks(dict(zip(FOUR, at, strict=True)), 25.0, 7.0)
-    assert marks.facts().point[0] == (30.13, 90.0, 0.0, 0.0)
-    assert marks.facts().point[2] == (128.0, 60.0, 25.0, 7.0)
-    assert marks.outline() == list(at)
+    marks = BlockMarks(dict(zip(CORNER_NAMES, at, strict=True)), 25.0, 7.0)
+    assert marks.to_options().point[0] == (30.13, 90.0, 0.0, 0.0)
+    assert marks.to_options().point[2] == (128.0, 60.0, 25.0, 7.0)
+    assert marks.block_outline() == list(at)
 
 
 def test_too_few_marks_say_nothing():
-    marks = Marks({FOUR[0]: (1.0, 2.0)}, 25.0, 7.0)
-    assert marks.outline() == []
-    assert marks.facts() == type(marks.facts())()
+    marks = BlockMarks({CORNER_NAMES[0]: (1.0, 2.0)}, 25.0, 7.0)
+    assert marks.block_outline() == []
+    assert marks.to_options() == type(marks.to_options())()
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.02])
@@ -85,13 +85,13 @@ def test_starts_of_sliding_are_found_in_the_mean_of_the_images(noise):
     rise = np.where(
         since < 0, 0.0, np.where(since < 12, np.sqrt(np.maximum(since, 0)), 3.46 * np.exp(-(since - 12) / 4))
     )
-    found = onsets(t, rise + noise * np.random.default_rng(1).normal(size=len(t)))
+    found = find_onsets(t, rise + noise * np.random.default_rng(1).normal(size=len(t)))
     np.testing.assert_allclose(found, [10.0, 50.0, 90.0], atol=0.5)
 
 
 def test_noise_alone_has_no_start():
     t = np.arange(0.0, 60.0, 0.5)
-    assert onsets(t, 20.0 + 0.05 * np.random.default_rng(2).normal(size=len(t))) == []
+    assert find_onsets(t, 20.0 + 0.05 * np.random.default_rng(2).normal(size=len(t))) == []
 
 
 # --- text ------------------------------------------------------------------------------------------------------
@@ -120,18 +120,18 @@ density = 1e3
     ],
 )  # fmt: skip
 def test_a_key_is_set_and_all_else_stays(table, key, value):
-    before, after = tomllib.loads(TEXT), tomllib.loads(edited(TEXT, table, key, value))
+    before, after = tomllib.loads(TEXT), tomllib.loads(set_toml_key(TEXT, table, key, value))
     at = before if not table else before.setdefault(table, {})
     if value is None:
         at.pop(key, None)
     else:
         at[key] = value
     assert after == before
-    assert "# mine" in edited(TEXT, table, key, value)
+    assert "# mine" in set_toml_key(TEXT, table, key, value)
 
 
 def test_a_comment_behind_a_value_stays():
-    assert "length = 0.5   # m\n" in edited(TEXT, "block", "length", 0.5)
+    assert "length = 0.5   # m\n" in set_toml_key(TEXT, "block", "length", 0.5)
 
 
 @pytest.mark.parametrize("value", [150000.0, 1.4e9, 123456.789, -3e7, 0.1, 7, True, "a", [1.5e6, 2], {"a.b": 1.0}])
@@ -168,7 +168,7 @@ def test_the_folder_is_sorted_by_what_files_are(tmp_path):
     (tmp_path / "results" / "a").mkdir(parents=True)
     (tmp_path / "results" / "a" / "run.nc").write_bytes(b"")
     (tmp_path / "results" / "a" / "case.toml").write_text(CASE)
-    found = folders.listing(tmp_path)
+    found = folders.list_folder(tmp_path)
     assert [*map(str, found.cases)] == ["case.toml"]
     assert [*map(str, found.campaigns)] == ["campaign.toml"]
     assert [*map(str, found.templates)] == ["template.toml"]
@@ -191,29 +191,29 @@ def test_files_of_one_series_belong_together_and_no_others(tmp_path):
     ):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text("1\t2\n")
-    series = folders.listing(tmp_path).series
+    series = folders.list_folder(tmp_path).image_series
     assert series == {"T (*).csv": 3, "[[]x] *.csv": 2, "log.csv": 1, "car.jpg": 1, "even": 2}
-    taken = {name: [p.name for p in found([str(folders.inside(tmp_path, name))])] for name in series}
+    taken = {name: [p.name for p in expand_patterns([str(folders.resolve_inside(tmp_path, name))])] for name in series}
     assert taken["T (*).csv"] == ["T (1).csv", "T (2).csv", "T (10).csv"]
     assert {name: len(some) for name, some in taken.items()} == series
     page = CameraPage(tmp_path)
     for name, free in {"T (*).csv": "T.nc", "even": "even.nc", "car.jpg": "car.nc", ".": "recording.nc"}.items():
         page.names = [name]
-        assert page._free() == free
+        assert page._free_recording_name() == free
 
 
 def test_a_new_campaign_believes_the_case_that_there_is(tmp_path):
     page = CampaignPage(tmp_path)
     for name, case in {"b.toml": "b.toml", "a.toml": "a.toml", "case.toml": "case.toml"}.items():
         (tmp_path / name).write_text(CASE)
-        page.found = folders.listing(tmp_path)
-        assert tomllib.loads(page._begin())["case"] == case
+        page.found = folders.list_folder(tmp_path)
+        assert tomllib.loads(page._new_text())["case"] == case
 
 
 @pytest.mark.parametrize("name", ["../outside.toml", "/etc/passwd", "a/../../b"])
 def test_nothing_outside_the_folder_is_touched(tmp_path, name):
     with pytest.raises(BadInput, match="lies outside the folder"):
-        folders.inside(tmp_path, name)
+        folders.resolve_inside(tmp_path, name)
 
 
 # --- commands that it starts -----------------------------------------------------------------------------------
@@ -227,11 +227,11 @@ def test_a_command_is_started_stopped_and_gone_on_with(tmp_path):
         "repetitions = 2", "repetitions = 8"
     )  # not over before it is stopped
     (tmp_path / "case.toml").write_text(longer)
-    jobs = Jobs(tmp_path)
+    jobs = JobList(tmp_path)
     job = jobs.start(["run", "case.toml", "output.pictures=false", "--out", "a"])
     assert job.state == "running"
     for _ in range(1200):
-        if folders.listing(tmp_path).begun and job.progress()[0]:
+        if folders.list_folder(tmp_path).begun and job.progress()[0]:
             break
         time.sleep(0.05)
     share, line = job.progress()
@@ -239,7 +239,7 @@ def test_a_command_is_started_stopped_and_gone_on_with(tmp_path):
     assert line.startswith(tmp_path.name)
     job.stop()
     assert ended(job).state == "stopped"
-    [(begun, owner)] = folders.listing(tmp_path).begun.items()
+    [(begun, owner)] = folders.list_folder(tmp_path).begun.items()
     assert owner.command == "run"
     assert ended(jobs.start(["run", "--resume", str(begun)])).state == "done"
     assert (tmp_path / "a" / "run.nc").is_file()
@@ -361,7 +361,7 @@ def test_clicks_make_the_recording_that_the_command_line_makes(browser, server, 
             seen.wait_for_timeout(300)
         typed = [
             float(seen.get_by_label(f"{n}, {axis}", exact=True).input_value())
-            for n in FOUR[:2]
+            for n in CORNER_NAMES[:2]
             for axis in ("column", "row")
         ]
         np.testing.assert_allclose(typed, [30.3, 90.6, 130.3, 90.6], atol=0.3)
@@ -494,4 +494,4 @@ def test_two_pages_see_the_same_and_a_killed_server_loses_nothing(browser, tmp_p
             break
         time.sleep(0.1)
     assert result.is_file()
-    assert [*map(str, folders.listing(tmp_path).results)] == ["results/case-run"]
+    assert [*map(str, folders.list_folder(tmp_path).results)] == ["results/case-run"]

@@ -10,21 +10,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flashtemp.camera.geometry import _interpolated
-from flashtemp.camera.pixels import Axis, turned
-from flashtemp.camera.placement import Place
+from flashtemp.camera.geometry import _interpolate_image
+from flashtemp.camera.pixels import PixelAxis, sample_rotated
+from flashtemp.camera.placement import ImagePlacement
 from flashtemp.camera.radiometry import LONG_WAVE
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
-from flashtemp.comparison.twin import SEALED, Plan, twin
+from flashtemp.comparison.twin import SEALED_TRUTH, SyntheticPlan, make_synthetic_campaign
 from flashtemp.discovery import engine
 from flashtemp.discovery.estimation.nuisance_priors import position_sd_px
-from flashtemp.discovery.hypotheses.candidates import Model
+from flashtemp.discovery.hypotheses.candidates import ModelPoint
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction import prediction
 from flashtemp.discovery.prediction.problem import prepare_problem
-from flashtemp.model.case import load
-from flashtemp.runs.workers import crew
+from flashtemp.model.case import load_case
+from flashtemp.runs.workers import open_worker_pool
 
 TINY = {
     "block.height": 0.005, "schedule.distance": 0.3, "road.track_length": 0.3, "numerics.mesh": 0.4,
@@ -44,9 +44,9 @@ def test_an_image_is_as_far_off_as_any_point_about_which_it_turned_makes_it():
     r = Recording("sidewall", frames, np.zeros(1), np.ones(1, int), u, v, registration_sigma_px=0.2)
     for axis, moved in ((0, z), (1, x)):
         off = np.hypot(0.2, 9e-3 * moved.std() / 3e-4)
-        assert position_sd_px(r, Place(turn=9e-3), axis) == pytest.approx(off, rel=0.01)
-        assert position_sd_px(r, Place(scale=0.003), axis) == 0.2  # grows from the corner that was marked
-    assert position_sd_px(replace(r, view="wake"), Place(turn=9e-3), 0) == 0.2  # lined up along the block's edge
+        assert position_sd_px(r, ImagePlacement(turn=9e-3), axis) == pytest.approx(off, rel=0.01)
+        assert position_sd_px(r, ImagePlacement(scale=0.003), axis) == 0.2  # grows from the corner that was marked
+    assert position_sd_px(replace(r, view="wake"), ImagePlacement(turn=9e-3), 0) == 0.2  # lined up along the block's edge
 
 
 # --- an image that is turned or scaled ----------------------------------------------------------------------
@@ -58,8 +58,8 @@ def bump(x, z, w=1.5e-3):
 def seen_turned(degrees, kept=None, step=0.0, slopes=False):
     along, up = np.linspace(0.0, 0.025, 1001), np.linspace(0.0, 0.007, 281)
     field = bump(along[None], up[:, None])[None]
-    axes = Axis(U, PITCH, WIDTH), Axis(V, PITCH, WIDTH)
-    return turned(field, (along, up), axes, np.radians(degrees) + step, (MIDDLE, 0.0), kept, slopes)
+    axes = PixelAxis(U, PITCH, WIDTH), PixelAxis(V, PITCH, WIDTH)
+    return sample_rotated(field, (along, up), axes, np.radians(degrees) + step, (MIDDLE, 0.0), kept, slopes)
 
 
 @pytest.mark.parametrize("degrees", [1e-9, 0.3, 1.0, -5.0])
@@ -89,7 +89,7 @@ def tiny(tmp_path_factory):
     """One condition, side wall only, nothing hidden."""
     folder = tmp_path_factory.mktemp("tiny")
     (folder / "case.toml").write_text("")
-    return campaign.load(twin(load(folder / "case.toml", TINY), Plan((), 41, 1, ("sidewall",), 3), folder / "lab"))
+    return campaign.load(make_synthetic_campaign(load_case(folder / "case.toml", TINY), SyntheticPlan((), 41, 1, ("sidewall",), 3), folder / "lab"))
 
 
 def altered(told, change):
@@ -125,7 +125,7 @@ def test_a_block_much_longer_than_told_is_found(tmp_path, calibrate):
     """Nearly four times what a ruler may be off by: from the length that was told no fit gets there."""
     told = 0.0241
     (tmp_path / "case.toml").write_text("")
-    lab = twin(load(tmp_path / "case.toml", TINY), Plan((), 43, 1, ("sidewall", "wake"), 12), tmp_path / "lab")
+    lab = make_synthetic_campaign(load_case(tmp_path / "case.toml", TINY), SyntheticPlan((), 43, 1, ("sidewall", "wake"), 12), tmp_path / "lab")
     text = (lab / "case.toml").read_text()
     assert "length = 0.025" in text
     (lab / "case.toml").write_text(text.replace("length = 0.025", f"length = {told}"))
@@ -143,15 +143,15 @@ def test_columns_of_scale_and_turn_are_differences_of_images(tiny, kind, where):
     problem = prepare_problem(tiny, lambda tasks: [prediction.predict_condition(t) for t in tasks])
     [view] = tiny.views
     p, step = ParameterId(kind, file=view.file), 2e-4
-    model = problem.start.moved(ParameterId(Kind.SCALE, file=view.file), scale)
-    model = replace(model.moved(ParameterId(Kind.TURN, file=view.file), turn), shifts={view.file: (shift, 0.0)})
+    model = problem.stated_model.with_step(ParameterId(Kind.SCALE, file=view.file), scale)
+    model = replace(model.with_step(ParameterId(Kind.TURN, file=view.file), turn), shifts={view.file: (shift, 0.0)})
 
     def seen(model, **derivatives):
-        [made] = problem.predictions(problem.tasks(model, prediction.Derivatives(**derivatives)))
+        [made] = problem.predict(problem.make_tasks(model, prediction.DerivativeRequest(**derivatives)))
         return made.observables[view.file]
 
-    there = seen(model, own=problem.free, optics=True)
-    ahead, behind = (seen(model.moved(p, s)).values[:, there.inside] for s in (step, -step))
+    there = seen(model, own=problem.free_keys, optics=True)
+    ahead, behind = (seen(model.with_step(p, s)).values[:, there.inside] for s in (step, -step))
     slope = (ahead - behind) / (2.0 * step)
     off = there.columns[ParameterId(kind)] - slope
     rough = {Kind.SCALE: 3e-5, Kind.TURN: 4e-4}[kind]  # two shears leave a little of the optics
@@ -174,22 +174,22 @@ def test_a_late_clock_shows_what_an_earlier_stamp_shows(tiny):
 
     def seen(told, model):
         problem = prepare_problem(told, lambda tasks: [prediction.predict_condition(t) for t in tasks])
-        [made] = problem.predictions(problem.tasks(model, prediction.Derivatives(optics=True)))
+        [made] = problem.predict(problem.make_tasks(model, prediction.DerivativeRequest(optics=True)))
         return made.observables[view.file]
 
     p = ParameterId(Kind.CLOCK, file=view.file)
-    moved = seen(tiny, Model().moved(p, late))
-    stamped = seen(altered(tiny, lambda r: replace(r, time=r.time - late)), Model())
+    moved = seen(tiny, ModelPoint().with_step(p, late))
+    stamped = seen(altered(tiny, lambda r: replace(r, time=r.time - late)), ModelPoint())
     np.testing.assert_allclose(moved.values, stamped.values, atol=1e-9)
     np.testing.assert_allclose(moved.columns[ParameterId(Kind.CLOCK)], stamped.columns[ParameterId(Kind.CLOCK)])
 
 
 def test_frames_moved_beyond_the_end_show_the_end_in_every_column(tiny):
     """The last frame is of the end of the schedule: moved on, it and all its traces stay."""
-    [view], on = tiny.views, prediction.Derivatives(scatter=True)
+    [view], on = tiny.views, prediction.DerivativeRequest(scatter=True)
     problem = prepare_problem(tiny, lambda tasks: [prediction.predict_condition(t) for t in tasks])
     there, beyond = (
-        problem.predictions(problem.tasks(Model().moved(ParameterId(Kind.CLOCK, file=view.file), c), on))[0]
+        problem.predict(problem.make_tasks(ModelPoint().with_step(ParameterId(Kind.CLOCK, file=view.file), c), on))[0]
         for c in (0.0, -0.01)
     )
     p = ParameterId(Kind.SCATTER, (1,))
@@ -200,8 +200,8 @@ def test_frames_moved_beyond_the_end_show_the_end_in_every_column(tiny):
 # --- priors that a campaign states ----------------------------------------------------------------------------
 def test_a_campaign_states_what_is_known_of_its_free_keys(tiny):
     told = replace(tiny, free=("contact.spot_fraction", "friction.mu"), priors={"contact.spot_fraction": 0.33})
-    with crew(prediction.predict_condition, 1) as run:
-        priors = prepare_problem(told, run).priors
+    with open_worker_pool(prediction.predict_condition, 1) as run:
+        priors = prepare_problem(told, run).key_priors
     assert priors == {ParameterId.of_key("contact.spot_fraction"): 0.33, ParameterId.of_key("friction.mu"): 0.1}
 
 
@@ -211,18 +211,18 @@ def test_traces_of_a_wall_that_its_film_cools_are_differences_of_images(tmp_path
     """Neighbours are recorded at few times; what their face was in between shapes the wall all the same."""
     (tmp_path / "case.toml").write_text("")
     given = {"ambient.convection": 60.0, "schedule.repetitions": 3, "schedule.distance": 0.4, "schedule.wait": 6.0}
-    case = load(tmp_path / "case.toml", {"numerics.mesh": 0.5, "road.track_length": 0.4} | given)
-    made = twin(case, Plan((), 7, 1, ("sidewall",), 1, waiting=0), tmp_path / "lab")
+    case = load_case(tmp_path / "case.toml", {"numerics.mesh": 0.5, "road.track_length": 0.4} | given)
+    made = make_synthetic_campaign(case, SyntheticPlan((), 7, 1, ("sidewall",), 1, waiting=0), tmp_path / "lab")
     told = replace(campaign.load(made), forces=(), free=(key,))
     problem = prepare_problem(told, lambda tasks: [prediction.predict_condition(t) for t in tasks])
     p, [view] = ParameterId.of_key(key), told.views
 
     def seen(model, **derivatives):
-        [shown] = problem.predictions(problem.tasks(model, prediction.Derivatives(**derivatives)))
+        [shown] = problem.predict(problem.make_tasks(model, prediction.DerivativeRequest(**derivatives)))
         return shown.observables[view.file]
 
-    there, step = seen(problem.start, own=problem.free), 0.02
-    ahead, behind = (seen(problem.start.moved(p, s)).values[:, there.inside] for s in (step, -step))
+    there, step = seen(problem.stated_model, own=problem.free_keys), 0.02
+    ahead, behind = (seen(problem.stated_model.with_step(p, s)).values[:, there.inside] for s in (step, -step))
     slope = (ahead - behind) / (2.0 * step)
     off = there.columns[p] - slope
     assert np.sqrt(np.mean(off**2)) < 0.01 * np.sqrt(np.mean(slope**2))
@@ -238,7 +238,7 @@ SMALL = {
 def made(folder, seed, hidden=(), **more):
     (folder / "case.toml").write_text("")
     given = SMALL | ({"effects": list(hidden)} if hidden else {}) | more
-    return twin(load(folder / "case.toml", given), Plan(tuple(hidden), seed, conditions=2, sliding=3), folder / "lab")
+    return make_synthetic_campaign(load_case(folder / "case.toml", given), SyntheticPlan(tuple(hidden), seed, conditions=2, sliding=3), folder / "lab")
 
 
 def rewritten(lab, change, view="sidewall"):
@@ -266,7 +266,7 @@ def turn_image(degrees):
         x = MIDDLE + (U - MIDDLE) * np.cos(a) - V * np.sin(a)
         z = (U - MIDDLE) * np.sin(a) + V * np.cos(a)
         wanted = np.stack([(x - r.u[0]) / r.pitch[0], (z - r.v[0]) / r.pitch[1]], -1)
-        return replace(r, temperature=np.stack([_interpolated(T, wanted, LONG_WAVE) for T in r.temperature]))
+        return replace(r, temperature=np.stack([_interpolate_image(T, wanted, LONG_WAVE) for T in r.temperature]))
 
     return change
 
@@ -332,13 +332,13 @@ def test_a_campaign_that_3d_made_needs_nothing_in_2d(tmp_path):
         "schedule.repetitions": 3, "schedule.distance": 1.0, "schedule.wait": 10.0, "ambient.convection": 20.0,
         "road.track_length": 1.0, "numerics.across": 60, "numerics.first_y": 3e-5,
     }  # fmt: skip
-    made = twin(load(tmp_path / "case.toml", world), Plan((), 61, 2, ("sidewall", "wake"), 4), tmp_path / "lab")
+    made = make_synthetic_campaign(load_case(tmp_path / "case.toml", world), SyntheticPlan((), 61, 2, ("sidewall", "wake"), 4), tmp_path / "lab")
     believed = made / "case.toml"
     flat = re.sub(r"(?m)^across = .*$", "across = 1", believed.read_text())
     believed.write_text(re.sub(r"(?m)^first_y = .*\n", "", flat))
     found = engine.discover(campaign.load(made), workers=1)[0]
     assert found.kind == "none_needed", found.says
-    true = json.loads((made / SEALED).read_text())["nuisance"]
+    true = json.loads((made / SEALED_TRUTH).read_text())["nuisance"]
     pulls = {p.name: p for p in found.nuisance}
     for key, factor in true.items():
-        assert abs(pulls[key].value - factor * load(believed)[key]) < 4.0 * pulls[key].stderr, (pulls[key], factor)
+        assert abs(pulls[key].value - factor * load_case(believed)[key]) < 4.0 * pulls[key].stderr, (pulls[key], factor)

@@ -10,9 +10,9 @@ import pytest
 from independent_lane_classes import Set, slide
 
 from flashtemp import load
-from flashtemp.solver.balance import Balance
+from flashtemp.solver.balance import HeatBalance
 from flashtemp.solver.march import march
-from flashtemp.solver.system import System
+from flashtemp.solver.system import PhaseSystem
 
 L, P = 0.025, 1.5e5
 BARE = {  # what the classes leave out, and a mesh whose own error stays small
@@ -61,7 +61,7 @@ def test_lanes_in_contact_are_as_warm_as_their_classes(tmp_path, given, shape, e
     flash = "contact.flash_factor" not in other
     found = slide(s, given["schedule.speed"], given["schedule.distance"], P * shape(s.x), fraction, flash=flash)
     for name, rise, most in zip(("T_block", "T_spot"), found, bound, strict=True):
-        error = np.abs(np.interp(s.x, run.x, getattr(run, name)[run.last] - 20.0) - rise)
+        error = np.abs(np.interp(s.x, run.x, getattr(run, name)[run.last_sliding_index] - 20.0) - rise)
         worst = error[s.x > 1e-3].max() / rise.max()
         print(f"{name}: largest difference {100 * worst:.3f} % of {rise.max():.2f} K")
         assert worst < most
@@ -71,16 +71,16 @@ def test_slopes_know_how_lanes_follow_what_the_block_leaves_them(tmp_path, monke
     """Products of the linearised system are differences of the rate, also where the heat of lanes upstream changes."""
     given, _ = peaked(6.0)
     case = made(tmp_path, given | {"contact.spot_exponent": 1.0, "numerics.mesh": 0.5, "schedule.distance": 0.04})
-    seen, rate = {}, System.rate
+    seen, rate = {}, PhaseSystem.rate
 
     def watched(system, t, y, out):
         seen.update(system=system, t=t, y=y.copy())
         rate(system, t, y, out)
 
-    monkeypatch.setattr(System, "rate", watched)
+    monkeypatch.setattr(PhaseSystem, "rate", watched)
     march(case.scene, case.settings)
     system, t, y = seen["system"], seen["t"], seen["y"]
-    b: Balance = system.b
+    b: HeatBalance = system.b
     v = np.zeros(b.size)
     v[: b.n] = np.random.default_rng(3).standard_normal(b.n)
     ends = np.empty((2, b.size))
@@ -89,5 +89,5 @@ def test_slopes_know_how_lanes_follow_what_the_block_leaves_them(tmp_path, monke
     product = np.empty(b.size)
     system.linearised(t, y, 1e-3).times(v, product)
     slope = (ends[0] - ends[1]) / 2e-5
-    for cells in (b.cell_road, b.cell_block, b.entry["into_road"]):
+    for cells in (b.cell_road, b.cell_block, b.ledger_index["into_road"]):
         np.testing.assert_allclose(product[cells], slope[cells], atol=1e-7 * np.abs(slope[cells]).max())

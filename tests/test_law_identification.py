@@ -11,19 +11,19 @@ import pytest
 from flashtemp.comparison import campaign
 from flashtemp.discovery import engine, law_identification
 from flashtemp.discovery.criteria import CRITERIA
-from flashtemp.discovery.hypotheses.piecewise_linear_law import EFFECT_NAME
+from flashtemp.discovery.hypotheses.piecewise_linear_law import LEARNED_LAW_NAME
 from flashtemp.discovery.law_identification import (
     CURVE_POINTS,
     ScoredLaw,
     heldout_excess,
     identify_law,
-    laws_of,
-    price_of_choice,
-    shortlist,
+    list_possible_laws,
+    ln_choice_odds,
+    shortlist_laws,
 )
 from flashtemp.discovery.prediction.prediction import predict_condition
 from flashtemp.discovery.prediction.problem import prepare_problem
-from flashtemp.discovery.selection.forward_selection import select
+from flashtemp.discovery.selection.forward_selection import select_effects
 
 DISTANCE, WAIT, SIGMA = 0.2, 1.0, 0.005  # m, s, and the noise of the load cell
 SPEEDS, READINGS = (0.1, 0.3), 120  # m/s, one condition each, and the readings of each
@@ -90,10 +90,10 @@ def identified(tmp_path_factory):
         problem = prepare_problem(
             write_campaign(tmp_path_factory.mktemp("law"), friction), lambda ts: [predict_condition(t) for t in ts]
         )
-        problem, _, first = engine.correct(problem, quiet)
-        search = select(*engine.calibrate(problem, first, quiet), quiet)
+        problem, _, first = engine.correct_measurements(problem, quiet)
+        search = select_effects(*engine.calibrate_base(problem, first, quiet), quiet)
         with pytest.MonkeyPatch.context() as patch:
-            some = [w for w in laws_of(search) if w.quantity.name == "friction" and w.regressor.name in ARGUMENTS]
+            some = [w for w in list_possible_laws(search) if w.quantity.name == "friction" and w.regressor.name in ARGUMENTS]
             patch.setattr(law_identification, "laws_of", lambda search: some)
             return search, some, identify_law(search, quiet)
 
@@ -128,9 +128,9 @@ def test_a_law_halves_the_misfit_of_left_out_data(identified):
 def test_a_law_is_learned_only_if_it_halves_the_misfit_of_left_out_data(identified, monkeypatch, after, kind):
     found = identified(run_in)[2]
     monkeypatch.setattr(engine, "heldout_excess", lambda search: (100.0, after))
-    judged = engine.judge(found.search, quiet, found)
+    judged = engine.judge_search(found.search, quiet, found)
     assert judged.kind == kind
-    assert [c.effect for c in judged.causes] == [EFFECT_NAME]
+    assert [c.effect for c in judged.causes] == [LEARNED_LAW_NAME]
 
 
 def test_no_law_is_identified_where_nothing_is_hidden(identified):
@@ -149,7 +149,7 @@ def test_a_law_that_does_not_predict_is_not_learned_however_much_it_explains(ide
     assert found.ln_bayes > CRITERIA.ln_bayes_named
     before, after = heldout_excess(found.search)
     assert after > CRITERIA.law_excess_left * before
-    assert engine.judge(found.search, quiet, found).kind == "unexplained"
+    assert engine.judge_search(found.search, quiet, found).kind == "unexplained"
 
 
 # --- which laws are fitted --------------------------------------------------------------------------------------
@@ -160,25 +160,25 @@ def test_a_law_must_be_worth_its_choice_among_all_that_are_scored():
     """ln Bayes factor that names a cause, and the prior odds against one of n laws beyond it (ln n)."""
     least = CRITERIA.ln_bayes_named + np.log(50.0)
     few = [scored(least + 0.1, ()), *[scored(0.0, ())] * 49]
-    assert price_of_choice(few) == pytest.approx(np.log(50.0))
-    assert shortlist(few) == few[:1]
-    assert shortlist([scored(least - 0.1, ()), *few[1:]]) == []
+    assert ln_choice_odds(few) == pytest.approx(np.log(50.0))
+    assert shortlist_laws(few) == few[:1]
+    assert shortlist_laws([scored(least - 0.1, ()), *few[1:]]) == []
 
 
 def test_laws_far_behind_the_best_are_not_fitted():
     """Scores of linearised models err by 20 where a law is weak, by a part of themselves where it is strong."""
     strong, weak = ([scored(g, ()) for g in (*some, *[0.0] * 30)] for some in ((400.0, 170.0, 150.0), (30.0, 15.0)))
-    assert [s.ln_bayes for s in shortlist(strong)] == [400.0, 170.0]
-    assert [s.ln_bayes for s in shortlist(weak)] == [30.0, 15.0]
+    assert [s.ln_bayes for s in shortlist_laws(strong)] == [400.0, 170.0]
+    assert [s.ln_bayes for s in shortlist_laws(weak)] == [30.0, 15.0]
 
 
 def test_laws_that_cannot_reach_the_catalogue_are_not_fitted():
     """A law must explain more than the catalogue does in the end; its score may err by as much as among laws."""
     some = [scored(g, ()) for g in (400.0, 170.0, *[0.0] * 30)]
-    assert [s.ln_bayes for s in shortlist(some, 300.0)] == [400.0, 170.0]
-    assert [s.ln_bayes for s in shortlist(some, 900.0)] == [400.0]
-    assert shortlist(some, 1100.0) == []
-    assert [s.ln_bayes for s in shortlist([scored(20.0, ()), *some[2:]], 39.0)] == [20.0]
+    assert [s.ln_bayes for s in shortlist_laws(some, 300.0)] == [400.0, 170.0]
+    assert [s.ln_bayes for s in shortlist_laws(some, 900.0)] == [400.0]
+    assert shortlist_laws(some, 1100.0) == []
+    assert [s.ln_bayes for s in shortlist_laws([scored(20.0, ()), *some[2:]], 39.0)] == [20.0]
 
 
 def test_laws_are_simulated_together_as_memory_allows():

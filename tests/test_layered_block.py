@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from flashtemp.camera.point_observation import readings
-from flashtemp.camera.points import of_rows
+from flashtemp.camera.point_observation import sensor_temperatures
+from flashtemp.camera.points import positions_from_rows
 from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare
 from flashtemp.errors import BadInput
 from flashtemp.model import priors
-from flashtemp.model.case import load
+from flashtemp.model.case import load_case
 from flashtemp.runs import vtk
-from flashtemp.solver.balance import Balance
+from flashtemp.solver.balance import HeatBalance
 from flashtemp.solver.march import march
-from flashtemp.solver.sensitivity import Move, explore
-from flashtemp.solver.system import System
+from flashtemp.solver.sensitivity import Perturbation, run_with_sensitivities
+from flashtemp.solver.system import PhaseSystem
 from flashtemp.viz import case_sketch
 
 STACK = (("disc", 15.0, 3.9e6, 0.002), ("glue", 0.2, 1.8e6, 2e-4), ("board", 1.1, 2.0e6, 0.006))  # W/mK, J/m3K, m
@@ -61,7 +61,7 @@ first_block = 1e-4
 
 def case(folder, given=None, **how):
     (folder / "case.toml").write_text(text(**how))
-    return load(folder / "case.toml", given)
+    return load_case(folder / "case.toml", given)
 
 
 def up(run):
@@ -203,15 +203,15 @@ def test_layers_of_one_material_without_contact_are_one_block(tmp_path, across):
     (tmp_path / "plain.toml").write_text(
         plain[0] + '[block]\nmaterial = "rubber"\nheight = 0.007' + plain[1].split("[block]")[1]
     )
-    one = march(*parts(load(tmp_path / "plain.toml", given))).T_block[-1] - 20.0
+    one = march(*parts(load_case(tmp_path / "plain.toml", given))).T_block[-1] - 20.0
     many = march(*parts(whole)).T_block[-1] - 20.0
     assert np.abs(many - one).max() < 0.01 * one.max()
 
 
 def test_the_linearisation_knows_the_contacts(tmp_path):
     """J v of the linearised balance is the difference of rates: all is linear here."""
-    b = Balance(case(tmp_path).scene)
-    system = System(b, b.scene.schedule.phases[0])
+    b = HeatBalance(case(tmp_path).scene)
+    system = PhaseSystem(b, b.scene.schedule.phases[0])
     rng = np.random.default_rng(3)
     y, v = np.zeros(b.size), np.zeros(b.size)
     y[: b.n], v[: b.n] = rng.normal(size=b.n), rng.normal(size=b.n)
@@ -219,12 +219,12 @@ def test_the_linearisation_knows_the_contacts(tmp_path):
     system.rate(1.0, y, rates[0])
     system.rate(1.0, y + v, rates[1])
     out, z = np.zeros(b.size), np.zeros(b.size)
-    at = system.linearised(1.0, y, 0.7)
-    at.times(v, out)
+    at = system.linearise(1.0, y, 0.7)
+    at.apply_jacobian(v, out)
     assert out[: b.n] == pytest.approx(np.diff(rates, axis=0)[0, : b.n], abs=1e-9 * np.abs(out).max())
     at.solve(v, z)  # P^-1 hands on no more heat than it is given
     held = b.capacity * system.solid.lines.weight
-    booked = sum(b.counts(name) * z[i] for name, i in b.entry.items())
+    booked = sum(b.ledger_weight(name) * z[i] for name, i in b.ledger_index.items())
     assert held @ z[: b.n] - booked == pytest.approx(held @ v[: b.n], rel=1e-11)
 
 
@@ -238,14 +238,14 @@ def test_traces_of_layers_are_differences_of_runs(tmp_path, key, value):
     made = case(tmp_path, own, back=False)
     step = 0.01 * value
     moved = made.with_values({key: value + step})
-    near = explore(made.scene, made.settings, {key: Move(moved.scene, step, stretched=True)}, at=(30.0,))
+    near = run_with_sensitivities(made.scene, made.settings, {key: Perturbation(moved.scene, step, is_stretched=True)}, at=(30.0,))
 
     def back(run):
         return up(run)[1][-1]
 
     exact = (back(march(*parts(moved))) - back(march(*parts(made)))) / step
     assert abs(exact) * step > 2e-3  # far above float32
-    assert near.slope(back, key) == pytest.approx(exact, rel=0.02)
+    assert near.derivative_of(back, key) == pytest.approx(exact, rel=0.02)
 
 
 def test_a_thermocouple_reads_its_own_side_of_a_contact(tmp_path):
@@ -253,8 +253,8 @@ def test_a_thermocouple_reads_its_own_side_of_a_contact(tmp_path):
     run = march(*parts(case(tmp_path)))
     flux = (HOT - COLD) / (sum(t / k for _, k, _, t in STACK) + sum(CONTACT))
     below = HOT - flux * 0.002 / 15.0
-    places = of_rows([{"x": 0.01, "z": z} for z in (0.002, 0.0020001, 0.0001, 0.0075)])
-    found = readings(run, places, run.time[-1:])[0]
+    places = positions_from_rows([{"x": 0.01, "z": z} for z in (0.002, 0.0020001, 0.0001, 0.0075)])
+    found = sensor_temperatures(run, places, run.time[-1:])[0]
     above = below - flux * CONTACT[0]
     inside = wall(np.array([0.0001, 0.0075]))
     assert found == pytest.approx([below, above, *inside], abs=1e-2)
@@ -263,7 +263,7 @@ def test_a_thermocouple_reads_its_own_side_of_a_contact(tmp_path):
 
 def test_heat_flux_in_the_file_for_paraview_is_even_through_the_wall(tmp_path):
     run = march(*parts(case(tmp_path)))
-    mesh, body = run.mesh, vtk.bodies(run)["block"]
+    mesh, body = run.mesh, vtk.body_grids(run)["block"]
     flux = body.heat_flux(run.field[-1][body.cells]).reshape(mesh.last - mesh.first, -1, 3)[..., 2]
     even = (HOT - COLD) / (sum(t / k for _, k, _, t in STACK) + sum(CONTACT))
     assert flux == pytest.approx(np.full_like(flux, even), rel=5e-3)
@@ -274,12 +274,12 @@ def test_a_case_of_layers_goes_through_its_file_and_back(tmp_path):
     """Height and material follow from layers; a number of a layer is a key like others."""
     made = case(tmp_path, {"layers.disc.thickness": "3 mm"})
     (tmp_path / "again.toml").write_text(made.toml())
-    again = load(tmp_path / "again.toml", {"layers.glue.thickness": 3e-4})
+    again = load_case(tmp_path / "again.toml", {"layers.glue.thickness": 3e-4})
     assert made["block.height"] == pytest.approx(0.0092)
     assert again["block.height"] == pytest.approx(0.0093)
     assert again.scene.block.conductivity == 15.0
     assert "layer 'disc', 3 mm, 0.0004 m2K/W to 'glue'" in str(again.scene)
-    known, _ = priors.inputs(priors.with_materials(again))
+    known, _ = priors.find_uncertain_inputs(priors.expand_materials(again))
     keys = {i.key for i in known}
     assert {"layers.disc.contact_resistance", "layers.board.thickness", "materials.glue.density"} <= keys
     assert "block.height" not in keys

@@ -16,35 +16,35 @@ from scipy.stats import multivariate_normal
 
 import flashtemp
 from flashtemp.comparison import campaign
-from flashtemp.comparison.twin import SEALED, Plan, twin
+from flashtemp.comparison.twin import SEALED_TRUTH, SyntheticPlan, make_synthetic_campaign
 from flashtemp.discovery import engine, law_identification
 from flashtemp.discovery.criteria import CRITERIA
-from flashtemp.discovery.estimation.camera_error_columns import NONE
+from flashtemp.discovery.estimation.camera_error_columns import NO_CAMERA_ERRORS
 from flashtemp.discovery.estimation.hyperparameters import Hyperparameters
-from flashtemp.discovery.estimation.linear_gaussian import Block, System
-from flashtemp.discovery.estimation.linearised_fit import Fit, Status
+from flashtemp.discovery.estimation.linear_gaussian import DataBlock, LinearSystem
+from flashtemp.discovery.estimation.linearised_fit import LinearisedFit, FitStatus
 from flashtemp.discovery.estimation.model_discrepancy import TYPICAL_DISCREPANCY
-from flashtemp.discovery.estimation.per_condition import estimate_per_condition, estimates_per_condition
-from flashtemp.discovery.hypotheses.candidates import Model
+from flashtemp.discovery.estimation.per_condition import estimate_by_condition, estimate_effect_by_condition
+from flashtemp.discovery.hypotheses.candidates import ModelPoint
 from flashtemp.discovery.hypotheses.formula_fit import fit_simplest_formula
 from flashtemp.discovery.hypotheses.piecewise_linear_law import (
-    EFFECT_NAME,
-    INITIAL_NODES,
+    LEARNED_LAW_NAME,
+    INITIAL_LAW_NODES,
     LEARNABLE_QUANTITIES,
-    MAX_NODES,
+    MAX_LAW_NODES,
     REGRESSORS,
     PiecewiseLinearLaw,
     graded_nodes,
     nodes_at_values,
 )
 from flashtemp.discovery.parameters import Kind, ParameterId
-from flashtemp.discovery.selection.forward_selection import Search
-from flashtemp.model.case import load
-from flashtemp.physics.own_effects import read
+from flashtemp.discovery.selection.forward_selection import EffectSearch
+from flashtemp.model.case import load_case
+from flashtemp.physics.own_effects import read_effect
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.runs.effect_check import balance, battery, laws
-from flashtemp.runs.effect_check.battery import examine
-from flashtemp.runs.effect_check.scenes import Bench, Trial
+from flashtemp.runs.effect_check.battery import run_all_checks
+from flashtemp.runs.effect_check.scenes import SceneCache, EffectUnderTest
 from flashtemp.solver.march import march
 
 BENCHMARK = Path(__file__).parents[1] / "benchmarks" / "learned_laws.py"
@@ -70,14 +70,14 @@ def law(quantity, regressor, values=(0.9, 0.2, 0.5, 0.7, 0.4)):
 def trial(told, folder):
     """A law's file before the battery, and its bench."""
     (folder / "learned.py").write_text(told.as_effect().source)
-    return Trial(EFFECT_NAME, read(folder / "learned.py"), {}), Bench()
+    return EffectUnderTest(LEARNED_LAW_NAME, read_effect(folder / "learned.py"), {}), SceneCache()
 
 
 # --- the file ------------------------------------------------------------------------------------------
 @pytest.mark.long
 @pytest.mark.parametrize("which", KINDS, ids="-".join)
 def test_the_file_passes_the_battery(which, tmp_path):
-    found = examine(*trial(law(*pair(*which), USUAL), tmp_path))
+    found = run_all_checks(*trial(law(*pair(*which), USUAL), tmp_path))
     assert [f.says for f in found if not f.ok] == []
     assert {"example", "derivatives", "off", "jacobian", "energy", "acts"} <= {f.name for f in found}
 
@@ -92,7 +92,7 @@ STEEP = {  # ln of factors on friction over temperature (degC): a measured peak,
 def test_steep_friction_is_linearised_where_it_is_solved(which, tmp_path):
     """Newton's last slope is that of its last point, not of the one before: the difference was 3e-10 of J v."""
     told, bench = trial(PiecewiseLinearLaw(*pair("friction", "temperature"), *STEEP[which]), tmp_path)
-    for shape in balance.WAITS:
+    for shape in balance.SHAPE_WORDS:
         assert balance.linearisation(bench, told, shape).ok, shape
 
 
@@ -100,7 +100,7 @@ def test_steep_friction_is_linearised_where_it_is_solved(which, tmp_path):
 def test_the_file_reads_like_one_of_ours(which, tmp_path):
     """Words, units, bounds, example, and laws point by point: the battery without its runs."""
     told, bench = trial(law(*pair(*which), USUAL), tmp_path)
-    found = [look(told) for look in battery.FILE] + laws.asked(bench, told)
+    found = [look(told) for look in battery.FILE_CHECKS] + laws.check_laws(bench, told)
     assert [f.says for f in found if not f.ok] == []
     assert {"example", "derivatives", "pointwise", "ends"} <= {f.name for f in found}
 
@@ -112,15 +112,15 @@ def test_the_file_can_be_edited(tmp_path):
     assert text.count("0.693") == 2
     (tmp_path / "learned.py").write_text(text)
     (tmp_path / "case.toml").write_text('effects = ["./learned.py"]\n')
-    case = load(tmp_path, TINY)
-    run, base = (march(c.scene, c.settings) for c in (case, load(tmp_path, TINY | {"effects": []})))
+    case = load_case(tmp_path, TINY)
+    run, base = (march(c.scene, c.settings) for c in (case, load_case(tmp_path, TINY | {"effects": []})))
     np.testing.assert_allclose(run.friction[run.sliding], 2.0 * base.friction[base.sliding], rtol=1e-8)
 
 
 # --- what may be one -------------------------------------------------------------------------------------
 def searched(*conditions, held=()):
     """As much of a search as tells what varied under some conditions, of which some are `held` out."""
-    case = load(CASE, TINY)
+    case = load_case(CASE, TINY)
     runs = [march(c.scene, c.settings) for c in (case.with_values(given) for given in conditions)]
     entries = [[SimpleNamespace(held_out=n in held)] for n in range(len(conditions))]
     told = [SimpleNamespace(given=g, entries=e) for g, e in zip(conditions, entries, strict=True)]
@@ -130,12 +130,12 @@ def searched(*conditions, held=()):
 
 def test_nothing_depends_on_what_does_not_vary():
     one = {"schedule.speed": 0.1}
-    names = {(w.quantity.name, w.regressor.name): w.nodes for w in law_identification.laws_of(searched(one))}
+    names = {(w.quantity.name, w.regressor.name): w.nodes for w in law_identification.list_possible_laws(searched(one))}
     assert ("friction", "temperature") in names
     assert ("pressure", "place") in names
     assert not {a for _, a in names} & {"speed", "repetition", "pressure"}
     both = searched(one, {"schedule.speed": 0.4, "contact.pressure": 5e4})
-    wider = {(w.quantity.name, w.regressor.name): w.nodes for w in law_identification.laws_of(both)}
+    wider = {(w.quantity.name, w.regressor.name): w.nodes for w in law_identification.list_possible_laws(both)}
     assert wider["friction", "speed"] == pytest.approx((0.1, 0.4))
     assert len(wider["friction", "pressure"]) == 2
     reached = max(float(np.nanmax(p.run.T_spot)) for p in both.base.predictions)
@@ -144,7 +144,7 @@ def test_nothing_depends_on_what_does_not_vary():
 
 def test_nodes_are_where_a_campaign_has_values():
     assert nodes_at_values([0.3, 0.1, 0.1]) == (0.1, 0.3)
-    assert len(nodes_at_values(range(1, 11))) == INITIAL_NODES
+    assert len(nodes_at_values(range(1, 11))) == INITIAL_LAW_NODES
     assert nodes_at_values(range(1, 11))[0] == 1
     assert nodes_at_values(range(1, 11))[-1] == 10
 
@@ -153,7 +153,7 @@ def test_walls_cool_at_rest_too():
     """A film over speed has a node at rest where the block waits between repetitions; friction has none there."""
     waits = {"schedule.repetitions": 2, "schedule.wait": 0.5, "schedule.distance": 0.02}
     found = {(w.quantity.name, w.regressor.name): w.nodes for w in
-             law_identification.laws_of(searched({"schedule.speed": 0.1} | waits, {"schedule.speed": 0.4} | waits))}  # fmt: skip
+             law_identification.list_possible_laws(searched({"schedule.speed": 0.1} | waits, {"schedule.speed": 0.4} | waits))}  # fmt: skip
     assert found["walls", "speed"] == pytest.approx((0.0, 0.1, 0.4))
     assert found["friction", "speed"] == pytest.approx((0.1, 0.4))
     assert found["friction", "passed"][-1] == pytest.approx(0.04)
@@ -172,7 +172,7 @@ def test_a_law_counts_only_where_it_explains_more_than_the_catalogue_does(monkey
     monkeypatch.setattr(law_identification, "_finalise", lambda search, best, scored, watch: best)
     base, other = SimpleNamespace(ln_evidence=0.0, usable=True), SimpleNamespace(ln_evidence=known, usable=True)
     problem = SimpleNamespace(case=SimpleNamespace(effects=()))
-    search = Search(problem, None, base, base, {frozenset(): base, frozenset({"side_cooling"}): other})
+    search = EffectSearch(problem, None, base, base, {frozenset(): base, frozenset({"side_cooling"}): other})
     assert (law_identification.identify_law(search, lambda text: None) is not None) is goes_on
 
 
@@ -190,14 +190,14 @@ TRUE = {  # what holds, and over which argument: ln of the factor at the nodes
 }
 
 
-EXACT = Hyperparameters(1.0, TYPICAL_DISCREPANCY, NONE)
+EXACT = Hyperparameters(1.0, TYPICAL_DISCREPANCY, NO_CAMERA_ERRORS)
 
 
 def law_of(sizes, wobble=0.0, seed=3, held=()):
     """A fit of three nodes to two conditions of 400 data that show the law, `sizes` times as large; `wobble` moves one
     node of the second against its neighbour, and the law as a whole by nothing.  Conditions may be `held` out."""
     rng = np.random.default_rng(seed)
-    nodes = [ParameterId.of_effect(EFFECT_NAME, f"at_{k + 1}") for k in range(3)]
+    nodes = [ParameterId.of_effect(LEARNED_LAW_NAME, f"at_{k + 1}") for k in range(3)]
     values, none, blocks = np.array([0.3, -0.2, 0.25]), (np.zeros((400, 0)), np.zeros((0, 0))), []
     C = 100.0 * rng.standard_normal((400, 3)) @ (np.eye(3) + 0.8 * rng.standard_normal((3, 3)))
     against, seen = np.array([1.0, -1.0, 0.0]), values @ C.T @ C
@@ -206,18 +206,18 @@ def law_of(sizes, wobble=0.0, seed=3, held=()):
         own = size * values + number * wobble * against
         r = C @ own + rng.standard_normal(400)
         names = tuple((p, k) for k, p in enumerate(nodes))
-        blocks.append(Block("ab"[number], number, number in held, r, C, names, *none))
+        blocks.append(DataBlock("ab"[number], number, number in held, r, C, names, *none))
     priors = {p: (0.0, 0.3) for p in nodes}
-    system = System(blocks)
-    model = Model({}, {EFFECT_NAME: {p.name: 0.0 for p in nodes}})
-    fit = Fit(model, (), system, system.solve(priors), priors, EXACT, Status.CONVERGED)
+    system = LinearSystem(blocks)
+    model = ModelPoint({}, {LEARNED_LAW_NAME: {p.name: 0.0 for p in nodes}})
+    fit = LinearisedFit(model, (), system, system.solve(priors), priors, EXACT, FitStatus.CONVERGED)
     return SimpleNamespace(conditions=[SimpleNamespace(words=f"{n}") for n in range(2)]), fit
 
 
 @pytest.mark.parametrize("sizes", [(1.0, 1.0), (1.0, 1.1), (0.9, 1.2)])
 def test_a_law_is_as_large_in_every_condition_as_each_alone_would_have_it(sizes):
     problem, fit = law_of(sizes)
-    [found] = estimates_per_condition(problem, fit, EFFECT_NAME)
+    [found] = estimate_effect_by_condition(problem, fit, LEARNED_LAW_NAME)
     common = fit.solution.d @ np.array([0.3, -0.2, 0.25]) / np.sum(np.array([0.3, -0.2, 0.25]) ** 2)
     for own, size in zip(found.conditions, sizes, strict=True):
         assert own.value * common == pytest.approx(size, abs=5.0 * own.stderr)
@@ -227,10 +227,10 @@ def test_a_law_is_as_large_in_every_condition_as_each_alone_would_have_it(sizes)
 @pytest.mark.parametrize(("sizes", "agree"), [((1.0, 1.0), True), ((1.0, 1.2), False)])
 def test_data_that_were_held_out_judge_whether_conditions_agree_and_fit_nothing(sizes, agree):
     problem, fit = law_of(sizes, held=(1,))
-    [own] = estimates_per_condition(problem, fit, EFFECT_NAME)
+    [own] = estimate_effect_by_condition(problem, fit, LEARNED_LAW_NAME)
     assert [c.condition for c in own.conditions] == ["0"]
     assert own.probability == 1.0
-    [every] = estimates_per_condition(problem, fit, EFFECT_NAME, every=True)
+    [every] = estimate_effect_by_condition(problem, fit, LEARNED_LAW_NAME, every=True)
     assert [c.condition for c in every.conditions] == ["0", "1"]
     assert (every.probability > 1e-4) is agree
 
@@ -238,8 +238,8 @@ def test_data_that_were_held_out_judge_whether_conditions_agree_and_fit_nothing(
 def test_a_node_against_its_neighbour_is_no_other_size():
     """What conditions make of single nodes says little of a law: lines between nodes are not what they stand for."""
     problem, fit = law_of((1.0, 1.0), wobble=0.006)
-    [found] = estimates_per_condition(problem, fit, EFFECT_NAME)
-    alone = [estimate_per_condition(problem, fit, p) for p in fit.fitted]
+    [found] = estimate_effect_by_condition(problem, fit, LEARNED_LAW_NAME)
+    alone = [estimate_by_condition(problem, fit, p) for p in fit.effect_parameters]
     assert found.probability > 1e-4
     assert min(a.probability for a in alone) < 1e-4
 
@@ -254,17 +254,17 @@ def test_what_all_conditions_share_may_be_what_differs():
     )
     none = np.zeros((60, 0), dtype=np.float32), np.zeros((0, 0))
     problem = SimpleNamespace(conditions=[SimpleNamespace(words=f"{n}") for n in range(2)])
-    priors, model = {p: (0.0, 10.0), shared: (0.0, 1.0)}, Model({}, {"edge_pressure": {"B": 0.0}})
+    priors, model = {p: (0.0, 10.0), shared: (0.0, 1.0)}, ModelPoint({}, {"edge_pressure": {"B": 0.0}})
     found, off = [], []
     for _ in range(200):
         blocks, mode = [], rng.standard_normal()
         for number, way in enumerate((1.0, -1.0)):
             C = np.column_stack([rng.uniform(0.5, 1.0, 60), way * rng.uniform(0.5, 1.0, 60)]).astype(np.float32)
             r = C @ np.array([2.0, mode]) + rng.standard_normal(60)
-            blocks.append(Block("ab"[number], number, False, r, C, ((p, 0), (shared, 1)), *none))
-        system = System(blocks)
-        fit = Fit(model, (), system, system.solve(priors), priors, EXACT, Status.CONVERGED)
-        sizes = estimate_per_condition(problem, fit, p)
+            blocks.append(DataBlock("ab"[number], number, False, r, C, ((p, 0), (shared, 1)), *none))
+        system = LinearSystem(blocks)
+        fit = LinearisedFit(model, (), system, system.solve(priors), priors, EXACT, FitStatus.CONVERGED)
+        sizes = estimate_by_condition(problem, fit, p)
         found.append(sizes.probability)
         off += [(c.value - 2.0) / c.stderr for c in sizes.conditions]
     assert np.mean(np.array(found) < 0.2) == pytest.approx(0.2, abs=0.1)
@@ -387,8 +387,8 @@ def test_a_law_reaches_over_what_is_fitted():
     """Walls cooled as sqrt(v), all of one speed held out: cooling fell to 0 at that speed, 0 to 47 W/m2K."""
     both = {"schedule.speed": 0.1}, {"schedule.speed": 0.4}
     every, one = (searched(*both, held=held) for held in ((), (1,)))
-    assert {w.regressor.name for w in law_identification.laws_of(every)} - {
-        w.regressor.name for w in law_identification.laws_of(one)
+    assert {w.regressor.name for w in law_identification.list_possible_laws(every)} - {
+        w.regressor.name for w in law_identification.list_possible_laws(one)
     } == {"speed"}
 
 
@@ -396,19 +396,19 @@ def test_nodes_between_nodes():
     law = PiecewiseLinearLaw(*pair("friction", "temperature"), graded_nodes(20, 60), (0.0, 1.0, 2.0, 3.0, 4.0))
     assert len(law.refined_nodes) == 9
     assert set(law.nodes) < set(law.refined_nodes)
-    assert len(replace(law, nodes=graded_nodes(0, 1, MAX_NODES)).refined_nodes) == MAX_NODES
+    assert len(replace(law, nodes=graded_nodes(0, 1, MAX_LAW_NODES)).refined_nodes) == MAX_LAW_NODES
     assert PiecewiseLinearLaw(*pair("friction", "speed"), (0.1, 1.0), (0.0, 1.0)).refined_nodes == (0.1, 1.0)
 
 
 def test_of_a_pressure_only_the_shape_counts():
     law = PiecewiseLinearLaw(*pair("pressure", "place"), graded_nodes(0, 0.025), (0.3, 0.3, 0.3, 0.3, 0.5))
     level = np.full((5, 5), 0.04)  # all nodes together
-    centred, covariance = law_identification._centre(law, level + 1e-4 * np.eye(5))
+    centred, covariance = law_identification._centre_pressure(law, level + 1e-4 * np.eye(5))
     at = np.linspace(0.0, 0.025, 1001)
     assert np.exp(centred.hat_functions(at) @ np.array(centred.values)).mean() == pytest.approx(1.0, abs=1e-3)
     assert np.diag(covariance).max() < 3e-4
     same = PiecewiseLinearLaw(*pair("friction", "place"), graded_nodes(0, 0.025), (0.3, 0.3, 0.3, 0.3, 0.5))
-    assert law_identification._centre(same, level) == (same, level)
+    assert law_identification._centre_pressure(same, level) == (same, level)
 
 
 # --- learned from data ------------------------------------------------------------------------------------
@@ -456,9 +456,9 @@ def hump(tmp_path_factory):
         "schedule.repetitions": 2, "schedule.distance": 0.4, "schedule.wait": 8.0, "road.track_length": 0.4,
         "numerics.mesh": 0.5, "numerics.rtol": 1e-3, "output.profiles": 10,
     }  # fmt: skip
-    out = twin(load(folder, given, trust=True), Plan(("hump",), 301, conditions=2, sliding=2), folder / "lab")
-    truth = json.loads((out / SEALED).read_text())["hidden"]["hump"]
-    shutil.rmtree((out / SEALED).parent)
+    out = make_synthetic_campaign(load_case(folder, given, trust=True), SyntheticPlan(("hump",), 301, conditions=2, sliding=2), folder / "lab")
+    truth = json.loads((out / SEALED_TRUTH).read_text())["hidden"]["hump"]
+    shutil.rmtree((out / SEALED_TRUTH).parent)
     verdict, search = engine.discover(campaign.load(out), workers=1)
     engine.write_extended(search, verdict, folder)
     return SimpleNamespace(truth=truth, verdict=verdict, folder=folder)
@@ -482,10 +482,10 @@ def test_a_maximum_of_friction_over_temperature_is_learned(hump):
 def test_what_was_learned_runs_and_reads_like_an_effect(hump):
     assert (hump.folder / "learned.py").is_file()
     assert '"./learned.py"' in (hump.folder / "extended.toml").read_text()
-    case = load(hump.folder / "extended.toml", trust=True)
-    assert EFFECT_NAME in case.effects
+    case = load_case(hump.folder / "extended.toml", trust=True)
+    assert LEARNED_LAW_NAME in case.effects
     told = np.log(np.interp(hump.verdict.law.nodes, hump.verdict.law.at, hump.verdict.law.curve))
-    in_case = [case[f"{EFFECT_NAME}.at_{k + 1}"] for k in range(len(told))]
+    in_case = [case[f"{LEARNED_LAW_NAME}.at_{k + 1}"] for k in range(len(told))]
     np.testing.assert_allclose(told, in_case, atol=2e-3)  # the curve is told at 41 places, not at the nodes
     run = march(case.scene, case.settings)
     assert run.energy_imbalance < 1e-9

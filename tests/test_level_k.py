@@ -7,9 +7,9 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 
 from flashtemp import load
-from flashtemp.model.build import theory_of
+from flashtemp.model.build import find_theory
 from flashtemp.physics.friction import flash_temperature, friction_table
-from flashtemp.physics.friction.kernel_block import Sliding
+from flashtemp.physics.friction.kernel_block import KernelBlock
 from flashtemp.solver.march import march
 
 CALM = {  # what Level K leaves out: conduction along the block, cooling by air
@@ -37,7 +37,7 @@ def both(case, speed, effects=(), friction=None, widening=True, **values):
     values = CALM | {"schedule.speed": speed, "contact.lane_widening": float(widening)} | values
     made = case("conductivity_anisotropy", *effects, values=values)
     scene = made.scene
-    block = Sliding(scene.block, scene.road, scene.length, speed, P, scene.spot_fraction, 3e-3, AIR, widening)
+    block = KernelBlock(scene.block, scene.road, scene.length, speed, P, scene.spot_fraction, 3e-3, AIR, widening)
     law = friction(scene) if friction else lambda spot, face: np.ones_like(spot)
     return march(scene, made.settings), block.march(3.5 / speed, law, 50, 40)
 
@@ -55,7 +55,7 @@ def test_block_and_road(case, speed, widening):
     for ours, theirs in ((run.T_spot, kernel.spot), (run.T_block, kernel.face)):
         rise = at(kernel.x, theirs[-1], places) - AIR
         bound = 1e-3 if widening else 8e-4
-        np.testing.assert_allclose(at(run.x, ours[run.last], places) - 20.0, rise, rtol=bound)
+        np.testing.assert_allclose(at(run.x, ours[run.last_sliding_index], places) - 20.0, rise, rtol=bound)
 
 
 @pytest.mark.parametrize("speed", [0.1, 1.0])
@@ -64,15 +64,15 @@ def test_friction_of_the_theory(case, speed):
     """The solver's table of friction against the theory itself in Level K, all heat at the contact."""
 
     def exact(scene):
-        theory = theory_of(case("persson_friction"))[1].p.theory
-        felt = friction_table.flash_share(theory.q, scene.block, 3e-3, speed)
+        theory = find_theory(case("persson_friction"))[1].p.theory
+        felt = friction_table.flash_fraction(theory.q, scene.block, 3e-3, speed)
         return lambda spot, face: theory(speed, face[:, None] + (spot - face)[:, None] * felt, P, spot).mu
 
     run, kernel = both(case, speed, ("persson_friction",), exact, **{"persson_friction.in_depth": False})
     x = np.concatenate([[0.0], kernel.x])
     mean = np.trapezoid(np.concatenate([kernel.mu[-1][:1], kernel.mu[-1]]), x) / x[-1]
-    assert run.friction[run.last] == pytest.approx(mean, rel=3e-4)
-    cold = theory_of(case("persson_friction"))[1].p.theory(speed, AIR, P).mu
+    assert run.friction[run.last_sliding_index] == pytest.approx(mean, rel=3e-4)
+    cold = find_theory(case("persson_friction"))[1].p.theory(speed, AIR, P).mu
     assert mean < 0.95 * cold  # so that the agreement says something
 
 
@@ -84,15 +84,15 @@ def test_hot_branch(case, speed):
         "persson_friction.spots": "theory", "persson_friction.shear_stress": 0.0,
     }  # fmt: skip
     made = case("persson_friction", values=values)
-    scene, acting = theory_of(made)
+    scene, acting = find_theory(made)
     run = march(scene, made.settings)
     face = run.T_block[-1][len(run.x) // 2] + 273.15
     theory = acting.p.theory
     phi = float(theory.contact(2 * np.pi / 3e-3, speed, face, P))
-    spots = flash_temperature.Spots(
+    spots = flash_temperature.ContactSpots(
         3e-3, phi / (1.0 - phi)
     )  # what the passing of spots has left is in the face's temperature
-    found, T = flash_temperature.hot(theory, scene.block, spots, speed, face, P)
+    found, T = flash_temperature.solve_hot_branch(theory, scene.block, spots, speed, face, P)
     assert run.friction[-1] == pytest.approx(float(found.mu), rel=8e-3)
     assert found.mu < 0.8 * theory(speed, face, P).mu
     # heat nearer than 4 um counts as released at the contact, which warms it a little more

@@ -15,10 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flashtemp.__main__ import main
-from flashtemp.model.build import theory_of
-from flashtemp.model.case import load
+from flashtemp.model.build import find_theory
+from flashtemp.model.case import load_case
 from flashtemp.physics.friction import friction_table
-from flashtemp.runs.load_dependence import HEATING, NAMES, Loads, attribute, friction_of, subsets
+from flashtemp.runs.load_dependence import HEATING, PROCESS_NAMES, LoadDependence, attribute_load_dependence, compute_case_friction, list_subsets
 from flashtemp.solver.march import march
 from flashtemp.viz import loads as picture
 
@@ -41,8 +41,8 @@ def coarse_tables():
 
 
 @pytest.fixture(scope="module")
-def found() -> Loads:
-    return attribute(load(CASE, COARSE), (1e5, 3e5), (0.1, 1.0), workers=1)
+def found() -> LoadDependence:
+    return attribute_load_dependence(load_case(CASE, COARSE), (1e5, 3e5), (0.1, 1.0), workers=1)
 
 
 @pytest.mark.long
@@ -69,7 +69,7 @@ def test_heating_makes_friction_fall_the_more_the_faster(found):
 
 @pytest.mark.long
 def test_adhesion_and_skewness_enlarge_the_contact(found):
-    scene, acting = theory_of(load(CASE, COARSE))
+    scene, acting = find_theory(load_case(CASE, COARSE))
     bare = replace(acting.p.theory, enlarged=())
     one = [replace(bare, enlarged=(part,)) for part in acting.p.theory.enlarged]
     assert len(one) == 2
@@ -78,10 +78,10 @@ def test_adhesion_and_skewness_enlarge_the_contact(found):
     assert skewed(0.1, 293.15, 1e5).viscous < bare(0.1, 293.15, 1e5).viscous  # C5
 
 
-def made(found, value, acting=NAMES) -> Loads:
+def made(found, value, acting=PROCESS_NAMES) -> LoadDependence:
     """An attribution of one speed and two loads; value(some) is the change of ln mu by some processes."""
-    every = {some: np.exp(np.array([[0.0, value(some)]])) for some in subsets(NAMES)}
-    return Loads("made", found.pressure, np.array([1.0]), acting, {}, every, np.ones((1, 2)), "fixed")
+    every = {some: np.exp(np.array([[0.0, value(some)]])) for some in list_subsets(PROCESS_NAMES)}
+    return LoadDependence("made", found.pressure, np.array([1.0]), acting, {}, every, np.ones((1, 2)), "fixed")
 
 
 @pytest.mark.long
@@ -89,12 +89,12 @@ def test_shares_add_up_where_processes_do_not_meet(found):
     """Two processes whose changes multiply: shares are their own changes, and their sum is the whole."""
     own = {"softening": np.log(1.1), HEATING: np.log(0.8)}
     both = made(found, lambda some: sum(own.get(n, 0.0) for n in some))
-    shares = both.shares()
+    shares = both.shapley_shares()
     assert shares["softening"] == pytest.approx(np.log(1.1))
     assert shares[HEATING] == pytest.approx(np.log(0.8))
-    assert both.leading == HEATING
-    assert sum(s[:, 0] for s in both.local().values()) == pytest.approx(np.log(0.88))
-    assert max(abs(m[0]) for m in both.together().values()) < 1e-14
+    assert both.leading_process == HEATING
+    assert sum(s[:, 0] for s in both.stepwise_shares().values()) == pytest.approx(np.log(0.88))
+    assert max(abs(m[0]) for m in both.interactions().values()) < 1e-14
     assert "only together" not in str(both)
 
 
@@ -106,10 +106,10 @@ def test_what_two_do_only_together_is_shared_by_them_and_told_apart(found):
         return -0.2 * (HEATING in some) + 0.04 * (HEATING in some and "softening" in some)
 
     one = made(found, value)
-    assert one.own()["softening"] == pytest.approx(0.0, abs=1e-14)
-    assert one.shares()["softening"] == pytest.approx(0.02)
-    assert one.shares()[HEATING] == pytest.approx(-0.18)
-    assert one.together()["softening", HEATING] == pytest.approx(0.04)
+    assert one.lone_changes()["softening"] == pytest.approx(0.0, abs=1e-14)
+    assert one.shapley_shares()["softening"] == pytest.approx(0.02)
+    assert one.shapley_shares()[HEATING] == pytest.approx(-0.18)
+    assert one.interactions()["softening", HEATING] == pytest.approx(0.04)
     assert "softening +2.0 % (alone +0.0 %)" in str(one)
     assert "only together: softening with heating +4.1 %" in str(one)
 
@@ -118,17 +118,17 @@ def test_what_two_do_only_together_is_shared_by_them_and_told_apart(found):
 @given(st.lists(st.floats(-1.0, 1.0), min_size=31, max_size=31))
 def test_shares_are_the_mean_over_all_orders(values):
     """Shapley's value by its own definition: what a process adds, over the 120 orders; the sum is the whole."""
-    value = dict(zip(subsets(NAMES), [0.0, *values], strict=True))
-    shares = made(SimpleNamespace(pressure=np.array([1e5, 3e5])), value.__getitem__).shares()
-    orders = list(itertools.permutations(NAMES))
-    for n in NAMES:
+    value = dict(zip(list_subsets(PROCESS_NAMES), [0.0, *values], strict=True))
+    shares = made(SimpleNamespace(pressure=np.array([1e5, 3e5])), value.__getitem__).shapley_shares()
+    orders = list(itertools.permutations(PROCESS_NAMES))
+    for n in PROCESS_NAMES:
         added = 0.0
         for order in orders:
-            before = tuple(m for m in NAMES if m in order[: order.index(n)])
-            with_it = tuple(m for m in NAMES if m in before or m == n)
+            before = tuple(m for m in PROCESS_NAMES if m in order[: order.index(n)])
+            with_it = tuple(m for m in PROCESS_NAMES if m in before or m == n)
             added += value[with_it] - value[before]
         assert shares[n] == pytest.approx(added / len(orders), abs=1e-12)
-    assert sum(shares.values()) == pytest.approx(value[NAMES], abs=1e-12)
+    assert sum(shares.values()) == pytest.approx(value[PROCESS_NAMES], abs=1e-12)
 
 
 @pytest.mark.long
@@ -140,15 +140,15 @@ def test_what_the_case_does_not_have_never_leads(found):
         ("saturation", HEATING),
     )
     one.values.update(softening=0.4, skewness=0.8, adhesion=0.05)
-    assert one.leading == HEATING
-    assert one.shares()["softening"] == pytest.approx(np.log(1.5))
+    assert one.leading_process == HEATING
+    assert one.shapley_shares()["softening"] == pytest.approx(np.log(1.5))
     assert "Not in the case: if filled rubber softens with strain (payne_rest = 0.4), +50.0 %" in str(one)
 
 
 @pytest.mark.long
 def test_nothing_is_an_answer(found):
     flat = made(found, lambda some: 0.0)
-    assert flat.leading is None
+    assert flat.leading_process is None
     assert "Nothing makes friction depend on the load" in str(flat)
 
 
@@ -169,8 +169,8 @@ def test_the_command_tells_of_the_case_itself(plain, capsys):
     args = ["loads", str(plain), *words, "--pressures", "1e5,3e5", "--speeds", "1", "--workers", "1", "--out", str(out)]
     assert main([*args, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert set(told["ln_shares"]) == set(NAMES)
-    runs = [load(plain, PLAIN | {"contact.pressure": p}) for p in (1e5, 3e5)]
+    assert set(told["ln_shares"]) == set(PROCESS_NAMES)
+    runs = [load_case(plain, PLAIN | {"contact.pressure": p}) for p in (1e5, 3e5)]
     np.testing.assert_allclose(
         told["mu"]["every"][0], [march(c.scene, c.settings).friction[-1] for c in runs], rtol=1e-12
     )
@@ -180,10 +180,10 @@ def test_the_command_tells_of_the_case_itself(plain, capsys):
 
 def test_all_laws_of_friction_count_with_heat_and_without():
     """A weight and a second law on friction: what nothing heats is what the balance's own laws give."""
-    theory = theory_of(load(CASE))[1].p.theory
+    theory = find_theory(load_case(CASE))[1].p.theory
     given = {"persson_friction.weight": 0.5, "friction.mu": 0.9, "ambient.temperature": 60.0}
-    case = load(CASE, COARSE | given | {"effects": ["persson_friction", "friction_softening"]})
-    mu = friction_of(case, cold=True)
+    case = load_case(CASE, COARSE | given | {"effects": ["persson_friction", "friction_softening"]})
+    mu = compute_case_friction(case, cold=True)
     expected = 0.9 * (0.5 + 0.5 * float(theory(0.5, 333.15, 1.5e5).mu)) * np.exp(-0.006 * 40)
     assert mu == pytest.approx(expected, rel=5e-3)  # the table stands for the theory
 
@@ -199,7 +199,7 @@ def test_the_cutoff_of_skewness_is_an_input(tmp_path, capsys):
         assert main(["loads", str(CASE), *given, *key, *words, *more, "--out", str(out)]) == 0
         told = json.loads(capsys.readouterr().out)
         assert told["skewness_cutoff_m"] == {"default": 1e-3, "all": 0.0}[name]
-        assert load(out)["persson_friction.skewness_cutoff"] == told["skewness_cutoff_m"]
+        assert load_case(out)["persson_friction.skewness_cutoff"] == told["skewness_cutoff_m"]
         mu[name] = told["mu"]["alone"]["skewness"][0][0] / told["mu"]["none"][0][0]
     assert mu["default"] == pytest.approx(1.0, abs=0.01)
     assert mu["all"] < 0.9
@@ -216,8 +216,8 @@ def test_the_command_with_every_process(tmp_path, capsys):
     args = ["loads", str(CASE), *given, "--pressures", "5e4,3e5", "--speeds", "1", "--workers", "1", "--out", str(out)]
     assert main([*args, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert set(told["ln_shares"]) == set(NAMES)
-    assert told["leading"] == max(NAMES, key=lambda n: abs(told["ln_shares"][n][0]))
+    assert set(told["ln_shares"]) == set(PROCESS_NAMES)
+    assert told["leading"] == max(PROCESS_NAMES, key=lambda n: abs(told["ln_shares"][n][0]))
     assert told["values"]["softening"] == 0.4
     assert [s["over"] for s in told["signs"]] == ["T", "p"]
     assert "persson_friction.shear_stress" in {f["key"] for f in told["signs"][0]["flips"]}

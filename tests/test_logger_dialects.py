@@ -11,15 +11,15 @@ from test_logger_files import import_table, refused, rows
 from flashtemp.__main__ import main
 from flashtemp.camera import timing
 from flashtemp.camera.formats import text as text_images
-from flashtemp.camera.import_options import Facts
-from flashtemp.camera.thermocouple_files import read_places
+from flashtemp.camera.import_options import ImportOptions
+from flashtemp.camera.thermocouple_files import read_positions
 from flashtemp.physics.friction import measured_roughness
 from flashtemp.physics.tables import timestamps
 from flashtemp.physics.tables.cells import parse_number, shape_of
-from flashtemp.physics.tables.dialect import Dialect
+from flashtemp.physics.tables.dialect import TableDialect
 from flashtemp.physics.tables.encoding import decode_text
-from flashtemp.physics.tables.header import Column
-from flashtemp.physics.tables.text_table import TextTable, _number_of
+from flashtemp.physics.tables.header import TableColumn
+from flashtemp.physics.tables.text_table import TextTable, _cell_value
 from flashtemp.physics.tables.timestamps import parse_stamp
 
 TOA5 = (
@@ -280,9 +280,9 @@ def test_columns_are_read_at_once_as_cell_by_cell():
                 draw.choice([f"{draw.uniform(-1e3, 1e3):.3f}", draw.choice(ODD)]) for _ in range(draw.randint(1, 5))
             ]
             cells = [c.replace(".", ",") if comma and draw.random() < 0.9 else c for c in cells]
-            column = Column(1)
-            table = TextTable("x", Dialect(";", comma), (column,), [(c,) for c in cells], list(range(len(cells))))
-            np.testing.assert_array_equal(table.numbers(column), [_number_of(c, comma) for c in cells], str(cells))
+            column = TableColumn(1)
+            table = TextTable("x", TableDialect(";", comma), (column,), [(c,) for c in cells], list(range(len(cells))))
+            np.testing.assert_array_equal(table.numbers(column), [_cell_value(c, comma) for c in cells], str(cells))
 
 
 @pytest.mark.parametrize(
@@ -292,10 +292,10 @@ def test_columns_are_read_at_once_as_cell_by_cell():
 )  # fmt: skip
 def test_times_of_one_shape_are_read_as_one_by_one(cell):
     draw = random.Random(4)
-    quick = timestamps._parser_of(cell, shape_of(cell))
+    quick = timestamps._make_parser(cell, shape_of(cell))
     for _ in range(50):
         other = "".join(str(draw.randint(0, 9)) if c.isdigit() and draw.random() < 0.7 else c for c in cell)
-        parse = quick if "+" not in cell else timestamps._parser_of(other, shape_of(other))
+        parse = quick if "+" not in cell else timestamps._make_parser(other, shape_of(other))
         assert parse(other) == parse_stamp(other)
 
 
@@ -317,15 +317,15 @@ def test_lines_of_one_shape_are_judged_alike_but_for_marks_of_digits(tmp_path):
 )  # fmt: skip
 def test_places_are_read_as_spreadsheets_write_them(tmp_path, text):
     (tmp_path / "places.csv").write_text(text)
-    placed = read_places(tmp_path / "places.csv")
+    placed = read_positions(tmp_path / "places.csv")
     assert placed.places.names == ("front", "back")
     assert [*placed.places.x, *placed.places.z] == pytest.approx([0.01, 0.01, 0.002, 0.006])
 
 
 def test_times_of_files_have_names_in_letters_of_either_case(tmp_path):
     (tmp_path / "times.csv").write_text("sep=;\nFile;Time;\na.csv;0;\nb.csv;1,5 s;\n")
-    seen = [(tmp_path / name, timing.Stamps(1)) for name in ("a.csv", "b.csv")]
-    assert timing.times(seen, Facts(times=tmp_path / "times.csv")).tolist() == [0.0, 1.5]
+    seen = [(tmp_path / name, timing.FrameTimestamps(1)) for name in ("a.csv", "b.csv")]
+    assert timing.resolve_times(seen, ImportOptions(times=tmp_path / "times.csv")).tolist() == [0.0, 1.5]
 
 
 IMAGE = np.round(25.0 + np.add.outer(np.sin(np.arange(60.0)), np.cos(np.arange(80.0))), 2)

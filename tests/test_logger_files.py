@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from flashtemp.camera import thermocouple_files
-from flashtemp.camera.import_options import Facts
+from flashtemp.camera.import_options import ImportOptions
 from flashtemp.errors import BadInput
-from flashtemp.physics.interpolation import grid, pairs
+from flashtemp.physics.interpolation import read_surface, read_xy_pairs
 from flashtemp.physics.tables import wanted
 from flashtemp.physics.tables.cells import is_missing
 
@@ -27,7 +27,7 @@ def import_table(folder, content, columns=(2, 3), name="log.csv", **facts):
     (folder / "places.csv").write_text("\n".join([head, *rows]) + "\n")
     if "zero" not in facts:
         facts = {"start": 0.0} | facts
-    asked = Facts(view="points", places=folder / "places.csv", repetition=1, **facts)
+    asked = ImportOptions(view="points", places=folder / "places.csv", repetition=1, **facts)
     recording, notes = thermocouple_files.read_recording([path], asked)
     return recording.time, recording.temperature[:, 0], "; ".join(notes)
 
@@ -583,7 +583,7 @@ FORCES = (wanted.TIME, wanted.FRICTION)
 
 def read_pairs(folder, text, columns, **bounds):
     (folder / "a.csv").write_text(text)
-    return pairs("a.csv", folder, "schedule.speed", columns=columns, **bounds)
+    return read_xy_pairs("a.csv", folder, "schedule.speed", columns=columns, **bounds)
 
 
 @pytest.mark.parametrize(
@@ -635,7 +635,7 @@ def test_columns_that_nobody_asks_for_may_stand_beside(tmp_path):
 
 def test_a_friction_table_is_read_by_its_names(tmp_path):
     (tmp_path / "a.csv").write_text("mu,speed (km/h),T (F)\n0.9,3.6,68\n0.8,3.6,212\n0.7,7.2,68\n0.6,7.2,212\n")
-    surface = grid("a.csv", tmp_path, "friction.table", (wanted.SPEED, wanted.TEMPERATURE, wanted.FRICTION))
+    surface = read_surface("a.csv", tmp_path, "friction.table", (wanted.SPEED, wanted.TEMPERATURE, wanted.FRICTION))
     assert surface.u == pytest.approx((1.0, 2.0))
     assert surface.v == pytest.approx((20.0, 100.0))
     assert surface.z == ((0.9, 0.8), (0.7, 0.6))

@@ -13,10 +13,10 @@ from matplotlib.colors import to_rgb
 
 import flashtemp
 from flashtemp.__main__ import main
-from flashtemp.camera.looking import BINS, KEPT, _Histogram, _Kept
+from flashtemp.camera.looking import HISTOGRAM_BINS, PREVIEW_FRAMES, _Histogram, _FrameSample
 from flashtemp.errors import BadInput
-from flashtemp.lab.images import opened
-from flashtemp.viz.raw_images import DEAD, OUT, draw, encoded
+from flashtemp.lab.images import open_frames
+from flashtemp.viz.raw_images import DEAD_PIXEL_COLOUR, OUT_OF_RANGE_COLOUR, draw, encode_png
 
 
 def images(folder, count=3, rows=20, columns=30):
@@ -35,7 +35,7 @@ def images(folder, count=3, rows=20, columns=30):
 
 def test_everything_in_the_files_is_told_and_nothing_asked(tmp_path):
     T = images(tmp_path)
-    seen = flashtemp.look(tmp_path)
+    seen = flashtemp.inspect_files(tmp_path)
     known = np.ones(T.shape[1:], bool)
     known[3, 4] = False
     np.testing.assert_allclose(seen.images[:, known], T[:, known], atol=6e-5)
@@ -54,17 +54,17 @@ def test_dead_pixels_and_those_beyond_the_range_are_told_apart(tmp_path):
     lines = [line.split("\t") for line in second.read_text().splitlines()]
     lines[7][9] = "---"
     second.write_text("\n".join("\t".join(cells) for cells in lines) + "\n")
-    seen = opened(sorted(tmp_path.glob("*.csv")))
+    seen = open_frames(sorted(tmp_path.glob("*.csv")))
     assert [seen.describe_pixel(k, 4.0, 3.0) for k in (0, 1)] == ["dead in every frame"] * 2
     assert seen.describe_pixel(1, 9.0, 7.0) == "beyond the camera's range"
     assert seen.describe_pixel(0, 9.0, 7.0).endswith("°C")
     assert seen.describe_pixel(0, -3.0, 7.0) == "outside"
     assert seen.legend == "cyan: 1 dead in every frame; grey: beyond the camera's range, 1 in all frames together"
-    low, high = seen.seen.span
-    shown = mpimg.imread(io.BytesIO(encoded(seen.frames[1], low, high, 1, seen.seen.dead)))[..., :3]
-    np.testing.assert_allclose(shown[3, 4], to_rgb(DEAD), atol=3e-3)
-    np.testing.assert_allclose(shown[7, 9], to_rgb(OUT), atol=3e-3)
-    assert not opened([tmp_path / "img1.csv"]).seen.dead.any(), "one frame cannot tell"
+    low, high = seen.preview.span
+    shown = mpimg.imread(io.BytesIO(encode_png(seen.frames[1], low, high, 1, seen.preview.dead)))[..., :3]
+    np.testing.assert_allclose(shown[3, 4], to_rgb(DEAD_PIXEL_COLOUR), atol=3e-3)
+    np.testing.assert_allclose(shown[7, 9], to_rgb(OUT_OF_RANGE_COLOUR), atol=3e-3)
+    assert not open_frames([tmp_path / "img1.csv"]).preview.dead.any(), "one frame cannot tell"
 
 
 def test_the_command_draws_and_refuses_to_replace(tmp_path, capsys, monkeypatch):
@@ -87,8 +87,8 @@ def test_a_bin_holds_as_many_steps_of_the_file_as_any_other():
         counted = _Histogram()
         for _ in range(2):
             counted.add(20.0 + step * np.arange(round(wide / step)))
-        counts, edges = counted.over()
-        assert len(counts) == len(edges) - 1 <= BINS + 1
+        counts, edges = counted.binned_counts()
+        assert len(counts) == len(edges) - 1 <= HISTOGRAM_BINS + 1
         assert counts.sum() == 2 * round(wide / step)
         assert len(set(counts[1:-1])) == 1, "no comb"
         assert edges[0] <= 20.0 < edges[1]
@@ -97,7 +97,7 @@ def test_a_bin_holds_as_many_steps_of_the_file_as_any_other():
 
 def test_a_single_frame_is_no_curve_and_a_difference_no_temperature(tmp_path):
     images(tmp_path, 1)
-    seen = flashtemp.look(tmp_path / "img1.csv")
+    seen = flashtemp.inspect_files(tmp_path / "img1.csv")
     assert [ax.get_xlabel() for ax in drawn(seen)] == ["column, px", "temperature, °C"]
     small = replace(seen, images=0.01 * seen.images, difference=True)
     axes = drawn(small)
@@ -113,17 +113,17 @@ def test_counts_are_shown_as_they_are(tmp_path):
     pytest.importorskip("tifffile").imwrite(tmp_path / "a.tiff", counts)
     (tmp_path / "a.csv").write_text("\n".join("\t".join(map(str, row)) for row in counts) + "\n")
     for file in ("a.tiff", "a.csv"):
-        seen = flashtemp.look(tmp_path / file)
+        seen = flashtemp.inspect_files(tmp_path / file)
         assert seen.unit == "counts"
         np.testing.assert_array_equal(seen.images[0], counts)
         assert "counts: 28000 to 33990" in str(seen)
         assert "--scale and --offset" in str(seen)
         assert drawn(seen)[1].get_xlabel() == "counts of the camera"
         assert seen.counts.sum() == counts.size
-    told = flashtemp.look(tmp_path / "a.tiff", scale=0.01, offset=-273.15)
+    told = flashtemp.inspect_files(tmp_path / "a.tiff", scale=0.01, offset=-273.15)
     assert told.unit == "degC"
     with pytest.raises(BadInput, match="give --scale and --offset"):
-        opened([tmp_path / "a.tiff"])
+        open_frames([tmp_path / "a.tiff"])
 
 
 def drawn(look):
@@ -132,11 +132,11 @@ def drawn(look):
 
 
 def test_frames_that_are_kept_are_spread_over_all():
-    kept = _Kept()
+    kept = _FrameSample()
     for first in range(0, 1000, 7):
         kept.add(np.zeros((min(7, 1000 - first), 2, 2)), first)
-    shown, pictures = kept.chosen()
-    assert len(shown) == len(pictures) == KEPT
+    shown, pictures = kept.select_frames()
+    assert len(shown) == len(pictures) == PREVIEW_FRAMES
     assert shown[0] == 0
     assert shown[-1] > 900
     assert np.diff(shown).max() < 1.5 * np.diff(shown).min()
@@ -144,9 +144,9 @@ def test_frames_that_are_kept_are_spread_over_all():
 
 def test_what_cannot_be_looked_at_is_told(tmp_path):
     with pytest.raises(BadInput, match="no camera files"):
-        flashtemp.look([])
+        flashtemp.inspect_files([])
     images(tmp_path, 1)
     (tmp_path / "small").mkdir()
     images(tmp_path / "small", 1, 12, 20)
     with pytest.raises(BadInput, match="20 x 12 pixels, but img1.csv has 30 x 20; give files of one size"):
-        flashtemp.look([tmp_path / "img1.csv", tmp_path / "small" / "img1.csv"])
+        flashtemp.inspect_files([tmp_path / "img1.csv", tmp_path / "small" / "img1.csv"])

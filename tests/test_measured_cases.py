@@ -13,7 +13,7 @@ import xarray as xr
 from flashtemp.__main__ import main
 from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare
-from flashtemp.model.case import load
+from flashtemp.model.case import load_case
 
 CASES = Path(__file__).parents[1] / "cases"
 PMMA, SILICONE = CASES / "pmma_heating", CASES / "silicone_friction"
@@ -82,13 +82,13 @@ def stated_constants(readme: Path) -> list[tuple[str, float]]:
 
 @pytest.mark.parametrize("folder", [PMMA, SILICONE], ids=lambda f: f.name)
 def test_constants_of_the_case_are_those_of_its_readme(folder):
-    case, rows = load(folder / "case.toml"), stated_constants(folder / "README.md")
+    case, rows = load_case(folder / "case.toml"), stated_constants(folder / "README.md")
     assert len(rows) >= 6
     assert {key: case[key] for key, _ in rows} == pytest.approx(dict(rows))
 
 
 def test_both_pmma_cases_describe_the_same_sheet():
-    board, gas = load(PMMA / "case.toml"), load(PMMA / "capa.toml")
+    board, gas = load_case(PMMA / "case.toml"), load_case(PMMA / "capa.toml")
     for key in ("conductivity", "density", "heat_capacity"):
         assert board[f"materials.pmma.{key}"] == gas[f"materials.pmma.{key}"]
     for key in ("absorptivity", "in_depth", "depth"):
@@ -117,9 +117,9 @@ def test_published_rise_of_the_heat_capacity_explains_the_back_of_the_disc():
     """
     base = campaign.load(PMMA / "capa_campaign.toml")
     fitted = replace(base, views=base.views[:1])
-    [constant] = compare(fitted).seeings
-    rising = {"effects": [*load(base.case).effects, "capacity_slope"], "capacity_slope.block": 0.0047}
-    [published] = compare(replace(fitted, views=(replace(base.views[0], given=rising),))).seeings
+    [constant] = compare(fitted).recordings
+    rising = {"effects": [*load_case(base.case).effects, "capacity_slope"], "capacity_slope.block": 0.0047}
+    [published] = compare(replace(fitted, views=(replace(base.views[0], given=rising),))).recordings
     rise = np.ptp(constant.view.recording.temperature)
     assert published.rmse_K < 0.1 * rise < constant.rmse_K
 

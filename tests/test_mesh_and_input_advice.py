@@ -8,18 +8,18 @@ import pytest
 from flashtemp.discovery.diagnostics import mesh_resolution
 from flashtemp.discovery.diagnostics.extended_case import correct_input, describe_correction
 from flashtemp.discovery.diagnostics.mesh_resolution import lateral_resolution_warnings, unconverged_fit_warnings
-from flashtemp.discovery.engine import COARSER
-from flashtemp.discovery.estimation.linearised_fit import Status
+from flashtemp.discovery.engine import COARSER_CELL_FACTORS
+from flashtemp.discovery.estimation.linearised_fit import FitStatus
 from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY
-from flashtemp.discovery.estimation.nuisance_priors import GROUPS
+from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD
 from flashtemp.discovery.parameters import Kind, ParameterId
-from flashtemp.discovery.verdict import Held, Verdict
-from flashtemp.model.case import load
+from flashtemp.discovery.verdict import InputCorrection, Verdict
+from flashtemp.model.case import load_case
 
 WALL = "wall.nc"
 
 
-ACROSS = len(COARSER)
+ACROSS = len(COARSER_CELL_FACTORS)
 
 
 def predicted(change_fraction, number=ACROSS):
@@ -39,8 +39,8 @@ def predicted(change_fraction, number=ACROSS):
 
 @pytest.mark.parametrize(("times", "count"), [(1.2, 1), (0.8, 0)])
 def test_cells_across_that_err_by_more_than_a_model_may_are_told(times, count):
-    data, predictions = predicted(times * LARGEST_DISCREPANCY / GROUPS[Kind.MESH])
-    lines = lateral_resolution_warnings(data, predictions, len(COARSER))
+    data, predictions = predicted(times * LARGEST_DISCREPANCY / NUISANCE_SD[Kind.MESH])
+    lines = lateral_resolution_warnings(data, predictions, len(COARSER_CELL_FACTORS))
     assert len(lines) == count
     for line in lines:
         assert line.startswith("numerics.across = 8 with numerics.first_y = 0.0005 may be too coarse: half as many")
@@ -48,18 +48,18 @@ def test_cells_across_that_err_by_more_than_a_model_may_are_told(times, count):
 
 
 def test_a_mesh_in_2d_is_not_judged_across():
-    data, predictions = predicted(1.0, len(COARSER) - 1)
-    assert lateral_resolution_warnings(data, predictions, len(COARSER)) == []
+    data, predictions = predicted(1.0, len(COARSER_CELL_FACTORS) - 1)
+    assert lateral_resolution_warnings(data, predictions, len(COARSER_CELL_FACTORS)) == []
 
 
 @pytest.mark.parametrize(
     ("status", "deviation", "count"),
-    [(Status.BUDGET, 9.0, 1), (Status.BUDGET, 7.0, 0), (Status.CONVERGED, 9.0, 0), (Status.OUTRUN, 9.0, 0)],
+    [(FitStatus.BUDGET, 9.0, 1), (FitStatus.BUDGET, 7.0, 0), (FitStatus.CONVERGED, 9.0, 0), (FitStatus.OUTRUN, 9.0, 0)],
 )
 def test_a_mesh_that_keeps_a_fit_from_its_best_point_is_told(monkeypatch, status, deviation, count):
     found = {ParameterId(Kind.MESH, (0,), condition=0): -deviation, ParameterId(Kind.GAIN, file=WALL): 99.0}
     monkeypatch.setattr(mesh_resolution, "normalised_deviations", lambda fit: found)
-    fit = SimpleNamespace(status=status, usable=status in (Status.CONVERGED, Status.STALLED))
+    fit = SimpleNamespace(status=status, usable=status in (FitStatus.CONVERGED, FitStatus.STALLED))
     lines = unconverged_fit_warnings({frozenset({"track_memory"}): fit}, 0.5)
     assert len(lines) == count
     for line in lines:
@@ -77,11 +77,11 @@ def test_a_mesh_that_keeps_a_fit_from_its_best_point_is_told(monkeypatch, status
 )
 def test_the_extended_case_has_the_corrected_number_with_a_comment(tmp_path, key, stated, wanted, unit):
     (tmp_path / "case.toml").write_text("[friction]\nmu = 0.8\n[ambient]\ntemperature = 20.0\n")
-    held = Held(key, stated, wanted, 0.01, unit, 30.0, "", {"contact.spot_fraction": 0.21})
-    corrected = correct_input(load(tmp_path / "case.toml"), held)
+    held = InputCorrection(key, stated, wanted, 0.01, unit, 30.0, "", {"contact.spot_fraction": 0.21})
+    corrected = correct_input(load_case(tmp_path / "case.toml"), held)
     (tmp_path / "extended.toml").write_text(describe_correction(held) + corrected.toml())
-    again = load(tmp_path / "extended.toml")
-    own = load(tmp_path / "case.toml")
+    again = load_case(tmp_path / "extended.toml")
+    own = load_case(tmp_path / "case.toml")
     table, name = key.rsplit(".", 1)
     before = own[key] if table in own.values else stated
     expected = before + wanted - stated if unit == "degC" else before * wanted / stated
@@ -95,6 +95,6 @@ def test_the_extended_case_has_the_corrected_number_with_a_comment(tmp_path, key
     [("held_key", "friction.mu", True), ("named", "friction.mu", False), ("held_key", "sidewall.emissivity", False)],
 )
 def test_a_number_is_corrected_where_it_alone_is_wrong_and_the_case_has_it(kind, key, extends):
-    v = Verdict("a", kind, (), held_key=Held(key, 0.8, 1.0, 0.01, "1", 30.0, ""))
-    assert v.extends == extends
+    v = Verdict("a", kind, (), held_key=InputCorrection(key, 0.8, 1.0, 0.01, "1", 30.0, ""))
+    assert v.has_extension == extends
     assert v.as_dict()["extended_case"] == ("extended.toml" if extends else None)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from flashtemp.__main__ import main
-from flashtemp.model.case import load
+from flashtemp.model.case import load_case
 from flashtemp.runs import mesh_error
-from flashtemp.runs.mesh_error import FACE_ERROR, estimate_face_error
+from flashtemp.runs.mesh_error import FACE_ERROR_PERCENT, estimate_face_error
 from flashtemp.solver.march import march
 
 ROOT = Path(__file__).parents[1]
@@ -21,7 +21,7 @@ QUIET = ("output.pictures=false", "output.vtk=false", "output.profiles=2", "sche
 
 
 def warnings(**numerics) -> list[str]:
-    return mesh_error.remarks(load(CASE, {f"numerics.{k}": v for k, v in numerics.items()}))
+    return mesh_error.warn_of_coarse_mesh(load_case(CASE, {f"numerics.{k}": v for k, v in numerics.items()}))
 
 
 @pytest.mark.parametrize(
@@ -56,14 +56,14 @@ def test_check_terminal_and_summary_tell(tmp_path, capsys):
 
 def test_a_block_that_does_not_slide_is_not_judged():
     """The errors were measured on sliding blocks."""
-    alone = load(CASE, {"numerics.mesh": 0.2, "schedule.alone": 10.0})
-    assert mesh_error.remarks(alone) == []
+    alone = load_case(CASE, {"numerics.mesh": 0.2, "schedule.alone": 10.0})
+    assert mesh_error.warn_of_coarse_mesh(alone) == []
 
 
 def test_the_estimate_is_what_was_measured():
     """Every stated error is the largest one measured, to two digits; between them it falls as the mesh gets finer."""
     worst = json.loads((ROOT / "benchmarks" / "results" / "mesh_error.json").read_text())["worst"]
-    for factor, percent in FACE_ERROR.items():
+    for factor, percent in FACE_ERROR_PERCENT.items():
         assert percent == pytest.approx(float(f"{worst[f'{factor:g}']:.2g}"), abs=0.051)
         assert estimate_face_error(factor) == pytest.approx(percent)
     assert np.all(np.diff([estimate_face_error(f) for f in np.geomspace(0.05, 1.0, 40)]) < 0)
@@ -71,8 +71,8 @@ def test_the_estimate_is_what_was_measured():
 
 def test_a_run_at_the_mesh_it_warns_of_is_so_far_off():
     """The estimate of 0.2 times the cells, against a run that is ten times as fine."""
-    coarse, fine = (march(c.scene, c.settings) for c in (load(CASE, SHORT | {"numerics.mesh": m}) for m in (0.2, 2.0)))
-    k = coarse.last
+    coarse, fine = (march(c.scene, c.settings) for c in (load_case(CASE, SHORT | {"numerics.mesh": m}) for m in (0.2, 2.0)))
+    k = coarse.last_sliding_index
     length = 0.025
     inner = (coarse.x > 0.05 * length) & (coarse.x < 0.95 * length)
     off = coarse.T_block[k] - np.interp(coarse.x, fine.x, fine.T_block[k])

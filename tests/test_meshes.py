@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flashtemp.camera.observation import ABOVE, WAKE
-from flashtemp.camera.synthetic import blank
-from flashtemp.comparison.campaign import View
-from flashtemp.comparison.compare import window
+from flashtemp.camera.observation import SIDE_WALL_CELLS, WAKE_CELL_GROWTH
+from flashtemp.camera.synthetic import empty_recording
+from flashtemp.comparison.campaign import RecordingEntry
+from flashtemp.comparison.compare import view_overrides
 from flashtemp.meshes.grading import geometric
-from flashtemp.model.case import assemble
-from flashtemp.model.case_file import Places
+from flashtemp.model.case import assemble_case
+from flashtemp.model.case_file import KeyLocations
 
 
 def case(tmp_path, **given):
-    return assemble({}, given, Places("none"), tmp_path, "mesh")
+    return assemble_case({}, given, KeyLocations("none"), tmp_path, "mesh")
 
 
 @pytest.mark.parametrize("even", [3, 10, 40])
@@ -54,10 +54,10 @@ def test_what_recordings_see_asks_for_cells(tmp_path):
     """A side wall for even cells up the block, a wake for road behind it; more that a case has already is kept."""
     base = case(tmp_path)
     scene = base.scene
-    side, wake = (View(v, blank(v, scene, np.array([1.0]), np.array([1]), 0.05)) for v in ("sidewall", "wake"))
-    assert window(base, [side]) == {"numerics.above": ABOVE}
-    assert window(base, [wake]).keys() == {"road.downstream", "numerics.behind"}
-    assert window(base, [side, wake]) == window(base, [side]) | window(base, [wake])
-    assert window(base, [wake])["numerics.behind"] == WAKE
-    assert window(case(tmp_path, **{"numerics.above": 25}), [replace(side, held_out=True)]) == {"numerics.above": 25}
-    assert window(base, []) == {}
+    side, wake = (RecordingEntry(v, empty_recording(v, scene, np.array([1.0]), np.array([1]), 0.05)) for v in ("sidewall", "wake"))
+    assert view_overrides(base, [side]) == {"numerics.above": SIDE_WALL_CELLS}
+    assert view_overrides(base, [wake]).keys() == {"road.downstream", "numerics.behind"}
+    assert view_overrides(base, [side, wake]) == view_overrides(base, [side]) | view_overrides(base, [wake])
+    assert view_overrides(base, [wake])["numerics.behind"] == WAKE_CELL_GROWTH
+    assert view_overrides(case(tmp_path, **{"numerics.above": 25}), [replace(side, held_out=True)]) == {"numerics.above": 25}
+    assert view_overrides(base, []) == {}

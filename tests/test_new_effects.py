@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from flashtemp.meshes.mesh import Mesh
-from flashtemp.physics.effect import Heat, find
-from flashtemp.physics.effects.radiation import SIGMA
-from flashtemp.solver.balance import Balance
-from flashtemp.solver.system import System
+from flashtemp.physics.effect import Heat, find_effect
+from flashtemp.physics.effects.radiation import STEFAN_BOLTZMANN_W_M2K4
+from flashtemp.solver.balance import HeatBalance
+from flashtemp.solver.system import PhaseSystem
 
 L, H = 0.025, 0.002
 SMALL = {
@@ -40,7 +40,7 @@ QUICK = ("evaporation", "internal_heat", "pressure_crown", "third_body")  # the 
 
 def acting(name, **values):
     """An effect for `lab.scene`, defaults unless told."""
-    return find(name)(), values
+    return find_effect(name)(), values
 
 
 def mesh(lines=8, length=L, height=H, levels=4):
@@ -69,7 +69,7 @@ def small(lab):
 @pytest.mark.sample("pressure_crown")
 def test_a_small_change_of_the_base_is_in_proportion(small, name):
     key, base = SWITCH[name], small()
-    size = find(name).params()[key].value
+    size = find_effect(name).params()[key].value
     slopes = []
     for e in (0.1 * size, 0.05 * size):
         run = small(name, **{key: e})
@@ -129,11 +129,11 @@ def test_evaporation_is_a_film_that_dries(lab):
 @pytest.mark.parametrize("rise", [10.0, 0.0])
 def test_evaporation_acts_behind_the_block_and_above_ambient(lab, rise):
     wet, dry = (lab.scene(mesh(), *parts) for parts in ([acting("evaporation")], []))
-    balance = Balance(wet)
+    balance = HeatBalance(wet)
     out, warm = np.zeros((2, balance.size)), np.zeros(balance.size)
     warm[: balance.n] = rise
     for made, o in zip((wet, dry), out, strict=True):
-        System(Balance(made), made.schedule.phases[0]).rate(0.5, warm, o)
+        PhaseSystem(HeatBalance(made), made.schedule.phases[0]).rate(0.5, warm, o)
     cell, area, half = wet.mesh.patches["road.free"]
     behind = wet.mesh.x_centre[wet.mesh.line[cell]] > L
     drawn = ((out[0] - out[1])[: balance.n] * balance.capacity)[cell] / area
@@ -149,7 +149,7 @@ def test_radiation_cools_a_body_as_the_fourth_power_says(lab):
         mesh(), lab.APART, acting("radiation", emissivity=0.9), rubber=iron, road=lab.NO_ROAD, speed=0.01, time=2000.0
     )
     rise = lab.slide(scene, warm=150.0)[1][scene.mesh.block]
-    b = 0.9 * SIGMA * (2 / 0.05 + 2 / L) / iron.volumetric_capacity
+    b = 0.9 * STEFAN_BOLTZMANN_W_M2K4 * (2 / 0.05 + 2 / L) / iron.volumetric_capacity
     T, T0 = np.array([150.0, rise.mean()]) + scene.ambient, scene.ambient
     took = np.log((T - T0) / (T + T0)) / (4 * T0**3) - np.arctan(T / T0) / (2 * T0**3)
     assert rise.mean() < 120.0
@@ -196,7 +196,7 @@ def test_third_body_grows_by_the_distance_slid(lab):
     np.testing.assert_allclose(resistance(lab, layer), 2e-5, rtol=1e-9)
     np.testing.assert_allclose(resistance(lab, layer, wait=1.0), 4e-5, rtol=1e-9)
     scene = lab.scene(mesh(), layer, wait=1.0)
-    law = Balance(scene).laws
+    law = HeatBalance(scene).laws
     grown = [
         law("contact.resistance", 0.0, None, scene.moment(p, t))
         for p in scene.schedule.phases

@@ -14,20 +14,20 @@ from scipy.special import erfc
 from scipy.stats import norm
 
 from flashtemp.camera import observation
-from flashtemp.camera.hold import firmness
-from flashtemp.camera.instrument import Instrument
+from flashtemp.camera.hold import effective_contact_conductance
+from flashtemp.camera.instrument import CameraModel
 from flashtemp.camera.observation import observe
-from flashtemp.camera.pixels import Axis, turned, weights
-from flashtemp.camera.placement import Place
+from flashtemp.camera.pixels import PixelAxis, sample_rotated, axis_weights
+from flashtemp.camera.placement import ImagePlacement
 from flashtemp.camera.radiometry import LONG_WAVE
 from flashtemp.camera.recording import Recording
-from flashtemp.camera.registration import align
-from flashtemp.camera.wall import Face, Films, wall_rise
+from flashtemp.camera.registration import align_image
+from flashtemp.camera.wall import FaceHistory, WallFilmCoefficients, side_wall_rise
 from flashtemp.meshes.mesh import Mesh
-from flashtemp.model.case import assemble
-from flashtemp.model.case_file import Places
-from flashtemp.model.scene import Acting
-from flashtemp.physics.effect import Term, find
+from flashtemp.model.case import assemble_case
+from flashtemp.model.case_file import KeyLocations
+from flashtemp.model.scene import ActiveEffect
+from flashtemp.physics.effect import Term, find_effect
 from flashtemp.solver.march import march
 
 L, H, W = 0.025, 0.007, 0.05
@@ -47,7 +47,7 @@ def recording(view="sidewall", pitch=5e-4, times=(1.0,), margin=0.0, **told):
 
 
 def acting(name, **p):
-    return Acting(name, find(name)(), SimpleNamespace(**p))
+    return ActiveEffect(name, find_effect(name)(), SimpleNamespace(**p))
 
 
 STANDING = {"ambient_degC": 20.0, "sliding": np.array([False]), "energy": {"into_road": np.zeros(1)}}  # of a run
@@ -73,7 +73,7 @@ def test_weights_are_the_integrals_of_pixel_and_point_spread(sigma):
             return float(abs(x) < 0.5 * pitch) / pitch
         return (norm.cdf((x + 0.5 * pitch) / sigma) - norm.cdf((x - 0.5 * pitch) / sigma)) / pitch
 
-    for centre, got in zip(centres, weights(Axis(centres, pitch, sigma), nodes)[0] @ values, strict=True):
+    for centre, got in zip(centres, axis_weights(PixelAxis(centres, pitch, sigma), nodes)[0] @ values, strict=True):
         cuts = [*nodes, *(c for c in (centre - 0.5 * pitch, centre + 0.5 * pitch) if nodes[0] < c < nodes[-1])]
         cuts = sorted(cuts)
         parts = [
@@ -87,7 +87,7 @@ def test_weights_of_pixels_inside_sum_to_one_and_keep_a_slope():
     nodes = np.sort(np.random.default_rng(2).uniform(0, L, 20))
     centres = np.linspace(nodes[0] + 3e-3, nodes[-1] - 3e-3, 9)
     for sigma in (0.0, 3e-4):
-        [seen] = weights(Axis(centres, 5e-4, sigma), nodes)
+        [seen] = axis_weights(PixelAxis(centres, 5e-4, sigma), nodes)
         np.testing.assert_allclose(seen.sum(axis=1), 1.0, atol=1e-12)
         np.testing.assert_allclose(seen @ nodes, centres, atol=1e-12)
 
@@ -99,7 +99,7 @@ def test_weights_bring_their_slopes_along(quantity, sigma):
 
     def moved(h, slopes=False):
         shift, grown = (h, 1.0) if quantity == "centre" else (0.0, 1.0 + h)
-        return weights(Axis(at + shift, 5e-4 * grown, sigma * grown), nodes, slopes)
+        return axis_weights(PixelAxis(at + shift, 5e-4 * grown, sigma * grown), nodes, slopes)
 
     h = {"centre": 1e-8, "size": 1e-5}[quantity]
     slope = moved(0.0, True)[{"centre": 1, "size": 2}[quantity]]
@@ -205,14 +205,14 @@ def test_a_shift_shows_what_lies_one_pixel_on(slid):
 def test_a_lag_and_an_exposure_show_an_earlier_time(slid):
     scene, run = slid
     told = recording(times=(1.0,))
-    assert Instrument(told, (acting("time_lag", lag=0.5),)).times() == pytest.approx([0.5])
+    assert CameraModel(told, (acting("time_lag", lag=0.5),)).observed_times() == pytest.approx([0.5])
     late = observe(run, scene, told, (acting("time_lag", lag=0.5),)).temperature
     np.testing.assert_allclose(late, observe(run, scene, recording(times=(0.5,))).temperature, atol=1e-12)
-    assert Instrument(replace(told, exposure_s=0.2)).times() == pytest.approx([0.9])
+    assert CameraModel(replace(told, exposure_s=0.2)).observed_times() == pytest.approx([0.9])
 
 
 @pytest.mark.parametrize("view", ["sidewall", "profile", "wake"])
-@pytest.mark.parametrize("place", [Place(), Place(0.01, 0.03)], ids=["as told", "turned"])
+@pytest.mark.parametrize("place", [ImagePlacement(), ImagePlacement(0.01, 0.03)], ids=["as told", "turned"])
 @pytest.mark.parametrize("name", ["shift_u", "shift_v", "scale", "turn", "gain", "spread"])
 @pytest.mark.parametrize("psf", [0.2, 0.7])
 def test_slopes_are_those_of_images_that_lie_otherwise(slid, view, place, name, psf):
@@ -237,11 +237,11 @@ def test_slopes_are_those_of_images_that_lie_otherwise(slid, view, place, name, 
 
 def test_oblong_pixels_turn_with_their_image():
     """A hill that is a Gaussian, seen through another one that is three times as long along v: in closed form."""
-    u, v = (Axis(np.arange(0.005, 0.02, 2.5e-4), 2.5e-5, sigma) for sigma in (2e-4, 6e-4))
+    u, v = (PixelAxis(np.arange(0.005, 0.02, 2.5e-4), 2.5e-5, sigma) for sigma in (2e-4, 6e-4))
     nodes = np.linspace(0.0, 0.025, 801)
     hill = np.exp(-0.5 * ((nodes[None] - 0.0125) ** 2 + (nodes[:, None] - 0.0125) ** 2) / 8e-4**2)[None]
     for turn, rough in ((0.009, 3e-4), (0.09, 3e-3)):
-        seen = turned(hill, (nodes, nodes), (u, v), turn, (0.0125, 0.0)).seen[0]
+        seen = sample_rotated(hill, (nodes, nodes), (u, v), turn, (0.0125, 0.0)).seen[0]
         c, s, wide = np.cos(turn), np.sin(turn), 8e-4**2
         x, y = u.centres[None] - 0.0125, v.centres[:, None]  # turned about v = 0
         place = np.stack([c * x - s * y, s * x + c * y - 0.0125])
@@ -265,7 +265,7 @@ def test_a_blur_that_follows_the_optics_spreads_with_them(slid):
 def test_points_lie_where_they_were_put():
     """No image, nothing to align, whatever a file says of its registration."""
     points, plain = SimpleNamespace(u=np.zeros(2), v=np.zeros(1), view="points", places=object()), object()
-    found = align(None, SimpleNamespace(acting=()), points, plain, None, 0.5)
+    found = align_image(None, SimpleNamespace(acting=()), points, plain, None, 0.5)
     assert found.shift == (0.0, 0.0)
     assert found.seen is plain
 
@@ -357,15 +357,15 @@ def wall_of(lab, z, section, films, time, face=None):
     scene = lab.scene(replace(lab.column(8, H, 1e-4), y=np.array([-W / 2, W / 2])))
     times, rise = face or (np.array([0.0, 1e-9, time]), np.array([0.0, 1.0, 1.0]))
     begun, values = map(np.array, zip(*films, strict=True))
-    films = Films(begun, values, 0.0 * values, STILL)
-    return wall_rise(scene, films, z, np.array([time]), section[None, None], along(times, rise, 1e6))[0, 0]
+    films = WallFilmCoefficients(begun, values, 0.0 * values, STILL)
+    return side_wall_rise(scene, films, z, np.array([time]), section[None, None], along(times, rise, 1e6))[0, 0]
 
 
 def along(times, rise, held):
     """A block's face, alike in both columns of `lab.column`, held by as much (W/m2K) all the time or in each step."""
     two = np.ones(2)
     none = np.zeros((len(times), 2))
-    return Face(np.outer(rise, two), times, np.outer(np.broadcast_to(held, len(times) - 1), two), none, none)
+    return FaceHistory(np.outer(rise, two), times, np.outer(np.broadcast_to(held, len(times) - 1), two), none, none)
 
 
 @pytest.mark.parametrize("tilted", [False, True])
@@ -375,10 +375,10 @@ def test_the_contact_holds_the_face_as_firmly_as_a_run_finds(tilted):
              "output.profiles": 40, "ambient.convection": 0.0}  # fmt: skip
     if tilted:
         given |= {"effects": ["pressure_tilt"], "pressure_tilt.a": 0.5}
-    made = assemble({}, given, Places("none"), Path(), "hold")
+    made = assemble_case({}, given, KeyLocations("none"), Path(), "hold")
     run = march(made.scene, made.settings)
     rise, size = run.T_block.astype(float) - run.ambient_degC, run.mesh.dx_block / run.mesh.dx_block.sum()
-    hold = firmness(made.scene, run.time, rise, run.pressure, run.worn)
+    hold = effective_contact_conductance(made.scene, run.time, rise, run.pressure, run.worn)
     mid = 0.5 * (run.time[1:] + run.time[:-1])
     warming = (run.repetition[1:] == 2) & run.sliding[1:] & (mid > 29.0)
     taken = np.diff(run.energy["block"]) / np.diff(run.time) / made.scene.length
@@ -400,8 +400,8 @@ def test_a_film_that_the_section_feels_cools_the_wall_below_it(lab):
     t = np.concatenate([[0.0], begin + np.linspace(1e-3, time, 400)])
     even = np.exp(-rate * (t - begin)) * (t > 0)
     face = along(t, even, np.where(t[1:] < begin + 1e-2, 1e6, 0.0))
-    still = Films(np.array([0.0, begin]), np.array([0.0, film]), np.array([0.0, film]), STILL)
-    found = wall_rise(scene, still, z, t[-1:], np.full((1, 1, 2), even[-1]), face)[0, 0]
+    still = WallFilmCoefficients(np.array([0.0, begin]), np.array([0.0, film]), np.array([0.0, film]), STILL)
+    found = side_wall_rise(scene, still, z, t[-1:], np.full((1, 1, 2), even[-1]), face)[0, 0]
     angle = brentq(lambda a: a * np.tan(a) - film * 0.5 * W / k, 0.1, 1.5)
     size = 4.0 * np.sin(angle) / (2.0 * angle + np.sin(2.0 * angle))
     exact = size * np.cos(angle) * np.exp(-((angle / (0.5 * W)) ** 2) * scene.block.diffusivity * time)
@@ -420,8 +420,8 @@ def test_the_wall_of_a_face_that_warms_slowly(lab):
 
     scene = lab.scene(replace(lab.column(8, 0.05, 1e-4), y=np.array([-0.5, 0.5])))
     face = along(t, np.append(0.0, depth / np.sqrt(np.pi)), 1e6)
-    films = Films(np.zeros(1), np.array([film]), np.zeros(1), STILL)
-    found = wall_rise(scene, films, z, t[-1:], warm(z, time)[None, None], face)[0, 0]
+    films = WallFilmCoefficients(np.zeros(1), np.array([film]), np.zeros(1), STILL)
+    found = side_wall_rise(scene, films, z, t[-1:], warm(z, time)[None, None], face)[0, 0]
     ages, weights = np.polynomial.legendre.leggauss(60)
     root = 0.5 * np.sqrt(time) * (ages + 1.0)  # of the age of what was drawn
     source, share = np.polynomial.legendre.leggauss(400)
@@ -511,8 +511,8 @@ ODD = {
 def test_walls_and_wakes_of_odd_cases_are_a_little_cooler(name):
     """By some per cent of how warm they are above the air, at any time: before sliding too, and long after."""
     given = {"numerics.mesh": 0.3, "schedule.distance": 0.2, "schedule.repetitions": 2, "schedule.wait": 5.0}
-    made = assemble({}, given | ODD[name], Places("none"), Path(), "odd")
-    end = made.scene.schedule.end
+    made = assemble_case({}, given | ODD[name], KeyLocations("none"), Path(), "odd")
+    end = made.scene.schedule.end_time
     times = np.array([0.0, 0.01, 0.3, 0.5, 0.97, 1.0]) * end
     run = march(made.scene, replace(made.settings, times=tuple(times)))
     bare = replace(made.scene, acting=tuple(a for a in made.scene.acting if a.name != "convection"))

@@ -17,8 +17,8 @@ import pytest
 
 from flashtemp.__main__ import main
 from flashtemp.cli import commands as command_line
-from flashtemp.errors import BadInput, Interrupted
-from flashtemp.model.case import load
+from flashtemp.errors import BadInput, UserInterrupt
+from flashtemp.model.case import load_case
 from flashtemp.physics import own_effects
 from flashtemp.physics.effect import catalogue
 from flashtemp.runs import job, sweep
@@ -85,7 +85,7 @@ def line_of(capsys, argv, code: int = 2) -> str:
 
 # --- what a file can do ------------------------------------------------------------------------------
 def test_the_stem_names_effect_and_table(case):
-    loaded = load(case, {"dust.rate": 1.0})
+    loaded = load_case(case, {"dust.rate": 1.0})
     assert loaded.effects == ("dust",)
     assert loaded["dust.rate"] == 1.0
     assert loaded.scene.acting[-1].name == "dust"
@@ -95,63 +95,63 @@ def test_the_stem_names_effect_and_table(case):
 
 
 def test_off_is_the_base_bit_for_bit(case):
-    off, base = load(case, {"dust.rate": 0.0}), load(case, {"effects": []})
+    off, base = load_case(case, {"dust.rate": 0.0}), load_case(case, {"effects": []})
     runs = [march(c.scene, c.settings) for c in (off, base)]
     assert np.array_equal(runs[0].field, runs[1].field)
 
 
 def test_tables_of_the_file_rest_when_effects_are_chosen_on_the_command_line(tmp_path):
     folder = written(tmp_path / "case", more="[dust]\nrate = 0.5\n")
-    assert load(folder, ["effects="]).effects == ()
-    assert load(folder, ["effects=wear,./dust.py"]).effects == ("wear", "dust")
+    assert load_case(folder, ["effects="]).effects == ()
+    assert load_case(folder, ["effects=wear,./dust.py"]).effects == ("wear", "dust")
     with pytest.raises(BadInput, match=r"dust.rat \(.*\): unknown key; did you mean 'rate'"):
-        load(folder, {"dust.rat": 1.0})
+        load_case(folder, {"dust.rat": 1.0})
     with pytest.raises(BadInput, match=r"dust.rate .*9.*<= 4"):
-        load(folder, {"dust.rate": 9.0})
+        load_case(folder, {"dust.rate": 9.0})
 
 
 def test_changed_values_know_the_file(case):
-    bare = load(case, {"effects": [], "candidates": ["./dust.py"]})
+    bare = load_case(case, {"effects": [], "candidates": ["./dust.py"]})
     assert bare.candidates == ("dust",)
     again = bare.with_values({"effects": ["dust"], "dust.rate": 0.5})
-    assert again.known["dust"] is load(case).known["dust"]
+    assert again.known_effects["dust"] is load_case(case).known_effects["dust"]
     assert again["dust.rate"] == 0.5
     assert "dust" not in catalogue()
 
 
 def test_a_result_runs_again_as_it_was(case, tmp_path):
-    first = job.simulate(load(case), tmp_path / "one")
+    first = job.simulate(load_case(case), tmp_path / "one")
     told = json.loads((tmp_path / "one" / "summary.json").read_text())["own_effects"]
     digest = hashlib.sha256(DUST.encode()).hexdigest()
     assert told == {"dust": {"file": "inputs/dust.py", "sha256": digest}}
     assert (tmp_path / "one" / "inputs" / "dust.py").read_text() == DUST
     (case / "dust.py").unlink()
-    second = job.simulate(load(tmp_path / "one"), tmp_path / "two")
+    second = job.simulate(load_case(tmp_path / "one"), tmp_path / "two")
     assert np.array_equal(first.field, second.field)
     assert (tmp_path / "two" / "case.toml").read_text() == (tmp_path / "one" / "case.toml").read_text()
 
 
 def test_a_bare_case_names_no_own_effects(case, tmp_path):
-    job.simulate(load(case, {"effects": []}), tmp_path / "out")
+    job.simulate(load_case(case, {"effects": []}), tmp_path / "out")
     assert "own_effects" not in json.loads((tmp_path / "out" / "summary.json").read_text())
 
 
 def test_another_process_runs_what_was_read(case):
     """Neither the file nor the decision to run it is looked at again."""
-    asked = sweep.plan(case, {"dust.rate": (0.0, 1.0)})
+    asked = sweep.plan_sweep(case, {"dust.rate": (0.0, 1.0)})
     (case / "dust.py").unlink()
-    found = sweep.carry_out(asked, None, workers=2)
+    found = sweep.run_sweep(asked, None, workers=2)
     assert not found.failed
     assert np.ptp(found.dataset.friction.values) > 0.01
 
 
 def test_a_case_travels_without_its_scene(case):
-    loaded = load(case)
+    loaded = load_case(case)
     state = pickle.dumps(loaded)
     assert len(state) < 20000
     again = pickle.loads(state)
     assert again == loaded
-    assert again.known["dust"] is loaded.known["dust"]
+    assert again.known["dust"] is loaded.known_effects["dust"]
     assert str(again) == str(loaded)
 
 
@@ -295,7 +295,7 @@ def test_a_campaign_does_not_run_it_either(command, tmp_path, capsys, stranger):
 
 @pytest.mark.parametrize("command", [*LOADING, *ON_CAMPAIGNS])
 def test_every_command_that_loads_takes_trust(command):
-    found = {c.__name__: c for c in command_line.COMMANDS}[command]
+    found = {c.__name__: c for c in command_line.COMMAND_FUNCTIONS}[command]
     assert inspect.signature(found).parameters["trust"].default is False
 
 
@@ -303,7 +303,7 @@ def test_trust_lets_it_run(tmp_path, capsys, stranger):
     folder = written(tmp_path / "case", DUST + MARK)
     assert main(["check", str(folder), "--trust"]) == 0
     assert (folder / "ran").exists()
-    assert load(folder, trust=True).with_values({"dust.rate": 1.0})["dust.rate"] == 1.0
+    assert load_case(folder, trust=True).with_values({"dust.rate": 1.0})["dust.rate"] == 1.0
 
 
 def test_trust_is_for_the_folder_too(tmp_path, capsys):
@@ -332,8 +332,8 @@ def test_an_interrupted_run_is_resumed_by_the_same_rule(case, tmp_path, monkeypa
         if progress.t > 0.3 * end:
             raise KeyboardInterrupt
 
-    with pytest.raises(Interrupted):
-        job.simulate(load(case), tmp_path / "out", watch=stop)
+    with pytest.raises(UserInterrupt):
+        job.simulate(load_case(case), tmp_path / "out", watch=stop)
     monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
     with pytest.raises(BadInput, match="--trust"):
         job.resume(tmp_path / "out")
@@ -350,12 +350,12 @@ def package(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
 
     def declare(**points):
-        found = [EntryPoint(name, value, own_effects.GROUP) for name, value in points.items()]
-        monkeypatch.setattr(own_effects, "entry_points", lambda group: found if group == own_effects.GROUP else [])
-        own_effects.installed.cache_clear()
+        found = [EntryPoint(name, value, own_effects.ENTRY_POINT_GROUP) for name, value in points.items()]
+        monkeypatch.setattr(own_effects, "entry_points", lambda group: found if group == own_effects.ENTRY_POINT_GROUP else [])
+        own_effects.find_installed_effects.cache_clear()
 
     yield declare
-    own_effects.installed.cache_clear()
+    own_effects.find_installed_effects.cache_clear()
     sys.modules.pop("dusty", None)
     sys.modules.pop("empty", None)
 
@@ -364,7 +364,7 @@ def package(tmp_path, monkeypatch):
 def test_an_installed_package_adds_its_effect(package, tmp_path, capsys, value):
     package(dust=value)
     (tmp_path / "case.toml").write_text(SMALL.format(effects='["dust"]') + "[dust]\nrate = 1.0\n")
-    loaded = load(tmp_path)
+    loaded = load_case(tmp_path)
     assert loaded.scene.acting[-1].name == "dust"
     assert loaded.own == ()
     assert main(["effects", "dust"]) == 0
@@ -387,7 +387,7 @@ def test_an_installed_package_adds_its_effect(package, tmp_path, capsys, value):
 def test_a_package_that_cannot_be_used_is_told(package, case, points, said):
     package(**points)
     with pytest.raises(BadInput, match=said):
-        load(case)
+        load_case(case)
 
 
 def test_file_and_package_of_one_name(package, case):
@@ -395,4 +395,4 @@ def test_file_and_package_of_one_name(package, case):
     with pytest.raises(
         BadInput, match="dust.py: an installed package has an effect 'dust'; give the file another name"
     ):
-        load(case)
+        load_case(case)

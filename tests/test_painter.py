@@ -49,15 +49,15 @@ def two(monkeypatch):
     """A painter whose second process is awake from the first step of a march on."""
     monkeypatch.setattr(painter, "AFTER", -1.0)
     monkeypatch.setattr(processes, "cores", lambda: 2)
-    with painter.Painter(True) as both:
-        both.watching(None)(None, 1.0)
+    with painter.PictureDrawer(True) as both:
+        both.wrap_watch(None)(None, 1.0)
         yield both
 
 
 @pytest.fixture
 def mine(monkeypatch):
     """What this process draws."""
-    drawn, seen = flashtemp.viz.drawn, []
+    drawn, seen = flashtemp.viz.draw_picture, []
 
     def told(run, folder, picture):
         answer = drawn(run, folder, picture)
@@ -73,11 +73,11 @@ def contents(folder) -> dict[str, bytes]:
 
 
 def test_both_draw_what_one_draws_to_the_byte(run, alone, two, mine, tmp_path, monkeypatch):
-    drawn = flashtemp.viz.drawn
+    drawn = flashtemp.viz.draw_picture
     monkeypatch.setattr(flashtemp.viz, "drawn", lambda *asked: (drawn(*asked), time.sleep(1.0))[0])
     assert two.draw(run, tmp_path, True) == {}
     assert contents(tmp_path) == alone
-    assert 0 < len(mine) < len(flashtemp.viz.wanted())
+    assert 0 < len(mine) < len(flashtemp.viz.requested_pictures())
     assert len(set(mine)) == len(mine)
     assert not hasattr(os, "getpgid") or os.getpgid(two._second.pid) != os.getpgid(0)  # it does not hear Ctrl-C
 
@@ -85,11 +85,11 @@ def test_both_draw_what_one_draws_to_the_byte(run, alone, two, mine, tmp_path, m
 @pytest.mark.parametrize("late", [False, True])
 def test_one_draws_all_where_the_second_is_killed(run, alone, two, mine, tmp_path, monkeypatch, late):
     """Before it is asked, or with the last picture in its hands: whatever it left behind is drawn once more."""
-    second, tell, drawn = two._second, painter._tell, flashtemp.viz.drawn
-    others, asked = len(flashtemp.viz.wanted()) - 1, threading.Event()
+    second, tell, drawn = two._second, painter._send_object, flashtemp.viz.draw_picture
+    others, asked = len(flashtemp.viz.requested_pictures()) - 1, threading.Event()
 
     def struck(stream, what):
-        if isinstance(what, flashtemp.viz.Picture):
+        if isinstance(what, flashtemp.viz.PictureRequest):
             asked.set()
             while len(mine) < others:
                 time.sleep(0.1)
@@ -105,17 +105,17 @@ def test_one_draws_all_where_the_second_is_killed(run, alone, two, mine, tmp_pat
         second.kill()
     assert two.draw(run, tmp_path, True) == {}
     assert alone.items() <= contents(tmp_path).items()
-    assert len(mine) == len(flashtemp.viz.wanted())
+    assert len(mine) == len(flashtemp.viz.requested_pictures())
 
 
 @pytest.fixture
 def asked(monkeypatch):
     """An event: the second process has been asked for a picture."""
-    event, tell = threading.Event(), painter._tell
+    event, tell = threading.Event(), painter._send_object
 
     def told(stream, what):
         tell(stream, what)
-        if isinstance(what, flashtemp.viz.Picture):
+        if isinstance(what, flashtemp.viz.PictureRequest):
             event.set()
 
     monkeypatch.setattr(painter, "_tell", told)
@@ -151,7 +151,7 @@ def test_no_second_process_for_a_short_march_or_where_there_is_no_core_for_it(mo
     for several, cores, after in ((True, 2, 1e6), (True, 1, -1.0), (False, 2, -1.0)):
         monkeypatch.setattr(processes, "cores", lambda cores=cores: cores)
         monkeypatch.setattr(painter, "AFTER", after)
-        painter.Painter(several).watching(None)(None, 1.0)
+        painter.PictureDrawer(several).wrap_watch(None)(None, 1.0)
     assert not begun
 
 
@@ -159,8 +159,8 @@ def test_a_second_process_that_cannot_load_is_done_without(run, alone, monkeypat
     monkeypatch.setattr(painter, "AFTER", -1.0)
     monkeypatch.setattr(processes, "cores", lambda: 2)
     monkeypatch.setattr(painter, "__name__", "flashtemp.nowhere")
-    with painter.Painter(True) as both:
-        both.watching(None)(None, 1.0)
+    with painter.PictureDrawer(True) as both:
+        both.wrap_watch(None)(None, 1.0)
         both._second.wait()
-        assert both.draw(run, tmp_path, True) == {}
+        assert both.draw_pictures(run, tmp_path, True) == {}
     assert contents(tmp_path) == alone

@@ -24,18 +24,18 @@ from flashtemp.discovery.hypotheses.piecewise_linear_law import (
     node_positions,
 )
 from flashtemp.errors import SolverFailure
-from flashtemp.model.case import assemble, load
-from flashtemp.model.case_file import Places
-from flashtemp.physics.effects.radiation import SIGMA
-from flashtemp.physics.own_effects import read
+from flashtemp.model.case import assemble_case, load_case
+from flashtemp.model.case_file import KeyLocations
+from flashtemp.physics.effects.radiation import STEFAN_BOLTZMANN_W_M2K4
+from flashtemp.physics.own_effects import read_effect
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.runs.effect_check import battery, laws
-from flashtemp.runs.effect_check.scenes import Bench, Trial
+from flashtemp.runs.effect_check.scenes import SceneCache, EffectUnderTest
 from flashtemp.runs.finished import open_run
-from flashtemp.solver.balance import Balance
+from flashtemp.solver.balance import HeatBalance
 from flashtemp.solver.enthalpy import CapacityTable, TabulatedCapacity
 from flashtemp.solver.march import march
-from flashtemp.solver.sensitivity import Move, explore
+from flashtemp.solver.sensitivity import Perturbation, run_with_sensitivities
 
 TINY = {
     "numerics.mesh": 0.25, "schedule.distance": 0.2, "schedule.repetitions": 2, "schedule.wait": 2.0,
@@ -84,12 +84,12 @@ def case(folder, *some, given=None, text=""):
         (folder / f"{one.name}.py").write_text(effect_source(one))
     listed = ", ".join(f'"./{one.name}.py"' for one in some)
     (folder / "case.toml").write_text(f"effects = [{listed}]\n{text}")
-    return load(folder / "case.toml", TINY | (given or {}), trust=True)
+    return load_case(folder / "case.toml", TINY | (given or {}), trust=True)
 
 
 def plain_case(given=None):
     """The case without any law."""
-    return assemble({}, TINY | (given or {}), Places("none"), Path(), "plain")
+    return assemble_case({}, TINY | (given or {}), KeyLocations("none"), Path(), "plain")
 
 
 @cache
@@ -105,7 +105,7 @@ def test_the_file_states_the_law(pair, tmp_path):
     """Every law of the file is numpy's interpolation between the nodes, at what the engine hands over."""
     made = law(*pair)
     (tmp_path / "learned.py").write_text(effect_source(made))
-    effect = read(tmp_path / "learned.py")
+    effect = read_effect(tmp_path / "learned.py")
     p = SimpleNamespace(**{k: v.value for k, v in effect.params().items()})
     low, high = made.domain
     at = np.linspace(low - 0.1 * (high - low), high + 0.1 * (high - low), 29)
@@ -126,23 +126,23 @@ def test_the_file_states_the_law(pair, tmp_path):
 def test_the_file_reads_like_one_of_the_catalogue(pair, tmp_path):
     """Words, units, bounds, example, and laws point by point: the battery without its runs."""
     (tmp_path / "learned.py").write_text(effect_source(law(*pair)))
-    trial, bench = Trial("learned", read(tmp_path / "learned.py"), {}), Bench()
-    found = [look(trial) for look in battery.FILE] + laws.asked(bench, trial)
+    trial, bench = EffectUnderTest("learned", read_effect(tmp_path / "learned.py"), {}), SceneCache()
+    found = [look(trial) for look in battery.FILE_CHECKS] + laws.check_laws(bench, trial)
     assert [f.says for f in found if not f.ok] == []
     assert {"example", "derivatives", "pointwise", "ends"} <= {f.name for f in found}
-    assert laws.not_off(bench, trial) == []
+    assert laws.find_laws_not_off(bench, trial) == []
 
 
 @pytest.mark.parametrize("name", ["disc", "back board", 'a "b" \\ é {x}'])
 def test_the_file_of_a_layer_names_it_whatever_its_name(name, tmp_path):
     quantity = replace(QUANTITIES["block"], layer=name)
     (tmp_path / "learned.py").write_text(effect_source(replace(law("block", "inside"), quantity=quantity)))
-    effect = read(tmp_path / "learned.py")
+    effect = read_effect(tmp_path / "learned.py")
     scene = SimpleNamespace(layers=[SimpleNamespace(name=name)], in_layer=lambda asked: 1.0 * np.array([asked == name]))
     p = SimpleNamespace(**{k: v.value for k, v in effect.params().items()})
     [part] = effect().heat(scene, p)
     assert part.law(np.array([[[293.15]]]), None, p).item() == pytest.approx(np.exp(0.27))
-    assert all(f.ok for f in [look(Trial("learned", effect, {})) for look in battery.FILE])
+    assert all(f.ok for f in [look(EffectUnderTest("learned", effect, {})) for look in battery.FILE_CHECKS])
 
 
 # --- which laws are offered -----------------------------------------------------------------------------------------
@@ -250,7 +250,7 @@ def test_derivatives_by_nodes_are_those_of_full_marches(pair, tmp_path):
     made = case(tmp_path, own, given={"schedule.repetitions": 1})
     key, times = (
         f"{own.name}.at_{NODE.get(pair, 1)}",
-        tuple(s * made.scene.schedule.end for s in (0.65, 0.8, 1.0)),
+        tuple(s * made.scene.schedule.end_time for s in (0.65, 0.8, 1.0)),
     )
     settings = replace(made.settings, times=times)
 
@@ -260,11 +260,11 @@ def test_derivatives_by_nodes_are_those_of_full_marches(pair, tmp_path):
     def at_times(run):
         return run.T_block[[int(np.flatnonzero(run.time == t)[0]) for t in times]]
 
-    hood = explore(made.scene, settings, {pair: Move(moved(0.01 * size), 0.01 * size)}, "", times, True)
+    hood = run_with_sensitivities(made.scene, settings, {pair: Perturbation(moved(0.01 * size), 0.01 * size)}, "", times, True)
     up, down = (at_times(march(moved(s * size), replace(settings, rtol=1e-5, atol=1e-4))) for s in (0.1, -0.1))
     slope = (up - down) / (0.2 * size)
     assert np.abs(slope).max() * size > 0.05  # K: it is seen at all
-    assert np.sqrt(np.mean((hood.slope(at_times, pair) - slope) ** 2)) < 0.05 * np.sqrt(np.mean(slope**2))
+    assert np.sqrt(np.mean((hood.derivative_of(at_times, pair) - slope) ** 2)) < 0.05 * np.sqrt(np.mean(slope**2))
 
 
 # --- what the catalogue says in another way ---------------------------------------------------------------------------
@@ -304,7 +304,7 @@ def test_a_film_over_the_temperature_of_the_wall_radiates(tmp_path):
     Ta = 20.0 + KELVIN
 
     def film(T):
-        return 0.95 * SIGMA * ((T + KELVIN) ** 2 + Ta**2) * (T + KELVIN + Ta)
+        return 0.95 * STEFAN_BOLTZMANN_W_M2K4 * ((T + KELVIN) ** 2 + Ta**2) * (T + KELVIN + Ta)
 
     made, error = imitation("walls", "wall", film, 20.0, 320.0)
     alone = {
@@ -334,19 +334,19 @@ def test_enthalpy_is_the_integral_of_the_heat_capacity():
     table = CapacityTable.tabulate(rises, wavy(rises))
     for rise in (-40.0, 0.0, 0.3, 59.9, 61.24, 200.0):
         exact = quad(wavy, 0.0, rise, points=[60.0] if rise > 60.0 else None, epsabs=1e-10)[0]
-        assert table.enthalpy(np.array([rise])).item() == pytest.approx(exact, abs=0.5**2 / 12 * 0.5 / 8.0**2 * 200.0)
+        assert table.enthalpy_rise(np.array([rise])).item() == pytest.approx(exact, abs=0.5**2 / 12 * 0.5 / 8.0**2 * 200.0)
     at = np.linspace(-140.0, 390.0, 999)
-    np.testing.assert_allclose(table.rise(table.enthalpy(at)), at, atol=1e-11)
+    np.testing.assert_allclose(table.temperature_rise(table.enthalpy_rise(at)), at, atol=1e-11)
     eps = 1e-30
-    np.testing.assert_allclose(table.enthalpy(at + 1j * eps).imag / eps, table.at(at), rtol=1e-12)
+    np.testing.assert_allclose(table.enthalpy_rise(at + 1j * eps).imag / eps, table.interpolate_ratio(at), rtol=1e-12)
 
 
 def test_a_heat_capacity_that_ends_is_told():
     rises = np.arange(-150.0, 400.5, 0.5)
     table = CapacityTable.tabulate(rises, 1.0 - rises / 100.0)
-    assert table.rise(np.array([10.0])).item() == pytest.approx(100.0 * (1.0 - np.sqrt(0.8)), abs=1e-9)
+    assert table.temperature_rise(np.array([10.0])).item() == pytest.approx(100.0 * (1.0 - np.sqrt(0.8)), abs=1e-9)
     with pytest.raises(SolverFailure, match="heat capacity fell to zero"):
-        table.rise(np.array([51.0]))  # the integral to the end is 50 K
+        table.temperature_rise(np.array([51.0]))  # the integral to the end is 50 K
     with pytest.raises(SolverFailure, match="heat capacity fell to zero"):
         CapacityTable.tabulate(rises, rises / 100.0)
 
@@ -354,11 +354,11 @@ def test_a_heat_capacity_that_ends_is_told():
 def test_each_layer_has_the_heat_capacity_of_its_own_law(tmp_path):
     quantity = replace(QUANTITIES["block_capacity"], name="layer_2_capacity", layer="back board")
     made = case(tmp_path, replace(law("block_capacity", "inside"), quantity=quantity), text=LAYERED)
-    balance = Balance(made.scene)
+    balance = HeatBalance(made.scene)
     assert isinstance(balance.heat_capacity, TabulatedCapacity)
     mesh = made.scene.mesh
     rise = np.full(balance.n, 10.0)
-    relative = mesh.planes(balance.stretch(rise))[..., 0]
+    relative = mesh.planes(balance.capacity_ratio(rise))[..., 0]
     hard, soft = mesh.layers
     expected = np.exp(
         np.interp(30.0, *map(np.array, (law("block_capacity", "inside").nodes, law("block_capacity", "inside").values)))

@@ -10,16 +10,16 @@ import pytest
 
 from flashtemp.__main__ import main
 from flashtemp.comparison import campaign
-from flashtemp.comparison.twin import Plan, twin
+from flashtemp.comparison.twin import SyntheticPlan, make_synthetic_campaign
 from flashtemp.discovery import experiment_design
-from flashtemp.discovery.experiment_design import SURE, plan
+from flashtemp.discovery.experiment_design import DETECTION_Z, assess_design
 from flashtemp.discovery.parameters import ParameterId
-from flashtemp.discovery.prediction.prediction import Derivatives, predict_condition
+from flashtemp.discovery.prediction.prediction import DerivativeRequest, predict_condition
 from flashtemp.discovery.prediction.problem import prepare_problem
 from flashtemp.discovery.selection.scores import Separability
-from flashtemp.model.case import load
+from flashtemp.model.case import load_case
 from flashtemp.physics.effect import catalogue
-from flashtemp.runs.workers import crew
+from flashtemp.runs.workers import open_worker_pool
 
 CASE = """
 [block]
@@ -58,8 +58,8 @@ def written(tmp_path):
 
 
 def outlook(told):
-    with crew(predict_condition, 1) as run:
-        return plan(prepare_problem(told, run))
+    with open_worker_pool(predict_condition, 1) as run:
+        return assess_design(prepare_problem(told, run))
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +82,7 @@ def test_one_condition_cannot_tell_load_from_speed(outlooks):
     """Uniform pressure and one speed: both are a constant resistance, so their traces are parallel."""
     one = by_name(outlooks[0])
     for name, other in zip(ALIKE, ALIKE[::-1], strict=True):
-        assert one[name].z > SURE  # it is seen
+        assert one[name].z > DETECTION_Z  # it is seen
         assert not one[name].separable
         assert (one[name].nearest, abs(one[name].rho)) == (other, pytest.approx(1.0, abs=1e-6))
 
@@ -90,7 +90,7 @@ def test_one_condition_cannot_tell_load_from_speed(outlooks):
 def test_what_is_never_seen_is_like_nothing():
     rho = np.array([[1.0, -0.9, 0.0], [-0.9, 1.0, 0.0], [0.0, 0.0, 1.0]])
     three = Separability(("wear", "spots", "blur"), rho, np.array([3.0, 4.0, 0.0]))
-    assert [three.nearest(name) for name in three.names] == [("spots", -0.9), ("wear", -0.9), ("none", 0.0)]
+    assert [three.nearest_rival(name) for name in three.names] == [("spots", -0.9), ("wear", -0.9), ("none", 0.0)]
 
 
 def test_two_conditions_tell_them_apart(outlooks):
@@ -108,7 +108,7 @@ def test_numbers_hang_together(outlooks):
         for p in found.prospects:
             assert 0 <= p.z_left <= p.z * (1 + 1e-9)  # free rivals only take
             kind = catalogue()[p.effect].params()[p.parameter.split(".")[1]]
-            assert p.detectable * p.z == pytest.approx(SURE * abs(kind.value - kind.off), rel=1e-9)
+            assert p.detectable * p.z == pytest.approx(DETECTION_Z * abs(kind.value - kind.off), rel=1e-9)
             assert p.unit == kind.unit
 
 
@@ -123,7 +123,7 @@ def test_the_experiment_to_add_separates_what_one_condition_cannot(outlooks):
     """The advice of one condition names both effects, and a measurement with another load or speed."""
     first = outlooks[0].experiments[0]
     assert set(ALIKE) <= set(first.helps)
-    assert min(first.z_left[e] for e in ALIKE) >= SURE
+    assert min(first.z_left[e] for e in ALIKE) >= DETECTION_Z
     assert first.words.split()[-1] in ("speed", "pressure")
     scores = [(len(e.helps), min(e.z_left.values())) for e in outlooks[0].experiments]
     assert scores == sorted(scores, reverse=True)
@@ -134,7 +134,7 @@ def test_the_experiment_to_add_separates_what_one_condition_cannot(outlooks):
 @pytest.mark.long
 def test_an_experiment_is_found_where_a_trace_failed(written, monkeypatch):
     """What the data at hand cannot trace counts as unseen; the next experiment may show it."""
-    whole, asked = experiment_design._left, []
+    whole, asked = experiment_design._remaining_z, []
 
     def without(problem, fit, effects):
         left = whole(problem, fit, effects)
@@ -158,7 +158,7 @@ def test_the_advice_comes_true(outlooks, tmp_path_factory):
     (folder / "campaign.toml").write_text(planned("{}", f"{{ {rows} }}"))
     found = by_name(outlook(campaign.load(folder, planned=True)))
     for name in ALIKE:
-        assert found[name].separable
+        assert found[name].is_separable
         assert found[name].z_left == pytest.approx(best.z_left[name], rel=0.35)
 
 
@@ -166,7 +166,7 @@ def test_the_advice_comes_true(outlooks, tmp_path_factory):
 def test_what_is_measured_already_can_be_planned_on(tmp_path):
     """Recordings as files: nothing of their values matters but the noise that they tell."""
     (tmp_path / "case.toml").write_text(CASE)
-    out = twin(load(tmp_path / "case.toml"), Plan((), 3, 1, ("sidewall",), 2), tmp_path / "lab")
+    out = make_synthetic_campaign(load_case(tmp_path / "case.toml"), SyntheticPlan((), 3, 1, ("sidewall",), 2), tmp_path / "lab")
     told = replace(campaign.load(out), candidates=("heat_depth", "pressure_tilt"))
     [view] = told.views
     warm = replace(view, recording=replace(view.recording, temperature=view.recording.temperature + 3.0))
@@ -243,13 +243,13 @@ def test_a_key_that_the_default_mesh_follows_may_move(tmp_path):
     text = planned("{}", '{ "schedule.speed" = 9.0 }', views=("sidewall",)).replace("friction.mu", key)
     (tmp_path / "case.toml").write_text(FAST)
     (tmp_path / "campaign.toml").write_text(text)
-    with crew(predict_condition, 1) as run:
+    with open_worker_pool(predict_condition, 1) as run:
         problem = prepare_problem(campaign.load(tmp_path, planned=True), run)
-        slow, fast = problem.tasks(problem.start, Derivatives(own=problem.free))
+        slow, fast = problem.make_tasks(problem.stated_model, DerivativeRequest(model_parameters=problem.free_keys))
         for task in (slow, fast):
-            base = task.case.with_values(task.given | task.pins)
-            moved = problem.start.moved(ParameterId.of_key(key), 0.1).on(base)
+            base = task.case.with_values(task.given | task.mesh_overrides)
+            moved = problem.stated_model.with_step(ParameterId.of_key(key), 0.1).apply_to(base)
             np.testing.assert_array_equal(moved.scene.mesh.depth, base.scene.mesh.depth)
-        [shown] = problem.predictions([fast])
+        [shown] = problem.predict([fast])
     [seen] = shown.observables.values()
     assert np.abs(seen.columns[ParameterId.of_key(key)]).max() > 0.1

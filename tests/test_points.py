@@ -11,18 +11,18 @@ from scipy.optimize import brentq
 
 import flashtemp
 from flashtemp.camera import recording, synthetic
-from flashtemp.camera.point_observation import asked, delayed
-from flashtemp.camera.points import of_rows
+from flashtemp.camera.point_observation import required_times, first_order_lag
+from flashtemp.camera.points import positions_from_rows
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare
-from flashtemp.comparison.twin import SEALED
+from flashtemp.comparison.twin import SEALED_TRUTH
 from flashtemp.discovery import sensor_positions
-from flashtemp.discovery.prediction.prediction import Derivatives, predict_condition
+from flashtemp.discovery.prediction.prediction import DerivativeRequest, predict_condition
 from flashtemp.discovery.prediction.problem import prepare_problem
-from flashtemp.discovery.prediction.sensor_parameters import sensor_gain
+from flashtemp.discovery.prediction.sensor_parameters import sensor_gain_id
 from flashtemp.errors import BadInput
-from flashtemp.model.case import load
+from flashtemp.model.case import load_case
 from flashtemp.solver.march import march
 
 K, RHO, C, H = 0.08, 256.0, 1070.0, 0.01144  # a light board
@@ -65,7 +65,7 @@ def write(folder, effects, more=""):
 
 def end(folder, effects, more="", given=None):
     """The run of a case, and its last field up the block (n,) degC at heights (n,) m."""
-    case = load(write(folder, effects, more), given)
+    case = load_case(write(folder, effects, more), given)
     run = march(case.scene, case.settings)
     mesh = run.mesh
     return run, run.field[-1][mesh.block[0]], 0.5 * (mesh.height[1:] + mesh.height[:-1])
@@ -94,7 +94,7 @@ def test_points_show_the_field_at_their_places_and_late(tmp_path, lab):
     (tmp_path / "campaign.toml").write_text(
         f'case = "case.toml"\n[[recording]]\nview = "points"\nfile = "t.csv"\npoints = [{points}]\nsigma_K = 0.05\n'
     )
-    [seeing] = compare(campaign.load(tmp_path)).seeings
+    [seeing] = compare(campaign.load(tmp_path)).recordings
     lab.check("points in a stepped slab, K of 100", float(np.abs(seeing.residual).max()), 0.02)
     assert np.abs(T[:, 1] - 20.0 - 100.0 * stepped(z[1:], t)[:, 0]).max() > 5.0  # the lag is seen
 
@@ -103,15 +103,15 @@ def test_a_lag_is_exact_for_a_broken_line():
     t = np.array([0.0, 1.0, 4.0])
     one = 1.0 - 2.0 * (1.0 - np.exp(-0.5))
     after = 1.0 - 2.0 * 0.0 + (one - 1.0) * np.exp(-1.5)
-    assert delayed(t, np.array([0.0, 1.0, 1.0]), 2.0) == pytest.approx([0.0, one, after])
+    assert first_order_lag(t, np.array([0.0, 1.0, 1.0]), 2.0) == pytest.approx([0.0, one, after])
 
 
 def test_a_lag_asks_for_fields_before_its_readings():
-    places = of_rows([{"z": 0.001}, {"z": 0.001, "lag_s": 2.0}])
-    found = asked(places, np.array([100.0, 100.1]))
+    places = positions_from_rows([{"z": 0.001}, {"z": 0.001, "lag_s": 2.0}])
+    found = required_times(places, np.array([100.0, 100.1]))
     assert {100.0, 100.1} <= set(found.tolist())
     assert found.min() == pytest.approx(84.0)
-    assert asked(places.moved("z", 1e-4), np.array([1.0])).min() > 0
+    assert required_times(places.perturb_key("z", 1e-4), np.array([1.0])).min() > 0
 
 
 def test_radiation_film_and_heater_balance_exactly_at_1000_K(tmp_path, lab):
@@ -179,13 +179,13 @@ def test_nothing_acts_on_the_face_while_it_slides(tmp_path):
     """A heater and a held face are of a block that nothing touches: under the contact they are off."""
     effects = ["heated_face", "driven_faces"]
     more = "[driven_faces]\nface = [[0.0, 120.0]]\n"
-    case = load(write(tmp_path, effects, more))
+    case = load_case(write(tmp_path, effects, more))
     on = dict(case.values["schedule"])
     assert on["alone"] == 300.0
     given = {"schedule.alone": None}
     text = (tmp_path / "case.toml").read_text().replace("alone = 300.0", "distance = 0.1")
     (tmp_path / "case.toml").write_text(text)
-    hot, cold = load(tmp_path / "case.toml"), load(tmp_path / "case.toml", {"effects": []})
+    hot, cold = load_case(tmp_path / "case.toml"), load_case(tmp_path / "case.toml", {"effects": []})
     a, b = (march(c.scene, c.settings).T_block[-1] for c in (hot, cold))
     assert np.array_equal(a, b), given
 
@@ -197,7 +197,7 @@ def test_a_recording_of_points_survives_its_file(tmp_path):
     rows.append({"z": -0.001, "depth_sigma_m": 1e-3})
     made = Recording(
         "points", np.array([[[20.0, 21.0]], [[22.0, np.nan]]]), np.array([0.0, 1.0]), np.array([1, 1]),
-        np.arange(2.0), np.zeros(1), places=of_rows(rows),
+        np.arange(2.0), np.zeros(1), places=positions_from_rows(rows),
     )  # fmt: skip
     made.save(tmp_path / "p.nc")
     read = recording.load(tmp_path / "p.nc")
@@ -326,7 +326,7 @@ def test_places_that_cannot_be_read_are_told(tmp_path, places, said):
 )
 def test_places_that_cannot_be_are_refused(rows, said):
     with pytest.raises(BadInput) as fault:
-        of_rows(rows)
+        positions_from_rows(rows)
     assert said in str(fault.value)
 
 
@@ -351,14 +351,14 @@ def test_campaigns_refuse_points_that_do_not_fit(tmp_path, entry, said):
 def test_a_twin_of_thermocouples_gives_its_slope_and_its_beads_back(tmp_path):
     """Beads up to 1 mm from where they are said to be (0.3 mm known), conductivity 4 % off: both come back."""
     effects = "[driven_faces]\nface = [[0.0, 20.0], [100.0, 400.0]]\nback = [[0.0, 20.0], [300.0, 100.0]]\n"
-    case = load(write(tmp_path, ["driven_faces"], effects), {"numerics.cells": [3, 30, 3], "numerics.rtol": 1e-4})
+    case = load_case(write(tmp_path, ["driven_faces"], effects), {"numerics.cells": [3, 30, 3], "numerics.rtol": 1e-4})
     beads = [
         {"name": n, "x": 0.02, "z": z, "place_sigma_m": 3e-4} for n, z in (("a", 0.003), ("b", 0.006), ("c", 0.009))
     ]
     made = flashtemp.twin(
         case, hide=["conductivity_slope"], seed=3, out=tmp_path / "twin", conditions=1, views=["points"], points=beads
     )
-    truth = json.loads((tmp_path / "twin" / SEALED).read_text())
+    truth = json.loads((tmp_path / "twin" / SEALED_TRUTH).read_text())
     found = flashtemp.discover(replace(made.campaign(), candidates=("conductivity_slope", "capacity_slope")), workers=1)
     assert [c.effect for c in found.causes] == ["conductivity_slope"]
     hidden = truth["hidden"]["conductivity_slope"]["block"]
@@ -423,15 +423,15 @@ def test_a_time_constant_is_calibrated_within_what_is_known_of_it(tmp_path, trut
 
 def test_twins_are_late_by_what_is_drawn_and_never_early(tmp_path):
     recording = slow(tmp_path, 3.0, told=1.0).views[0].recording
-    drawn = [synthetic.draw(recording, np.random.default_rng(s), 1.0).lags for s in range(200)]
+    drawn = [synthetic.draw_errors(recording, np.random.default_rng(s), 1.0).lags for s in range(200)]
     assert np.std(drawn) == pytest.approx(3.0, rel=0.15)
-    scene = load(tmp_path / "case.toml").scene
-    times = tuple(asked(recording.places, recording.time).tolist())
-    run = march(scene, replace(load(tmp_path / "case.toml").settings, times=times, fields=2))
+    scene = load_case(tmp_path / "case.toml").scene
+    times = tuple(required_times(recording.places, recording.time).tolist())
+    run = march(scene, replace(load_case(tmp_path / "case.toml").settings, times=times, fields=2))
     shown = {}
     for lags in ((0.0, 5.0), (-1.0, 0.0), (-9.0, 0.0)):
-        faults = synthetic.Faults((0.0, 0.0), 0.0, 1.0, 0.0, lags=lags)
-        shown[lags] = synthetic.expose(run, scene, recording, faults, np.random.default_rng(1)).temperature[:, 0]
+        faults = synthetic.SyntheticRecordingErrors((0.0, 0.0), 0.0, 1.0, 0.0, lags=lags)
+        shown[lags] = synthetic.render_recording(run, scene, recording, faults, np.random.default_rng(1)).temperature[:, 0]
     assert np.array_equal(shown[-1.0, 0.0], shown[-9.0, 0.0])  # as fast as can be
     late = 100.0 * (stepped([0.006], recording.time, 6.0) - stepped([0.006], recording.time, 1.0))[:, 0]
     assert (shown[0.0, 5.0] - shown[-1.0, 0.0])[:, 1] == pytest.approx(late, abs=0.05)
@@ -479,9 +479,9 @@ def test_without_a_gain_the_same_is_left_over(tmp_path):
 def test_a_gain_moves_the_rise_of_its_own_point(tmp_path):
     made = gauged(tmp_path, 0.005)
     problem = prepare_problem(made, lambda tasks: [predict_condition(t) for t in tasks])
-    [seen] = problem.predictions(problem.tasks(problem.start, Derivatives(problem.free, optics=True)))
+    [seen] = problem.predict(problem.make_tasks(problem.stated_model, DerivativeRequest(problem.free_keys, optics=True)))
     shown = seen.observables[made.views[0].file]
-    column = shown.columns[sensor_gain("b", 1)]
+    column = shown.columns[sensor_gain_id("b", 1)]
     rise = shown.values[:, 0] - 20.0
     assert np.array_equal(column[:, 0], 0.0 * rise[:, 0])
     assert column[:, 1] == pytest.approx(rise[:, 1], rel=1e-6)
@@ -493,12 +493,12 @@ def test_twins_and_places_for_one_more_thermocouple_have_gains(tmp_path):
     problem = prepare_problem(made, lambda tasks: [predict_condition(t) for t in tasks])
     assert all(v.recording.places.gain_sigma == 0.05 for v in sensor_positions.candidate_sensor_recordings(problem))
     scene, recording = problem.case.scene, made.views[0].recording
-    drawn = [synthetic.draw(recording, np.random.default_rng(s), 1.0).gains for s in range(200)]
+    drawn = [synthetic.draw_errors(recording, np.random.default_rng(s), 1.0).gains for s in range(200)]
     assert np.std(drawn) == pytest.approx(0.05, rel=0.15)
     run = march(scene, replace(problem.case.settings, times=tuple(recording.time), fields=2))
     plain, larger = (
-        synthetic.expose(
-            run, scene, recording, synthetic.Faults((0.0, 0.0), 0.0, 1.0, 0.0, (), g), np.random.default_rng(1)
+        synthetic.render_recording(
+            run, scene, recording, synthetic.SyntheticRecordingErrors((0.0, 0.0), 0.0, 1.0, 0.0, (), g), np.random.default_rng(1)
         )
         for g in ((), (0.1, 0.0))
     )
@@ -507,7 +507,7 @@ def test_twins_and_places_for_one_more_thermocouple_have_gains(tmp_path):
 
 
 def test_depth_is_known_like_the_place_unless_said(tmp_path):
-    places = of_rows(
+    places = positions_from_rows(
         [{"z": 0.001, "place_sigma_m": 2e-4}, {"z": 0.001, "depth_sigma_m": "1 mm", "place_sigma_m": 2e-4}]
     )
     assert [places.place_sigma(axis).tolist() for axis in range(3)] == [[2e-4, 2e-4], [2e-4, 2e-4], [2e-4, 1e-3]]

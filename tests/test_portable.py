@@ -81,18 +81,18 @@ def test_two_runs_keep_out_of_each_others_folder_without_fcntl(tmp_path, monkeyp
 
     monkeypatch.setitem(sys.modules, "fcntl", None)
     monkeypatch.setitem(sys.modules, "msvcrt", SimpleNamespace(LK_LOCK=1, LK_NBLCK=2, locking=locking))
-    lock = folders.hold(tmp_path)
+    lock = folders.lock_folder(tmp_path)
     assert not Path(os.readlink(f"/proc/self/fd/{lock}")).is_relative_to(tmp_path)
     with pytest.raises(BadInput, match="another run is writing"):
-        folders.hold(tmp_path)
+        folders.lock_folder(tmp_path)
     os.close(lock)
-    os.close(folders.hold(tmp_path))
+    os.close(folders.lock_folder(tmp_path))
 
 
 def test_a_second_run_in_a_locked_folder_is_refused(tmp_path):
-    lock = folders.hold(tmp_path)
+    lock = folders.lock_folder(tmp_path)
     with pytest.raises(BadInput, match="another run is writing"):
-        folders.hold(tmp_path)
+        folders.lock_folder(tmp_path)
     os.close(lock)
 
 
@@ -100,8 +100,8 @@ def test_a_signal_that_has_to_wait_comes_again_without_an_alarm(monkeypatch):
     monkeypatch.setattr(interrupts, "ALARM", None)
     monkeypatch.delattr(signal, "setitimer")
     loading = SimpleNamespace(f_code=SimpleNamespace(co_filename="<frozen importlib._bootstrap>"), f_back=None)
-    with interrupts.interruptible() as state:
-        state.handle(signal.SIGINT, loading)
+    with interrupts.answer_interrupts() as state:
+        state.handle_signal(signal.SIGINT, loading)
         with pytest.raises(KeyboardInterrupt):
             _wait(5.0)
 
@@ -109,9 +109,9 @@ def test_a_signal_that_has_to_wait_comes_again_without_an_alarm(monkeypatch):
 def test_the_page_stops_a_command_by_what_the_system_has(monkeypatch):
     sent = []
     monkeypatch.setattr(os, "kill", lambda *given: sent.append(given))
-    processes.interrupt(7)
+    processes.interrupt_process(7)
     monkeypatch.setattr(signal, "CTRL_BREAK_EVENT", 1, raising=False)
-    processes.interrupt(7)
+    processes.interrupt_process(7)
     assert sent == [(7, signal.SIGINT), (7, 1)]
 
 

@@ -20,7 +20,7 @@ def clock(monkeypatch):
 
 
 def lines(clock, capsys, seconds):
-    watch = terminal.Lines("run_in")
+    watch = terminal.ProgressLines("run_in")
     for k in range(seconds):
         clock[0] = float(k)
         watch(k, seconds)
@@ -41,7 +41,7 @@ def test_a_log_gets_a_line_soon_and_then_one_a_minute(clock, capsys, monkeypatch
 def test_slow_work_says_how_long_it_takes_from_the_first_line_on(clock, capsys, monkeypatch):
     """Also where a minute does less than a hundredth of it, as 3 m of resolved spots in 3D."""
     monkeypatch.delenv("FLASHTEMP_PROGRESS", raising=False)
-    watch = terminal.Lines("spots")
+    watch = terminal.ProgressLines("spots")
     for second in range(130):
         clock[0] = float(second)
         watch(second, 30000.0)
@@ -53,7 +53,7 @@ def test_slow_work_says_how_long_it_takes_from_the_first_line_on(clock, capsys, 
 def test_first_tiny_steps_say_nothing_of_the_time_left(clock, capsys, monkeypatch):
     """While loops are compiled a run has done 1e-12 of its time: the pace would promise thousands of years."""
     monkeypatch.delenv("FLASHTEMP_PROGRESS", raising=False)
-    watch = terminal.Lines("run")
+    watch = terminal.ProgressLines("run")
     clock[0] = 7.0
     watch(1e-9, 440.0)
     assert capsys.readouterr().err == "run: 0 %\n"
@@ -63,7 +63,7 @@ def test_first_tiny_steps_say_nothing_of_the_time_left(clock, capsys, monkeypatc
 def test_time_left_follows_the_pace_of_late_not_that_of_the_first_steps(clock, capsys, monkeypatch, first):
     """The first steps of an integration are short, and a resumed run begins far from zero."""
     monkeypatch.delenv("FLASHTEMP_PROGRESS", raising=False)
-    watch, done = terminal.Lines("run"), 0.0
+    watch, done = terminal.ProgressLines("run"), 0.0
     for second in range(200):
         clock[0] = float(second)
         done += first if second < 20 else 1.0
@@ -93,7 +93,7 @@ def test_discovery_says_how_long_it_takes_as_soon_as_it_can(monkeypatch):
     left = [re.search(r"about (\d+) s left", t) for t in told]
     assert left[:2] == [None, None]
     parts = [
-        engine.STAGE_BEGINS[stage] for stage in ("calibrating", "sensitivities", "fitting", "judging", "questioning")
+        engine.STAGE_START_FRACTIONS[stage] for stage in ("calibrating", "sensitivities", "fitting", "judging", "questioning")
     ]
     assert parts == sorted(parts)
     after = (parts[0], parts[0], *parts[1:], parts[-1], 0.5 * (1.0 + parts[-1]))

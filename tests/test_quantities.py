@@ -11,9 +11,9 @@ import pytest
 import flashtemp.physics
 from flashtemp.errors import BadInput
 from flashtemp.meshes import block_on_road
-from flashtemp.model.scene import Acting
+from flashtemp.model.scene import ActiveEffect
 from flashtemp.physics import Deposit, Effect, Factor, Heat, Term, catalogue, contributions
-from flashtemp.physics.quantities import CAMERA, QUANTITIES, SITES
+from flashtemp.physics.quantities import CAMERA_QUANTITIES, QUANTITIES, SITES
 
 ROOT = Path(__file__).parents[1]
 HERE = f"{Path(__file__).name}:"
@@ -57,7 +57,7 @@ class Stated(Effect):
 )
 def test_typo_on_the_balance_is_refused(part, said, remedy):
     with pytest.raises(BadInput) as fault:
-        Acting("fan", Stated(part), SimpleNamespace()).contributions(None)
+        ActiveEffect("fan", Stated(part), SimpleNamespace()).contributions(None)
     [line] = fault.value.lines
     assert line.startswith("effects: effect 'fan'")
     assert said in line
@@ -78,7 +78,7 @@ def test_typo_on_the_balance_is_refused(part, said, remedy):
 )
 def test_typo_on_the_camera_is_refused(part, said, remedy):
     with pytest.raises(BadInput) as fault:
-        contributions.of_camera("fan", Stated(part), None)
+        contributions.check_camera_contributions("fan", Stated(part), None)
     [line] = fault.value.lines
     assert said in line
     assert re.search(remedy, line)
@@ -91,18 +91,18 @@ def test_a_method_that_fails_is_told_with_its_line():
             yield Heat.film("block.leading", p.nothing)
 
     with pytest.raises(BadInput, match=rf"effect 'fan' \(.*{HERE}\d+\): heat\(\) fails: AttributeError.*repair"):
-        Acting("fan", Broken(), SimpleNamespace()).contributions(None)
+        ActiveEffect("fan", Broken(), SimpleNamespace()).contributions(None)
 
 
 def test_the_catalogue_loads_with_a_typo_refused(tmp_path, monkeypatch):
     """A wrong name in a file is told when a case is loaded, with the case's own line."""
-    from flashtemp.model.case import load
+    from flashtemp.model.case import load_case
 
     (tmp_path / "case.toml").write_text('\neffects = ["stick_slip"]\n')
-    assert load(tmp_path).effects == ("stick_slip",)
+    assert load_case(tmp_path).effects == ("stick_slip",)
     monkeypatch.setattr(catalogue()["stick_slip"], "heat", lambda self, scene, p: iter([Factor("friction.my", one)]))
     with pytest.raises(BadInput, match=r"case.toml:2: effects: effect 'stick_slip' \(.*friction.my.*'friction.mu'"):
-        load(tmp_path)
+        load_case(tmp_path)
 
 
 def test_sites_are_those_of_the_mesh():
@@ -123,11 +123,11 @@ def test_the_engine_asks_for_what_is_in_the_table():
     words = set(re.findall(r"[a-z_]+", text))
     assert all(set(name.split(".")) <= words for name in QUANTITIES)
     seen = (ROOT / "flashtemp" / "camera" / "observation.py").read_text()
-    assert all(re.search(rf'camera\("{name[7:]}"|self\("{name[7:]}"|shift_', seen) for name in CAMERA)
+    assert all(re.search(rf'camera\("{name[7:]}"|self\("{name[7:]}"|shift_', seen) for name in CAMERA_QUANTITIES)
 
 
 def test_every_quantity_is_told():
-    for quantity in (*QUANTITIES.values(), *CAMERA.values()):
+    for quantity in (*QUANTITIES.values(), *CAMERA_QUANTITIES.values()):
         assert quantity.unit
         assert quantity.base
         assert quantity.about
@@ -138,7 +138,7 @@ def test_reference_lists_every_quantity_and_site(monkeypatch):
     import reference
 
     page = reference.quantities()
-    for name in (*QUANTITIES, *CAMERA, *SITES):
+    for name in (*QUANTITIES, *CAMERA_QUANTITIES, *SITES):
         assert page.count(f"| `{name}` |") == 1
 
 

@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 from flashtemp.camera.radiometry import (
     LONG_WAVE,
     ObjectParameters,
-    Planck,
+    PlanckCalibration,
     apparent_counts,
     object_temperature,
-    reapply,
+    recompute_temperature,
 )
 from flashtemp.errors import BadInput
 
-E60 = Planck(14985.93, 0.011283217, 1398.1, 1.0, -6233.0)
+E60 = PlanckCalibration(14985.93, 0.011283217, 1398.1, 1.0, -6233.0)
 SEEN = ObjectParameters(emissivity=0.95, reflected=20.0, air=20.0, humidity=0.5, distance=1.0)
 T = np.linspace(-20.0, 250.0, 271)
 
@@ -38,7 +38,7 @@ def test_black_body_is_planck_alone():
 
 
 def test_derivative_by_complex_step():
-    p = SEEN.changed({"window": 0.8, "window_temperature": 40.0})
+    p = SEEN.with_values({"window": 0.8, "window_temperature": 40.0})
     step = apparent_counts(T + 1e-30j, E60, p).imag / 1e-30
     finite = (apparent_counts(T + 1e-3, E60, p) - apparent_counts(T - 1e-3, E60, p)) / 2e-3
     assert step == pytest.approx(finite, rel=1e-7)
@@ -60,7 +60,7 @@ def test_derivative_by_complex_step():
 def test_what_a_wrong_parameter_does(change, errors):
     """Errors at 40, 80 and 120 degC that an independent computation found, to its 0.01 K."""
     at = np.array([40.0, 80.0, 120.0])
-    read = object_temperature(apparent_counts(at, E60, SEEN), E60, SEEN.changed(change))
+    read = object_temperature(apparent_counts(at, E60, SEEN), E60, SEEN.with_values(change))
     assert read - at == pytest.approx(errors, abs=0.006)
 
 
@@ -69,12 +69,12 @@ def test_air_is_one_path_not_two_halves():
     water = np.sqrt(0.5 * np.exp(1.5587 + 0.06939 * 20 - 2.7816e-4 * 400 + 6.8455e-7 * 8000))
     direct = 1.9 * np.exp(-(0.006569 - 0.002276 * water)) - 0.9 * np.exp(-(0.01262 - 0.00667 * water))
     assert tau == pytest.approx(direct, rel=1e-12)
-    assert abs(SEEN.changed({"distance": 0.5}).transmission ** 2 - tau) > 1e-3
+    assert abs(SEEN.with_values({"distance": 0.5}).transmission ** 2 - tau) > 1e-3
     assert ObjectParameters(distance=0.0).transmission == 1.0
 
 
 def test_a_window_mixes_in_its_own_temperature():
-    behind = SEEN.changed({"window": 0.7, "window_temperature": 90.0})
+    behind = SEEN.with_values({"window": 0.7, "window_temperature": 90.0})
     seen = apparent_counts(T, E60, behind)
     assert seen == pytest.approx(0.7 * apparent_counts(T, E60, SEEN) + 0.3 * E60.counts(90.0), rel=1e-14)
 
@@ -85,12 +85,12 @@ def test_radiance_is_averaged_not_degrees():
 
 
 def test_reapplied_parameters():
-    old, new = SEEN, SEEN.changed({"emissivity": 0.88, "reflected": 35.0})
+    old, new = SEEN, SEEN.with_values({"emissivity": 0.88, "reflected": 35.0})
     shown = object_temperature(apparent_counts(T, E60, new), E60, old)
-    assert reapply(shown, old, new, E60) == pytest.approx(T, abs=1e-9)
-    assert reapply(T, old, old) is T
-    assert reapply(T[T > 20], old, new) == pytest.approx(T[T > 20] + 5, abs=15)  # the generic band is a few K off
-    generic = reapply(shown, old, new, LONG_WAVE)
+    assert recompute_temperature(shown, old, new, E60) == pytest.approx(T, abs=1e-9)
+    assert recompute_temperature(T, old, old) is T
+    assert recompute_temperature(T[T > 20], old, new) == pytest.approx(T[T > 20] + 5, abs=15)  # the generic band is a few K off
+    generic = recompute_temperature(shown, old, new, LONG_WAVE)
     assert np.abs(generic - T).max() < 0.25
 
 
@@ -106,11 +106,11 @@ def test_too_few_counts_are_no_temperature():
 )
 def test_parameters_that_cannot_be(bad):
     with pytest.raises(BadInput, match=next(iter(bad))) as fault:
-        SEEN.changed(bad)
+        SEEN.with_values(bad)
     assert "give" in str(fault.value)
 
 
 @pytest.mark.parametrize("bad", [(0.0, 1, 1400, 1, 0), (1.0, 1, -3, 1, 0), (1.0, 1, 1400, float("nan"), 0)])
 def test_calibrations_that_cannot_be(bad):
     with pytest.raises(BadInput, match="planck"):
-        Planck(*bad)
+        PlanckCalibration(*bad)

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flashtemp.camera.placement import Place
+from flashtemp.camera.placement import ImagePlacement
 from flashtemp.comparison import campaign
-from flashtemp.comparison.twin import Plan, twin
+from flashtemp.comparison.twin import SyntheticPlan, make_synthetic_campaign
 from flashtemp.discovery.estimation import whitening
 from flashtemp.discovery.estimation.nuisance_priors import all_derivatives
 from flashtemp.discovery.measurement_errors.image_pose import ImagePose, register_image
@@ -20,11 +20,11 @@ from flashtemp.discovery.measurement_errors.recording_errors import (
     find_recording_errors,
     find_schedule_errors,
 )
-from flashtemp.discovery.measurement_errors.recording_fit import HypothesisEvidence, flipped_recordings
-from flashtemp.discovery.prediction.prediction import observe_again, predict_condition
+from flashtemp.discovery.measurement_errors.recording_fit import HypothesisEvidence, flip_recording
+from flashtemp.discovery.prediction.prediction import predict_again, predict_condition
 from flashtemp.discovery.prediction.problem import prepare_problem, replace_views
-from flashtemp.model.case import load
-from flashtemp.runs.workers import attempt
+from flashtemp.model.case import load_case
+from flashtemp.runs.workers import call_safely
 
 TINY = {
     "block.height": 0.005, "schedule.distance": 0.3, "schedule.repetitions": 1, "road.track_length": 0.3,
@@ -37,14 +37,14 @@ WAKES = ("condition1_wake.nc", "condition2_wake.nc")
 
 
 def run(tasks):
-    return [attempt(predict_condition, task) for task in tasks]
+    return [call_safely(predict_condition, task) for task in tasks]
 
 
 def campaign_problem(folder, hidden=(), conditions=2, views=("sidewall", "wake"), seed=41):
     """A small campaign of one speed and two pressures, made ready."""
     folder.mkdir()
     (folder / "case.toml").write_text("")
-    lab = twin(load(folder / "case.toml", TINY), Plan(hidden, seed, conditions, views, 4), folder / "lab")
+    lab = make_synthetic_campaign(load_case(folder / "case.toml", TINY), SyntheticPlan(hidden, seed, conditions, views, 4), folder / "lab")
     return cropped(prepare_problem(campaign.load(lab), run), {"sidewall": (0, 16, 108), "wake": (50, 16, 40)})
 
 
@@ -237,7 +237,7 @@ def seen_in_pose(problem, first, pose):
     """The problem with the first wall as it would be seen in a pose, without errors of its own but noise."""
     view = problem.conditions[0].views[0]
     task = replace(problem.tasks(problem.start, all_derivatives(problem))[0], views=(view,))
-    seen = observe_again(task, first[0].full, view, pose.apply_to(problem.start, view.file))
+    seen = predict_again(task, first[0].full, view, pose.apply_to(problem.start, view.file))
     noise = np.random.default_rng(2).normal(size=seen.values.shape) * 0.05
     return with_images(problem, {view.file: seen.values + noise})
 
@@ -246,16 +246,16 @@ def test_an_image_turned_about_its_far_corner_is_registered(plain):
     """Three degrees and three pixels: Gauss-Newton steps from the stated pose end nowhere."""
     problem, first = plain
     turn, shift = -0.05, (3.0, -2.0)
-    moved = seen_in_pose(problem, first, ImagePose(Place(turn=turn), shift))
+    moved = seen_in_pose(problem, first, ImagePose(ImagePlacement(turn=turn), shift))
     found = register_images(moved, first)
-    assert set(found.places) == {WALLS[0]}
-    assert found.places[WALLS[0]].turn == pytest.approx(turn, abs=3e-3)
+    assert set(found.placements) == {WALLS[0]}
+    assert found.placements[WALLS[0]].turn == pytest.approx(turn, abs=3e-3)
     assert found.shifts[WALLS[0]] == pytest.approx(shift, abs=1.2)
 
 
 def test_an_image_near_its_stated_place_is_left_to_the_alignment_of_fits(plain):
     problem, first = plain
-    near = seen_in_pose(problem, first, ImagePose(Place(turn=5e-3), (0.2, 0.0)))
+    near = seen_in_pose(problem, first, ImagePose(ImagePlacement(turn=5e-3), (0.2, 0.0)))
     view = near.conditions[0].views[0]
     assert register_image(near, view.recording, first[0].observables[view.file]) is None
 
@@ -272,10 +272,10 @@ def test_a_hypothesis_needs_evidence_and_half_of_the_misfit():
 
 def test_flipped_recordings_keep_their_pixels_or_the_ends_of_the_block(plain):
     r = plain[0].conditions[0].views[0].recording
-    in_place, about_block = flipped_recordings(r, (2,), LENGTH)
+    in_place, about_block = flip_recording(r, (2,), LENGTH)
     np.testing.assert_array_equal(in_place.temperature, r.temperature[..., ::-1])
     np.testing.assert_allclose(in_place.u, r.u, atol=1e-12)
     np.testing.assert_allclose(about_block.u, (LENGTH - r.u)[::-1], atol=1e-12)
-    back = flipped_recordings(about_block, (2,), LENGTH)[1]
+    back = flip_recording(about_block, (2,), LENGTH)[1]
     np.testing.assert_array_equal(back.temperature, r.temperature)
-    assert len(flipped_recordings(r, (1,), LENGTH)) == 1
+    assert len(flip_recording(r, (1,), LENGTH)) == 1

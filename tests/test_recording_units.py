@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flashtemp.camera.points import of_rows
+from flashtemp.camera.points import positions_from_rows
 from flashtemp.camera.recording import Recording, load
 from flashtemp.errors import BadInput
 
@@ -18,7 +18,7 @@ def written(tmp_path):
     """A recording whose variables were changed by {name: function of the variable}, read again."""
 
     def read(points: bool = False, **changes):
-        ds = (POINTS if points else IMAGES).dataset()
+        ds = (POINTS if points else IMAGES).to_dataset()
         for name, change in changes.items():
             ds[name] = change(ds[name])
         ds.to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
@@ -30,7 +30,7 @@ def written(tmp_path):
 IMAGES = Recording("sidewall", T, TIME, np.array([1, 2]), U, V)
 POINTS = Recording(
     "points", T[:, :1], TIME, np.array([1, 1]), np.arange(2.0), np.zeros(1),
-    places=of_rows([{"x": 0.01, "z": 0.002, "lag_s": 0.5}, {"x": 0.02, "z": 0.003, "gain_sigma": 0.02}]),
+    places=positions_from_rows([{"x": 0.01, "z": 0.002, "lag_s": 0.5}, {"x": 0.02, "z": 0.003, "gain_sigma": 0.02}]),
 )  # fmt: skip
 
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from flashtemp.camera.recording import Recording
-from flashtemp.comparison.campaign import Campaign, Force, View
-from flashtemp.comparison.compare import Comparison, Pulling, Seeing, words
-from flashtemp.comparison.noise import Noise, Place
+from flashtemp.comparison.campaign import Campaign, LoadCellEntry, RecordingEntry
+from flashtemp.comparison.compare import Comparison, ForceComparison, RecordingComparison, summary_line
+from flashtemp.comparison.noise import NoiseLevels, ResidualPeak
 from flashtemp.viz import comparison_report
 
 TITLE = 'run-in <script>alert(1)</script> & "more"'
@@ -35,12 +35,12 @@ def seeing(view="sidewall", file="side.nc"):
     u, v = 1e-3 * np.arange(8) + 0.03, 1e-3 * np.arange(nv)
     recording = Recording(view, predicted + residual, np.array([1.0, 2.0, 3.0]), np.ones(3, int), u, v)
     given = {"contact.pressure": 1.5e5, "schedule.speed": "<slow>.csv"}
-    return Seeing(
-        view=View(file, recording, given),
+    return RecordingComparison(
+        view=RecordingEntry(file, recording, given),
         predicted=predicted,
         residual=residual,
         sigmas=residual / 0.05,
-        noise=Noise(0.0512, 0.021, ("white",)),
+        noise=NoiseLevels(0.0512, 0.021, ("white",)),
         shift=(0.31, -0.12),
         shift_refused=None,
         shift_error=(0.04, 0.05),
@@ -48,15 +48,15 @@ def seeing(view="sidewall", file="side.nc"):
         bias_K=0.1129,
         chi2_per_dof=13.1,
         pixels=residual.size,
-        largest=Place(0.31, 29.6, 0.0365, 0.0035, 2.0, 1),
+        largest=ResidualPeak(0.31, 29.6, 0.0365, 0.0035, 2.0, 1),
         correlation={"u": (0.8, 9.14), "v": (0.7, 8.25), "time": (0.6, 7.36)},
     )
 
 
 def pulling(bias=0.04, chi2=64.0, sure=5.5):
     time = np.linspace(0.0, 4.0, 30)
-    return Pulling(
-        Force("mu.csv", tuple(time), tuple(0.8 + bias + 0 * time), {}, None, True), 0.8 + 0 * time,
+    return ForceComparison(
+        LoadCellEntry("mu.csv", tuple(time), tuple(0.8 + bias + 0 * time), {}, None, True), 0.8 + 0 * time,
         bias + 0 * time, 0.005, abs(bias), bias, chi2, {"time": (0.9, sure)},
     )  # fmt: skip
 
@@ -103,7 +103,7 @@ class Reader(HTMLParser):
 def written(tmp_path_factory):
     c = comparison([seeing(), seeing("wake", "wake.nc"), seeing("profile", "profile.nc")], [pulling()])
     path = tmp_path_factory.mktemp("report") / "report.html"
-    assert comparison_report.write(c, path) == path
+    assert comparison_report.write_report(c, path) == path
     assert [p.name for p in path.parent.iterdir()] == ["report.html"]
     html = path.read_text(encoding="utf-8")
     return c, html, Reader(html)
@@ -167,7 +167,7 @@ def test_the_numbers_are_those_of_the_comparison(written):
     assert force["load cell"] == "mu.csv (held out)"
     assert (force["readings"], force["RMSE (–)"], force["bias (–)"]) == ("30", "0.0400", "+0.0400")
     assert (force["noise (–)"], force["correlation in time in sigma"]) == ("0.005 estimated", "+5.5")
-    assert all(words(s) in reader.text for s in c.seeings)
+    assert all(summary_line(s) in reader.text for s in c.seeings)
     assert "2.5e-12" in reader.text
 
 
@@ -180,42 +180,42 @@ def test_it_says_how_to_read_it(written):
 def test_verdicts_follow_from_size_and_structure():
     s = seeing()
     still = {"u": (0.0, 1.0), "v": (0.0, -2.0), "time": (0.0, 3.0)}
-    sentence, grade = comparison_report.verdict(s)
+    sentence, grade = comparison_report.judge_recording(s)
     assert grade == "bad"
     assert "3.6 times the noise" in sentence
     assert "the block is measured 0.31 K hotter than computed at x = 36.5 mm, z = 3.5 mm" in sentence
     cold = replace(seeing("wake"), largest=replace(s.largest, K=-0.31))
     assert (
         "the road is measured 0.31 K colder than computed at x = 36.5 mm, y = 3.5 mm"
-        in comparison_report.verdict(cold)[0]
+        in comparison_report.judge_recording(cold)[0]
     )
-    assert comparison_report.verdict(replace(s, chi2_per_dof=1.1))[1] == "near"
-    assert comparison_report.verdict(replace(s, chi2_per_dof=1.1, correlation=still))[1] == "good"
-    sentence, grade = comparison_report.verdict(replace(s, correlation=still))
+    assert comparison_report.judge_recording(replace(s, chi2_per_dof=1.1))[1] == "near"
+    assert comparison_report.judge_recording(replace(s, chi2_per_dof=1.1, correlation=still))[1] == "good"
+    sentence, grade = comparison_report.judge_recording(replace(s, correlation=still))
     assert grade == "near"
     assert "no structure" in sentence
-    assert comparison_report.verdict(replace(s, pixels=0, chi2_per_dof=float("nan")))[1] == "bad"
-    assert "higher than computed by 0.04" in comparison_report.grip(pulling())[0]
-    assert "lower than computed by 0.04" in comparison_report.grip(pulling(-0.04))[0]
-    assert comparison_report.grip(pulling(0.0, 1.0))[1] == "near"
-    assert comparison_report.grip(pulling(0.0, 1.0, sure=0.5))[1] == "good"
+    assert comparison_report.judge_recording(replace(s, pixels=0, chi2_per_dof=float("nan")))[1] == "bad"
+    assert "higher than computed by 0.04" in comparison_report.judge_friction(pulling())[0]
+    assert "lower than computed by 0.04" in comparison_report.judge_friction(pulling(-0.04))[0]
+    assert comparison_report.judge_friction(pulling(0.0, 1.0))[1] == "near"
+    assert comparison_report.judge_friction(pulling(0.0, 1.0, sure=0.5))[1] == "good"
 
 
 @pytest.mark.long
 def test_a_refused_shift_and_estimated_noise_are_said():
     s = replace(seeing(), shift_refused=(4.4, 0.4), shift=(0.0, 0.0), shift_error=(0.0, 0.0))
-    reader = Reader(comparison_report.text(comparison([s], [])))
+    reader = Reader(comparison_report.render_report(comparison([s], [])))
     assert "A shift of the image by +4.40, +0.40 px would hide part of the difference" in reader.text
     assert "none; +4.40, +0.40 refused" in reader.rows[1]
     assert "The noise of the pixels is not stated in the file" in reader.text
-    quiet = replace(s, shift_refused=None, noise=Noise(0.05, 0.02))
-    text = Reader(comparison_report.text(comparison([quiet], []))).text
+    quiet = replace(s, shift_refused=None, noise=NoiseLevels(0.05, 0.02))
+    text = Reader(comparison_report.render_report(comparison([quiet], []))).text
     assert "would hide" not in text
     assert "is not stated" not in text
 
 
 def test_a_campaign_of_forces_only():
-    reader = Reader(comparison_report.text(comparison([], [pulling()])))
+    reader = Reader(comparison_report.render_report(comparison([], [pulling()])))
     assert reader.tags.count("img") == 2
     assert reader.tags.count("table") == 1
     assert "0 recordings, 1 load-cell trace;" in reader.text

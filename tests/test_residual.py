@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flashtemp.comparison.means import Means
-from flashtemp.comparison.noise import Noise, lag_one, noise, structured, unwhiten, whiten
+from flashtemp.comparison.means import AveragedFrames
+from flashtemp.comparison.noise import NoiseLevels, lag1_autocorrelation, estimate_noise, largest_structured_residual, unwhiten, whiten
 from flashtemp.discovery.estimation import whitening
-from flashtemp.discovery.prediction.frame_averaging import frame_groups
+from flashtemp.discovery.prediction.frame_averaging import group_frames
 
 SHAPE = (12, 30, 80)
 
@@ -25,7 +25,7 @@ def residual(seed, white=0.05, pattern=0.03, shape=SHAPE, masked=0.0):
 
 @pytest.mark.parametrize("pattern", [0.0, 0.03, 0.1])
 def test_noise_is_estimated_from_the_data(pattern):
-    found = noise(residual(1, pattern=pattern, masked=0.01), None, None)
+    found = estimate_noise(residual(1, pattern=pattern, masked=0.01), None, None)
     assert found.white == pytest.approx(0.05, rel=0.03)
     assert found.pattern == pytest.approx(pattern, abs=0.006)
     assert found.estimated == ("white", "pattern")
@@ -33,17 +33,17 @@ def test_noise_is_estimated_from_the_data(pattern):
 
 def test_smooth_structure_counts_for_neither_noise():
     wave = 2.0 * np.sin(np.linspace(0, 6, 80)) * np.cos(np.linspace(0, 3, 30))[:, None]
-    found = noise(residual(2) + wave, None, None)
+    found = estimate_noise(residual(2) + wave, None, None)
     assert found.white == pytest.approx(0.05, rel=0.03)
     assert found.pattern == pytest.approx(0.03, rel=0.15)
 
 
 def test_given_noise_is_kept():
-    assert noise(residual(3), 0.07, 0.02) == Noise(0.07, 0.02, ())
+    assert estimate_noise(residual(3), 0.07, 0.02) == NoiseLevels(0.07, 0.02, ())
 
 
 def test_whitened_residuals_are_independent_and_of_unit_variance():
-    found = Noise(0.05, 0.03)
+    found = NoiseLevels(0.05, 0.03)
     w = np.stack([whiten(residual(s), found)[:, 3:] for s in range(8)])
     assert np.mean(w**2) == pytest.approx(1.0, abs=4 * np.sqrt(2 / w.size))
     for a, b in ((0, 1), (3, 11)):  # frames of one pixel share its pattern before, nothing after
@@ -54,7 +54,7 @@ def test_whitened_residuals_are_independent_and_of_unit_variance():
 
 @pytest.mark.parametrize("averaged", [None, (1, 2, 5, 20, 50, 50, 7, 3, 9, 4, 30, 2)])
 def test_whitening_can_be_undone(averaged):
-    found, there = Noise(0.05, 0.03, (), averaged), residual(5, masked=0.1)
+    found, there = NoiseLevels(0.05, 0.03, (), averaged), residual(5, masked=0.1)
     there[3, 10, 20] = np.nan
     np.testing.assert_allclose(unwhiten(whiten(there, found), found), there, rtol=1e-10, atol=1e-14)
 
@@ -70,8 +70,8 @@ def test_means_of_frames_say_as_much_as_the_frames(pattern):
     def means(images):
         return np.add.reduceat(images, starts) / np.array(counts)[:, None, None]
 
-    raw, short = Noise(0.05, pattern), Noise(0.05, pattern, (), counts)
-    assert noise(means(frames), None, None, counts).white == pytest.approx(0.05, rel=0.05)
+    raw, short = NoiseLevels(0.05, pattern), NoiseLevels(0.05, pattern, (), counts)
+    assert estimate_noise(means(frames), None, None, counts).white == pytest.approx(0.05, rel=0.05)
     for one, other in ((even, even), (even, frames)):
         whole = (whiten(one, raw) * whiten(other, raw)).sum()
         assert (whiten(means(one), short) * whiten(means(other), short)).sum() == pytest.approx(whole, rel=1e-12)
@@ -80,31 +80,31 @@ def test_means_of_frames_say_as_much_as_the_frames(pattern):
 def test_frames_are_taken_together_where_little_changes():
     """The root of the time since an event is, in the mean over a group, that of its middle; no group holds an event."""
     time = np.arange(0.0, 30.0, 0.01)
-    starts = frame_groups(time, np.ones(len(time), int), np.array([0.0, 20.0]), 30.0)
+    starts = group_frames(time, np.ones(len(time), int), np.array([0.0, 20.0]), 30.0)
     counts = np.diff([*starts, len(time)])
     assert len(starts) < 0.04 * len(time)
     mine = np.split(time, starts[1:])
     assert not any(m[0] < 20.0 <= m[-1] for m in mine)
     middle, part = np.array([m.mean() for m in mine]), np.array([int(m[0] >= 20.0) for m in mine])
-    means = Means(tuple(counts), tuple(m.std() for m in mine), tuple(part))
+    means = AveragedFrames(tuple(counts), tuple(m.std() for m in mine), tuple(part))
     for rises in (np.sqrt, lambda t: np.sqrt(t) * np.exp(-t / 20.0)):
         frames = rises(time - 20.0 * (time >= 20.0))
         true = np.array([f.mean() for f in np.split(frames, starts[1:])])
-        told = means.of(middle, rises(middle - 20.0 * part))
+        told = means.time_mean(middle, rises(middle - 20.0 * part))
         np.testing.assert_allclose(told, true, rtol=1e-4)
 
 
 def test_correlation_of_white_noise_is_within_its_error():
-    z = np.array([[lag_one(whiten(residual(s), Noise(0.05, 0.03)), a)[1] for a in (0, 1, 2)] for s in range(60)])
+    z = np.array([[lag1_autocorrelation(whiten(residual(s), NoiseLevels(0.05, 0.03)), a)[1] for a in (0, 1, 2)] for s in range(60)])
     assert np.abs(z).max() < 4.5
     assert np.std(z) == pytest.approx(1.0, abs=0.2)
 
 
 def test_correlation_finds_structure():
     wave = 0.05 * np.sin(np.linspace(0, 12, 80))
-    w = whiten(residual(5) + wave, Noise(0.05, 0.03))
-    assert lag_one(w, 2)[1] > 10
-    assert lag_one(w[:, :, :2], 2)[1] == pytest.approx(0.0, abs=8)
+    w = whiten(residual(5) + wave, NoiseLevels(0.05, 0.03))
+    assert lag1_autocorrelation(w, 2)[1] > 10
+    assert lag1_autocorrelation(w[:, :, :2], 2)[1] == pytest.approx(0.0, abs=8)
 
 
 def test_the_largest_structure_is_found_where_it_is():
@@ -112,7 +112,7 @@ def test_the_largest_structure_is_found_where_it_is():
     values[7, 10:15, 40:45] += 0.4
     values[2, 20, 20] += 3.0  # a single hot pixel of one frame is less than a spot of 5 x 5
     where = SimpleNamespace(u=np.arange(80.0), v=np.arange(30.0), time=np.arange(12.0), repetition=np.full(12, 3))
-    place = structured(values, Noise(0.05, 0.03), where)
+    place = largest_structured_residual(values, NoiseLevels(0.05, 0.03), where)
     assert (place.u, place.v, place.time, place.repetition) == (42.0, 12.0, 7.0, 3)
     assert pytest.approx(0.4, abs=0.05) == place.K
     assert place.sigma > 20
@@ -120,8 +120,8 @@ def test_the_largest_structure_is_found_where_it_is():
 
 def test_nothing_to_compare_is_no_structure():
     empty = np.full(SHAPE, np.nan)
-    assert structured(empty, Noise(0.05, 0.0), None) is None
-    assert lag_one(empty, 0) == (0.0, 0.0)
+    assert largest_structured_residual(empty, NoiseLevels(0.05, 0.0), None) is None
+    assert lag1_autocorrelation(empty, 0) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -141,4 +141,4 @@ def test_frames_of_a_wake_that_a_clock_cannot_tell_from_its_start_are_left_out(v
         ([1, 1, 1, 0, 0, 1, 1], two, None), ([1] * 7, two, None), ([1] * 7, one, np.array([1, 1, 1, 1, 1, -1, -1])),
     ):  # fmt: skip
         run = SimpleNamespace(time=time, sliding=np.array(sliding, bool), repetition=repetition, direction=direction)
-        assert tuple(np.array(times)[whitening._starting(seen, run)]) == left_out
+        assert tuple(np.array(times)[whitening._is_near_start(seen, run)]) == left_out

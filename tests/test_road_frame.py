@@ -16,13 +16,13 @@ from scipy.special import i0e, i1e
 
 from flashtemp.meshes.grading import geometric
 from flashtemp.meshes.mesh import Mesh
-from flashtemp.model.numerics import Settings, choose
+from flashtemp.model.numerics import SolverSettings, choose_binding
 from flashtemp.physics.effects.resolved_spots import ResolvedSpots
-from flashtemp.physics.friction.spot_patterns import Discs
-from flashtemp.solver.balance import Balance
-from flashtemp.solver.march import march, pass_on
-from flashtemp.solver.progress import Progress
-from flashtemp.solver.system import System
+from flashtemp.physics.friction.spot_patterns import DiscPattern
+from flashtemp.solver.balance import HeatBalance
+from flashtemp.solver.march import march, remap_road
+from flashtemp.solver.progress import MarchState
+from flashtemp.solver.system import PhaseSystem
 
 D, SPEED, LENGTH, WIDTH, WAY = 3e-3, 0.1, 0.0255, 0.0045, 6  # the disc moves by so many diameters
 WAVES = 1.172e-4  # K m2/W, mean rise of the disc between block and road over its heat: waves, 36 pixels, 96 steps
@@ -30,7 +30,7 @@ WAVES = 1.172e-4  # K m2/W, mean rise of the disc between block and road over it
 
 def one_disc(lab, n, rubber=None, first=1e-5, cells=16, place=0.005, **more):
     """A block over one disc of n cells, which begins at `place` (m)."""
-    road = Discs(D, 1.0, np.array([[place, 0.0]]))
+    road = DiscPattern(D, 1.0, np.array([[place, 0.0]]))
     lines, planes = round(LENGTH / D * n), round(WIDTH / D * n)
     x, y = LENGTH / lines * np.arange(-(lines // 2) - 1, lines + 2), WIDTH * (np.arange(planes + 1) / planes - 0.5)
     depth = geometric(2e-3, first, cells)
@@ -128,16 +128,16 @@ def small(lab):
 
 def test_the_road_as_it_lies_under_the_block_and_back(small):
     """Whole columns move, what is in front is fresh, and what comes back lies in memory as before."""
-    b = Balance(small)
+    b = HeatBalance(small)
     frame, mesh = b.road_frame, small.mesh
     y = np.random.default_rng(1).uniform(size=b.size)
-    moved = frame.placed(y, 3, 7.0)
+    moved = frame.to_block_frame(y, 3, 7.0)
     road, was = mesh.planes(moved[: b.n])[mesh.road], mesh.planes(y[: b.n])[mesh.road]
     np.testing.assert_array_equal(road[3:], was[:-3])
     assert np.all(road[:3] == 7.0)
     np.testing.assert_array_equal(mesh.planes(moved[: b.n])[mesh.block], mesh.planes(y[: b.n])[mesh.block])
     out = np.empty(b.size)
-    front = frame.back(moved, 3, out, y[: b.n])
+    front = frame.to_memory_frame(moved, 3, out, y[: b.n])
     np.testing.assert_array_equal(out, y)
     assert np.all(front == 7.0)
 
@@ -145,25 +145,25 @@ def test_the_road_as_it_lies_under_the_block_and_back(small):
 @pytest.mark.parametrize("passed", [0.0, 2.3e-3, 4.8e-3, 5.4e-3])
 def test_rates_slopes_and_preconditioner_conserve_heat(small, passed):
     """Whatever has passed: what cells gain is what the ledger says, for rates, J v and P^-1 r."""
-    b = Balance(small)
+    b = HeatBalance(small)
     phase, frame = small.schedule.phases[0], b.road_frame
     t = passed / SPEED
-    leg = next(n for n, part in frame.legs(small.schedule, phase) if part.begin <= t <= part.end)
-    system = System(b, phase, leg=leg)
+    leg = next(n for n, part in frame.split_phase(small.schedule, phase) if part.begin <= t <= part.end)
+    system = PhaseSystem(b, phase, leg=leg)
     rng = np.random.default_rng(2)
     y, v = rng.uniform(0, 30, b.size), rng.normal(size=b.size)
 
     def missing(a):
-        held = sum(b.stored(a))
-        booked = sum(b.counts(name) * a[i] for name, i in b.entry.items())
+        held = sum(b.stored_heat(a))
+        booked = sum(b.ledger_weight(name) * a[i] for name, i in b.ledger_index.items())
         return held - booked, np.abs(a[: b.n] * np.repeat(b.capacity, small.mesh.n_across)).sum()
 
     out = np.empty(b.size)
     system.rate(t, y, out)
-    at = system.linearised(t, y, 1e-3)
+    at = system.linearise(t, y, 1e-3)
     amount, scale = missing(out)
     assert abs(amount) < 1e-12 * scale
-    at.times(v, out)
+    at.apply_jacobian(v, out)
     amount, scale = missing(out)
     assert abs(amount) < 1e-12 * scale
     at.solve(v, out)
@@ -172,25 +172,25 @@ def test_rates_slopes_and_preconditioner_conserve_heat(small, passed):
 
 @pytest.mark.parametrize("passed", [2.3e-3, 4.8e-3])
 def test_the_jacobian_is_that_of_the_rate(small, passed):
-    b = Balance(small)
-    system = System(b, small.schedule.phases[0])
+    b = HeatBalance(small)
+    system = PhaseSystem(b, small.schedule.phases[0])
     rng = np.random.default_rng(3)
     y, v = rng.uniform(0, 30, b.size), rng.normal(size=b.size)
     y[b.worn] = v[b.worn] = 0.0  # nothing wears
     t, h = passed / SPEED, 1e-30
     moved, out = np.empty(b.size, dtype=complex), np.empty(b.size)
     system.rate(t, y + 1j * h * v, moved)
-    system.linearised(t, y, 1e-3).times(v, out)
+    system.linearise(t, y, 1e-3).apply_jacobian(v, out)
     np.testing.assert_allclose(out, moved.imag / h, rtol=1e-9, atol=1e-9 * np.abs(out).max())
 
 
 def test_legs_are_counted_through_repetitions_and_waits(lab):
     """Each leg ends where the road has passed by another `passing` lines; a wait belongs to the leg before it."""
     scene = one_disc(lab, 3, cells=8, time=0.2, wait=1.0)
-    frame = Balance(scene).road_frame
-    way, before = frame.passing * frame.dx, -1
+    frame = HeatBalance(scene).road_frame
+    way, before = frame.leg_lines * frame.dx, -1
     for phase in scene.schedule.phases:
-        legs = frame.legs(scene.schedule, phase)
+        legs = frame.split_phase(scene.schedule, phase)
         assert legs[0][1].begin == phase.begin
         assert legs[-1][1].end == phase.end
         for leg, part in legs:
@@ -204,23 +204,23 @@ def test_legs_are_counted_through_repetitions_and_waits(lab):
 
 def test_road_that_goes_takes_its_heat_along(small):
     """When the road is put back on the mesh nothing is lost: what goes is booked."""
-    b = Balance(small)
-    legs = b.road_frame.legs(small.schedule, small.schedule.phases[0])
+    b = HeatBalance(small)
+    legs = b.road_frame.split_phase(small.schedule, small.schedule.phases[0])
     leg, part = legs[1]
-    now = Progress(y=np.random.default_rng(4).uniform(0, 30, b.size), left=np.zeros(2))
-    before, out = b.stored(now.y), now.y[b.entry["lane_out"]]
-    pass_on(System(b, part, leg=leg), now)
-    after = b.stored(now.y)
+    now = MarchState(y=np.random.default_rng(4).uniform(0, 30, b.size), removed_heat=np.zeros(2))
+    before, out = b.stored_heat(now.y), now.y[b.ledger_index["lane_out"]]
+    remap_road(PhaseSystem(b, part, leg=leg), now)
+    after = b.stored_heat(now.y)
     assert after[0] == before[0]
-    assert before[1] - after[1] == pytest.approx(now.y[b.entry["lane_out"]] - out, rel=1e-12)
+    assert before[1] - after[1] == pytest.approx(now.y[b.ledger_index["lane_out"]] - out, rel=1e-12)
     assert before[1] > after[1]
 
 
 @pytest.mark.long
 def test_a_march_goes_on_where_it_was_cut_off(lab, small):
     """Cut off in the second leg and gone on: as in one go."""
-    settings = Settings(choose(None), 1e-6, profiles=4)
-    whole, state = march(small, settings), Progress()
+    settings = SolverSettings(choose_binding(None), 1e-6, profiles=4)
+    whole, state = march(small, settings), MarchState()
 
     def enough(now):
         return now.t > 0.6 * small.schedule.end
@@ -238,5 +238,5 @@ def test_spots_wait_and_slide_again(lab):
     """Lifted or not, over more legs than one: heat is kept."""
     for lifted in (True, False):
         scene = one_disc(lab, 3, cells=8, time=0.15, wait=0.5, lifted=lifted)
-        run = march(scene, Settings(choose(None), 1e-4, profiles=4))
+        run = march(scene, SolverSettings(choose_binding(None), 1e-4, profiles=4))
         assert run.energy_imbalance < lab.LEAK

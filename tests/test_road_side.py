@@ -9,17 +9,17 @@ import pytest
 from scipy.special import erfcx
 
 from flashtemp.physics.friction import flash_temperature, road_side
-from flashtemp.physics.friction.adhesive_shear import Shear
-from flashtemp.physics.friction.flash_temperature import Slide, Spots, heating, hot
-from flashtemp.physics.friction.persson import Theory
-from flashtemp.physics.friction.rheology import READY as RUBBERS
+from flashtemp.physics.friction.adhesive_shear import AdhesiveShear
+from flashtemp.physics.friction.flash_temperature import SlidingHistory, ContactSpots, compute_heating_path, solve_hot_branch
+from flashtemp.physics.friction.persson import PerssonTheory
+from flashtemp.physics.friction.rheology import READY_RUBBERS as RUBBERS
 from flashtemp.physics.friction.road_side import RoadSide
-from flashtemp.physics.friction.roughness_spectrum import READY as ROADS
+from flashtemp.physics.friction.roughness_spectrum import READY_ROADS as ROADS
 from flashtemp.physics.material import LIBRARY, Material
 
 RUBBER, STONE = LIBRARY["tread_rubber"], LIBRARY["asphalt"]
-THEORY = Theory(RUBBERS["A"], ROADS["asphalt A"])
-STICKY = Theory(RUBBERS["A"], ROADS["asphalt A"], shear=Shear(4e6))
+THEORY = PerssonTheory(RUBBERS["A"], ROADS["asphalt A"])
+STICKY = PerssonTheory(RUBBERS["A"], ROADS["asphalt A"], shear=AdhesiveShear(4e6))
 T0, P = 293.15, 3e5
 
 
@@ -38,29 +38,29 @@ def test_edges_of_a_disc_lose_heat(diameter, factors):
     """V23: over a half-space that is heated everywhere, after 25 mm at 0.1, 0.5 and 1 m/s."""
     t = 0.025 / np.array([0.1, 0.5, 1.0])
     np.testing.assert_allclose(
-        RoadSide(STONE).warmed(t, diameter) / (2 * np.sqrt(t / np.pi) / STONE.effusivity), factors, atol=2e-6
+        RoadSide(STONE).mean_rise(t, diameter) / (2 * np.sqrt(t / np.pi) / STONE.effusivity), factors, atol=2e-6
     )
 
 
 def test_a_disc_heated_for_ever_is_as_warm_as_it_gets():
     """Steady mean of a disc on a half-space under an even flux: 8 a/(3 pi k)."""
     steady = 8 * 1.5e-3 / (3 * np.pi * STONE.conductivity)
-    assert float(RoadSide(STONE).warmed(1e8, 3e-3)) == pytest.approx(steady, rel=2e-4)
-    assert float(RoadSide(STONE).warmed(0.0, 3e-3)) == 0.0
+    assert float(RoadSide(STONE).mean_rise(1e8, 3e-3)) == pytest.approx(steady, rel=2e-4)
+    assert float(RoadSide(STONE).mean_rise(0.0, 3e-3)) == 0.0
 
 
 class Steady:
     """A spot so wide that nothing leaves it, with even heats: the two half-spaces of V6 and V7."""
 
     def __init__(self, heat, released, alpha=np.inf, steps=200, t=0.01):
-        self.slide = Slide(THEORY, RUBBER, Spots(1e3, 1.0, RoadSide(STONE, alpha)), T0, P, steps)
+        self.slide = SlidingHistory(THEORY, RUBBER, ContactSpots(1e3, 1.0, RoadSide(STONE, alpha)), T0, P, steps)
         at = t * (np.arange(steps + 1) / steps) ** 2
         self.slide.time[:], self.slide.slid[:] = at, 0.0
         for n in range(1, steps + 1):
             self.slide.heat[n - 1] = heat
-            self.slide.kept[n - 1] = self.slide.past.spread(heat)
-            self.T, self.surface = flash_temperature._Felt(self.slide, n)(released)
-        self.taken = self.slide.taken[-1]
+            self.slide.spread_heat[n - 1] = self.slide.heat_memory.spread_heat(heat)
+            self.T, self.surface = flash_temperature._MemoryWeights(self.slide, n)(released)
+        self.taken = self.slide.road_flux[-1]
 
 
 def at_depth(m):
@@ -112,7 +112,7 @@ def test_heat_from_the_depth_reaches_the_road_late(alpha, m):
 def test_a_road_that_takes_nothing_changes_nothing():
     """Viscoelastic friction over a road of hardly any effusivity: as without one."""
     air = RoadSide(Material(1e-9, 1e-3, 1e-3))
-    bare, over = (heating(THEORY, RUBBER, Spots(0.01, 0.2, road), 1.0, T0, P, 60) for road in (None, air))
+    bare, over = (compute_heating_path(THEORY, RUBBER, ContactSpots(0.01, 0.2, road), 1.0, T0, P, 60) for road in (None, air))
     np.testing.assert_allclose(over.mu, bare.mu, rtol=1e-6)
     np.testing.assert_allclose(over.T, bare.T, rtol=1e-6)
 
@@ -124,7 +124,7 @@ def test_a_road_cools_and_adhesive_heat_warms():
         ("bare", THEORY, None), ("asphalt", THEORY, RoadSide(STONE)), ("granite", THEORY, RoadSide(LIBRARY["granite"])),
         ("adhesive", STICKY, RoadSide(STONE)),
     ):  # fmt: skip
-        found, T = hot(theory, RUBBER, Spots(0.01, 0.2, road), 1.0, T0, P)
+        found, T = solve_hot_branch(theory, RUBBER, ContactSpots(0.01, 0.2, road), 1.0, T0, P)
         highest[name] = (float(found.viscous), T.max() - T0)
     print(highest)
     bare, asphalt, granite, adhesive = highest.values()
@@ -134,20 +134,20 @@ def test_a_road_cools_and_adhesive_heat_warms():
 
 
 def test_few_steps_are_enough_for_the_hot_branch():
-    spots = Spots(0.01, 0.2, RoadSide(STONE))
+    spots = ContactSpots(0.01, 0.2, RoadSide(STONE))
     for v in (0.1, 3.0):
-        quick = hot(STICKY, RUBBER, spots, v, T0, P)[0].mu
-        assert float(quick) == pytest.approx(heating(STICKY, RUBBER, spots, v, T0, P, 240).mu[-1], rel=1e-3)
+        quick = solve_hot_branch(STICKY, RUBBER, spots, v, T0, P)[0].mu
+        assert float(quick) == pytest.approx(compute_heating_path(STICKY, RUBBER, spots, v, T0, P, 240).mu[-1], rel=1e-3)
 
 
 def test_heat_of_a_slide_goes_somewhere():
     """What a wide spot releases is in rubber and road: the sum of both fluxes is the heat of the contact at every step."""
-    slide = Slide(STICKY, RUBBER, Spots(0.01, 0.2, RoadSide(STONE)), T0, P, 30)
+    slide = SlidingHistory(STICKY, RUBBER, ContactSpots(0.01, 0.2, RoadSide(STONE)), T0, P, 30)
     for _ in range(30):
         slide.step(1e-4, 1.0)
-    released = slide.net + slide.taken
-    print(released, slide.taken / released)
-    last = P * 1.0 / 0.2 * float(slide.found(1.0).adhesive)
+    released = slide.rubber_flux + slide.road_flux
+    print(released, slide.road_flux / released)
+    last = P * 1.0 / 0.2 * float(slide.evaluate_theory(1.0).adhesive)
     assert released[-1] == pytest.approx(last, rel=0.02)
-    assert np.all(slide.taken / released > slide.spots.share(RUBBER))  # heat from the depth flows there as well
+    assert np.all(slide.road_flux / released > slide.spots.road_heat_fraction(RUBBER))  # heat from the depth flows there as well
     assert slide.surface > T0 + 5

@@ -10,12 +10,12 @@ import pytest
 
 from flashtemp.errors import BadInput, SolverFailure
 from flashtemp.meshes import block_on_road
-from flashtemp.model.case import load
+from flashtemp.model.case import load_case
 from flashtemp.physics import closed_forms
-from flashtemp.physics.effect import Term, find
-from flashtemp.solver.balance import Balance
+from flashtemp.physics.effect import Term, find_effect
+from flashtemp.solver.balance import HeatBalance
 from flashtemp.solver.march import march
-from flashtemp.solver.system import System
+from flashtemp.solver.system import PhaseSystem
 
 CASES = Path(__file__).parents[1] / "cases"
 L, W, K_N = 0.025, 0.05, 1.4e9
@@ -143,7 +143,7 @@ def test_worn_volume_with_a_rate_that_depends_on_temperature(lab):
 @pytest.mark.parametrize(("energy", "mu"), [(0.0, 1.0), (0.25, 0.625), (1.0, -0.5)])
 def test_wear_by_pressure_by_energy_and_between(energy, mu):
     """k p (1 - e + e mu exp(b dT)): -0.5 stands for mu itself, 0.5."""
-    rate, _ = find("wear")().heat(N(ambient=290.0), None)
+    rate, _ = find_effect("wear")().heat(N(ambient=290.0), None)
     p = N(rate=1e-10, energy=energy, temperature=0.01)
     now = N(
         local_pressure=2e5, friction=0.5 if mu < 0 else (mu - 1 + energy) / energy if energy else 9.0, ambient=300.0
@@ -156,11 +156,11 @@ def test_where_the_block_lifts_off_it_exchanges_no_heat_with_the_road(lab):
     """A warm block on a cold road: only what is pressed gives its heat away."""
     mesh = block_on_road.build(L, 7e-3, 5e-3, cells=(20, 10, 10))
     scene = lab.scene(mesh, lab.MU, Term("contact.pressure", lambda T, now, p: 2.0 - 4.0 * now.x / L), phi=0.2)
-    system = System(Balance(scene), scene.schedule.phases[0])
+    system = PhaseSystem(HeatBalance(scene), scene.schedule.phases[0])
     rise = np.zeros(system.b.n)
     rise[mesh.block] = 30.0
-    met = system.interface.contact(system.moment(0.5), np.zeros(20), rise, np.zeros((2, mesh.n_road)), system.b.ones)
-    lifted = met.press.pressure == 0
+    met = system.interface.solve_contact(system.moment(0.5), np.zeros(20), rise, np.zeros((2, mesh.n_road)), system.b.ones)
+    lifted = met.pressure_solution.pressure == 0
     assert 3 < lifted.sum() < 17
     into_road = np.abs(met.flux.into_road)
     assert into_road[lifted].max() < 1e-4 * into_road[~lifted].min()
@@ -172,7 +172,7 @@ def test_friction_may_depend_on_the_local_pressure(lab):
     law = Term("friction.mu", lambda T, now, p: np.exp(-0.006 * (T - 293.15)) * (now.local_pressure / 1e5) ** -0.2)
     worn = Term("block.abrasion", lambda T, now, p: 1e-10 * now.local_pressure * now.friction)
     scene = lab.scene(mesh, law, worn, Term("contact.pressure", lambda T, now, p: 0.5 - now.x / L), phi=0.2)
-    system = System(Balance(scene), scene.schedule.phases[0])
+    system = PhaseSystem(HeatBalance(scene), scene.schedule.phases[0])
     b, rng = system.b, np.random.default_rng(0)
     y, v = np.zeros(b.size), np.zeros(b.size)
     y[: b.n], v[b.worn] = 10.0, rng.normal(size=12)
@@ -230,7 +230,7 @@ def test_error_in_time_follows_the_tolerance_through_all_events(lab):
 @pytest.mark.long
 def test_worn_profile_of_backward_is_that_of_chosen_peak():
     """cases/backward begins where cases/chosen_peak ends: the file there is what the run writes."""
-    case = load(CASES / "chosen_peak")
+    case = load_case(CASES / "chosen_peak")
     run = march(case.scene, case.settings)
     kept = np.loadtxt(CASES / "backward" / "worn.csv", delimiter=",", skiprows=1)
     np.testing.assert_allclose(kept, run.worn_profile, rtol=1e-4, atol=1e-9)
@@ -239,7 +239,7 @@ def test_worn_profile_of_backward_is_that_of_chosen_peak():
 @pytest.fixture(scope="module")
 def new_block():
     """One repetition of cases/run_in on a coarse mesh."""
-    case = load(CASES / "run_in", {"schedule.repetitions": 1, "numerics.cells": [40, 10, 12], "output.profiles": 6})
+    case = load_case(CASES / "run_in", {"schedule.repetitions": 1, "numerics.cells": [40, 10, 12], "output.profiles": 6})
     return march(case.scene, case.settings)
 
 
@@ -352,14 +352,14 @@ SOFT_HOLDER = {"friction_moment.compliance": 1.0, "numerics.mesh": 0.6, "output.
 
 def test_a_block_under_a_soft_holder_is_pressed_from_the_start():
     """While its contact is sought, trials pull on columns."""
-    case = load(CASES / "run_in", SOFT_HOLDER | {"friction_moment.arm": 0.015, "schedule.distance": 0.02})
+    case = load_case(CASES / "run_in", SOFT_HOLDER | {"friction_moment.arm": 0.015, "schedule.distance": 0.02})
     run = march(case.scene, case.settings)
     np.testing.assert_allclose(mean(run, run.pressure)[run.sliding], 1.5e5, rtol=1e-10)
     assert run.pressure.min() >= 0.0
 
 
 def test_a_holder_that_snaps_over_is_explained():
-    case = load(CASES / "run_in", SOFT_HOLDER | {"friction_moment.arm": 0.04, "wear.rate": 2.5e-10})
+    case = load_case(CASES / "run_in", SOFT_HOLDER | {"friction_moment.arm": 0.04, "wear.rate": 2.5e-10})
     with pytest.raises(SolverFailure, match="snaps over"):
         march(case.scene, case.settings)
 
@@ -381,8 +381,8 @@ def test_a_start_profile_deeper_than_the_block_is_bad_input(lab):
 
 
 def test_state_starts_with_the_given_depth_at_ambient_temperature():
-    case = load(CASES / "backward", {"numerics.cells": [12, 6, 6]})
-    balance = Balance(case.scene)
-    y = balance.initial()
+    case = load_case(CASES / "backward", {"numerics.cells": [12, 6, 6]})
+    balance = HeatBalance(case.scene)
+    y = balance.initial_state()
     assert balance.worn_depth(y).max() > 5e-4
     assert not y[: balance.n].any()

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from flashtemp.model.schedule import Schedule, Series, constant
+from flashtemp.model.schedule import Schedule, TimeSeries, constant_series
 
 steady = settings(max_examples=150, deadline=None, derandomize=True)
 values = st.floats(0.0, 5.0).map(lambda v: round(v, 3))
@@ -23,7 +23,7 @@ def series(draw):
     gaps = draw(st.lists(st.floats(0.01, 3.0), min_size=n, max_size=n))
     begin = draw(st.sampled_from([0.0, 0.5]))
     time = begin + np.cumsum([0.0, *gaps[1:]])
-    return Series(tuple(time.tolist()), tuple(draw(st.lists(values, min_size=n, max_size=n))))
+    return TimeSeries(tuple(time.tolist()), tuple(draw(st.lists(values, min_size=n, max_size=n))))
 
 
 @steady
@@ -65,31 +65,31 @@ def test_reach_beyond_a_stop_is_never(s):
 
 
 def test_nothing_is_slid_at_once():
-    assert constant(0.1).reach(0.0) == 0.0
-    assert Series((0.0, 1.0), (0.0, 1.0)).reach(0.0) == 0.0
+    assert constant_series(0.1).time_at_integral(0.0) == 0.0
+    assert TimeSeries((0.0, 1.0), (0.0, 1.0)).time_at_integral(0.0) == 0.0
 
 
 def test_constant_has_no_end():
-    s = constant(0.25)
-    assert (s(0.0), s(1e6), s.integral(8.0), s.reach(2.0)) == (0.25, 0.25, 2.0, 8.0)
-    assert constant(0.0).reach(1.0) == math.inf
+    s = constant_series(0.25)
+    assert (s(0.0), s(1e6), s.integral(8.0), s.time_at_integral(2.0)) == (0.25, 0.25, 2.0, 8.0)
+    assert constant_series(0.0).time_at_integral(1.0) == math.inf
 
 
 def test_stop_exactly_at_the_distance():
     """v = 3 m/s braked to rest: the whole of the braking distance is slid, in the braking time."""
     for time in (1.0, 1.7, 1.726342886347258, 0.3):
-        brake = Series((0.0, time), (3.0, 0.0))
-        assert brake.reach(brake.integral(time)) == pytest.approx(time, rel=1e-6)
+        brake = TimeSeries((0.0, time), (3.0, 0.0))
+        assert brake.time_at_integral(brake.integral(time)) == pytest.approx(time, rel=1e-6)
 
 
 # --- phases --------------------------------------------------------------------------------------
 # three laps of 0.05 m are 0.15 m but for the last digit
-LAP_ENDS_WITH_REPETITION = Schedule(constant(0.1), constant(1e5), 0.15, 4, 1.0, True, 0.05)
+LAP_ENDS_WITH_REPETITION = Schedule(constant_series(0.1), constant_series(1e5), 0.15, 4, 1.0, True, 0.05)
 
 
 def schedules():
-    speed = st.sampled_from([constant(0.1), constant(0.3), Series((0.0, 1.0, 4.0), (0.05, 0.2, 0.1))])
-    pressure = st.sampled_from([constant(1e5), Series((0.0, 2.0), (1e5, 2e5))])
+    speed = st.sampled_from([constant_series(0.1), constant_series(0.3), TimeSeries((0.0, 1.0, 4.0), (0.05, 0.2, 0.1))])
+    pressure = st.sampled_from([constant_series(1e5), TimeSeries((0.0, 2.0), (1e5, 2e5))])
     wait = st.sampled_from([0.0, 1.0, 10.0])
     lap = st.one_of(st.none(), lengths)
     return st.builds(Schedule, speed, pressure, lengths, st.integers(1, 6), wait, st.booleans(), lap)
@@ -138,21 +138,21 @@ def test_laps_and_corners_are_events(s):
 
 
 def test_waiting_counts_as_slid_to_the_end():
-    s = Schedule(constant(0.1), constant(1e5), distance=0.5, repetitions=2, wait=3.0)
+    s = Schedule(constant_series(0.1), constant_series(1e5), distance=0.5, repetitions=2, wait=3.0)
     slide, wait, again = s.phases
     assert (slide.sliding, wait.sliding, again.sliding) == (True, False, True)
-    assert s.slid(slide, 2.0) == pytest.approx(0.2)
-    assert s.slid(wait, 7.0) == 0.5
+    assert s.slid_distance(slide, 2.0) == pytest.approx(0.2)
+    assert s.slid_distance(wait, 7.0) == 0.5
     assert again.slid_before == 0.5
     assert s.last_speed() == 0.1
 
 
 def test_prints_as_a_sentence():
-    s = Schedule(Series((0.0, 9.0), (0.1, 0.2)), constant(1e5), distance=0.5, repetitions=2, wait=3.0, lifted=False)
+    s = Schedule(TimeSeries((0.0, 9.0), (0.1, 0.2)), constant_series(1e5), distance=0.5, repetitions=2, wait=3.0, lifted=False)
     assert str(s).startswith("Schedule 2 x 0.5 m at 0.1..0.2 m/s, wait 3 s, block in contact while waiting")
 
 
 def test_coming_to_rest_just_at_the_end_is_reached():
     """A sum rounded upwards must not make the last row unreachable."""
-    s = Series((0.5, 1.5, 2.5), (1.0, 0.562, 0.0))
-    assert s.reach(s.integral(2.5)) == pytest.approx(2.5)
+    s = TimeSeries((0.5, 1.5, 2.5), (1.0, 0.562, 0.0))
+    assert s.time_at_integral(s.integral(2.5)) == pytest.approx(2.5)

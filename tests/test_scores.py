@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from flashtemp.discovery.estimation.linear_gaussian import Block, System
-from flashtemp.discovery.estimation.linearised_fit import Fit
-from flashtemp.discovery.hypotheses.candidates import Candidate
+from flashtemp.discovery.estimation.linear_gaussian import DataBlock, LinearSystem
+from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
+from flashtemp.discovery.hypotheses.candidates import CandidateEffect
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction.problem import Problem
-from flashtemp.discovery.selection.scores import scores
+from flashtemp.discovery.selection.scores import score_candidates
 from flashtemp.physics.effect import Param
 
 MU = ParameterId.of_key("friction.mu")
@@ -23,11 +23,11 @@ TYPICAL = 0.5  # amplitude of the candidate's strength, and the standard deviati
 COUNT = 60  # data, each with unit noise
 
 
-def candidate(low: float, spread: float) -> Candidate:
+def candidate(low: float, spread: float) -> CandidateEffect:
     """An effect of one strength, off at 0, and one shape: with a spread above 1 it has three variants."""
     strength = Param(TYPICAL, "1", "strength", low=low, high=2.0, off=0.0)
     shape = Param(0.002, "m", "length", low=1e-4, high=0.1, spread=spread)
-    return Candidate("peak", {"B": strength, "length": shape}, {"B": TYPICAL}, {"length": 0.002}, optical=False)
+    return CandidateEffect("peak", {"B": strength, "length": shape}, {"B": TYPICAL}, {"length": 0.002}, is_optical=False)
 
 
 def signatures(variants: int) -> np.ndarray:
@@ -36,16 +36,16 @@ def signatures(variants: int) -> np.ndarray:
     return 8.0 * np.column_stack([np.ones(COUNT), *(np.exp(-x / width) for width in (0.2, 0.05, 0.6)[:variants])])
 
 
-def score(c: Candidate, amplitude: float):
+def score(c: CandidateEffect, amplitude: float):
     """Score of a candidate whose second (or only) variant made the data, and ln density without and with it."""
-    variants = len(c.variants)
+    variants = len(c.shape_variants)
     F = signatures(variants)
     made = min(1, variants - 1)
     r = amplitude * F[:, 1 + made] + np.random.default_rng(3).normal(size=COUNT)
-    names = [MU, *(c.column("B", v) for v in range(variants))]
+    names = [MU, *(c.strength_column("B", v) for v in range(variants))]
     none = np.zeros((COUNT, 0))
-    block = Block("a", 0, False, r, F, tuple((n, i) for i, n in enumerate(names)), none, np.zeros((0, 0)))
-    system = System([block])
+    block = DataBlock("a", 0, False, r, F, tuple((n, i) for i, n in enumerate(names)), none, np.zeros((0, 0)))
+    system = LinearSystem([block])
 
     def solved(problem, more, equations=None):
         return SimpleNamespace(solution=system.solve({MU: PRIOR_MU} | more, equations))
@@ -57,9 +57,9 @@ def score(c: Candidate, amplitude: float):
         bound=(),
         model=SimpleNamespace(effects={}),
         solved=solved,
-        equations=system.total(),
+        equations=system.normal_equations(),
     )
-    [found] = scores(cast("Problem", SimpleNamespace(free=())), cast("Fit", fit), [c])
+    [found] = score_candidates(cast("Problem", SimpleNamespace(free=())), cast("LinearisedFit", fit), [c])
 
     def density(columns, sd):
         A = F[:, columns] * np.asarray(sd)

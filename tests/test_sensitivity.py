@@ -13,14 +13,14 @@ import xarray as xr
 
 import flashtemp
 from flashtemp.__main__ import main
-from flashtemp.errors import BadInput, Interrupted
-from flashtemp.model.case import assemble, load
-from flashtemp.model.case_file import Places
-from flashtemp.model.priors import Input, inputs, with_materials
+from flashtemp.errors import BadInput, UserInterrupt
+from flashtemp.model.case import assemble_case, load_case
+from flashtemp.model.case_file import KeyLocations
+from flashtemp.model.priors import UncertainInput, find_uncertain_inputs, expand_materials
 from flashtemp.runs import shares
-from flashtemp.runs.prediction_band import EDGE, study, trace
-from flashtemp.runs.sensitivity_result import NUMBERS
-from flashtemp.runs.sign_of_friction import signs
+from flashtemp.runs.prediction_band import BAND95_HALF_WIDTH_SD, study_uncertainty, compute_linear_sensitivity
+from flashtemp.runs.sensitivity_result import OUTPUT_SPECS
+from flashtemp.runs.sign_of_friction import find_trends
 from flashtemp.solver.march import march
 
 SMALL = {
@@ -35,41 +35,41 @@ WIDE = {"contact.spot_fraction": {"value": 0.2, "sd": 0.06}}
 
 
 def case(**more):
-    return assemble({}, SMALL | KNOWN | more, Places("none"), Path(), "small")
+    return assemble_case({}, SMALL | KNOWN | more, KeyLocations("none"), Path(), "small")
 
 
 # --- shares against closed forms ---------------------------------------------------------------------
 def test_shares_of_a_product_of_exponentials():
     """exp(a z1 + b z2): first-order and total shares in closed form; z3 does nothing."""
     a, b = 0.5, 0.3
-    z = shares.hypercube(120, 3)
-    found = shares.expand(z, np.exp(a * z[:, 0] + b * z[:, 1]))
+    z = shares.latin_hypercube(120, 3)
+    found = shares.fit_polynomial_chaos(z, np.exp(a * z[:, 0] + b * z[:, 1]))
     alone = np.expm1(np.array([a * a, b * b, 0.0]))
     whole = np.expm1(a * a + b * b)
-    np.testing.assert_allclose(found.first(3), alone / whole, atol=0.01)
-    np.testing.assert_allclose(found.total(3), [1 - alone[1] / whole, 1 - alone[0] / whole, 0.0], atol=0.01)
+    np.testing.assert_allclose(found.first_order_indices(3), alone / whole, atol=0.01)
+    np.testing.assert_allclose(found.total_indices(3), [1 - alone[1] / whole, 1 - alone[0] / whole, 0.0], atol=0.01)
     assert found.variance == pytest.approx(np.exp(a * a + b * b) * whole, rel=0.05)
 
 
 def test_shares_of_a_polynomial_are_exact():
     """z1 + z2^2/2 + z1 z3: variances 1, 1/2 and 1 of which z1 and z3 share the last."""
-    z = shares.hypercube(60, 3)
-    found = shares.expand(z, z[:, 0] + 0.5 * z[:, 1] ** 2 + z[:, 0] * z[:, 2])
-    np.testing.assert_allclose(found.first(3), [0.4, 0.2, 0.0], atol=1e-9)
-    np.testing.assert_allclose(found.total(3), [0.8, 0.2, 0.4], atol=1e-9)
+    z = shares.latin_hypercube(60, 3)
+    found = shares.fit_polynomial_chaos(z, z[:, 0] + 0.5 * z[:, 1] ** 2 + z[:, 0] * z[:, 2])
+    np.testing.assert_allclose(found.first_order_indices(3), [0.4, 0.2, 0.0], atol=1e-9)
+    np.testing.assert_allclose(found.total_indices(3), [0.8, 0.2, 0.4], atol=1e-9)
 
 
 @pytest.mark.long
 def test_what_no_input_explains_is_told():
     for rows, count in ((60, 4), (150, 15)):
         noise = np.random.default_rng(3).normal(size=rows)
-        assert shares.expand(shares.hypercube(rows, count), noise).left > 0.75
+        assert shares.fit_polynomial_chaos(shares.latin_hypercube(rows, count), noise).unexplained > 0.75
 
 
 def test_a_prior_is_cut_off_where_its_key_ends():
-    one = Input("contact.spot_fraction", 0.95, 0.05, "1", 1e-9, 1.0, "")
-    drawn = one.at(shares.hypercube(2000, 1)[:, 0])
-    assert one.at_bound
+    one = UncertainInput("contact.spot_fraction", 0.95, 0.05, "1", 1e-9, 1.0, "")
+    drawn = one.value_at(shares.latin_hypercube(2000, 1)[:, 0])
+    assert one.is_near_bound
     assert drawn.max() <= 1.0
     # mean of a normal cut off one sd above: mean - sd phi(1)/Phi(1)
     assert drawn.mean() == pytest.approx(0.95 - 0.05 * 0.24197 / 0.84134, abs=2e-4)
@@ -79,10 +79,10 @@ def test_a_prior_is_cut_off_where_its_key_ends():
 @pytest.fixture(scope="module")
 def plain():
     """Constant friction: the rise is proportional to mu p."""
-    made = assemble({}, SMALL | {"effects": []}, Places("none"), Path(), "small")
-    known, _ = inputs(made, ("friction.mu", "contact.pressure", "ambient.temperature"))
+    made = assemble_case({}, SMALL | {"effects": []}, KeyLocations("none"), Path(), "small")
+    known, _ = find_uncertain_inputs(made, ("friction.mu", "contact.pressure", "ambient.temperature"))
     assert [i.key for i in known] == ["contact.pressure", "friction.mu", "ambient.temperature"]
-    return trace(made, known)
+    return compute_linear_sensitivity(made, known)
 
 
 def test_rises_are_proportional_to_friction_and_pressure(plain):
@@ -96,7 +96,7 @@ def test_rises_are_proportional_to_friction_and_pressure(plain):
 
 def test_linear_shares_of_heat(plain):
     """(0.02 R)^2, (0.05 R)^2 and (0.5 K)^2 for a rise R."""
-    name = list(NUMBERS).index("T_block_L")
+    name = list(OUTPUT_SPECS).index("T_block_L")
     slopes = plain.slopes["numbers"][:, name]
     R = float(plain.run.T_block[plain.run.last][-1] - plain.run.ambient_degC)
     expected = np.array([0.02 * R, 0.05 * R, 0.5]) ** 2
@@ -109,26 +109,26 @@ def coverage(made, found, count):
 
     Truths stand on a hypercube: their scatter, unlike that of free draws, does not hide a band of 92 or 98 %.
     """
-    full = with_materials(made)
+    full = expand_materials(made)
     inside = []
-    for row in shares.hypercube(count, len(found.inputs), seed=11):
+    for row in shares.latin_hypercube(count, len(found.inputs), seed=11):
         values = {i.key: float(i.at(z)) for i, z in zip(found.inputs, row, strict=True)}
         truth = march(full.with_values(values).scene, full.settings)
-        k = truth.last
+        k = truth.last_sliding_index
         parts = []
         for name in ("T_spot", "T_block"):
             T, band = getattr(truth, name)[k], found.bands[name]
             parts.append(np.mean((band.low[k] <= T) & (band.high[k] >= T)))
         for name in ("T_spot_L", "T_block_L", "mu"):
             n = found.numbers[name]
-            parts.append(float(n.low <= NUMBERS[name].of(truth) <= n.high))
+            parts.append(float(n.low <= OUTPUT_SPECS[name].evaluate(truth) <= n.high))
         inside.append(parts)
     return np.mean(inside, axis=0)
 
 
 @pytest.fixture(scope="module")
 def linear():
-    return study(case(), list(KNOWN), workers=1)
+    return study_uncertainty(case(), list(KNOWN), workers=1)
 
 
 def test_the_linear_part_is_tried_and_holds(linear):
@@ -159,7 +159,7 @@ def _half(band):
 def test_the_sampled_band_holds_95_percent_of_200_drawn_truths():
     """A contact fraction known to 30 %: the linear part misses by more than the band may be off."""
     made = case(**WIDE)
-    found = study(made, list(KNOWN), workers=1)
+    found = study_uncertainty(made, list(KNOWN), workers=1)
     assert found.mode == "sample"
     held = coverage(made, found, 200)
     print("coverage", held)
@@ -173,16 +173,16 @@ def test_the_sampled_band_holds_95_percent_of_200_drawn_truths():
 def test_the_sign_of_friction_over_temperature_is_that_of_the_theory():
     """The change is that of the theory itself, at 4 and at 6.5 MPa; more shear stress makes it rise."""
     low, high = (
-        assemble(
+        assemble_case(
             {}, {"effects": ["persson_friction"], "schedule.speed": 1e-2, "numerics.mesh": 0.3,
-                 "persson_friction.shear_stress": {"value": value, "sd": 1.5e6}}, Places("none"), Path(), "theory",
+                 "persson_friction.shear_stress": {"value": value, "sd": 1.5e6}}, KeyLocations("none"), Path(), "theory",
         )
         for value in (4e6, 6.5e6)
     )  # fmt: skip
     found = []
     for made in (low, high):
-        known, _ = inputs(made, ("persson_friction.shear_stress",))
-        sign = next(s for s in signs(made, known) if s.over == "T")
+        known, _ = find_uncertain_inputs(made, ("persson_friction.shear_stress",))
+        sign = next(s for s in find_trends(made, known) if s.over == "T")
         theory = next(a.p.theory for a in made.scene.acting if hasattr(a.p, "theory"))
         assert sign.change == pytest.approx(np.log(theory(1e-2, 333.15, 1.5e5).mu / theory(1e-2, 293.15, 1.5e5).mu))
         found.append(sign)
@@ -192,34 +192,34 @@ def test_the_sign_of_friction_over_temperature_is_that_of_the_theory():
 
 def test_softening_falls_for_sure():
     made = case()
-    known, _ = inputs(made)
-    [sign] = signs(made, known)
+    known, _ = find_uncertain_inputs(made)
+    [sign] = find_trends(made, known)
     assert sign.over == "T"
     assert sign.change == pytest.approx(-0.006 * 40.0, rel=1e-9)
-    assert sign.rises < 1e-6
+    assert sign.rise_probability < 1e-6
     assert "the sign holds for 100 %" in str(sign)
 
 
 def test_a_sign_that_flips_names_the_input():
     """b = 0.001 +- 0.001: a sixth of what may be rises; it turns at b = 0, one sd away."""
     made = case(**{"friction_softening.b": {"value": 0.001, "sd": 0.001}})
-    known, _ = inputs(made)
-    [sign] = signs(made, known)
+    known, _ = find_uncertain_inputs(made)
+    [sign] = find_trends(made, known)
     [(key, value, _, away)] = sign.flips
     assert key == "friction_softening.b"
     assert value == pytest.approx(0.0, abs=1e-5)
     assert away == pytest.approx(-1.0, abs=1e-2)
-    assert sign.rises == pytest.approx(0.1587, abs=0.02)
+    assert sign.rise_probability == pytest.approx(0.1587, abs=0.02)
     assert "flips within what is known of friction_softening.b" in str(sign)
 
 
 # --- what a case says --------------------------------------------------------------------------------
 def test_a_stated_sd_changes_no_run_and_stays_in_the_case(tmp_path):
     made = case()
-    bare = assemble({}, SMALL | {k: v["value"] for k, v in KNOWN.items()}, Places("none"), Path(), "small")
+    bare = assemble_case({}, SMALL | {k: v["value"] for k, v in KNOWN.items()}, KeyLocations("none"), Path(), "small")
     assert made.values == bare.values
     (tmp_path / "case.toml").write_text(made.toml())
-    again = load(tmp_path)
+    again = load_case(tmp_path)
     assert again.priors == made.priors == {k: v["sd"] for k, v in KNOWN.items()}
     other = again.with_values({"friction.mu": 0.7})
     assert (other["friction.mu"], other.priors["friction.mu"]) == (0.7, 0.05)
@@ -267,13 +267,13 @@ def test_bad_requests_are_told_in_one_line(tmp_path, capsys, keys, said):
 
 
 def test_ready_materials_are_inputs_too():
-    known, left = inputs(with_materials(case()))
+    known, left = find_uncertain_inputs(expand_materials(case()))
     keys = [i.key for i in known]
     assert "materials.tread_rubber.conductivity" in keys
     assert "materials.asphalt.density" in keys
     assert "contact.spot_exponent" in left
     with pytest.raises(BadInput, match="no number of this case"):
-        inputs(case(), ("materials.granite.density",))
+        find_uncertain_inputs(case(), ("materials.granite.density",))
 
 
 # --- the command -------------------------------------------------------------------------------------
@@ -299,8 +299,8 @@ def test_the_command_leaves_bands_numbers_and_pictures(tmp_path, capsys):
             assert ds[f"{name}_low"].dims == ds[name].dims
             assert bool((ds[f"{name}_low"] <= ds[name] + 1e-9).all())
         width = float((ds.T_spot_high - ds.T_spot)[-1, -1])
-    assert width == pytest.approx(EDGE * told["numbers"]["T_spot_L"]["sd"], rel=1e-3)
-    assert load(out).priors == case().priors
+    assert width == pytest.approx(BAND95_HALF_WIDTH_SD * told["numbers"]["T_spot_L"]["sd"], rel=1e-3)
+    assert load_case(out).priors == case().priors
 
 
 def test_from_python_it_shows_itself():
@@ -323,7 +323,7 @@ def test_an_interrupted_sample_goes_on(tmp_path):
             signal.raise_signal(signal.SIGINT)
 
     asked = {"keys": ("friction.mu", "contact.pressure"), "samples": 12, "workers": 1}
-    with pytest.raises(Interrupted, match="go on with: the same command"):
+    with pytest.raises(UserInterrupt, match="go on with: the same command"):
         flashtemp.sensitivity(case(), **asked, out=out, watch=stop)
     with pytest.raises(BadInput, match="interrupted sensitivity"):
         flashtemp.sensitivity(case(), **asked | {"samples": 13}, out=out)

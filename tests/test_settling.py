@@ -14,9 +14,9 @@ from scipy.stats import binom
 from flashtemp.__main__ import main
 from flashtemp.api.simulation import simulate
 from flashtemp.errors import BadInput
-from flashtemp.model.case import load
-from flashtemp.runs.relaxation_fit import Fit, Record
-from flashtemp.runs.running_in import LEVEL, TREND, read, relaxation, settling
+from flashtemp.model.case import load_case
+from flashtemp.runs.relaxation_fit import RelaxationFit, MeanRecord
+from flashtemp.runs.running_in import INTERVAL_CONFIDENCE, RELAXATION_PARAMETERS, read_record, fit_relaxation, analyse_running_in
 
 FINAL, START = 0.9, 0.8
 
@@ -25,24 +25,24 @@ def curve(s_w: float, start: float = START, final: float = FINAL):
     return lambda s: final + (start - final) * np.exp(-s / s_w)
 
 
-def record(s_w, begin, end, **given) -> Record:
+def record(s_w, begin, end, **given) -> MeanRecord:
     """Means over stretches by quadrature, nothing of the fit's own formulas."""
     value = curve(s_w, given.pop("start", START), given.pop("final", FINAL))
     a, b = np.array(begin, float), np.array(end, float)
     nodes, weights = np.polynomial.legendre.leggauss(24)
     means = 0.5 * value(0.5 * (a + b)[:, None] + 0.5 * (b - a)[:, None] * nodes) @ weights
-    return Record(a, b, means, **given)
+    return MeanRecord(a, b, means, **given)
 
 
-def repetitions(s_w: float, n: int, d: float = 3.5, **given) -> Record:
+def repetitions(s_w: float, n: int, d: float = 3.5, **given) -> MeanRecord:
     return record(s_w, d * np.arange(n), d * np.arange(1, n + 1), length=d, **given)
 
 
-def noisy(rng, s_w: float, n: int, noise: float, known: bool, start: float = START) -> Record:
+def noisy(rng, s_w: float, n: int, noise: float, known: bool, start: float = START) -> MeanRecord:
     """Repetitions of 1 m with independent normal noise, and its sigma if known."""
     clean = repetitions(s_w, n, 1.0, start=start)
     sigma = np.full(n, noise) if known else None
-    return Record(clean.begin, clean.end, clean.value + noise * rng.normal(size=n), sigma, 1.0)
+    return MeanRecord(clean.begin, clean.end, clean.value + noise * rng.normal(size=n), sigma, 1.0)
 
 
 # --- without noise ---------------------------------------------------------------------------------
@@ -67,7 +67,7 @@ ENDS = {"falls": (1.1, 0.7), "to zero": (1.4, 0.0), "to uneven": (1.4, 0.3)}
 def test_exact_averages_give_the_exact_answer(name):
     s_w, data = EXACT[name]
     start, final = ENDS.get(name, (START, FINAL))
-    answer = relaxation(data, 0.01)
+    answer = fit_relaxation(data, 0.01)
     assert answer.s_w == pytest.approx(s_w, rel=1e-6)
     assert answer.start == pytest.approx(start, rel=1e-6)
     assert answer.final == pytest.approx(final, rel=1e-6, abs=1e-8)
@@ -83,9 +83,9 @@ def test_unevenness_does_not_fall_below_zero():
     """Pressure whose decay quickens at the end, as in cases/run_in, would be drawn below zero by a free fit."""
     s = 3.5 * np.arange(11)
     value = 1.4 * np.exp(-s[1:] / 20 - (s[1:] / 50) ** 2)
-    free = Record(s[:-1], s[1:], value)
-    answer = relaxation(Record(s[:-1], s[1:], value, of="pressure", absolute=True))
-    assert Fit(free).final < -0.1
+    free = MeanRecord(s[:-1], s[1:], value)
+    answer = fit_relaxation(MeanRecord(s[:-1], s[1:], value, of="pressure", absolute=True))
+    assert RelaxationFit(free).final < -0.1
     assert answer.final == 0.0
     assert answer.s_w == pytest.approx(-1 / np.polyfit(s[1:], np.log(value), 1)[0], rel=0.1)
 
@@ -94,13 +94,13 @@ def test_middle_of_a_long_repetition_is_not_enough():
     """A fit to the middles would give another start: averaging over a repetition is accounted for."""
     data = repetitions(2.0, 6)
     middle = 0.5 * (data.begin + data.end)
-    assert relaxation(data).start == pytest.approx(START, rel=1e-6)
-    assert relaxation(Record(middle, middle, data.value)).start < START - 0.01
+    assert fit_relaxation(data).start == pytest.approx(START, rel=1e-6)
+    assert fit_relaxation(MeanRecord(middle, middle, data.value)).start < START - 0.01
 
 
 def test_readings_at_a_point():
     s = np.arange(0.0, 30.0, 2.5)
-    answer = relaxation(Record(s, s, np.array([curve(8.0)(v) for v in s])))
+    answer = fit_relaxation(MeanRecord(s, s, np.array([curve(8.0)(v) for v in s])))
     assert answer.s_w == pytest.approx(8.0, rel=1e-6)
     assert answer.repetitions is None
     assert f"after {answer.slid:.3g} m" in answer.says
@@ -115,13 +115,13 @@ TRIES = 300
 @pytest.mark.sample("2.0-6-0.002-from residuals")
 def test_intervals_hold_the_truth_as_often_as_they_say(known, s_w, n, noise):
     rng = np.random.default_rng(11)
-    fits = [Fit(noisy(rng, s_w, n, noise, known)) for _ in range(TRIES)]
-    intervals = np.array([fit.interval(fit.limit(LEVEL)) for fit in fits])
+    fits = [RelaxationFit(noisy(rng, s_w, n, noise, known)) for _ in range(TRIES)]
+    intervals = np.array([fit.s_w_interval(fit.chi2_limit(INTERVAL_CONFIDENCE)) for fit in fits])
     closed = [fit for fit, (_, high) in zip(fits, intervals, strict=True) if high < math.inf]
     assert len(closed) >= 0.9 * TRIES
     truths = [(s_w, intervals.T)]
     for within in (0.01, 0.08):  # a late answer hangs on s_w, an early one on the height of the change
-        reach = np.array([fit.slid_interval(within, fit.limit(LEVEL)) for fit in closed])
+        reach = np.array([fit.slid_distance_interval(within, fit.chi2_limit(INTERVAL_CONFIDENCE)) for fit in closed])
         truths.append((s_w * math.log(0.1 / (within * FINAL)), reach.T))
     for truth, (low, high) in truths:
         inside = np.mean((low <= truth) & (truth <= high))
@@ -129,7 +129,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(known, s_w, n, noise):
         assert 0.92 <= inside <= 0.98
     errors = np.array([fit.s_w for fit in closed]) - s_w
     assert abs(np.median(errors)) < 0.15 * np.std(errors)
-    assert np.median([fit.error for fit in closed]) == pytest.approx(np.std(errors), rel=0.35)
+    assert np.median([fit.s_w_error for fit in closed]) == pytest.approx(np.std(errors), rel=0.35)
 
 
 @pytest.mark.parametrize("known", [True, False], ids=["sigma given", "from residuals"])
@@ -137,8 +137,8 @@ def test_intervals_hold_the_truth_as_often_as_they_say(known, s_w, n, noise):
 @pytest.mark.sample("10-from residuals")
 def test_no_relaxation_is_seldom_taken_for_one(known, n):
     rng = np.random.default_rng(3)
-    fits = [Fit(noisy(rng, 3.0, n, 0.004, known, start=FINAL)) for _ in range(TRIES)]
-    seen = sum(fit.constant > fit.limit(LEVEL, TREND) for fit in fits)
+    fits = [RelaxationFit(noisy(rng, 3.0, n, 0.004, known, start=FINAL)) for _ in range(TRIES)]
+    seen = sum(fit.constant > fit.chi2_limit(INTERVAL_CONFIDENCE, RELAXATION_PARAMETERS) for fit in fits)
     assert seen <= binom.ppf(0.999, TRIES, 0.06)
 
 
@@ -151,11 +151,11 @@ def check_cannot(answer, says: str) -> None:
 
 
 def test_three_values():
-    check_cannot(relaxation(repetitions(8.0, 3)), "cannot say from 3 values; 4 repetitions are the least")
+    check_cannot(fit_relaxation(repetitions(8.0, 3)), "cannot say from 3 values; 4 repetitions are the least")
 
 
 def test_no_trend():
-    answer = relaxation(noisy(np.random.default_rng(1), 3.0, 12, 0.0027, False, start=FINAL))
+    answer = fit_relaxation(noisy(np.random.default_rng(1), 3.0, 12, 0.0027, False, start=FINAL))
     check_cannot(answer, "no relaxation seen: the change is below the scatter; already reproducible to 0.18 %")
     assert answer.scatter == pytest.approx(0.0027, rel=0.5)
 
@@ -163,11 +163,11 @@ def test_no_trend():
 @pytest.mark.parametrize("value", [0.0, 0.9])
 def test_nothing_changes_at_all(value):
     n = np.arange(6.0)
-    check_cannot(relaxation(Record(n, n + 1, np.full(6, value), length=1.0)), "already reproducible to 0 %")
+    check_cannot(fit_relaxation(MeanRecord(n, n + 1, np.full(6, value), length=1.0)), "already reproducible to 0 %")
 
 
 def test_scatter_above_what_is_asked_says_how_many_to_average():
-    answer = relaxation(noisy(np.random.default_rng(1), 3.0, 12, 0.0027, False, start=FINAL), within=0.001)
+    answer = fit_relaxation(noisy(np.random.default_rng(1), 3.0, 12, 0.0027, False, start=FINAL), within=0.001)
     assert "scatter by 0.18 %, more than 0.1 %: average 4 repetitions" in str(answer)
 
 
@@ -175,7 +175,7 @@ def test_straight_line():
     """A trend without curvature sets a lower end to s_w only."""
     rng = np.random.default_rng(2)
     n = np.arange(10)
-    answer = relaxation(Record(3.5 * n, 3.5 * (n + 1), 0.8 + 0.004 * n + 1e-4 * rng.normal(size=10), length=3.5))
+    answer = fit_relaxation(MeanRecord(3.5 * n, 3.5 * (n + 1), 0.8 + 0.004 * n + 1e-4 * rng.normal(size=10), length=3.5))
     check_cannot(answer, "relaxation is longer than your data, s_w at least ")
     low, high = answer.s_w_interval
     assert high == math.inf
@@ -185,11 +185,11 @@ def test_straight_line():
 
 def test_far_beyond_the_data():
     """Even without noise nothing is extrapolated from a tenth of the change."""
-    check_cannot(relaxation(repetitions(400.0, 10)), "relaxation is longer than your data")
+    check_cannot(fit_relaxation(repetitions(400.0, 10)), "relaxation is longer than your data")
 
 
 def test_too_noisy_to_end():
-    answers = [relaxation(noisy(np.random.default_rng(k), 3.0, 10, 0.012, False)) for k in range(30)]
+    answers = [fit_relaxation(noisy(np.random.default_rng(k), 3.0, 10, 0.012, False)) for k in range(30)]
     open_ended = [a for a in answers if a.s_w_interval and a.s_w_interval[1] == math.inf]
     assert open_ended
     for a in open_ended:
@@ -200,7 +200,7 @@ def test_too_noisy_to_end():
 def test_only_the_first_differs():
     rng = np.random.default_rng(4)
     value = 0.9 + 0.001 * rng.normal(size=10) - 0.05 * (np.arange(10) == 0)
-    answer = relaxation(Record(np.arange(10), np.arange(1, 11), value, length=1.0, unit="repetitions"))
+    answer = fit_relaxation(MeanRecord(np.arange(10), np.arange(1, 11), value, length=1.0, unit="repetitions"))
     check_cannot(
         answer, "only the first values differ for certain: within 1 % of its final value after at most 1 repetitions"
     )
@@ -211,8 +211,8 @@ def test_only_the_first_differs():
 def test_sigma_too_small_widens():
     rng = np.random.default_rng(5)
     data = noisy(rng, 3.0, 15, 0.004, True)
-    honest = relaxation(data)
-    bold = relaxation(Record(data.begin, data.end, data.value, data.sigma / 10, 1.0))
+    honest = fit_relaxation(data)
+    bold = fit_relaxation(MeanRecord(data.begin, data.end, data.value, data.sigma / 10, 1.0))
     assert "times as much as their sigma says" in str(bold)
     wide = [a.s_w_interval[1] - a.s_w_interval[0] for a in (bold, honest)]
     assert wide[0] > 0.5 * wide[1]
@@ -222,10 +222,10 @@ def test_structured_residuals_are_told():
     """Two relaxations, as of a block that wears and warms."""
     n = np.arange(20)
     two = 0.9 - 0.1 * np.exp(-n / 4.0) + 0.05 * np.exp(-n / 1.0) + 1e-5 * np.random.default_rng(0).normal(size=20)
-    answer = relaxation(Record(n, n, two, length=1.0, unit="repetitions"))
+    answer = fit_relaxation(MeanRecord(n, n, two, length=1.0, unit="repetitions"))
     assert "not one exponential alone" in str(answer)
     assert "without the first 1 to 3 values s_w = " in str(answer)
-    told = sum("not one" in str(relaxation(noisy(np.random.default_rng(k), 4.0, 20, 0.003, False))) for k in range(60))
+    told = sum("not one" in str(fit_relaxation(noisy(np.random.default_rng(k), 4.0, 20, 0.003, False))) for k in range(60))
     assert told <= 4
 
 
@@ -244,12 +244,12 @@ def result(tmp_path_factory):
         "output.profiles": 12, "output.pictures": False, "output.vtk": False, "output.fields": 2,
     }  # fmt: skip
     out = folder / "result"
-    return out, simulate(load(folder, values), out=out)
+    return out, simulate(load_case(folder, values), out=out)
 
 
 def test_pressure_of_a_simulation_relaxes_as_theory_says(result):
     out, run = result
-    answer = settling(out, of="pressure")
+    answer = analyse_running_in(out, of="pressure")
     assert run.pressure[run.sliding].min() > 0
     exact = 1 / (STIFFNESS * RATE * MU)
     assert answer.expected == pytest.approx(exact, rel=1e-9)
@@ -268,26 +268,26 @@ def test_an_elastic_block_has_no_length_to_compare_with(result, tmp_path):
     text = re.sub(r"(?m)^stiffness = .*\n", "", case.read_text())
     assert text != case.read_text()
     case.write_text(text)
-    assert settling(tmp_path / "result", of="pressure").expected is None
+    assert analyse_running_in(tmp_path / "result", of="pressure").expected is None
 
 
 def test_values_are_those_of_the_summary(result):
     out, run = result
-    data = read(out)
+    data = read_record(out)
     summary = json.loads((out / "summary.json").read_text())
     np.testing.assert_allclose(data.value, summary["friction_per_repetition"], rtol=1e-12)
     assert data.length == pytest.approx(0.2)
     np.testing.assert_allclose(data.end, 0.2 * np.arange(1, 7))
-    check_cannot(settling(out), "no relaxation seen")  # friction is constant
+    check_cannot(analyse_running_in(out), "no relaxation seen")  # friction is constant
 
 
 def test_result_without_its_case(result, tmp_path):
     """A result without its case still answers; only the comparison falls away."""
     out, _ = result
     (tmp_path / "run.nc").write_bytes((out / "run.nc").read_bytes())
-    answer = settling(tmp_path, of="pressure")
+    answer = analyse_running_in(tmp_path, of="pressure")
     assert answer.expected is None
-    assert answer.s_w == pytest.approx(settling(out, of="pressure").s_w)
+    assert answer.s_w == pytest.approx(analyse_running_in(out, of="pressure").s_w)
 
 
 # --- a measurement --------------------------------------------------------------------------------------
@@ -301,16 +301,16 @@ def test_both_tables_say_the_same(tmp_path):
     data = repetitions(8.0, 10)
     by_number = csv(tmp_path, "repetition,mu", np.arange(1, 11), data.value, stem="a.csv")
     by_metre = csv(tmp_path, "mu, slid_m", data.value, 0.5 * (data.begin + data.end), stem="b.csv")
-    expected = relaxation(data)
+    expected = fit_relaxation(data)
     for file in (by_number, by_metre):
-        answer = settling(file, distance=3.5)
+        answer = analyse_running_in(file, distance=3.5)
         assert answer.s_w == pytest.approx(8.0, rel=1e-6)
         assert answer.start == pytest.approx(expected.start, rel=1e-6)
         assert answer.repetitions == expected.repetitions
-    bare = settling(by_number)
+    bare = analyse_running_in(by_number)
     assert (bare.unit, bare.repetitions) == ("repetitions", expected.repetitions)
     assert bare.s_w == pytest.approx(8.0 / 3.5, rel=1e-6)
-    metres = settling(by_metre)  # readings at a point: the same s_w, no repetitions
+    metres = analyse_running_in(by_metre)  # readings at a point: the same s_w, no repetitions
     assert metres.s_w == pytest.approx(8.0, rel=1e-6)
     assert metres.repetitions is None
 
@@ -321,7 +321,7 @@ def test_weights_count(tmp_path):
     value, sigma = data.value.copy(), np.full(12, 1e-4)
     value[3], sigma[3] = 0.95, 10.0
     file = csv(tmp_path, "repetition,mu,sigma", np.arange(1, 13), value, sigma)
-    assert settling(file, distance=3.5).s_w == pytest.approx(8.0, rel=1e-4)
+    assert analyse_running_in(file, distance=3.5).s_w == pytest.approx(8.0, rel=1e-4)
 
 
 def test_command(tmp_path, capsys):
@@ -388,11 +388,11 @@ def test_damaged_result(result, tmp_path, capsys):
 
 def test_distance_of_a_result_is_known(result):
     with pytest.raises(BadInput, match="knows its distance, leave it out"):
-        read(result[0], distance=3.5)
+        read_record(result[0], distance=3.5)
 
 
 def test_start_is_counted_back_to_the_beginning():
     """The first repetitions were not recorded: the answer counts from the first metre all the same."""
     _, late = EXACT["some are missing"]
-    assert Fit(late).start == pytest.approx(START, rel=1e-6)
-    assert relaxation(late).repetitions == relaxation(repetitions(8.0, 10)).repetitions
+    assert RelaxationFit(late).start == pytest.approx(START, rel=1e-6)
+    assert fit_relaxation(late).repetitions == fit_relaxation(repetitions(8.0, 10)).repetitions

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 
 from flashtemp.__main__ import main
 from flashtemp.viz import theme
-from flashtemp.viz.residuals import against
-from flashtemp.viz.shown_text import UNKNOWN, visible
+from flashtemp.viz.residuals import draw_residuals
+from flashtemp.viz.shown_text import UNKNOWN_LETTER, replace_unprintable
 
 ODD = (
     "a $x^2$ b",
@@ -28,7 +28,7 @@ ODD = (
 def test_any_text_can_be_drawn_anywhere_in_a_picture(text, tmp_path):
     @theme.styled
     def draw() -> Figure:
-        fig = theme.figure(text, 4.0, 3.0)
+        fig = theme.make_figure(text, 4.0, 3.0)
         left, right = fig.subplots(1, 2)
         left.plot([1, 2], [1e-3, 1e3], label=text)
         left.set(yscale="log", title=text, xlabel=text, ylabel=text)
@@ -38,23 +38,23 @@ def test_any_text_can_be_drawn_anywhere_in_a_picture(text, tmp_path):
         return fig
 
     fig = draw()
-    theme.save(fig, tmp_path / "a.png")
+    theme.save_figure(fig, tmp_path / "a.png")
     shown = {t.get_text().replace(r"\$", "$") for t in fig.axes[0].texts}
     assert len(shown) == 1
-    assert all(c in (given, UNKNOWN) for c, given in zip(shown.pop(), text, strict=True))
+    assert all(c in (given, UNKNOWN_LETTER) for c, given in zip(shown.pop(), text, strict=True))
     numbers = [t.get_text() for t in fig.axes[0].yaxis.get_ticklabels()]
     assert any("10^" in n and r"\$" not in n for n in numbers)  # powers of ten stay mathematics
 
 
 def test_letters_are_kept_and_control_characters_marked():
-    assert visible("µ°C – é\n2") == "µ°C – é\n2"
-    assert visible("a\x00\x9b\ud800") == "a" + 3 * UNKNOWN
+    assert replace_unprintable("µ°C – é\n2") == "µ°C – é\n2"
+    assert replace_unprintable("a\x00\x9b\ud800") == "a" + 3 * UNKNOWN_LETTER
 
 
 def test_mathematics_of_users_is_no_mathematics(tmp_path):
     @theme.styled
     def draw() -> Figure:
-        fig = theme.figure("$a$", 4.0, 3.0)
+        fig = theme.make_figure("$a$", 4.0, 3.0)
         fig.subplots().set_title("$a$ and $b$")
         return fig
 
@@ -74,11 +74,11 @@ def test_a_title_with_control_characters_is_refused_before_anything_is_computed(
 def test_frames_of_one_moment_are_drawn_without_a_warning(x, tmp_path):
     @theme.styled
     def draw() -> Figure:
-        fig = theme.figure("", 4.0, 3.0)
-        against(fig.subplots(), np.array(x), np.zeros(len(x)), np.ones(len(x)))
+        fig = theme.make_figure("", 4.0, 3.0)
+        draw_residuals(fig.subplots(), np.array(x), np.zeros(len(x)), np.ones(len(x)))
         return fig
 
     fig = draw()
-    theme.save(fig, tmp_path / "a.png")
+    theme.save_figure(fig, tmp_path / "a.png")
     low, high = fig.axes[0].get_xlim()
     assert low < min(x) <= max(x) < high

@@ -9,28 +9,28 @@ import pytest
 from scipy.special import ndtri
 
 from flashtemp.errors import BadInput
-from flashtemp.model.build import theory_of
-from flashtemp.model.case import load
+from flashtemp.model.build import find_theory
+from flashtemp.model.case import load_case
 from flashtemp.physics.friction import rheology, roughness_spectrum, skewness
-from flashtemp.physics.friction.adhesive_shear import Shear
-from flashtemp.physics.friction.persson import Enlarged, Theory
+from flashtemp.physics.friction.adhesive_shear import AdhesiveShear
+from flashtemp.physics.friction.persson import AreaEnlargement, PerssonTheory
 
-ROAD = roughness_spectrum.READY["asphalt A"]
+ROAD = roughness_spectrum.READY_ROADS["asphalt A"]
 SMALL = {"grid": 96, "seeds": (0, 1, 2, 3)}
 LOADS = np.geomspace(1e-3, 0.3, 6)
 
 
 @pytest.fixture(scope="module")
 def ratio():
-    return skewness.ratio(0.6, LOADS, **SMALL)
+    return skewness.solve_area_ratio(0.6, LOADS, **SMALL)
 
 
 @pytest.mark.parametrize(
     ("f", "known"), [(0.838166, -0.21), (0.8, -0.264479), (0.6, -0.581885), (0.5, -0.7595), (1, 0)]
 )
 def test_skewness_and_its_inverse(f, known):
-    assert skewness.skewness(f) == pytest.approx(known, abs=1e-6)
-    assert skewness.scale(skewness.skewness(f)) == pytest.approx(f, abs=1e-9)
+    assert skewness.skewness_of_scale(f) == pytest.approx(known, abs=1e-6)
+    assert skewness.scale_of_skewness(skewness.skewness_of_scale(f)) == pytest.approx(f, abs=1e-9)
 
 
 def test_moments_of_many_heights():
@@ -38,32 +38,32 @@ def test_moments_of_many_heights():
     h = ndtri((np.arange(10**6) + 0.5) / 10**6)
     lowered = np.where(h > 0, 0.6 * h, h)
     d = lowered - lowered.mean()
-    assert np.mean(d**3) / np.mean(d**2) ** 1.5 == pytest.approx(skewness.skewness(0.6), abs=1e-3)
-    assert skewness.REFERENCES["height"](0.6) == pytest.approx(d.std(), rel=1e-4)
-    h, side = skewness.gaussian(ROAD, 256, 0)
+    assert np.mean(d**3) / np.mean(d**2) ** 1.5 == pytest.approx(skewness.skewness_of_scale(0.6), abs=1e-3)
+    assert skewness.REFERENCE_SCALES["height"](0.6) == pytest.approx(d.std(), rel=1e-4)
+    h, side = skewness.gaussian_heights(ROAD, 256, 0)
     slope = [np.std(np.diff(x, axis=0)) for x in (np.where(h > 0, 0.6 * h, h), h)]
-    assert skewness.REFERENCES["slope"](0.6) == pytest.approx(slope[0] / slope[1], rel=0.02)
+    assert skewness.REFERENCE_SCALES["slope"](0.6) == pytest.approx(slope[0] / slope[1], rel=0.02)
 
 
 def test_the_gaussian_road_has_the_spectrum_asked_for():
-    made = [skewness.gaussian(ROAD, 128, seed) for seed in range(6)]
+    made = [skewness.gaussian_heights(ROAD, 128, seed) for seed in range(6)]
     side = made[0][1]
     assert side == pytest.approx(4 * np.pi / ROAD.q0)
-    kept = roughness_spectrum.Spectrum(ROAD.law, ROAD.q0, 2 * np.pi * 128 / (4 * side))
-    assert np.sqrt(np.mean([np.var(h) for h, _ in made])) == pytest.approx(kept.height, rel=0.05)
+    kept = roughness_spectrum.RoughnessSpectrum(ROAD.law, ROAD.q0, 2 * np.pi * 128 / (4 * side))
+    assert np.sqrt(np.mean([np.var(h) for h, _ in made])) == pytest.approx(kept.rms_height, rel=0.05)
     gradient = [2 * np.mean((np.gradient(h, side / 128, axis=0)[1:-1]) ** 2) for h, _ in made]
-    assert np.sqrt(np.mean(gradient)) == pytest.approx(kept.slope(), rel=0.15)  # differences see short waves less
+    assert np.sqrt(np.mean(gradient)) == pytest.approx(kept.rms_slope(), rel=0.15)  # differences see short waves less
     assert all(abs(h.mean()) < 1e-12 for h, _ in made)
-    np.testing.assert_array_equal(made[0][0], skewness.gaussian(ROAD, 128, 0)[0])
+    np.testing.assert_array_equal(made[0][0], skewness.gaussian_heights(ROAD, 128, 0)[0])
 
 
 def test_while_only_tops_touch_the_road_is_a_flatter_gaussian_one():
     """Heights f times as large at f times the pressure: the same points touch."""
     p, one = np.array([2e-3, 1e-2]), {"grid": 64, "seeds": (0, 1)}
-    np.testing.assert_array_equal(skewness.area(0.6, 0.6 * p, **one), skewness.area(1.0, p, **one))
-    all_flatter = skewness.area(0.6, [0.12], below=0.6, **one)
-    np.testing.assert_array_equal(all_flatter, skewness.area(1.0, [0.2], **one))
-    assert np.all(skewness.area(0.6, [0.12], **one) < 0.97 * all_flatter)  # valleys keep their depth
+    np.testing.assert_array_equal(skewness.solve_areas(0.6, 0.6 * p, **one), skewness.solve_areas(1.0, p, **one))
+    all_flatter = skewness.solve_areas(0.6, [0.12], scale_below=0.6, **one)
+    np.testing.assert_array_equal(all_flatter, skewness.solve_areas(1.0, [0.2], **one))
+    assert np.all(skewness.solve_areas(0.6, [0.12], **one) < 0.97 * all_flatter)  # valleys keep their depth
 
 
 @pytest.mark.long
@@ -87,7 +87,7 @@ def test_the_fit_follows_what_was_solved(ratio):
 @pytest.mark.long
 def test_against_a_gaussian_road_of_the_same_slope_less_is_gained(ratio):
     p = LOADS[1:5]
-    same = skewness.ratio(0.6, p, against="slope", **SMALL)
+    same = skewness.solve_area_ratio(0.6, p, against="slope", **SMALL)
     g = np.sqrt(0.68)
     assert same(1e-4) == pytest.approx(g / 0.6, rel=0.01)
     assert np.all(same(p) < ratio(p))
@@ -98,11 +98,11 @@ def test_against_a_gaussian_road_of_the_same_slope_less_is_gained(ratio):
 def test_friction_of_a_skewed_road():
     """Viscoelastic friction falls with what the adhesive part gains."""
     p = np.array([5e4, 1.5e5, 3e5])
-    part = skewness.skewed(0.8, 1.3e7, p, grid=64, seeds=(0, 1, 2))
+    part = skewness.skewness_enlargement(0.8, 1.3e7, p, grid=64, seeds=(0, 1, 2))
     assert part.pressure == tuple(p)
     assert part(p[0]) == pytest.approx(1.25, rel=0.03)
     plain, worn = (
-        Theory(rheology.READY["A"], ROAD, shear=Shear(4e6), enlarged=e)(0.1, 293.15, p) for e in ((), (part,))
+        PerssonTheory(rheology.READY_RUBBERS["A"], ROAD, shear=AdhesiveShear(4e6), enlarged=e)(0.1, 293.15, p) for e in ((), (part,))
     )
     np.testing.assert_allclose(worn.viscous / plain.viscous, 1 / np.array(part.factor))
     np.testing.assert_allclose(worn.adhesive / plain.adhesive, part.factor)
@@ -116,15 +116,15 @@ class Lowered:
 
     def __init__(self, f: float, q: float):
         self.f, self.q = f, q
-        self.breaks = (*ROAD.law.breaks, q)
+        self.breaks = (*ROAD.law.bend_wavenumbers, q)
 
     def __call__(self, q):
         return ROAD.law(q) * np.where(np.asarray(q) < self.q, self.f**2, 1.0)
 
 
-def tops(f: float, cutoff: float) -> Enlarged:
+def tops(f: float, cutoff: float) -> AreaEnlargement:
     """R = 1/f: only tops touch."""
-    return Enlarged((1e3, 1e7), (1 / f, 1 / f), -1.0, cutoff)
+    return AreaEnlargement((1e3, 1e7), (1 / f, 1 / f), -1.0, cutoff)
 
 
 F, WARM, P = 0.838166, 293.15, 1.5e5
@@ -134,10 +134,10 @@ F, WARM, P = 0.838166, 293.15, 1.5e5
 @pytest.mark.parametrize("saturation", [True, False])
 def test_skewness_above_a_cutoff_is_a_spectrum_lowered_there(cutoff, saturation):
     """Small contact: heights f times as large on long waves only, C -> f^2 C below 2 pi/cutoff."""
-    plain = Theory(rheology.READY["A"], ROAD, shear=Shear(4e6), saturation=saturation)
-    low = roughness_spectrum.Spectrum(Lowered(F, 2 * np.pi / cutoff), ROAD.q0, ROAD.q1)
-    known = Theory(plain.rubber, low, shear=plain.shear, saturation=saturation)(0.1, WARM, P)
-    found = Theory(plain.rubber, ROAD, shear=plain.shear, saturation=saturation, enlarged=(tops(F, cutoff),))
+    plain = PerssonTheory(rheology.READY_RUBBERS["A"], ROAD, shear=AdhesiveShear(4e6), saturation=saturation)
+    low = roughness_spectrum.RoughnessSpectrum(Lowered(F, 2 * np.pi / cutoff), ROAD.q0, ROAD.q1)
+    known = PerssonTheory(plain.rubber, low, shear=plain.shear, saturation=saturation)(0.1, WARM, P)
+    found = PerssonTheory(plain.rubber, ROAD, shear=plain.shear, saturation=saturation, enlarged=(tops(F, cutoff),))
     found = found(0.1, WARM, P)
     tolerance = 5e-4 if saturation else 1e-8  # the longest waves touch in a tenth and more: erf against its tangent
     assert found.viscous == pytest.approx(float(known.viscous), rel=tolerance)
@@ -147,13 +147,13 @@ def test_skewness_above_a_cutoff_is_a_spectrum_lowered_there(cutoff, saturation)
 
 def test_skewness_of_all_waves_of_some_and_of_none():
     """-16 % of the viscoelastic friction on all waves, below 1 % on those above 1 mm (the paper's caveat), 0 on none."""
-    plain = Theory(rheology.READY["A"], ROAD)
+    plain = PerssonTheory(rheology.READY_RUBBERS["A"], ROAD)
     for speed in (0.1, 1.0):
         before = plain(speed, WARM, P)
 
         def change(cutoff, speed=speed, before=before):
             part = (tops(F, cutoff),)
-            after = Theory(plain.rubber, ROAD, enlarged=part)(speed, WARM, P)
+            after = PerssonTheory(plain.rubber, ROAD, enlarged=part)(speed, WARM, P)
             return float(after.viscous / before.viscous) - 1, float(after.area / before.area) - 1
 
         assert change(0.0) == pytest.approx((F - 1, 1 / F - 1), rel=1e-3)
@@ -167,8 +167,8 @@ def test_waves_that_the_road_does_not_have_are_not_skewed(tmp_path):
     (tmp_path / "case.toml").write_text('effects = ["persson_friction"]\n')
 
     def theory(**given):
-        case = load(tmp_path, {f"persson_friction.{k}": v for k, v in ({"flattened": F} | given).items()})
-        return theory_of(case)[1].p.theory
+        case = load_case(tmp_path, {f"persson_friction.{k}": v for k, v in ({"flattened": F} | given).items()})
+        return find_theory(case)[1].p.theory
 
     assert theory(skewness_cutoff=0.1).enlarged == ()
     [default], [every] = theory().enlarged, theory(skewness_cutoff=0.0).enlarged
@@ -186,13 +186,13 @@ def test_waves_that_the_road_does_not_have_are_not_skewed(tmp_path):
 @pytest.mark.parametrize(
     ("wish", "says"),
     [
-        (lambda: skewness.scale(0.1), "skewness: 0.1"),
-        (lambda: skewness.scale(-1.7), "-1.64"),
-        (lambda: skewness.area(0.0, [0.01]), "0 < f <= 1"),
-        (lambda: skewness.area(0.5, [0.01, -1.0]), "pressures over modulus > 0"),
-        (lambda: skewness.area(0.5, [0.01], grid=16), "at least 32 points"),
-        (lambda: skewness.ratio(0.5, [0.01], against="rms"), "unscaled, slope, height"),
-        (lambda: skewness.skewed(0.5, 1e7, [2e5, 1e5]), "in Pa, rising"),
+        (lambda: skewness.scale_of_skewness(0.1), "skewness: 0.1"),
+        (lambda: skewness.scale_of_skewness(-1.7), "-1.64"),
+        (lambda: skewness.solve_areas(0.0, [0.01]), "0 < f <= 1"),
+        (lambda: skewness.solve_areas(0.5, [0.01, -1.0]), "pressures over modulus > 0"),
+        (lambda: skewness.solve_areas(0.5, [0.01], grid=16), "at least 32 points"),
+        (lambda: skewness.solve_area_ratio(0.5, [0.01], against="rms"), "unscaled, slope, height"),
+        (lambda: skewness.skewness_enlargement(0.5, 1e7, [2e5, 1e5]), "in Pa, rising"),
     ],
 )
 def test_bad_wishes(wish, says):
@@ -204,4 +204,4 @@ def test_bad_wishes(wish, says):
 def test_without_the_library(monkeypatch):
     monkeypatch.setitem(sys.modules, "SurfaceTopography", None)
     with pytest.raises(BadInput, match=r"pip install 'flashtemp\[topography\]'"):
-        skewness.area(0.5, [0.01])
+        skewness.solve_areas(0.5, [0.01])

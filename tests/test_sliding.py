@@ -11,11 +11,11 @@ from scipy.optimize import nnls
 
 from flashtemp.errors import BadInput
 from flashtemp.physics.friction import skewed_friction, sliding_contact
-from flashtemp.physics.friction.persson import Theory
-from flashtemp.physics.friction.rheology import READY as RUBBERS
-from flashtemp.physics.friction.rheology import Prony, Rubber
-from flashtemp.physics.friction.skewness import gaussian
-from flashtemp.physics.friction.sliding_contact import slide
+from flashtemp.physics.friction.persson import PerssonTheory
+from flashtemp.physics.friction.rheology import READY_RUBBERS as RUBBERS
+from flashtemp.physics.friction.rheology import PronySeries, Rubber
+from flashtemp.physics.friction.skewness import gaussian_heights
+from flashtemp.physics.friction.sliding_contact import solve_sliding_contact
 
 A, T = RUBBERS["A"], 293.15
 LONG = 1e-3  # m, wavelength of the single wave
@@ -44,7 +44,7 @@ def test_an_elastic_wave_is_westergaards(share):
     """p0 = p* sin^2(pi b/l), p* = pi E* h/l; pressure 2 p0 cos(x) sqrt(sin^2 b - sin^2 x)/sin^2 b; no friction."""
     E, h, n = 1e6, 1e-5, 1024
     full = np.pi * E * h / LONG
-    found = slide(wave(n, h), (LONG, LONG), elastic(E), 1.0, share * full)
+    found = solve_sliding_contact(wave(n, h), (LONG, LONG), elastic(E), 1.0, share * full)
     half = np.arcsin(np.sqrt(share))
     assert found.area == pytest.approx(2 * half / np.pi, abs=2.5 / n)
     x = np.pi * (np.arange(n) / n - (np.arange(n) > n // 2))
@@ -60,7 +60,7 @@ def test_elastic_discs_are_those_of_hertz():
     x = side * (np.arange(n) / n - 0.5)
     heights = -(x[:, None] ** 2 + x**2) / (2 * R)
     force = 4 / 3 * E * 0.08**3 / R
-    found = slide(heights, (side, side), elastic(E), 1.0, force / side**2)
+    found = solve_sliding_contact(heights, (side, side), elastic(E), 1.0, force / side**2)
     assert np.sqrt(found.area * side**2 / np.pi) == pytest.approx(0.08, rel=0.02)
     assert found.pressure.max() == pytest.approx(3 * force / (2 * np.pi * 0.08**2), rel=0.02)
 
@@ -69,7 +69,7 @@ def test_elastic_discs_are_those_of_hertz():
 def test_full_contact_is_linear(speed):
     """u = h: mu p0 = (q h)^2 Im E*(q v)/4, exactly."""
     q, h, p = 2 * np.pi / LONG, 2e-6, 5e7
-    found = slide(wave(64, h), (LONG, LONG), modulus, speed, p)
+    found = solve_sliding_contact(wave(64, h), (LONG, LONG), modulus, speed, p)
     assert found.area == 1.0
     assert found.mu == pytest.approx((q * h) ** 2 * modulus(q * speed).imag / (4 * p), rel=1e-6)
     assert found.friction_by_loss == pytest.approx(found.mu, rel=1e-6)
@@ -80,7 +80,7 @@ def test_friction_is_the_energy_lost(p):
     """Work of the pressure on the road's slope against the loss of every wave; their difference falls with the grid."""
     apart = []
     for n in (128, 512, 2048):
-        found = slide(wave(n, 2e-5), (LONG, LONG), modulus, 1.0, p)
+        found = solve_sliding_contact(wave(n, 2e-5), (LONG, LONG), modulus, 1.0, p)
         assert found.mu > 0
         assert found.pressure.mean() == pytest.approx(p, rel=1e-9)
         assert found.pressure.min() >= 0
@@ -141,8 +141,8 @@ def test_another_program_marches_to_the_same_friction(p):
     """A standard linear solid, its loss peak where the wave is passed: time stepping against the steady solve."""
     E0, E1, speed, h = 1e7, 5e7, 0.5, 2e-5
     tau = LONG / (2 * np.pi * speed)
-    exact = Prony(E0, (E1,), (tau,))
-    found = slide(wave(256, h), (LONG, LONG), exact, speed, p)
+    exact = PronySeries(E0, (E1,), (tau,))
+    found = solve_sliding_contact(wave(256, h), (LONG, LONG), exact, speed, p)
     marched = Marching(E0, E1, tau).friction(h, speed, p)
     print(found.mu, found.area, marched)
     assert marched == pytest.approx(found.mu, rel=0.03)
@@ -151,16 +151,16 @@ def test_another_program_marches_to_the_same_friction(p):
 
 def test_turning_the_way_round_turns_friction_round():
     """Sliding over the mirrored road is sliding back over the road: the same friction, and none without loss."""
-    heights, side = gaussian(skewed_friction.READY["asphalt A"], 32, 3)
-    there, back = (slide(h, (side, side), modulus, 1.0, 1e5) for h in (heights, heights[::-1]))
+    heights, side = gaussian_heights(skewed_friction.READY_ROADS["asphalt A"], 32, 3)
+    there, back = (solve_sliding_contact(h, (side, side), modulus, 1.0, 1e5) for h in (heights, heights[::-1]))
     assert there.mu != pytest.approx(back.mu, rel=1e-6)
-    assert abs(slide(heights, (side, side), elastic(1e7), 1.0, 1e5).friction_by_loss) < 1e-9
+    assert abs(solve_sliding_contact(heights, (side, side), elastic(1e7), 1.0, 1e5).friction_by_loss) < 1e-9
 
 
 @pytest.fixture(scope="module")
 def worn():
     """f = 0.6 (skewness -0.58) at 1 m/s, 1 to 30 % in contact, two seeds."""
-    return skewed_friction.compare(0.6, A, 1.0, T, [1e5, 1e6], grid=64, seeds=(0, 1))
+    return skewed_friction.compare_roads(0.6, A, 1.0, T, [1e5, 1e6], grid=64, seeds=(0, 1))
 
 
 def test_flattened_tops_lower_friction_as_they_are_lowered(worn):
@@ -199,13 +199,13 @@ def test_tops_of_long_waves_are_flattened_alone():
 def test_wear_of_long_waves_costs_at_most_their_share_of_friction():
     """f = 0.6 on waves above 8 mm of a road down to 3.1 mm, 1 m/s: friction falls by (1 - f) of what those waves
     carry at most, for the shorter ones keep theirs; worn on all waves it falls by about 1 - f."""
-    road, shortest, cutoff, p = skewed_friction.READY["asphalt A"], 2 * 2 * np.pi / 250.0 * 4 / 64, 8e-3, 3e5
+    road, shortest, cutoff, p = skewed_friction.READY_ROADS["asphalt A"], 2 * 2 * np.pi / 250.0 * 4 / 64, 8e-3, 3e5
     assert road.q0 == 250.0
-    carried = Theory(A, replace(road, q1=2 * np.pi / shortest))(1.0, T, p)
+    carried = PerssonTheory(A, replace(road, q1=2 * np.pi / shortest))(1.0, T, p)
     long = carried.q < 2 * np.pi / cutoff
     share = float((carried.density * carried.weight)[long].sum() / carried.viscous)
     some, every = (
-        skewed_friction.compare(0.6, A, 1.0, T, [p], grid=64, seeds=(0, 1, 2), cutoff=c).against("mu", "worn", "plain")
+        skewed_friction.compare_roads(0.6, A, 1.0, T, [p], grid=64, seeds=(0, 1, 2), cutoff=c).mean_ratio("mu", "worn", "plain")
         for c in (cutoff, 0.0)
     )
     print(some, every, share)
@@ -214,13 +214,13 @@ def test_wear_of_long_waves_costs_at_most_their_share_of_friction():
 
 
 def test_a_plain_road_is_not_worn():
-    found = skewed_friction.compare(1.0, A, 0.1, T, 3e5, grid=32, seeds=(0,))
-    assert found.against("mu", "worn", "plain") == 1.0
-    assert found.follows == 1.0
+    found = skewed_friction.compare_roads(1.0, A, 0.1, T, 3e5, grid=32, seeds=(0,))
+    assert found.mean_ratio("mu", "worn", "plain") == 1.0
+    assert found.friction_area_product == 1.0
 
 
 @pytest.mark.parametrize("given", [(0.0, 1.0, 1e5), (1.1, 1.0, 1e5), (0.5, -1.0, 1e5), (0.5, 1.0, 0.0)])
 def test_bad_input_is_refused(given):
     f, speed, p = given
     with pytest.raises(BadInput, match="give 0 < f <= 1"):
-        skewed_friction.compare(f, Rubber(A.modulus, A.shift), speed, T, p)
+        skewed_friction.compare_roads(f, Rubber(A.modulus, A.shift), speed, T, p)

@@ -14,9 +14,9 @@ from flashtemp.errors import BadInput
 from flashtemp.meshes.grading import geometric
 from flashtemp.meshes.mesh import Mesh
 from flashtemp.physics.effects.resolved_spots import ResolvedSpots
-from flashtemp.physics.friction.spot_patterns import ContactMap, Discs, discs, read_map
-from flashtemp.solver.balance import Balance
-from flashtemp.solver.system import System
+from flashtemp.physics.friction.spot_patterns import ContactMap, DiscPattern, place_discs, read_contact_map
+from flashtemp.solver.balance import HeatBalance
+from flashtemp.solver.system import PhaseSystem
 
 D, PHI = 3e-3, 0.2
 
@@ -24,26 +24,26 @@ D, PHI = 3e-3, 0.2
 # --- geometry ----------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("pattern", "phi"), [("random", 0.05), ("random", 0.3), ("regular", 0.2), ("regular", 0.6)])
 def test_discs_cover_their_share_and_do_not_overlap(pattern, phi):
-    road = discs(pattern, D, phi, 0.02, 0.06, 3)
+    road = place_discs(pattern, D, phi, 0.02, 0.06, 3)
     repeat, centres = road.repeat, road.centres
     assert len(centres) * np.pi * D**2 / 4 / (repeat * 0.02) == pytest.approx(phi, rel=1e-12)
     apart = np.abs(centres[:, None] - centres[None])
     apart = np.minimum(apart, np.array([repeat, 0.02]) - apart)
     far = np.hypot(apart[..., 0], apart[..., 1])[~np.eye(len(centres), dtype=bool)]
     assert far.min() >= D * (1 - 1e-9)
-    area = road.area(np.linspace(-0.01, 0.01, 37), 0.02)
+    area = road.cumulative_cover(np.linspace(-0.01, 0.01, 37), 0.02)
     assert area[:, -1].mean() / repeat == pytest.approx(phi, rel=1e-3)
 
 
 def test_the_seed_decides():
-    first, again, other = (discs("random", D, PHI, 0.02, 0.06, seed).centres for seed in (1, 1, 2))
+    first, again, other = (place_discs("random", D, PHI, 0.02, 0.06, seed).centres for seed in (1, 1, 2))
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
 
 
 def test_too_many_discs_are_refused():
     with pytest.raises(BadInput, match="at random"):
-        discs("random", D, 0.8, 0.02, 0.06, 1)
+        place_discs("random", D, 0.8, 0.02, 0.06, 1)
 
 
 def even(n, length, height=3e-3, first=1e-5, cells=24, planes=1, width=0.02):
@@ -70,7 +70,7 @@ def test_cover_moves_with_the_road_without_steps(lab):
     """The covered area changes by what crosses the edges only: no staircase as spots pass from cell to cell."""
     scene = resolved(lab, even(40, 0.02, planes=30), repeat=0.02)
     area = scene.mesh.column_area
-    repeat = discs("random", D, PHI, scene.width, 0.02, 1).repeat
+    repeat = place_discs("random", D, PHI, scene.width, 0.02, 1).repeat
     whole = np.array([cover_at(scene, s) @ area for s in np.linspace(0.0, repeat, 400, endpoint=False)])
     assert cover_at(scene, 0.0).max() == pytest.approx(1.0, abs=1e-9)
     assert whole.mean() / area.sum() == pytest.approx(PHI, rel=1e-3)
@@ -87,14 +87,14 @@ def test_a_map_covers_what_its_pixels_do(tmp_path, lab):
     rng = np.random.default_rng(5)
     covered = (rng.uniform(size=(50, 30)) < 0.3).astype(float)
     road = ContactMap(covered, (4e-4, 5e-4))
-    area = road.area(np.linspace(-0.0075, 0.0075, 31), 0.015)
+    area = road.cumulative_cover(np.linspace(-0.0075, 0.0075, 31), 0.015)
     np.testing.assert_allclose(np.diff(area, axis=1) / 4e-4, covered.T, atol=1e-12)
-    wide = road.area(np.linspace(-0.015, 0.015, 41), 0.03)
+    wide = road.cumulative_cover(np.linspace(-0.015, 0.015, 41), 0.03)
     assert wide[:, -1].mean() / road.repeat == pytest.approx(covered.mean(), rel=1e-12)
     np.testing.assert_allclose(wide[:20, -1], wide[20:, -1], rtol=1e-12)
     file = tmp_path / "map.npz"
     np.savez(file, covered=covered, pixel_m=[4e-4, 5e-4])
-    scene = resolved(lab, even(40, 0.02, planes=12, cells=8), contact_map=read_map(file, "k"), time=0.02)
+    scene = resolved(lab, even(40, 0.02, planes=12, cells=8), contact_map=read_contact_map(file, "k"), time=0.02)
     assert cover_at(scene, 0.0) @ scene.mesh.column_area == pytest.approx(covered.mean() * 0.02, rel=0.2)
     lab.slide(scene, rtol=1e-3)
 
@@ -105,7 +105,7 @@ def test_a_map_covers_what_its_pixels_do(tmp_path, lab):
 def test_a_file_that_is_no_map_is_refused(tmp_path, held):
     np.savez(tmp_path / "map.npz", **held)
     with pytest.raises(BadInput, match="flashtemp spots"):
-        read_map(tmp_path / "map.npz", "resolved_spots.contact_map")
+        read_contact_map(tmp_path / "map.npz", "resolved_spots.contact_map")
 
 
 # --- heat --------------------------------------------------------------------------------------------
@@ -124,9 +124,9 @@ def test_V12_stripes_heat_on_and_off(lab, phi, excess):
     mesh = even(round(length / D * 32), length, first=5e-6)
     scene = resolved(lab, mesh, phi, lab.NO_ROAD, time, speed, pattern="stripes")
     run, rise = lab.slide(scene, rtol=1e-4)
-    system = System(Balance(scene), scene.schedule.phases[-1])
+    system = PhaseSystem(HeatBalance(scene), scene.schedule.phases[-1])
     now = system.moment(scene.schedule.end)
-    state, _, flux, _ = system.interface.contact(now, 0.0, rise, system.road(now), system.b.ones)
+    state, _, flux, _ = system.interface.solve_contact(now, 0.0, rise, system.incoming_road(now), system.b.ones)
     spot = np.sum(state.phi * flux.spot) / np.sum(state.phi) - scene.ambient
     mean = np.mean(run.T_block[-1]) - run.ambient_degC
     q, period = 1e5 * speed / phi, D / phi / speed
@@ -139,7 +139,7 @@ def test_V12_stripes_heat_on_and_off(lab, phi, excess):
 def test_V11_one_disc_on_fresh_rubber(lab, n):
     """Mean over a disc of `n` cells that has moved by two diameters: 0.6885 q sqrt(D/v)/e; the road takes no heat."""
     speed, length, width = 0.1, 0.016, 0.006
-    road = Discs(D, 1.0, np.array([[0.005, 0.0]]))
+    road = DiscPattern(D, 1.0, np.array([[0.005, 0.0]]))
     mesh = even(round(length / D * n), length, height=2e-3, cells=16, planes=round(width / D * n), width=width)
     scene = resolved(lab, mesh, road=lab.NO_ROAD, time=2 * D / speed, speed=speed, contact_map=road)
     run, _ = lab.slide(scene, rtol=1e-3)

@@ -12,26 +12,26 @@ import pytest
 
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
-from flashtemp.comparison.twin import Plan, twin
+from flashtemp.comparison.twin import SyntheticPlan, make_synthetic_campaign
 from flashtemp.discovery import engine
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.diagnostics.effect_size import change_per_unit
-from flashtemp.discovery.diagnostics.input_checks import InputVerdict, check_inputs, groups_of_inputs
-from flashtemp.discovery.diagnostics.input_columns import COARSE_CELLS, add_input_columns
-from flashtemp.discovery.diagnostics.stated_inputs import stated_inputs
-from flashtemp.discovery.estimation.linear_gaussian import System
-from flashtemp.discovery.estimation.nuisance_priors import GROUPS, nuisance_priors
-from flashtemp.discovery.estimation.whitening import Data
-from flashtemp.discovery.hypotheses.candidates import OTHERWISE, PRIORS
-from flashtemp.discovery.hypotheses.input_kinds import INPUT_KINDS, LAW, exemption, input_kind
+from flashtemp.discovery.diagnostics.input_checks import InputVerdict, check_inputs, group_inputs
+from flashtemp.discovery.diagnostics.input_columns import INPUT_CELL_FACTORS, add_input_columns
+from flashtemp.discovery.diagnostics.stated_inputs import list_stated_inputs
+from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
+from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD, nuisance_priors
+from flashtemp.discovery.estimation.whitening import WhitenedData
+from flashtemp.discovery.hypotheses.candidates import DEFAULT_KEY_PRIOR_SD, KEY_PRIOR_SD
+from flashtemp.discovery.hypotheses.input_kinds import INPUT_KINDS, LAW_PARAMETER, exemption_reason, input_kind
 from flashtemp.discovery.parameters import Kind, ParameterId
-from flashtemp.discovery.prediction.prediction import Derivatives, Observable, Prediction, predict_condition
+from flashtemp.discovery.prediction.prediction import DerivativeRequest, Observable, Prediction, predict_condition
 from flashtemp.discovery.prediction.problem import prepare_problem
 from flashtemp.errors import BadInput
 from flashtemp.model import priors
-from flashtemp.model.case import load
-from flashtemp.model.schema import APART, COMPUTATION
-from flashtemp.runs.workers import crew
+from flashtemp.model.case import load_case
+from flashtemp.model.schema import COMMAND_TABLES, COMPUTATION_TABLES
+from flashtemp.runs.workers import open_worker_pool
 
 ROOT = Path(__file__).parents[1]
 SMALL = {
@@ -49,9 +49,9 @@ def made(tmp_path_factory):
     """A small campaign of one condition in which nothing is hidden and nothing drawn, and how to prepare it."""
     folder = tmp_path_factory.mktemp("inputs")
     (folder / "case.toml").write_text("")
-    plan = Plan((), 3, conditions=1, views=("sidewall", "wake"), sliding=8, nuisance=0.0)
-    read = campaign.load(twin(load(folder / "case.toml", SMALL), plan, folder / "lab"))
-    with crew(predict_condition, 1) as run:
+    plan = SyntheticPlan((), 3, conditions=1, views=("sidewall", "wake"), sliding=8, nuisance=0.0)
+    read = campaign.load(make_synthetic_campaign(load_case(folder / "case.toml", SMALL), plan, folder / "lab"))
+    with open_worker_pool(predict_condition, 1) as run:
         yield SimpleNamespace(campaign=read, prepare=lambda **changed: prepare_problem(replace(read, **changed), run))
 
 
@@ -63,18 +63,18 @@ def checked(made, factor, keys):
 
     views, forces = (tuple(map(wrong, own)) for own in (made.campaign.views, made.campaign.forces))
     problem = made.prepare(views=views, forces=forces, free=("ambient.convection",))
-    inputs = tuple(i for i in stated_inputs(problem) if i.key in keys)
-    asked = Derivatives(problem.free, scatter=True, modes=2, optics=True, laboratory=True)
+    inputs = tuple(i for i in list_stated_inputs(problem) if i.key in keys)
+    asked = DerivativeRequest(problem.free, scatter=True, modes=2, optics=True, block_sizes=True)
     first = problem.predictions(problem.tasks(problem.start, asked))
     first = add_input_columns(problem, problem.start, first, inputs)
-    data = Data.begin(problem, first)
-    system = System(data.blocks(first))
+    data = WhitenedData.from_predictions(problem, first)
+    system = LinearSystem(data.make_blocks(first))
     changes = partial(change_per_unit, data, first, system)
     known = nuisance_priors(problem, system.names, problem.start)
     out = {}
-    for cell, total in ((True, None), (False, system.total(lambda block: not block.label.endswith(".csv")))):
+    for cell, total in ((True, None), (False, system.normal_equations(lambda block: not block.label.endswith(".csv")))):
         checks = {c.input.key: c for c in check_inputs(system, known, total, inputs, changes)}
-        groups = [{i.key for i in g} for g in groups_of_inputs(system, known, total, inputs)]
+        groups = [{i.key for i in g} for g in group_inputs(system, known, total, inputs)]
         faint = check_inputs(system, known, total, inputs, lambda p: 1e-3 * changes(p))
         faint = {c.input.key: c for c in faint}
         out[cell] = SimpleNamespace(checks=checks, groups=groups, changes=changes, faint=faint)
@@ -106,16 +106,16 @@ EXEMPT = {  # physical keys of the two cases that are no measured inputs, with t
 
 @pytest.mark.parametrize("name", ["uniform_pressure", "slide3d"])
 def test_every_physical_number_of_a_case_is_an_input_or_exempt_with_a_reason(name, tmp_path):
-    problem = problem_of(load(ROOT / "cases" / name), tmp_path)
-    listed = {i.key: i for i in stated_inputs(problem)}
-    full = priors.with_materials(problem.case)
+    problem = problem_of(load_case(ROOT / "cases" / name), tmp_path)
+    listed = {i.key: i for i in list_stated_inputs(problem)}
+    full = priors.expand_materials(problem.case)
     for table, own in full.values.items():
         for key, value in own.items():
             dotted, number = f"{table}.{key}", isinstance(value, (int, float)) and not isinstance(value, bool)
-            if table in (*COMPUTATION, *APART) or dotted in problem.campaign.free:
+            if table in (*COMPUTATION_TABLES, *COMMAND_TABLES) or dotted in problem.campaign.free:
                 assert dotted not in listed
             elif dotted in EXEMPT:
-                assert EXEMPT[dotted] in exemption(full, dotted)
+                assert EXEMPT[dotted] in exemption_reason(full, dotted)
                 assert dotted not in listed
             elif number and np.isfinite(value) and (value or dotted == "ambient.temperature"):
                 assert (listed[dotted].value, listed[dotted].sd > 0) == (value, True)
@@ -125,7 +125,7 @@ def test_every_physical_number_of_a_case_is_an_input_or_exempt_with_a_reason(nam
 
 def test_cameras_state_emissivity_and_reflected_temperature(tmp_path):
     listed = {
-        i.key: i for i in stated_inputs(problem_of(load(ROOT / "cases" / "uniform_pressure"), tmp_path, "wake", 0.9))
+        i.key: i for i in list_stated_inputs(problem_of(load_case(ROOT / "cases" / "uniform_pressure"), tmp_path, "wake", 0.9))
     }
     assert (listed["wake.emissivity"].value, listed["wake.emissivity"].sd) == (0.9, 0.05)
     assert (listed["wake.reflected_temperature"].value, listed["wake.reflected_temperature"].sd) == (20.0, 2.0)
@@ -133,15 +133,15 @@ def test_cameras_state_emissivity_and_reflected_temperature(tmp_path):
 
 
 def test_kinds_agree_with_what_calibration_and_sensitivity_use():
-    for key, sd in PRIORS.items():
+    for key, sd in KEY_PRIOR_SD.items():
         assert input_kind(key, "1").sd == sd, key
-    assert INPUT_KINDS[LAW].sd == OTHERWISE
-    assert INPUT_KINDS["geometry"].sd == GROUPS[Kind.SIZE]
-    for name, (sd, relative, _) in (priors.OF_MATERIALS | priors.OF_LAYERS).items():
+    assert INPUT_KINDS[LAW_PARAMETER].sd == DEFAULT_KEY_PRIOR_SD
+    assert INPUT_KINDS["geometry"].sd == NUISANCE_SD[Kind.SIZE]
+    for name, (sd, relative, _) in (priors.USUAL_MATERIAL_SD | priors.USUAL_LAYER_SD).items():
         found = input_kind(f"materials.any.{name}", "")
         assert (found.sd, found.relative) == (sd, relative), name
     for key in ("contact.pressure", "schedule.speed", "contact.spot_diameter", "wear.rate"):
-        assert (input_kind(key, "").sd, input_kind(key, "").relative) == priors.USUAL[key][:2], key
+        assert (input_kind(key, "").sd, input_kind(key, "").relative) == priors.USUAL_SD[key][:2], key
     assert all(k.reason and k.sd > 0 for k in INPUT_KINDS.values())
 
 
@@ -167,7 +167,7 @@ def test_a_campaign_states_how_well_its_inputs_are_known(made, tmp_path):
     told = """{ "contact.pressure" = 0.005, "ambient.temperature" = "0.2 K", block.length = "0.1 mm", \
 "schedule.speed" = "3 %", "sidewall.emissivity" = "0.01 ", "materials.asphalt.density" = "23 kg/m3" }"""
     read = read_with(made, tmp_path, told.replace('"0.01 "', "0.02"))
-    listed = {i.key: i for i in stated_inputs(made.prepare(known=read.known))}
+    listed = {i.key: i for i in list_stated_inputs(made.prepare(known=read.known))}
     expected = {
         "contact.pressure": 0.005, "ambient.temperature": 0.2, "block.length": 0.004, "schedule.speed": 0.03,
         "sidewall.emissivity": 0.02 * 0.95, "materials.asphalt.density": 0.01,
@@ -217,7 +217,7 @@ def test_a_wrong_statement_is_refused_in_one_line(made, tmp_path, told, said):
 def test_a_statement_about_what_is_no_input_is_refused(made, tmp_path, key, said):
     read = read_with(made, tmp_path, f'{{ "{key}" = 0.02 }}')
     with pytest.raises(BadInput, match=f"known: {key}: .*{said}"):
-        stated_inputs(made.prepare(known=read.known))
+        list_stated_inputs(made.prepare(known=read.known))
 
 
 # --- columns --------------------------------------------------------------------------------------------
@@ -225,17 +225,17 @@ def test_a_statement_about_what_is_no_input_is_refused(made, tmp_path, key, said
 def columns(made):
     """The prediction at the stated point with all columns that are compared, and its task with a tight tolerance."""
     problem = made.prepare()
-    asked = Derivatives(inputs=tuple(ParameterId.of_input(key) for key in COMPARED))
+    asked = DerivativeRequest(inputs=tuple(ParameterId.of_input(key) for key in COMPARED))
     [task] = problem.tasks(problem.start, asked)
     task = replace(task, pins=task.pins | {"numerics.mesh": 0.4})
-    fine = replace(task, pins=task.pins | {"numerics.rtol": 1e-6}, derivatives=Derivatives())
+    fine = replace(task, pins=task.pins | {"numerics.rtol": 1e-6}, derivatives=DerivativeRequest())
     return SimpleNamespace(seen=predict_condition(task), fine=fine, still=predict_condition(fine))
 
 
 @pytest.mark.parametrize("key", COMPARED)
 def test_columns_agree_with_differences_of_whole_runs(columns, key):
     """Of the case built anew with the input moved; the longer schedule of two, so that no frame comes after its end."""
-    case = priors.with_materials(columns.fine.case.with_values(columns.fine.given))
+    case = priors.expand_materials(columns.fine.case.with_values(columns.fine.given))
     step = -0.004 if key == "schedule.speed" else 0.004
     value, step = (
         (case[key] + 10 * step, 10 * step) if key == "ambient.temperature" else (case[key] * np.exp(step), step)
@@ -259,7 +259,7 @@ def test_inputs_of_a_view_have_columns_and_a_size_of_the_block_has_one_column_on
     """The column of emissivity is the slope that the camera model knows analytically."""
     problem = made.prepare()
     asked = tuple(map(ParameterId.of_input, ("sidewall.emissivity", "sidewall.reflected_temperature", "block.length")))
-    [seen] = problem.predictions(problem.tasks(problem.start, Derivatives(optics=True, laboratory=True, inputs=asked)))
+    [seen] = problem.predictions(problem.tasks(problem.start, DerivativeRequest(optics=True, block_sizes=True, inputs=asked)))
     wall, wake = (seen.observables[v.file].columns for v in problem.campaign.views)
     gain = wall[ParameterId(Kind.GAIN)]
     assert np.abs(wall[asked[0]] - gain).max() < 0.02 * np.abs(gain).max()
@@ -315,13 +315,13 @@ def test_an_input_that_would_change_less_than_the_model_may_err_is_not_contradic
     assert "hardly depend" in faint.words
 
 
-@pytest.mark.parametrize(("contradicted", "meshes"), [(("block.height",), [COARSE_CELLS, None]), ((), [COARSE_CELLS])])
+@pytest.mark.parametrize(("contradicted", "meshes"), [(("block.height",), [INPUT_CELL_FACTORS, None]), ((), [INPUT_CELL_FACTORS])])
 def test_inputs_that_data_contradict_are_asked_again_on_the_mesh_of_the_data(monkeypatch, contradicted, meshes):
     """A coarse mesh makes up a column of what changes next to nothing; the exact one replaces it, others stay."""
     height, mu = (ParameterId.of_input(key) for key in ("block.height", "friction.mu"))
     keys, asked, shown = {"block.height": height, "friction.mu": mu}, [], []
 
-    def add(problem, model, predictions, inputs, cells=COARSE_CELLS):
+    def add(problem, model, predictions, inputs, cells=INPUT_CELL_FACTORS):
         asked.append((tuple(inputs), cells))
         seen = Observable(
             np.zeros(2), np.ones(2, bool), {keys[key]: np.full(2, 1.0 if cells else 0.0) for key in inputs}
@@ -331,7 +331,7 @@ def test_inputs_that_data_contradict_are_asked_again_on_the_mesh_of_the_data(mon
     def question(search, final, inputs, predictions):
         shown.append(predictions[0].observables["a"].columns)
         checks = tuple(SimpleNamespace(input=key, is_contradicted=key in contradicted) for key in inputs)
-        return engine.Questioned(checks, (), None)
+        return engine.InputAssessment(checks, (), None)
 
     for name, answer in (("stated_inputs", lambda problem: tuple(keys)), ("add_input_columns", add)):
         monkeypatch.setattr(engine, name, answer)
@@ -359,18 +359,18 @@ def test_right_inputs_are_not_contradicted(made):
 
 def _reduced_set():
     """Errors of set-up: two small ones (0, 1) that one (2) does alone, and one that nothing needs (3)."""
-    from flashtemp.discovery.diagnostics.setup_errors import Reduced
+    from flashtemp.discovery.diagnostics.setup_errors import ReducedFit
 
     act = np.array([[30.0, 0.0, 30.0, 0.1], [0.0, 30.0, 30.0, -0.1]])  # on two data in sigma
     data = act[:, 2]
     names = tuple(ParameterId.of_input(f"key.{k}") for k in range(4))
-    return Reduced(names, act.T @ data, act.T @ act, np.ones(4))
+    return ReducedFit(names, act.T @ data, act.T @ act, np.ones(4))
 
 
 def test_one_error_of_the_set_up_is_preferred_to_two_that_do_the_same():
-    from flashtemp.discovery.diagnostics.setup_errors import _stepwise
+    from flashtemp.discovery.diagnostics.setup_errors import _select_stepwise
 
-    sets = _stepwise(_reduced_set(), 8.0)
+    sets = _select_stepwise(_reduced_set(), 8.0)
     assert max(sets, key=lambda s: sets[s]) == (2,)
     assert (0, 1) not in sets or sets[(0, 1)] < sets[(2,)]
 
@@ -381,5 +381,5 @@ def test_alternatives_of_a_set_up_error_are_the_best_and_the_fewest(monkeypatch)
     monkeypatch.setattr(setup_errors, "_called", lambda problem, known, p, value: (p.name, p.name))
     monkeypatch.setattr(setup_errors, "MAX_ALTERNATIVES", 1)
     others = [(0, 3), (0,), (3,), (2,)]  # the best first; the last has nothing in place of it
-    found = setup_errors._alternatives(None, {}, _reduced_set(), (2,), others)
+    found = setup_errors._list_alternatives(None, {}, _reduced_set(), (2,), others)
     assert found == (("key.0", "key.0"),)

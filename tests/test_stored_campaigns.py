@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from flashtemp.discovery.verdict import Held, Verdict
+from flashtemp.discovery.verdict import InputCorrection, Verdict
 
 FILE = Path(__file__).parents[1] / "benchmarks" / "campaigns.py"
 ENGINE = """
@@ -102,7 +102,7 @@ def test_a_failure_is_recorded_with_its_traceback(judged):
 
 @pytest.mark.parametrize(("kind", "counted"), [("held_key", True), ("named", False)])
 def test_a_stated_number_counts_as_named_where_it_is_the_verdict(campaigns, kind, counted):
-    key = Held("contact.pressure", 1e5, 1.1e5, 1e3, "Pa", 20.0, "the pressure")
+    key = InputCorrection("contact.pressure", 1e5, 1.1e5, 1e3, "Pa", 20.0, "the pressure")
     found = campaigns.describe_verdict(Verdict("a", kind, (), held_key=key), {})
     assert found["inputs"] == ["contact.pressure"] * counted
 

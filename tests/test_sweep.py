@@ -16,9 +16,9 @@ import xarray as xr
 
 from flashtemp.__main__ import main
 from flashtemp.errors import SolverFailure
-from flashtemp.model.case import load
+from flashtemp.model.case import load_case
 from flashtemp.runs import kept_points, sweep
-from flashtemp.runs.workers import stream
+from flashtemp.runs.workers import stream_results
 from flashtemp.solver.march import march
 from flashtemp.viz import sweep as picture
 
@@ -46,9 +46,9 @@ def case(tmp_path):
 
 
 def carried(case, out, *given, **how):
-    asked = sweep.plan(case, *sweep.parsed(list(given)))
-    with sweep.folder(out, asked) as work:
-        found = sweep.carry_out(asked, work, **how)
+    asked = sweep.plan_sweep(case, *sweep.parse_axes(list(given)))
+    with sweep.open_sweep_folder(out, asked) as work:
+        found = sweep.run_sweep(asked, work, **how)
         found.save(work)
     return found.dataset, found.failed
 
@@ -59,11 +59,11 @@ def test_every_combination_is_the_run_itself(case, tmp_path):
     assert found.T_block.dims == ("contact.pressure", "schedule.speed", "repetition", "place")
     assert found["contact.pressure"].attrs["units"] == "Pa"
     given = {"contact.pressure": 2e5, "schedule.speed": 0.2, "friction.mu": 0.8}
-    made = load(case, given)
+    made = load_case(case, given)
     run = march(made.scene, made.settings)
     one = found.sel({"contact.pressure": 2e5, "schedule.speed": 0.2})
     assert float(one.rise_trailing_K) == run.summary["rise_trailing_K"]
-    last = np.interp(found.place * 0.025, run.x, run.T_spot[run.last])
+    last = np.interp(found.place * 0.025, run.x, run.T_spot[run.last_sliding_index])
     np.testing.assert_array_equal(one.T_spot.isel(repetition=-1), last)
     kept = xr.load_dataset(tmp_path / "out" / "sweep.nc")
     xr.testing.assert_identical(kept, found)
@@ -90,7 +90,7 @@ def test_an_interrupted_sweep_goes_on(case, tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         carried(case, out, *AXES, workers=1, watch=stop)
     assert not out.exists()
-    whole = sweep.point
+    whole = sweep.compute_point
     monkeypatch.setattr(sweep, "point", lambda c: (marched.append(c), whole(c))[1])
     found, failed = carried(case, out, *AXES, workers=1)
     assert len(marched) == 4
@@ -103,10 +103,10 @@ def test_an_interrupted_sweep_goes_on(case, tmp_path, monkeypatch):
 def test_a_changed_file_is_another_point(case, tmp_path):
     (case / "p.csv").write_text("0.0,1.5\n0.025,0.5\n")
     given = ["effects=pressure_profile", "pressure_profile.profile=p.csv"]
-    first = sweep.plan(case, *sweep.parsed([*given, "schedule.speed=0.1,0.2"])).points[0]
-    name = kept_points._name(first)
+    first = sweep.plan_sweep(case, *sweep.parse_axes([*given, "schedule.speed=0.1,0.2"])).points[0]
+    name = kept_points._hash_case(first)
     (case / "p.csv").write_text("0.0,0.5\n0.025,1.5\n")
-    assert kept_points._name(first) != name
+    assert kept_points._hash_case(first) != name
 
 
 def test_a_point_that_fails_is_told_and_the_rest_stays(case, tmp_path, capsys):
@@ -190,13 +190,13 @@ def test_a_killed_process_loses_nothing(tmp_path):
     trap = tmp_path / "trap"
     trap.write_text("")
     tasks = [(str(tmp_path), k, str(trap)) for k in range(8)]
-    got = list(stream(slow, tasks, 2))
+    got = list(stream_results(slow, tasks, 2))
     assert sorted(got) == [(k, k * k) for k in range(8)]
 
 
 def test_processes_that_are_always_killed_end_it():
     with pytest.raises(SolverFailure, match="fewer --workers"):
-        list(stream(signal.raise_signal, [signal.SIGKILL, signal.SIGKILL], 2))
+        list(stream_results(signal.raise_signal, [signal.SIGKILL, signal.SIGKILL], 2))
 
 
 @pytest.mark.long

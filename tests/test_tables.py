@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flashtemp.errors import BadInput
-from flashtemp.physics.interpolation import Curve, Surface, grid, pairs, rows
+from flashtemp.physics.interpolation import Curve, Surface, read_surface, read_xy_pairs, read_rows
 
 CURVE = Curve((0.0, 1.0, 3.0), (2.0, 4.0, 3.0))
 SURFACE = Surface((0.1, 1.0), (20.0, 60.0, 100.0), ((0.8, 0.6, 0.3), (0.9, 0.7, 0.5)))
@@ -52,15 +52,15 @@ def test_file_as_people_write_it(tmp_path):
     """Byte-order mark, comment, header, blank line, blanks around numbers, no newline at the end."""
     text = "\ufeff# made by hand\ntime_s, v_m_s\n\n0, 0.10\n 1.5 ,2e-1\n# stop\n3,0.3"
     (tmp_path / "v.csv").write_text(text, encoding="utf-8")
-    assert rows("v.csv", tmp_path, "schedule.speed", 2).tolist() == [[0.0, 0.1], [1.5, 0.2], [3.0, 0.3]]
-    assert pairs("v.csv", tmp_path, "schedule.speed") == ((0.0, 1.5, 3.0), (0.1, 0.2, 0.3))
+    assert read_rows("v.csv", tmp_path, "schedule.speed", 2).tolist() == [[0.0, 0.1], [1.5, 0.2], [3.0, 0.3]]
+    assert read_xy_pairs("v.csv", tmp_path, "schedule.speed") == ((0.0, 1.5, 3.0), (0.1, 0.2, 0.3))
 
 
 def test_rows_in_the_case_and_in_a_file_are_the_same(tmp_path):
     (tmp_path / "t.csv").write_text("v,T,mu\n1,20,0.9\n0.1,60,0.6\n0.1,20,0.8\n1,60,0.7\n")
     inline = [[0.1, 20, 0.8], [0.1, 60, 0.6], [1, 20, 0.9], [1, 60, 0.7]]
-    assert grid("t.csv", tmp_path, "friction.table") == grid(inline, tmp_path, "friction.table")
-    assert grid(inline, tmp_path, "k")(0.1, 40.0) == pytest.approx(0.7)
+    assert read_surface("t.csv", tmp_path, "friction.table") == read_surface(inline, tmp_path, "friction.table")
+    assert read_surface(inline, tmp_path, "k")(0.1, 40.0) == pytest.approx(0.7)
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def test_rows_in_the_case_and_in_a_file_are_the_same(tmp_path):
 )
 def test_refused_with_key_and_place(source, words, tmp_path):
     with pytest.raises(BadInput) as fault:
-        pairs(source, tmp_path, "contact.pressure", low=0.0)
+        read_xy_pairs(source, tmp_path, "contact.pressure", low=0.0)
     [line] = fault.value.lines
     assert line.startswith("contact.pressure: ")
     assert words in line
@@ -94,4 +94,4 @@ def test_refused_with_key_and_place(source, words, tmp_path):
 )
 def test_grid_needs_every_node_once(source, tmp_path):
     with pytest.raises(BadInput, match="^k: "):
-        grid(source, tmp_path, "k")
+        read_surface(source, tmp_path, "k")

@@ -12,15 +12,15 @@ import pytest
 from flashtemp.discovery.hypotheses.discrepancy_effects import add_friction_scatter
 from flashtemp.model import numerics
 from flashtemp.model.build import first_cells
-from flashtemp.model.case import assemble
-from flashtemp.model.case_file import Places
-from flashtemp.solver.balance import Balance
-from flashtemp.solver.conjugate_residuals import SOLVED, solve
+from flashtemp.model.case import assemble_case
+from flashtemp.model.case_file import KeyLocations
+from flashtemp.solver.balance import HeatBalance
+from flashtemp.solver.conjugate_residuals import MAX_RESIDUAL_RATIO, solve_shifted_system
 from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
-from flashtemp.solver.sensitivity import Move, explore
-from flashtemp.solver.stretching import stretched
-from flashtemp.solver.system import System
+from flashtemp.solver.sensitivity import Perturbation, run_with_sensitivities
+from flashtemp.solver.stretching import stretch_mesh
+from flashtemp.solver.system import PhaseSystem
 
 SMALL = {
     "block.height": 0.005, "road.depth": 0.01, "road.track_length": 0.1, "schedule.distance": 0.2,
@@ -60,7 +60,7 @@ FAINT = {"T_wake": 0.05, "field": 0.1}  # of the rms on the block's surface: wha
 @cache
 def _case(given):
     given = {k: list(v) if isinstance(v, tuple) else v for k, v in given}
-    return assemble({}, SMALL | given, Places("none"), Path(), "neighbours")
+    return assemble_case({}, SMALL | given, KeyLocations("none"), Path(), "neighbours")
 
 
 @cache
@@ -89,7 +89,7 @@ def moved(given, key, value):
 
 
 def moments(given):
-    return tuple(float(s * scene(given).schedule.end) for s in SHARES)
+    return tuple(float(s * scene(given).schedule.end_time) for s in SHARES)
 
 
 def asked(given, **changed):
@@ -129,8 +129,8 @@ def traces(given, keys):
     moves = {}
     for key in keys:
         base, step, _ = MOVES[key]
-        moves[key] = Move(scene(moved(given, key, given.get(key, base) + step)), step)
-    return explore(scene(given), asked(given), moves, "", moments(given), True)
+        moves[key] = Perturbation(scene(moved(given, key, given.get(key, base) + step)), step)
+    return run_with_sensitivities(scene(given), asked(given), moves, "", moments(given), True)
 
 
 def rms(values):
@@ -209,13 +209,13 @@ def test_trace_of_what_slid_first_as_long_as_it_may_be_seen():
     key, plain = "contact.spot_fraction", scene({})
     base, step, apart = MOVES[key]
     times = tuple(d / plain.speeds[1] for d in (0.05, 0.08, 0.12))
-    hood = explore(
-        plain, replace(case({}).settings, times=times), {key: Move(scene(moved({}, key, base + step)), step)}, "", times
+    hood = run_with_sensitivities(
+        plain, replace(case({}).settings, times=times), {key: Perturbation(scene(moved({}, key, base + step)), step)}, "", times
     )
     tight = replace(case({}).settings, times=times, rtol=1e-7, atol=1e-6, order=5)
     above, below = (see(march(scene(moved({}, key, base + s * apart)), tight), "T_wake", times) for s in (1.0, -1.0))
     expected = (above - below) / (2.0 * apart)
-    found = hood.slope(lambda run: see(run, "T_wake", times), key)
+    found = hood.derivative_of(lambda run: see(run, "T_wake", times), key)
     assert rms((found - expected)[np.isfinite(expected)]) < 0.02 * rms(expected[np.isfinite(expected)])
 
 
@@ -225,7 +225,7 @@ def test_trace_of_the_tracks_memory_from_nothing():
     check(traces({}, ["track_memory.strength"]), {}, "track_memory.strength", T_block=0.05, T_wake=0.05, field=0.06)
 
 
-@pytest.mark.parametrize("binding", numerics.available())
+@pytest.mark.parametrize("binding", numerics.installed_bindings())
 def test_either_binding(binding):
     check(traces({"numerics.integrator": binding}, ["friction.mu"]), {}, "friction.mu")
 
@@ -258,22 +258,22 @@ def test_level_is_the_run_at_the_times_that_both_keep(bare):
 
 
 def test_no_neighbours_at_all():
-    hood = explore(scene({}), asked({}), {}, "", moments({}))
-    assert hood.moved == {}
+    hood = run_with_sensitivities(scene({}), asked({}), {}, "", moments({}))
+    assert hood.perturbed == {}
     np.testing.assert_array_equal(hood.run.T_block, march(scene({}), asked({})).T_block)
 
 
 def test_a_scene_that_is_not_moved_differs_by_nothing():
-    hood = explore(scene({}), asked({}), {"same": Move(scene({}), 1e-3)}, "", moments({}), True)
+    hood = run_with_sensitivities(scene({}), asked({}), {"same": Perturbation(scene({}), 1e-3)}, "", moments({}), True)
     for name in BOUNDS:
-        change = hood.slope(lambda run, name=name: see(run, name, moments({})), "same")
+        change = hood.derivative_of(lambda run, name=name: see(run, name, moments({})), "same")
         np.testing.assert_array_equal(change[np.isfinite(change)], 0.0)
 
 
 def test_neighbours_do_not_meet(bare):
     """A trace is the same whoever is beside it, within what other steps change."""
     alone = traces({}, ["pressure_tilt.a"])
-    many, one = (h.slope(lambda run: see(run, "T_block", moments({})), "pressure_tilt.a") for h in (bare, alone))
+    many, one = (h.derivative_of(lambda run: see(run, "T_block", moments({})), "pressure_tilt.a") for h in (bare, alone))
     assert rms(many - one) < 0.01 * rms(one)
 
 
@@ -283,11 +283,11 @@ def test_any_moment_may_be_asked_for():
     times = tuple(sorted({p.begin + f * (p.end - p.begin) for p in phases for f in (0.0, 1e-9, 1e-6, 5e-5, 0.5, 1.0)}))
     step = MOVES["friction.mu"][1]
     own = replace(case({}).settings, times=times)
-    hood = explore(scene({}), own, {"mu": Move(scene({"friction.mu": 1.0 + step}), step)}, "", times)
-    assert np.isin(times, hood.moved["mu"].time).all()
-    assert len(hood.moved["mu"].frames) == len(times)
-    assert np.isfinite(hood.slope(lambda run: run.T_block, "mu")).all()
-    np.testing.assert_array_equal(hood.slope(lambda run: run.T_block, "mu")[0], 0.0)
+    hood = run_with_sensitivities(scene({}), own, {"mu": Perturbation(scene({"friction.mu": 1.0 + step}), step)}, "", times)
+    assert np.isin(times, hood.perturbed["mu"].time).all()
+    assert len(hood.perturbed["mu"].frames) == len(times)
+    assert np.isfinite(hood.derivative_of(lambda run: run.T_block, "mu")).all()
+    np.testing.assert_array_equal(hood.derivative_of(lambda run: run.T_block, "mu")[0], 0.0)
 
 
 # --- neighbours that begin to differ late ------------------------------------------------------------
@@ -295,20 +295,20 @@ def late(given, repetition=2, size=1e-2):
     plain = scene(given)
     since = next(p.begin for p in plain.schedule.phases if p.repetition == repetition)
     other = add_friction_scatter(plain, repetition, size)
-    moves = {"whole": Move(other, size), "since": Move(other, size, since)}
-    return since, explore(plain, asked(given), moves, "", moments(given), True)
+    moves = {"whole": Perturbation(other, size), "since": Perturbation(other, size, since)}
+    return since, run_with_sensitivities(plain, asked(given), moves, "", moments(given), True)
 
 
 def check_late(given):
     since, hood = late(given)
     for name in BOUNDS:
-        whole, part = (hood.slope(lambda run, name=name: see(run, name, moments(given)), k) for k in ("whole", "since"))
+        whole, part = (hood.derivative_of(lambda run, name=name: see(run, name, moments(given)), k) for k in ("whole", "since"))
         np.testing.assert_allclose(part, whole, rtol=1e-9, atol=1e-9 * max(1.0, np.nanmax(np.abs(whole))), err_msg=name)
-    before = hood.level.time <= since
+    before = hood.reference.time <= since
     assert before.sum() > 5
-    np.testing.assert_array_equal(hood.moved["since"].T_block[before], hood.level.T_block[before])
-    np.testing.assert_array_equal(hood.moved["since"].time, hood.level.time)
-    np.testing.assert_array_equal(hood.moved["since"].frames, hood.level.frames)
+    np.testing.assert_array_equal(hood.perturbed["since"].T_block[before], hood.reference.T_block[before])
+    np.testing.assert_array_equal(hood.perturbed["since"].time, hood.reference.time)
+    np.testing.assert_array_equal(hood.perturbed["since"].frames, hood.reference.frames)
 
 
 @pytest.mark.parametrize("given", [{}, RESTING, WORN], ids=["lifted", "resting", "wear"])
@@ -327,13 +327,13 @@ def test_late_neighbours_keep_what_the_track_remembers(given):
 )
 def test_another_mesh_is_refused(other):
     with pytest.raises(ValueError, match="mesh"):
-        explore(scene({}), asked({}), {"other": Move(scene(other), 1e-3)})
+        run_with_sensitivities(scene({}), asked({}), {"other": Perturbation(scene(other), 1e-3)})
 
 
 @pytest.mark.parametrize("other", [{"schedule.distance": 0.21}, {"schedule.speed": 0.11}, {"schedule.wait": 1.1}])
 def test_another_schedule_is_refused(other):
     with pytest.raises(ValueError, match="schedule"):
-        explore(scene({}), asked({}), {"other": Move(scene(other), 1e-3)})
+        run_with_sensitivities(scene({}), asked({}), {"other": Perturbation(scene(other), 1e-3)})
 
 
 # --- neighbours with a longer block, a slower test ---------------------------------------------------
@@ -357,13 +357,13 @@ def check_stretched(given, keys, share, bound):
     def other(key, factor):
         return plain.with_values({key: plain[key] * factor}).scene
 
-    moves = {k: Move(other(k, 1.001), 0.001, stretched=True) for k in keys}
-    hood = explore(plain.scene, plain.settings, moves, "", (), True)
+    moves = {k: Perturbation(other(k, 1.001), 0.001, is_stretched=True) for k in keys}
+    hood = run_with_sensitivities(plain.scene, plain.settings, moves, "", (), True)
     tight = replace(plain.settings, rtol=1e-7, atol=1e-6, order=5)
     for key in keys:
         scenes = [other(key, f) for f in (1 - share, 1 + share)]
-        a, b = (last(march(replace(s, mesh=stretched(plain.scene, s)), tight)) for s in scenes)
-        expected, found = (b - a) / (2 * share), hood.slope(last, key)
+        a, b = (last(march(replace(s, mesh=stretch_mesh(plain.scene, s)), tight)) for s in scenes)
+        expected, found = (b - a) / (2 * share), hood.derivative_of(last, key)
         for what, at in (("profiles", slice(None, -4)), ("split", slice(-3, None))):
             error = rms(found[at] - expected[at]) / max(rms(expected[at]), LEAST[what])
             print(f"{key} {what}: {error:.4f}")
@@ -383,18 +383,18 @@ def test_trace_of_a_longer_test_with_laps_that_are_remembered():
 def test_another_number_of_cells_or_repetitions_is_no_neighbour():
     for other in ({"numerics.mesh": 0.35}, {"schedule.repetitions": 3}, {"schedule.wait": 0.0}):
         with pytest.raises(ValueError, match="neighbour needs"):
-            explore(scene({}), asked({}), {"other": Move(scene(other), 1e-3, stretched=True)})
+            run_with_sensitivities(scene({}), asked({}), {"other": Perturbation(scene(other), 1e-3, is_stretched=True)})
 
 
 @pytest.mark.parametrize("gamma", [0.01, 3.0, 30.0])
 def test_corrections_are_solved_whatever_the_step(gamma):
     """Judged by complex steps of the rate itself; from 3 s on one sweep leaves 0.13 to 0.28 of heat that begins to flow."""
-    b = Balance(scene({}))
-    system, y = System(b, b.scene.schedule.phases[0]), b.initial()
+    b = HeatBalance(scene({}))
+    system, y = PhaseSystem(b, b.scene.schedule.phases[0]), b.initial_state()
     out, moved = np.empty(b.size), np.empty(b.size, dtype=complex)
     system.rate(1.0, y, out)
     R = gamma * out[None, : b.worn.stop]
-    x = solve(system.linearised(1.0, y, gamma), b.size, b.worn.stop, R)[0]
+    x = solve_shifted_system(system.linearise(1.0, y, gamma), b.size, b.worn.stop, R)[0]
     system.rate(1.0, y + 1e-30j * np.append(x, np.zeros(b.size - len(x))), moved)
     left = R[0] - x + gamma * moved[: len(x)].imag / 1e-30
-    assert np.linalg.norm(left) < 1.01 * SOLVED * np.linalg.norm(R)
+    assert np.linalg.norm(left) < 1.01 * MAX_RESIDUAL_RATIO * np.linalg.norm(R)

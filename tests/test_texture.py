@@ -13,11 +13,11 @@ from scipy.special import beta, gamma
 from flashtemp.__main__ import main
 from flashtemp.errors import BadInput
 from flashtemp.physics.friction import measured_roughness
-from flashtemp.physics.friction.roughness_spectrum import Points, SelfAffine, Spectrum
+from flashtemp.physics.friction.roughness_spectrum import MeasuredSpectrum, SelfAffineLaw, RoughnessSpectrum
 
 DATA = Path(__file__).parent / "data"
 PIXEL, N, SURFACES = 2e-4, 512, 6
-LAW = SelfAffine(1e-14, 2 * np.pi * 40 / (N * PIXEL), 0.8)  # 40 roll-off wavelengths across
+LAW = SelfAffineLaw(1e-14, 2 * np.pi * 40 / (N * PIXEL), 0.8)  # 40 roll-off wavelengths across
 pytestmark = pytest.mark.filterwarnings("ignore:Function/property:DeprecationWarning")  # within the libraries
 
 
@@ -33,15 +33,15 @@ def heights():
 
 @pytest.fixture(scope="module")
 def areas(heights):
-    return [measured_roughness.of_topography(h, PIXEL) for h in heights]
+    return [measured_roughness.spectrum_of_topography(h, PIXEL) for h in heights]
 
 
-def mean(spectra: list[Points]) -> Points:
+def mean(spectra: list[MeasuredSpectrum]) -> MeasuredSpectrum:
     """Of spectra over the same wavenumbers: what the windowed modes interfere falls out."""
-    return Points(spectra[0].q, tuple(np.mean([p.C for p in spectra], axis=0)))
+    return MeasuredSpectrum(spectra[0].q, tuple(np.mean([p.C for p in spectra], axis=0)))
 
 
-def ratio(points: Points, longest: float, shortest: float) -> float:
+def ratio(points: MeasuredSpectrum, longest: float, shortest: float) -> float:
     """Mean of C over the law between two wavelengths, every mode of an area counting once."""
     q = np.array(points.q)
     inside = (2 * np.pi / q <= longest) & (2 * np.pi / q >= shortest)
@@ -50,12 +50,12 @@ def ratio(points: Points, longest: float, shortest: float) -> float:
 
 def test_a_known_surface_gives_its_spectrum(heights, areas):
     for surface, points in zip(heights, areas, strict=True):
-        assert Spectrum(points, *points.reach).height == pytest.approx(surface.std(), rel=0.03)
+        assert RoughnessSpectrum(points, *points.reach).rms_height == pytest.approx(surface.std(), rel=0.03)
         assert points.reach == pytest.approx((2 * 2 * np.pi / (N * PIXEL), np.pi / PIXEL), rel=0.08)
     points = mean(areas)
     assert ratio(points, 0.04, 3e-3) == pytest.approx(1.0, rel=0.04)
     assert ratio(points, 2e-3, 4e-4) == pytest.approx(1.0, rel=0.02)
-    law = measured_roughness.fit(points)
+    law = measured_roughness.fit_self_affine(points)
     assert law.level / LAW.level == pytest.approx(1.0, rel=0.06)
     assert law.rolloff == pytest.approx(LAW.rolloff, rel=0.05)
     assert law.hurst == pytest.approx(LAW.hurst, abs=0.02)
@@ -63,16 +63,16 @@ def test_a_known_surface_gives_its_spectrum(heights, areas):
 
 def test_pixels_need_not_be_square_and_points_may_be_missing(heights, areas):
     spread = np.repeat(heights[0], 2, axis=1)
-    assert ratio(measured_roughness.of_topography(spread, (PIXEL, PIXEL / 2)), 4e-3, 2e-3) == pytest.approx(
+    assert ratio(measured_roughness.spectrum_of_topography(spread, (PIXEL, PIXEL / 2)), 4e-3, 2e-3) == pytest.approx(
         ratio(areas[0], 4e-3, 2e-3), rel=0.03
     )
     holes = heights[0].copy()
     holes[np.random.default_rng(1).random(holes.shape) < 0.05] = np.nan
     holes[100:103, 200:230] = 0.04  # m, a reflection
-    patched = measured_roughness.of_topography(measured_roughness.without_spikes(holes), PIXEL)
+    patched = measured_roughness.spectrum_of_topography(measured_roughness.remove_spikes(holes), PIXEL)
     far = np.array(patched.q) < 2 * np.pi / 2e-3
     np.testing.assert_allclose(np.array(patched.C)[far], np.array(areas[0].C)[far], rtol=0.05)
-    spoiled = measured_roughness.of_topography(holes, PIXEL)
+    spoiled = measured_roughness.spectrum_of_topography(holes, PIXEL)
     assert ratio(spoiled, 4e-3, 2e-3) > 1.3 * ratio(patched, 4e-3, 2e-3)
 
 
@@ -80,24 +80,24 @@ def test_pixels_need_not_be_square_and_points_may_be_missing(heights, areas):
 def test_abel_of_a_power_law(hurst):
     k = np.geomspace(10.0, 1e5, 41)
     expected = k ** (-2 - 2 * hurst) * gamma(1 + hurst) / (np.sqrt(np.pi) * gamma(hurst + 0.5))
-    np.testing.assert_allclose(measured_roughness.isotropic(k, k ** (-1 - 2 * hurst)), expected, rtol=1e-8)
+    np.testing.assert_allclose(measured_roughness.isotropic_spectrum(k, k ** (-1 - 2 * hurst)), expected, rtol=1e-8)
 
 
 def test_abel_across_a_roll_off():
     """C = (1 + q^2)^-(1+H) is seen by a line as B(1/2, H + 1/2) (1 + k^2)^-(H+1/2)."""
     k = np.geomspace(1e-2, 1e2, 41)
     S = beta(0.5, 1.3) * (1 + k**2) ** -1.3
-    np.testing.assert_allclose(measured_roughness.isotropic(k, S), (1 + k**2) ** -1.8, rtol=2.5e-3)
+    np.testing.assert_allclose(measured_roughness.isotropic_spectrum(k, S), (1 + k**2) ** -1.8, rtol=2.5e-3)
 
 
 def test_lines_tell_the_same_as_the_area(heights, areas):
-    lines, area = mean([measured_roughness.of_profile(h[::8], PIXEL) for h in heights]), mean(areas)
+    lines, area = mean([measured_roughness.spectrum_of_profile(h[::8], PIXEL) for h in heights]), mean(areas)
     assert ratio(lines, 0.04, 3e-3) == pytest.approx(ratio(area, 0.04, 3e-3), rel=0.08)
     assert ratio(lines, 2e-3, 8e-4) == pytest.approx(ratio(area, 2e-3, 8e-4), rel=0.05)
-    found, expected = measured_roughness.fit(lines), measured_roughness.fit(area)
+    found, expected = measured_roughness.fit_self_affine(lines), measured_roughness.fit_self_affine(area)
     assert found.level / expected.level == pytest.approx(1.0, rel=0.1)
     assert found.hurst == pytest.approx(expected.hurst, abs=0.05)
-    assert lines.reach[1] <= np.pi / PIXEL / 2
+    assert lines.valid_range[1] <= np.pi / PIXEL / 2
     line = heights[0, 0]
     assert measured_roughness.profile_height(line, PIXEL) == pytest.approx(line.std(), rel=0.1)
     assert measured_roughness.profile_height(line, PIXEL, 1e-3) < 0.6 * measured_roughness.profile_height(line, PIXEL)
@@ -106,11 +106,11 @@ def test_lines_tell_the_same_as_the_area(heights, areas):
 def test_tilt_and_place_count_for_nothing(heights, areas):
     """What the instrument's stage adds; and waves that do not fit twice are not told."""
     plane = 0.02 * PIXEL * np.arange(N)
-    tilted = measured_roughness.of_topography(heights[0] + plane + 3 * plane[:, None] + 0.01, PIXEL)
+    tilted = measured_roughness.spectrum_of_topography(heights[0] + plane + 3 * plane[:, None] + 0.01, PIXEL)
     np.testing.assert_allclose(tilted.C, areas[0].C, rtol=1e-6)
-    flat, tilted = (measured_roughness.of_profile(heights[0, 5] + extra, PIXEL) for extra in (0.0, plane + 0.01))
+    flat, tilted = (measured_roughness.spectrum_of_profile(heights[0, 5] + extra, PIXEL) for extra in (0.0, plane + 0.01))
     np.testing.assert_allclose(tilted.C, flat.C, rtol=1e-6)
-    assert flat.reach[0] >= 0.999 * 2 * 2 * np.pi / (N * PIXEL)
+    assert flat.valid_range[0] >= 0.999 * 2 * 2 * np.pi / (N * PIXEL)
 
 
 def test_a_wave_has_the_height_that_it_has():
@@ -125,7 +125,7 @@ def test_a_wave_has_the_height_that_it_has():
 def test_a_measured_profile():
     heights, step = measured_roughness.read_profile(DATA / "captif_profile.dat")
     assert step == pytest.approx(3.75e-5, rel=1e-3)
-    clean = measured_roughness.without_spikes(heights)
+    clean = measured_roughness.remove_spikes(heights)
     plate = heights > 0.04
     assert plate.sum() == 48
     assert np.isnan(heights).sum() == 43
@@ -189,7 +189,7 @@ def test_the_command_on_an_area(heights, tmp_path, capsys):
         told.append(json.loads(capsys.readouterr().out))
         assert Path(told[-1]["picture"]).stat().st_size > 5000
         points = measured_roughness.read_spectrum(out.name, tmp_path, "k")
-        assert Spectrum(points, *points.reach).height == pytest.approx(told[-1]["rms_height_m"], rel=1e-6)
+        assert RoughnessSpectrum(points, *points.valid_range).rms_height == pytest.approx(told[-1]["rms_height_m"], rel=1e-6)
     assert told[0]["rms_height_m"] == pytest.approx(told[1]["rms_height_m"], rel=1e-3)
     assert told[0]["hurst"] == pytest.approx(0.8, abs=0.08)
     assert told[0]["remarks"] == []
@@ -207,7 +207,7 @@ def test_the_command_on_a_profile(heights, tmp_path, capsys):
     assert "rms height of the line itself" in said
     assert "dropouts and spikes: 2.1 %" in said
     assert (tmp_path / "psd.png").is_file()
-    assert measured_roughness.read_spectrum("psd.csv", tmp_path, "k").reach[1] <= np.pi / PIXEL / 2
+    assert measured_roughness.read_spectrum("psd.csv", tmp_path, "k").valid_range[1] <= np.pi / PIXEL / 2
     np.savetxt(tmp_path / "bare.txt", np.where(np.isnan(line), 0.0, line))
     out = tmp_path / "bare.csv"
     argv = ["spectrum", str(tmp_path / "bare.txt"), "--out", str(out), "--profile", f"--pixel={PIXEL}", "--json"]
@@ -218,7 +218,7 @@ def test_the_command_on_a_profile(heights, tmp_path, capsys):
 def test_the_numbers_of_a_law_carry_their_units():
     """Of points on the law: its own level, roll-off and exponent."""
     q = np.geomspace(0.1 * LAW.rolloff, 100 * LAW.rolloff, 61)
-    told = measured_roughness.Summary.of(Points(tuple(q), tuple(LAW(q)))).as_dict()
+    told = measured_roughness.SpectrumSummary.from_points(MeasuredSpectrum(tuple(q), tuple(LAW(q)))).as_dict()
     assert told["level_m4"] == pytest.approx(LAW.level, rel=0.02)
     assert told["rolloff_m"] == pytest.approx(2 * np.pi / LAW.rolloff, rel=0.02)
     assert (told["longest_m"], told["shortest_m"]) == pytest.approx((2 * np.pi / q[0], 2 * np.pi / q[-1]))
@@ -258,15 +258,15 @@ def test_what_no_road_has_is_remarked(heights, kind, pixel, said, tmp_path, caps
 
 def test_a_hurst_exponent_may_reach_its_limits():
     for hurst, count in ((-0.02, 1), (0.0, 0), (1.0, 0), (1.004, 0), (1.02, 1)):
-        assert len(measured_roughness.Summary(1e-4, 9.9, 1e3, 1e5, SelfAffine(1e-14, 1e3, hurst)).remarks) == count
-    assert len(measured_roughness.Summary(1e-4, 10.1, 1e3, 1e5, SelfAffine(1e-14, 1e3, 0.8)).remarks) == 1
+        assert len(measured_roughness.SpectrumSummary(1e-4, 9.9, 1e3, 1e5, SelfAffineLaw(1e-14, 1e3, hurst)).remarks) == count
+    assert len(measured_roughness.SpectrumSummary(1e-4, 10.1, 1e3, 1e5, SelfAffineLaw(1e-14, 1e3, 0.8)).remarks) == 1
 
 
 def test_the_picture_shows_points_and_law():
     from flashtemp.viz import spectrum
 
     q = np.geomspace(100.0, 1e5, 20)
-    points = Points(tuple(q), tuple(LAW(q)))
+    points = MeasuredSpectrum(tuple(q), tuple(LAW(q)))
     fig = spectrum.draw(points, LAW, "road")
     measured, law = fig.axes[0].lines
     np.testing.assert_array_equal(measured.get_xydata(), np.column_stack([points.q, points.C]))
@@ -327,8 +327,8 @@ def test_what_a_reader_says_ends_with_a_whole_word(tmp_path, capsys, monkeypatch
     def read(path):
         raise OSError("damaged " * 40)
 
-    monkeypatch.setattr(contact_map.library(), "read_topography", read)
-    monkeypatch.setattr(contact_map.library(), "open_topography", read)
+    monkeypatch.setattr(contact_map.load_topography_library(), "read_topography", read)
+    monkeypatch.setattr(contact_map.load_topography_library(), "open_topography", read)
     (tmp_path / "a.nc").touch()
     assert main(["spectrum", str(tmp_path / "a.nc"), "--out", str(tmp_path / "a.csv")]) == 2
     said = capsys.readouterr().err
@@ -339,7 +339,7 @@ def test_what_a_reader_says_ends_with_a_whole_word(tmp_path, capsys, monkeypatch
 def test_without_the_library(monkeypatch):
     monkeypatch.setitem(sys.modules, "SurfaceTopography", None)
     with pytest.raises(BadInput, match=r"pip install 'flashtemp\[topography\]'"):
-        measured_roughness.of_topography(np.eye(32), 1e-4)
+        measured_roughness.spectrum_of_topography(np.eye(32), 1e-4)
 
 
 def test_the_command_without_the_library(tmp_path, capsys, monkeypatch):

@@ -12,14 +12,14 @@ from scipy.sparse.linalg import splu
 
 from flashtemp.camera.observation import observe
 from flashtemp.camera.recording import Recording
-from flashtemp.camera.wall import corner_length
+from flashtemp.camera.wall import wall_deficit_length
 from flashtemp.meshes import block_on_road
-from flashtemp.model.case import assemble
-from flashtemp.model.case_file import Places
+from flashtemp.model.case import assemble_case
+from flashtemp.model.case_file import KeyLocations
 from flashtemp.physics.effect import Factor, Heat
-from flashtemp.solver.balance import Balance
+from flashtemp.solver.balance import HeatBalance
 from flashtemp.solver.march import march
-from flashtemp.solver.system import System
+from flashtemp.solver.system import PhaseSystem
 
 W = 0.02
 SMALL = {
@@ -75,8 +75,8 @@ def test_pressure_across_against_the_plane_with_a_sink(lab):
     y = wide.mesh.y_centre
     found = planes @ np.cos(k * y) * 2 / n
     # the plane by itself: C dT/dt = A T + b, then with the sink of the discrete cosine
-    balance = Balance(flat)
-    system, size = System(balance, flat.schedule.phases[0]), balance.n
+    balance = HeatBalance(flat)
+    system, size = PhaseSystem(balance, flat.schedule.phases[0]), balance.n
     system.__dict__["floor"] = -np.inf  # unit vectors are no states: at them the bound of advection would act
     at, out = np.zeros(balance.size), np.zeros(balance.size)
     system.rate(0.5, at, out)
@@ -111,7 +111,7 @@ def rises(view, times, u, v, **more):
     """What a sharp camera sees in 2D, the same as if no air cooled the walls, and in 3D: rises (frames, v, u) in K."""
     images = []
     for across in ({}, {"numerics.across": 60, "numerics.first_y": 3e-5}):
-        made = assemble({}, COOLED | across | more, Places("none"), Path(), "wall")
+        made = assemble_case({}, COOLED | across | more, KeyLocations("none"), Path(), "wall")
         run = march(made.scene, replace(made.settings, times=tuple(times)))
         images.append(observe(run, made.scene, seen(view, times, u, v)).temperature - run.ambient_degC)
         if not across:
@@ -163,14 +163,14 @@ def test_camera_sees_the_wall_near_the_contact(lab):
     }  # fmt: skip
     z, walls = np.arange(1, 21) * 2e-5, []
     for sized in ({"numerics.across": 20}, {"numerics.across": 60, "numerics.first_y": 2e-5}):
-        made = assemble({}, given | sized, Places("none"), Path(), "wall")
+        made = assemble_case({}, given | sized, KeyLocations("none"), Path(), "wall")
         scene = made.scene
         run = march(scene, made.settings)
         image = observe(run, scene, seen("sidewall", run.time[-1:], np.array([0.0125]), z)).temperature
         walls.append(image[0, :, 0] - run.ambient_degC)
     near, fine = walls
     half, film = 0.5 * W / 20, 60.0 / lab.RUBBER.conductivity
-    straight = near * (1 + film * corner_length(z, half)) / (1 + film * half)
+    straight = near * (1 + film * wall_deficit_length(z, half)) / (1 + film * half)
     off, without = (np.abs(values - fine).mean() / fine[0] for values in (near, straight))
     lab.check("wall near the contact, cells of 1 mm, share of the rise", off, 0.02)
     assert off < 0.5 * without
@@ -213,8 +213,8 @@ def test_roll_moves_heat_to_its_side(lab):
 def test_camera_sees_the_wall_and_the_width(lab):
     """A block that leans to y > 0: the camera at y < 0 sees the colder wall, and a wake that rises across."""
     given = SMALL | {"schedule__distance": 0.3, "numerics__behind": 1.1}
-    made = assemble({}, {k.replace("__", "."): v for k, v in given.items()} | {
-        "numerics.across": 20, "effects": ["pressure_roll"], "pressure_roll.a": 0.5}, Places("none"), Path(), "seen")  # fmt: skip
+    made = assemble_case({}, {k.replace("__", "."): v for k, v in given.items()} | {
+        "numerics.across": 20, "effects": ["pressure_roll"], "pressure_roll.a": 0.5}, KeyLocations("none"), Path(), "seen")  # fmt: skip
     scene = made.scene
     run = march(scene, made.settings)
     mesh = run.mesh

@@ -9,9 +9,9 @@ import pytest
 
 from flashtemp.__main__ import main
 from flashtemp.errors import BadInput
-from flashtemp.model.case import load
+from flashtemp.model.case import load_case
 from flashtemp.physics.friction import contact_map
-from flashtemp.physics.friction.spot_patterns import read_map
+from flashtemp.physics.friction.spot_patterns import read_contact_map
 from flashtemp.solver.march import march
 
 ROUGH = {"length": 0.03, "width": 0.02, "pixel": 1.5e-4, "hurst": 0.85, "rms": 3e-4, "rolloff": 5e-3}
@@ -21,13 +21,13 @@ pytestmark = pytest.mark.filterwarnings("ignore:Function/property:DeprecationWar
 
 @pytest.fixture(scope="module")
 def road():
-    return contact_map.synthetic(**ROUGH, seed=3)
+    return contact_map.generate_topography(**ROUGH, seed=3)
 
 
 def test_a_synthetic_road_is_what_was_asked_for(road):
-    again = contact_map.synthetic(**ROUGH, seed=3)
+    again = contact_map.generate_topography(**ROUGH, seed=3)
     np.testing.assert_array_equal(road.heights(), again.heights())
-    assert not np.array_equal(road.heights(), contact_map.synthetic(**ROUGH, seed=4).heights())
+    assert not np.array_equal(road.heights(), contact_map.generate_topography(**ROUGH, seed=4).heights())
     assert road.physical_sizes == (0.03, 0.02)
     assert road.rms_height_from_area() == pytest.approx(3e-4, rel=0.2)
 
@@ -39,7 +39,7 @@ def test_a_sphere_touches_as_hertz_says():
     n, side, R, p = 200, 0.02, 0.05, 60.0
     x = (np.arange(n) - n / 2) * side / n
     heights = -(x[:, None] ** 2 + x[None] ** 2) / (2 * R)
-    found = contact_map.press(Topography(heights, (side, side), periodic=True), p, E, 2.01 * side / n)
+    found = contact_map.solve_contact_map(Topography(heights, (side, side), periodic=True), p, E, 2.01 * side / n)
     radius = (3 * p * side**2 * R / (4 * E)) ** (1 / 3)
     assert found.number == 1
     assert found.diameter == pytest.approx(2 * radius, rel=0.06)
@@ -47,9 +47,9 @@ def test_a_sphere_touches_as_hertz_says():
 
 def test_contact_grows_with_pressure_and_falls_with_resolution(road):
     """Linear in pressure while it is small (C of rough contact), less where finer asperities carry the load."""
-    low, high = (contact_map.press(road, p, E, 1e-3).fraction for p in (1e5, 2e5))
+    low, high = (contact_map.solve_contact_map(road, p, E, 1e-3).fraction for p in (1e5, 2e5))
     assert high / low == pytest.approx(2.0, rel=0.15)
-    fine = contact_map.press(road, 1e5, E, 4e-4).fraction
+    fine = contact_map.solve_contact_map(road, 1e5, E, 4e-4).fraction
     assert fine < 0.85 * low
 
 
@@ -59,7 +59,7 @@ def test_the_command_makes_a_map_that_a_case_runs_on(tmp_path, capsys):
     given = [f"--{k}={v}" for k, v in ROUGH.items()]
     assert main(["spots", "--synthetic", *given, "--cutoff", "1e-3", "--out", str(out), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    ground = read_map(out, "k")
+    ground = read_contact_map(out, "k")
     assert ground.covered.mean() == pytest.approx(told["fraction"])
     assert ground.repeat == pytest.approx(0.03)
     (tmp_path / "case.toml").write_text(
@@ -84,7 +84,7 @@ last_x = 5e-4
 fields = 3
 """
     )
-    case = load(tmp_path)
+    case = load_case(tmp_path)
     run = march(case.scene, case.settings)
     assert run.maps["cover"].mean() == pytest.approx(told["fraction"], rel=0.35)
     assert run.energy_imbalance < 1e-10
@@ -96,9 +96,9 @@ def test_a_file_of_an_instrument_is_read_in_its_own_unit(road, tmp_path):
 
     micro = Topography(1e6 * road.heights(), tuple(1e6 * s for s in road.physical_sizes), unit="um", periodic=True)
     micro.to_netcdf(tmp_path / "road.nc")
-    read = contact_map.read(tmp_path / "road.nc")
+    read = contact_map.read_height_map(tmp_path / "road.nc")
     assert read.physical_sizes == pytest.approx((0.03, 0.02))
-    direct, same = (contact_map.press(t, 1e5, E, 1e-3).fraction for t in (road, read))
+    direct, same = (contact_map.solve_contact_map(t, 1e5, E, 1e-3).fraction for t in (road, read))
     assert same == pytest.approx(direct, rel=0.05)
 
 
@@ -124,10 +124,10 @@ def test_a_text_matrix_is_read(road, tmp_path, capsys, kind):
     file = matrix(road, tmp_path / "road.txt", scale, header)
     assert main(["spots", str(file), *given, "--cutoff", "1e-3", "--out", str(tmp_path / "a.npz"), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    direct = contact_map.press(road, 1.5e5, E, 1e-3)
+    direct = contact_map.solve_contact_map(road, 1.5e5, E, 1e-3)
     assert told["size_m"] == pytest.approx([0.03, 0.02])
     assert told["fraction"] == pytest.approx(direct.fraction, rel=0.1)  # it is detrended
-    assert np.mean(read_map(tmp_path / "a.npz", "k").covered == direct.ground.covered) > 0.98
+    assert np.mean(read_contact_map(tmp_path / "a.npz", "k").covered == direct.ground.covered) > 0.98
 
 
 @pytest.mark.parametrize(
@@ -183,4 +183,4 @@ def test_without_the_library(monkeypatch):
 
     monkeypatch.setitem(sys.modules, "SurfaceTopography", None)
     with pytest.raises(BadInput, match=r"pip install 'flashtemp\[topography\]'"):
-        contact_map.read("a.x3p")
+        contact_map.read_height_map("a.x3p")

@@ -12,31 +12,31 @@ from scipy.integrate import solve_ivp
 
 from flashtemp.__main__ import main
 from flashtemp.errors import BadInput
-from flashtemp.model.case import load
+from flashtemp.model.case import load_case
 from flashtemp.physics.friction import cold_hot_law, tread_block
-from flashtemp.physics.friction.curve_peak import highest
-from flashtemp.physics.friction.flash_temperature import Branch, Spots
-from flashtemp.physics.friction.persson import Theory
-from flashtemp.physics.friction.rheology import READY as RUBBERS
+from flashtemp.physics.friction.curve_peak import find_peak
+from flashtemp.physics.friction.flash_temperature import FrictionBranch, ContactSpots
+from flashtemp.physics.friction.persson import PerssonTheory
+from flashtemp.physics.friction.rheology import READY_RUBBERS as RUBBERS
 from flashtemp.physics.friction.road_side import RoadSide
-from flashtemp.physics.friction.roughness_spectrum import READY as ROADS
+from flashtemp.physics.friction.roughness_spectrum import READY_ROADS as ROADS
 from flashtemp.physics.material import LIBRARY
 
 CASE = Path(__file__).parents[1] / "cases" / "tread_block"
-THEORY, RUBBER, T0, P = Theory(RUBBERS["A"], ROADS["asphalt A"]), LIBRARY["tread_rubber"], 293.15, 3e5
-SPOTS = Spots(0.01, 0.2)
-BLOCK = tread_block.Tread(speed=27.0, footprint=0.1, stiffness=1.5e8, mass=0.02, pressure=P)
+THEORY, RUBBER, T0, P = PerssonTheory(RUBBERS["A"], ROADS["asphalt A"]), LIBRARY["tread_rubber"], 293.15, 3e5
+SPOTS = ContactSpots(0.01, 0.2)
+BLOCK = tread_block.TreadBlock(speed=27.0, footprint=0.1, stiffness=1.5e8, mass=0.02, pressure=P)
 
 
 def even(mu, speeds=(1e-5, 100.0)):
     """The same friction at all speeds, cold and hot."""
-    branch = Branch(np.array(speeds), np.full(2, mu), np.zeros(2), np.zeros(2))
-    return cold_hot_law.Law(branch, branch, 2e-3)
+    branch = FrictionBranch(np.array(speeds), np.full(2, mu), np.zeros(2), np.zeros(2))
+    return cold_hot_law.ColdHotLaw(branch, branch, 2e-3)
 
 
 @pytest.fixture(scope="module")
 def law():
-    return cold_hot_law.law(THEORY, RUBBER, SPOTS, T0, P, 27.0)
+    return cold_hot_law.derive_law(THEORY, RUBBER, SPOTS, T0, P, 27.0)
 
 
 def test_constant_friction_sticks_then_rings():
@@ -45,7 +45,7 @@ def test_constant_friction_sticks_then_rings():
     pull, w, u0 = 1.35, np.sqrt(block.stiffness / block.mass), 0.5 * P / block.stiffness
     worst = []
     for steps in (500, 1000, 2000):
-        path = tread_block.through(block, even(0.5), [0.05], steps)
+        path = tread_block.pass_footprint(block, even(0.5), [0.05], steps)
         tau = path.time - u0 / pull
         speed = np.where(tau > 0, pull * (1 - np.cos(w * tau)), 0.0)
         shear = np.where(tau > 0, u0 + pull / w * np.sin(w * tau), pull * path.time)
@@ -55,11 +55,11 @@ def test_constant_friction_sticks_then_rings():
     print(worst)
     assert np.all(np.array(worst[-1]) < [2e-2, 2e-3])
     assert np.all(np.array(worst[-1]) < 0.3 * np.array(worst[-2]))
-    assert block.ringing > 0.3
+    assert block.ringing_ratio > 0.3
 
 
 def test_a_block_that_never_reaches_its_friction_sticks():
-    path = tread_block.through(BLOCK, even(0.9), [0.01])
+    path = tread_block.pass_footprint(BLOCK, even(0.9), [0.01])
     assert np.all(path.slid == 0.0)
     assert path.traction[-1, 0] == pytest.approx(1.5e8 * 0.001 / P)
 
@@ -68,9 +68,9 @@ def test_friction_that_falls_with_speed_chatters():
     """A light block sticks and slips there; where friction rises with speed it does not."""
     speeds, light = np.array([1e-5, 1e-3, 10.0]), replace(BLOCK, mass=1e-3)
     for mu, chatters in (([0.2, 0.6, 0.1], True), ([0.2, 0.3, 0.6], False)):
-        branch = Branch(speeds, np.array(mu), np.zeros(3), np.zeros(3))
-        path = tread_block.through(light, cold_hot_law.Law(branch, branch, 2e-3), [0.05, 0.09])
-        assert tread_block.chatters(path, 27.0 * np.array([0.05, 0.09])).tolist() == [chatters, chatters]
+        branch = FrictionBranch(speeds, np.array(mu), np.zeros(3), np.zeros(3))
+        path = tread_block.pass_footprint(light, cold_hot_law.ColdHotLaw(branch, branch, 2e-3), [0.05, 0.09])
+        assert tread_block.is_chattering(path, 27.0 * np.array([0.05, 0.09])).tolist() == [chatters, chatters]
 
 
 @pytest.mark.long
@@ -78,14 +78,14 @@ def test_steps_are_doubled_until_the_friction_stays():
     """Stick-slip needs more of them, up to a most; where friction rises with speed the first are enough."""
     speeds, slips, steps = np.array([1e-5, 1e-3, 10.0]), [0.05, 0.09], {}
     for mu, most in (((0.2, 0.3, 0.6), 3200), ((0.2, 0.45, 0.35), 3200), ((0.2, 0.45, 0.35), 200)):
-        branch = Branch(speeds, np.array(mu), np.zeros(3), np.zeros(3))
-        law = cold_hot_law.Law(branch, branch, 2e-3)
-        path, moved = tread_block.settled(BLOCK, law, slips, 200, most)
+        branch = FrictionBranch(speeds, np.array(mu), np.zeros(3), np.zeros(3))
+        law = cold_hot_law.ColdHotLaw(branch, branch, 2e-3)
+        path, moved = tread_block.refine_steps(BLOCK, law, slips, 200, most)
         n = steps[mu, most] = len(path.time) - 1
-        friction, finer = (tread_block.mean_traction(tread_block.through(BLOCK, law, slips, k)) for k in (n, 2 * n))
+        friction, finer = (tread_block.mean_traction(tread_block.pass_footprint(BLOCK, law, slips, k)) for k in (n, 2 * n))
         np.testing.assert_allclose(tread_block.mean_traction(path), friction)
         assert moved == pytest.approx(np.abs(finer / friction - 1).max())
-        assert (moved > tread_block.SETTLED) == (most == 200)
+        assert (moved > tread_block.STEP_DOUBLING_TOLERANCE) == (most == 200)
     print(steps)
     assert steps.popitem()[1] == 200
     rising, falling = steps.values()
@@ -96,13 +96,13 @@ def test_steps_are_doubled_until_the_friction_stays():
 def test_one_small_change_does_not_settle_stick_slip():
     """A bristle so light that 200 steps miss its ringing: 400 change friction by less than 2 %, 800 by more."""
     light, slips = replace(BLOCK, mass=1e-3), [0.05, 0.09]
-    branch = Branch(np.array([1e-5, 1e-3, 10.0]), np.array([0.2, 0.45, 0.35]), np.zeros(3), np.zeros(3))
-    law = cold_hot_law.Law(branch, branch, 2e-3)
-    few, more, most = (tread_block.mean_traction(tread_block.through(light, law, slips, n)) for n in (200, 400, 800))
-    assert np.abs(more / few - 1).max() < tread_block.SETTLED < np.abs(most / more - 1).max()
-    path, moved = tread_block.settled(light, law, slips, 200, 800)
+    branch = FrictionBranch(np.array([1e-5, 1e-3, 10.0]), np.array([0.2, 0.45, 0.35]), np.zeros(3), np.zeros(3))
+    law = cold_hot_law.ColdHotLaw(branch, branch, 2e-3)
+    few, more, most = (tread_block.mean_traction(tread_block.pass_footprint(light, law, slips, n)) for n in (200, 400, 800))
+    assert np.abs(more / few - 1).max() < tread_block.STEP_DOUBLING_TOLERANCE < np.abs(most / more - 1).max()
+    path, moved = tread_block.refine_steps(light, law, slips, 200, 800)
     assert len(path.time) - 1 == 800
-    assert moved > tread_block.SETTLED
+    assert moved > tread_block.STEP_DOUBLING_TOLERANCE
 
 
 @pytest.mark.long
@@ -110,8 +110,8 @@ def test_branches_that_meet_have_no_way_between_them(law):
     """Below 1 % of the cold branch the share would be a number without meaning."""
     for hot, known in ((0.985, True), (0.995, False), (1.005, False), (1.015, True)):
         near = replace(law, hot=law.cold._replace(viscous=hot * law.cold.mu, adhesive=0.0 * law.cold.mu))
-        found = tread_block.roll(BLOCK, near, THEORY, RUBBER, SPOTS, T0, [0.01])
-        assert np.isfinite(found.to_hot[0]) == known
+        found = tread_block.compute_rolling(BLOCK, near, THEORY, RUBBER, SPOTS, T0, [0.01])
+        assert np.isfinite(found.hot_fraction_at_exit[0]) == known
 
 
 @pytest.mark.parametrize("slip", [0.01, 0.05])
@@ -124,7 +124,7 @@ def test_path_agrees_with_another_solver(law, slip):
         return [pull - v, (k * u - law(abs(v), r) * P * np.tanh(v / 1e-4)) / m, v]
 
     exact = solve_ivp(rate, (0.0, BLOCK.contact_time), np.zeros(3), "Radau", rtol=1e-7, atol=1e-9, dense_output=True)
-    path = tread_block.through(BLOCK, law, [slip])
+    path = tread_block.pass_footprint(BLOCK, law, [slip])
     u, v, r = exact.sol(path.time)
     np.testing.assert_allclose(path.shear[:, 0], u, atol=2e-3 * u.max())
     np.testing.assert_allclose(path.slid[:, 0], r, atol=2e-3 * r.max())
@@ -141,9 +141,9 @@ def test_the_law_at_all_seven_slips(stone):
     spots = replace(SPOTS, road=None if stone is None else RoadSide(LIBRARY[stone]))
     worst = {}
     for given in (None, 0.2):
-        found = cold_hot_law.law(THEORY, RUBBER, spots, T0, P, 27.0, given)
+        found = cold_hot_law.derive_law(THEORY, RUBBER, spots, T0, P, 27.0, given)
         slips = [0.005, 0.0075, 0.01, 0.03, 0.05, 0.07, 0.09]
-        rows = tread_block.roll(BLOCK, found, THEORY, RUBBER, spots, T0, slips).as_dict()["slips"]
+        rows = tread_block.compute_rolling(BLOCK, found, THEORY, RUBBER, spots, T0, slips).as_dict()["slips"]
         worst[given] = [row["law_deviates"] for row in rows]
         if given is None:
             assert all(row["friction_law"] == pytest.approx(row["friction"], rel=0.025) for row in rows)
@@ -157,28 +157,28 @@ def test_the_law_at_all_seven_slips(stone):
 
 def test_from_the_cold_to_the_hot_branch(law):
     """C24 with the kernel theory, C26; at 2.4 m/s and 20 degC the law departs by 4 %."""
-    found = tread_block.roll(BLOCK, law, THEORY, RUBBER, SPOTS, T0, [0.005, 0.09])
+    found = tread_block.compute_rolling(BLOCK, law, THEORY, RUBBER, SPOTS, T0, [0.005, 0.09])
     slow, fast = (path for path, _ in found.kernel)
     for path in (slow, fast):
         early = (path.slid[:, 0] < 1e-3 * SPOTS.diameter) & (path.speed[:, 0] > 1e-3)
         assert early.any()
         assert np.all(np.abs(path.mu[early, 0] / law.ends(path.speed[early, 0])[0] - 1) < 0.03)
-    print(found.to_hot, fast.slid[-1], [row["law_deviates"] for row in found.as_dict()["slips"]])
-    assert found.to_hot[0] < 0.1
-    assert found.to_hot[1] == pytest.approx(1.0, abs=0.05)
+    print(found.hot_fraction_at_exit, fast.slid[-1], [row["law_deviates"] for row in found.as_dict()["slips"]])
+    assert found.hot_fraction_at_exit[0] < 0.1
+    assert found.hot_fraction_at_exit[1] == pytest.approx(1.0, abs=0.05)
     assert 0.005 <= fast.slid[-1, 0] + fast.shear[-1, 0] <= 0.01
     assert fast.slid[-1, 0] + fast.shear[-1, 0] == pytest.approx(0.09 * 0.1, rel=1e-9)
-    assert tread_block.deviation(slow, law) < 0.01
-    assert tread_block.deviation(fast, law) < 0.041
-    assert tread_block.deviation(found.path, law) < 1e-8
-    path, _ = tread_block.remembering(BLOCK, THEORY, RUBBER, SPOTS, T0, 0.09, 100)
+    assert tread_block.law_deviation(slow, law) < 0.01
+    assert tread_block.law_deviation(fast, law) < 0.041
+    assert tread_block.law_deviation(found.path, law) < 1e-8
+    path, _ = tread_block.pass_with_heat_memory(BLOCK, THEORY, RUBBER, SPOTS, T0, 0.09, 100)
     assert tread_block.mean_traction(path) == pytest.approx(tread_block.mean_traction(fast), rel=1e-3)
 
 
 def test_past_a_diameter_friction_is_hot(law):
     """C24 for a footprint twice as long: r > D at the exit."""
     long = replace(BLOCK, footprint=0.2)
-    path = tread_block.through(long, law, [0.07, 0.09])
+    path = tread_block.pass_footprint(long, law, [0.07, 0.09])
     cold, hot = law.ends(path.speed[-1])
     assert np.all(path.slid[-1] > SPOTS.diameter)
     np.testing.assert_allclose((cold - path.mu[-1]) / (cold - hot), 1.0, atol=0.01)
@@ -189,10 +189,10 @@ def test_friction_is_highest_at_a_slip_like_diameter_over_footprint():
     """C27, within a factor of two, with the theory's contact fraction."""
     ratios = {}
     for diameter, footprint in ((0.005, 0.1), (0.02, 0.1), (0.01, 0.2)):
-        found = cold_hot_law.law(THEORY, RUBBER, Spots(diameter), T0, P, 27.0)
-        path = tread_block.through(replace(BLOCK, footprint=footprint, mass=0.1), found, tread_block.SWEPT, 300)
-        best = highest(tread_block.SWEPT, tread_block.mean_traction(path))
-        assert not best.edge
+        found = cold_hot_law.derive_law(THEORY, RUBBER, ContactSpots(diameter), T0, P, 27.0)
+        path = tread_block.pass_footprint(replace(BLOCK, footprint=footprint, mass=0.1), found, tread_block.SWEPT_SLIPS, 300)
+        best = find_peak(tread_block.SWEPT_SLIPS, tread_block.mean_traction(path))
+        assert not best.is_at_edge
         ratios[diameter, footprint] = best.at * footprint / diameter
     print(ratios)
     assert all(0.5 < r < 2.0 for r in ratios.values())
@@ -345,8 +345,8 @@ def test_spots_beyond_the_road_need_a_fraction(tmp_path, capsys):
 
 
 def test_only_cases_that_name_them_have_these_tables():
-    plain = load(CASE.parent / "uniform_pressure")
+    plain = load_case(CASE.parent / "uniform_pressure")
     assert {"tread", "tyre"} & set(plain.values) == set()
-    assert load(CASE)["tread.slip"][0] == 0.005
+    assert load_case(CASE)["tread.slip"][0] == 0.005
     with pytest.raises(BadInput, match="tread.mass. is no number of the physics"):
-        load(CASE, {"free": ["tread.mass"]})
+        load_case(CASE, {"free": ["tread.mass"]})

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from flashtemp.discovery.estimation.trust_region import FIRST_RADIUS, Quadratic, TrustRegion
+from flashtemp.discovery.estimation.trust_region import FIRST_RADIUS, QuadraticModel, TrustRegion
 
 
 def quadratic(rng, n):
@@ -19,33 +19,33 @@ def test_the_step_is_the_best_within_bounds_and_region(seed):
     n = 2 + seed % 4
     g, S = quadratic(rng, n)
     low, high = -rng.uniform(0.0, 0.5, n), rng.uniform(0.0, 0.5, n)
-    model = Quadratic(g, S, low, high)
+    model = QuadraticModel(g, S, low, high)
     step = model.best_step(0.3)
     box = list(zip(np.maximum(low, -0.3), np.minimum(high, 0.3), strict=True))
     assert all(a - 1e-9 <= s <= b + 1e-9 for s, (a, b) in zip(step, box, strict=True))
-    best = max(-minimize(lambda d: -model.reduction(d), rng.uniform(-0.1, 0.1, n), bounds=box, tol=1e-12).fun
+    best = max(-minimize(lambda d: -model.predicted_reduction(d), rng.uniform(-0.1, 0.1, n), bounds=box, tol=1e-12).fun
                for _ in range(3))  # fmt: skip
-    assert model.reduction(step) == pytest.approx(best, rel=1e-6, abs=1e-9)
+    assert model.predicted_reduction(step) == pytest.approx(best, rel=1e-6, abs=1e-9)
 
 
 def test_a_free_step_is_the_newton_step():
     g, S = quadratic(np.random.default_rng(1), 3)
-    free = Quadratic(g, S, np.full(3, -np.inf), np.full(3, np.inf)).best_step()
+    free = QuadraticModel(g, S, np.full(3, -np.inf), np.full(3, np.inf)).best_step()
     np.testing.assert_allclose(free, np.linalg.solve(S, g), rtol=1e-6)
 
 
 def test_a_parameter_on_its_bound_stays_and_the_others_move():
-    model = Quadratic(np.array([-1.0, 1.0]), np.eye(2), np.array([0.0, -np.inf]), np.full(2, np.inf))
+    model = QuadraticModel(np.array([-1.0, 1.0]), np.eye(2), np.array([0.0, -np.inf]), np.full(2, np.inf))
     np.testing.assert_allclose(model.best_step(), [0.0, 1.0], atol=1e-9)
 
 
 def test_the_radius_follows_the_ratio_of_actual_to_predicted_reduction():
     one = np.ones(1)
     region = TrustRegion()
-    assert region.after(0.9, FIRST_RADIUS * one, one).radius == 2.0 * FIRST_RADIUS
-    assert region.after(0.9, 0.5 * one, one).radius == FIRST_RADIUS  # a step that the region did not limit
-    assert region.after(0.5, FIRST_RADIUS * one, one).radius == FIRST_RADIUS
-    assert region.after(-1.0, 0.4 * one, one).radius == pytest.approx(0.1)
+    assert region.next_region(0.9, FIRST_RADIUS * one, one).radius == 2.0 * FIRST_RADIUS
+    assert region.next_region(0.9, 0.5 * one, one).radius == FIRST_RADIUS  # a step that the region did not limit
+    assert region.next_region(0.5, FIRST_RADIUS * one, one).radius == FIRST_RADIUS
+    assert region.next_region(-1.0, 0.4 * one, one).radius == pytest.approx(0.1)
 
 
 def test_rosenbrock_is_solved_in_few_evaluations():
@@ -57,13 +57,13 @@ def test_rosenbrock_is_solved_in_few_evaluations():
 
     for _ in range(100):
         J, r = np.array([[-20.0 * x[0], 10.0], [-1.0, 0.0]]), residual(x)
-        model = Quadratic(-J.T @ r, J.T @ J, np.full(2, -np.inf), np.full(2, np.inf))
-        if model.reduction(model.best_step()) < 1e-12:
+        model = QuadraticModel(-J.T @ r, J.T @ J, np.full(2, -np.inf), np.full(2, np.inf))
+        if model.predicted_reduction(model.best_step()) < 1e-12:
             break
-        step = region.step(model, np.ones(2))
+        step = region.limited_step(model, np.ones(2))
         evaluations += 1
-        ratio = 0.5 * (r @ r - residual(x + step) @ residual(x + step)) / model.reduction(step)
-        region = region.after(ratio, step, np.ones(2))
+        ratio = 0.5 * (r @ r - residual(x + step) @ residual(x + step)) / model.predicted_reduction(step)
+        region = region.next_region(ratio, step, np.ones(2))
         x = x + step if ratio > 0.0 else x
     np.testing.assert_allclose(x, [1.0, 1.0], atol=1e-5)
     assert evaluations < 40

@@ -67,7 +67,7 @@ def check_agrees(folder, hidden, test, share, known=""):
     believed = (folder / "case.toml").read_text()
     (folder / "case.toml").write_text(f"effects = {list(hidden)}\n{believed}\n{known}".replace("'", '"'))
     found = compare(campaign.load(folder))
-    for s in found.seeings:
+    for s in found.recordings:
         rise = np.nanmax(s.predicted) - laboratory.AIR
         print(f"{s.view.file}: {s.rmse_K / rise:.2%} rms of {rise:.1f} K")
         assert s.rmse_K < share * rise, str(found)
@@ -122,7 +122,7 @@ def test_thermocouples_compare_as_images_do(tmp_path, lag):
     beads = ((0.2, 0.15), (0.8, 0.15), (0.5, 0.4), (0.9, 0.7))
     test = replace(SHORT, pair=pair, fraction=0.3, mu=0.8, beads=beads, lag=lag, wait=4.0, mesh=1.0)
     found = check_agrees(tmp_path, {}, test, 2e-3)
-    assert len(found.seeings) == 3
+    assert len(found.recordings) == 3
 
 
 # --- mistakes of the set-up -----------------------------------------------------------------------------
@@ -131,7 +131,7 @@ def test_a_mistaken_setup_is_the_test_that_a_corrected_case_describes(tmp_path):
     [(pressure, speed)], pair = SHORT.conditions, SHORT.pair
     wrong = {"load": 1.1, "speed": 1.05, "density": 1.06, "length": 0.025 * pair.length}
     laboratory.campaign(tmp_path, {}, 1, EXACT, SHORT, views=("sidewall",), beyond=wrong)
-    stated = max(s.rmse_K for s in compare(campaign.load(tmp_path)).seeings)
+    stated = max(s.rmse_K for s in compare(campaign.load(tmp_path)).recordings)
     actual = replace(pair, rc=1.06 * pair.rc, length=1.025 * pair.length)
     (tmp_path / "case.toml").write_text(laboratory.believed(replace(SHORT, pair=actual)))
     text = (tmp_path / "campaign.toml").read_text()
@@ -139,7 +139,7 @@ def test_a_mistaken_setup_is_the_test_that_a_corrected_case_describes(tmp_path):
         assert f'"{key}" = {old}' in text
         text = text.replace(f'"{key}" = {old}', f'"{key}" = {new}')
     (tmp_path / "campaign.toml").write_text(text)
-    for s in compare(campaign.load(tmp_path)).seeings:
+    for s in compare(campaign.load(tmp_path)).recordings:
         agreed = 1e-3 * (np.nanmax(s.predicted) - laboratory.AIR)
         assert s.rmse_K < agreed
         assert stated > 3.0 * agreed

@@ -14,15 +14,15 @@ from truth import uncooled_camera
 from flashtemp.__main__ import main
 from flashtemp.camera import synthetic_camera_errors as camera_errors
 from flashtemp.camera.camera_classes import COOLED, UNCOOLED
-from flashtemp.camera.observation import ABOVE, WAKE
+from flashtemp.camera.observation import SIDE_WALL_CELLS, WAKE_CELL_GROWTH
 from flashtemp.camera.recording import load as recording
 from flashtemp.camera.synthetic_camera_errors import SyntheticCamera
 from flashtemp.comparison import campaign
-from flashtemp.comparison.compare import compare, words
-from flashtemp.comparison.twin import SEALED, Plan, discretisation, strength, twin
+from flashtemp.comparison.compare import compare, summary_line
+from flashtemp.comparison.twin import SEALED_TRUTH, SyntheticPlan, draw_discretisation, draw_effect_parameters, make_synthetic_campaign
 from flashtemp.errors import BadInput
-from flashtemp.model.case import load
-from flashtemp.model.schema import fault
+from flashtemp.model.case import load_case
+from flashtemp.model.schema import find_value_fault
 from flashtemp.physics.effect import catalogue
 
 CASES = Path(__file__).parents[1] / "cases"
@@ -33,15 +33,15 @@ SHORT = {"schedule.distance": 0.35, "schedule.repetitions": 2, "schedule.wait": 
 def case(tmp_path_factory):
     file = tmp_path_factory.mktemp("believed") / "case.toml"
     file.write_text('effects = ["friction_softening"]\n')
-    return load(file, SHORT)
+    return load_case(file, SHORT)
 
 
 @pytest.fixture(scope="module")
 def made(case, tmp_path_factory):
     def make(*hidden, seed=1, **given):
         folder = tmp_path_factory.mktemp("twin") / "campaign"
-        plan = Plan(hidden, seed, **{"conditions": 1, "nuisance": 0.0} | given)
-        return twin(case, plan, folder)
+        plan = SyntheticPlan(hidden, seed, **{"conditions": 1, "nuisance": 0.0} | given)
+        return make_synthetic_campaign(case, plan, folder)
 
     return make
 
@@ -52,21 +52,21 @@ def null(made):
 
 
 def sealed(folder) -> dict:
-    return json.loads((folder / SEALED).read_text())
+    return json.loads((folder / SEALED_TRUTH).read_text())
 
 
 @pytest.mark.parametrize("name", [n for n, e in catalogue().items() if not e.base])
 def test_drawn_parameters_of_a_hidden_effect_are_values_that_a_case_accepts(case, name):
     params = catalogue()[name].params()
     for seed in range(3):
-        for key, value in strength(name, case, np.random.default_rng(seed)).items():
+        for key, value in draw_effect_parameters(name, case, np.random.default_rng(seed)).items():
             assert (type(value) is int) == ("whole" in params[key].kinds), key
-            assert fault(params[key], value) is None, key
+            assert find_value_fault(params[key], value) is None, key
 
 
 def test_hidden_spots_keep_the_seed_of_their_pattern():
-    spots = load(CASES / "resolved_spots")
-    drawn = strength("resolved_spots", spots, np.random.default_rng(1))
+    spots = load_case(CASES / "resolved_spots")
+    drawn = draw_effect_parameters("resolved_spots", spots, np.random.default_rng(1))
     assert drawn["seed"] == spots["resolved_spots.seed"]
     assert (
         spots.with_values({f"resolved_spots.{k}": v for k, v in drawn.items()})["resolved_spots.seed"] == drawn["seed"]
@@ -79,13 +79,13 @@ def test_nothing_hidden_compares_to_one_within_its_statistics(made, null, seed):
     """Noise of 0.05 K and a fixed pattern, estimated; five standard errors of chi2/dof."""
     folder = null if seed == 1 else made(seed=seed)
     found = compare(campaign.load(folder))
-    for s in found.seeings:
+    for s in found.recordings:
         assert abs(s.chi2_per_dof - 1) < 5 * np.sqrt(2 / s.pixels), str(found)
-        assert s.white, str(found)
+        assert s.is_white, str(found)
         assert s.rmse_K < 0.08
         truth = sealed(folder)["recordings"]["condition1"][s.view.recording.view]
         assert s.noise.pattern == pytest.approx(truth["pattern_K"], rel=0.1)
-    for p in found.pullings:
+    for p in found.forces:
         assert abs(p.chi2_per_dof - 1) < 5 * np.sqrt(2 / len(p.residual))
 
 
@@ -96,9 +96,9 @@ def test_nothing_hidden_compares_to_one_within_its_statistics(made, null, seed):
 @pytest.mark.long
 def test_what_is_hidden_is_seen(made, name):
     found = compare(campaign.load(made(name, views=("sidewall",))))
-    [s] = found.seeings
+    [s] = found.recordings
     assert s.chi2_per_dof > 1 + 3 * np.sqrt(2 / s.pixels)
-    assert not s.white
+    assert not s.is_white
     assert "sigma" in str(found)
 
 
@@ -109,7 +109,7 @@ def test_the_image_is_found_where_it_is(made):
     [view] = told.views
     r = view.recording
     off = replace(view, recording=replace(r, u=r.u + 0.15 * r.pitch[0]))
-    shift = [compare(replace(told, views=(v,), forces=())).seeings[0].shift[0] for v in (view, off)]
+    shift = [compare(replace(told, views=(v,), forces=())).recordings[0].shift[0] for v in (view, off)]
     assert shift[1] - shift[0] == pytest.approx(-0.15, abs=0.03)
 
 
@@ -119,18 +119,18 @@ def test_a_shift_beyond_what_is_known_is_refused(made):
     [view] = told.views
     r = view.recording
     off = replace(view, recording=replace(r, u=r.u + 2.0 * r.pitch[0]))
-    [s] = compare(replace(told, views=(off,), forces=())).seeings
+    [s] = compare(replace(told, views=(off,), forces=())).recordings
     assert s.shift == (0.0, 0.0)
     assert s.shift_refused[0] == pytest.approx(-2.0, abs=0.1)
-    assert "not applied" in words(s)
+    assert "not applied" in summary_line(s)
 
 
 def test_the_truth_is_made_by_another_discretisation(case, null):
     """At least 1.7 times the cells in every direction, also behind the block; other grading, tolerance and order."""
-    seen = {"road.downstream": 0.042, "numerics.behind": WAKE, "numerics.above": ABOVE}
+    seen = {"road.downstream": 0.042, "numerics.behind": WAKE_CELL_GROWTH, "numerics.above": SIDE_WALL_CELLS}
     wide, truth = seen, sealed(null)["numerics"]
-    believed = load(null / "case.toml", wide)
-    fine, coarse = (c.scene.mesh for c in (load(null / "case.toml", wide | truth), believed))
+    believed = load_case(null / "case.toml", wide)
+    fine, coarse = (c.scene.mesh for c in (load_case(null / "case.toml", wide | truth), believed))
     for count in (lambda m: m.last - m.first, lambda m: m.n_road, lambda m: m.n_block, lambda m: m.n_lines - m.last):
         assert count(fine) >= 1.7 * count(coarse) - 1
     assert np.diff(fine.x)[fine.first] < np.diff(coarse.x)[coarse.first] / 1.75  # graded more than the factor makes it
@@ -142,7 +142,7 @@ def test_the_truth_of_a_fast_block_has_finer_first_cells(case):
     """Where the default mesh follows speed and time of sliding, the truth's follows its fastest condition."""
     given = {"schedule.speed": 4.0, "schedule.distance": 0.02, "numerics.mesh": 1.0}
     quick = case.with_values(given)
-    told = discretisation(quick, np.random.default_rng(1))
+    told = draw_discretisation(quick, np.random.default_rng(1))
     truth, believed = quick.with_values(told).scene.mesh, quick.scene.mesh
     assert truth.height[1] < believed.height[1] / 1.75
     assert truth.depth[1] < believed.depth[1] / 1.75
@@ -153,7 +153,7 @@ def test_the_truth_is_sealed(made, tmp_path):
     """Nothing but the sealed file names what is hidden, and comparing does not read it."""
     folder = tmp_path / "copy"
     shutil.copytree(made("pressure_tilt", nuisance=1.0, views=("sidewall",)), folder)
-    for file in [f for f in folder.rglob("*") if f.is_file() and f != folder / SEALED]:
+    for file in [f for f in folder.rglob("*") if f.is_file() and f != folder / SEALED_TRUTH]:
         assert b"pressure_tilt" not in file.read_bytes(), file
     before = str(compare(campaign.load(folder)))
     shutil.rmtree(folder / "sealed")
@@ -163,7 +163,7 @@ def test_the_truth_is_sealed(made, tmp_path):
 @pytest.mark.long
 def test_an_effect_of_the_case_can_be_hidden(made):
     folder = made("friction_softening")
-    assert load(folder / "case.toml").effects == ()
+    assert load_case(folder / "case.toml").effects == ()
     assert sealed(folder)["hidden"]["friction_softening"]["b"] != 0
 
 
@@ -209,7 +209,7 @@ def test_what_cannot_be_compared_is_refused(null):
 
 
 def test_the_wake_is_not_shifted_across(null):
-    found = {s.view.recording.view: s for s in compare(campaign.load(null)).seeings}
+    found = {s.view.recording.view: s for s in compare(campaign.load(null)).recordings}
     assert found["wake"].shift[1] == 0.0
     assert found["sidewall"].shift[1] != 0.0
 
@@ -217,12 +217,12 @@ def test_the_wake_is_not_shifted_across(null):
 @pytest.mark.long
 def test_a_profile_can_be_the_view(made):
     found = compare(campaign.load(made(views=("profile",))))
-    assert abs(found.seeings[0].chi2_per_dof - 1) < 0.3
+    assert abs(found.recordings[0].chi2_per_dof - 1) < 0.3
 
 
 # --- cameras with errors of their own ------------------------------------------------------------------
 def camera_with(seed=(1, 0), camera_class=UNCOOLED, **errors):
-    camera = SyntheticCamera.drawn(camera_class, seed)
+    camera = SyntheticCamera.draw_random(camera_class, seed)
     return replace(camera, errors=replace(camera.errors, **errors))
 
 
@@ -230,7 +230,7 @@ def camera_with(seed=(1, 0), camera_class=UNCOOLED, **errors):
 def test_lag_and_stray_light_agree_with_the_independent_laboratory(length):
     """Two programs, one law: a first-order response, and a share of the light in a Gaussian."""
     T = np.random.default_rng(1).normal(25.0, 3.0, (2, 30, 70))
-    lagged = np.array([camera_errors._lagged(image, length) for image in T])
+    lagged = np.array([camera_errors._apply_pixel_lag(image, length) for image in T])
     np.testing.assert_allclose(lagged, uncooled_camera.smear(T, length), atol=1e-12)
     own = camera_with(vignetting=0.0, stray_light=0.02, stray_sigma_px=6.0, untracked_speed=0.0)
     other = replace(uncooled_camera.IDEAL, halo=0.02, halo_width=6.0)
@@ -248,7 +248,7 @@ def test_vignetting_takes_its_share_of_the_contrast_in_the_corners():
 def test_the_offset_wanders_as_a_wiener_process_that_the_shutter_ends():
     time, closings, rng = np.linspace(0.0, 20.0, 41), np.array([8.2]), np.random.default_rng(2)
     errors = camera_with(offset_sd_K=0.1, wander_K_per_sqrt_s=0.02).errors
-    paths = np.array([camera_errors._wandering(time, closings, errors, rng) for _ in range(2000)])
+    paths = np.array([camera_errors._draw_offset_drift(time, closings, errors, rng) for _ in range(2000)])
     age = np.where(time < 8.2, time, time - 8.2)
     np.testing.assert_allclose(paths.var(axis=0), 0.1**2 + 0.02**2 * age, rtol=5.0 * np.sqrt(2.0 / 2000))
     assert abs(np.corrcoef(paths[:, 5], paths[:, 30])[0, 1]) < 5.0 / np.sqrt(2000)
@@ -276,8 +276,8 @@ def test_a_camera_writes_counts_with_bad_pixels_that_stay_and_frames_that_repeat
 def test_a_twin_with_cameras_that_err_seals_their_errors(case, tmp_path, camera_class):
     """More frames, a number in every pixel, and one camera per view in all conditions."""
     quick = case.with_values({"schedule.distance": 0.05, "schedule.wait": 0.5, "numerics.mesh": 0.3})
-    plan = Plan((), 7, 2, ("sidewall",), nuisance=0.0, camera=camera_class)
-    folder = twin(quick, plan, tmp_path / "lab")
+    plan = SyntheticPlan((), 7, 2, ("sidewall",), nuisance=0.0, camera=camera_class)
+    folder = make_synthetic_campaign(quick, plan, tmp_path / "lab")
     r = recording(folder / "condition1_sidewall.nc")
     assert r.camera == camera_class
     assert r.frames == 2 * 24 + 4
@@ -285,7 +285,7 @@ def test_a_twin_with_cameras_that_err_seals_their_errors(case, tmp_path, camera_
     np.testing.assert_allclose(np.diff(r.time[:24]), np.diff(r.time[:2])[0], rtol=1e-9)
     made = [sealed(folder)["recordings"][f"condition{n}"]["sidewall"]["camera"] for n in (1, 2)]
     assert made[0] == made[1]
-    low, high = camera_errors.RANGES["response_s"][[UNCOOLED, COOLED].index(camera_class)]
+    low, high = camera_errors.ERROR_RANGES["response_s"][[UNCOOLED, COOLED].index(camera_class)]
     assert low <= made[0]["response_s"] <= high
     found = campaign.load(folder).views[0].recording.temperature
     np.testing.assert_array_equal(found, r.temperature)
@@ -367,7 +367,7 @@ def test_from_a_folder_of_images_to_the_comparison(case, made, tmp_path, capsys)
     conditions = '{ "contact.pressure" = 1.5e5, "schedule.speed" = 0.1 }'
     text = f'case = "case.toml"\n[[recording]]\nfile = "side.nc"\nwith = {conditions}\n'
     (tmp_path / "campaign.toml").write_text(text)
-    [s] = compare(campaign.load(tmp_path)).seeings
+    [s] = compare(campaign.load(tmp_path)).recordings
     assert s.noise.estimated == ("white", "pattern")
     assert s.chi2_per_dof == pytest.approx(1.0, abs=0.05)
-    assert s.white
+    assert s.is_white

@@ -11,40 +11,40 @@ import pytest
 from scipy.integrate import quad
 
 from flashtemp.__main__ import main
-from flashtemp.model.schema import APART
+from flashtemp.model.schema import COMMAND_TABLES
 from flashtemp.physics.friction import cold_hot_law, tread_block, tyre
-from flashtemp.physics.friction.flash_temperature import Branch, Spots
-from flashtemp.physics.friction.persson import Theory
-from flashtemp.physics.friction.rheology import READY as RUBBERS
-from flashtemp.physics.friction.roughness_spectrum import READY as ROADS
+from flashtemp.physics.friction.flash_temperature import FrictionBranch, ContactSpots
+from flashtemp.physics.friction.persson import PerssonTheory
+from flashtemp.physics.friction.rheology import READY_RUBBERS as RUBBERS
+from flashtemp.physics.friction.roughness_spectrum import READY_ROADS as ROADS
 from flashtemp.physics.material import LIBRARY
 from flashtemp.runs import rolling
 from flashtemp.viz import tyre as picture
 
 CASE = Path(__file__).parents[1] / "cases" / "tyre"
-THEORY, RUBBER, P = Theory(RUBBERS["A"], ROADS["asphalt A"]), LIBRARY["tread_rubber"], 3e5
+THEORY, RUBBER, P = PerssonTheory(RUBBERS["A"], ROADS["asphalt A"]), LIBRARY["tread_rubber"], 3e5
 TYRE = tyre.Tyre(speed=27.0, width=0.14, pressure=P)
-LOADS, ANGLES = [3000.0, 5000.0, 7000.0], APART["tyre"]["angles"].value
+LOADS, ANGLES = [3000.0, 5000.0, 7000.0], COMMAND_TABLES["tyre"]["angles"].value
 
 
 def branch(speeds, mu):
-    return Branch(speeds, mu, 0 * mu, 0 * mu)
+    return FrictionBranch(speeds, mu, 0 * mu, 0 * mu)
 
 
 @pytest.fixture(scope="module")
 def synthetic():
     """The test set of V24, with the speeds of 2 and 5 degrees among its nodes."""
-    v = np.unique(np.append(np.geomspace(1e-3, 30.0, 20001), TYRE.pull([2.0, 5.0])))
+    v = np.unique(np.append(np.geomspace(1e-3, 30.0, 20001), TYRE.lateral_speed([2.0, 5.0])))
     lg = np.log10(v)
     cold, hot = 0.4 + 0.9 * np.exp(-0.08 * (lg - 1) ** 2), 0.3 + 0.7 * np.exp(-0.12 * (lg + 1) ** 2)
-    return cold_hot_law.Law(branch(v, cold), branch(v, hot), 2e-3)
+    return cold_hot_law.ColdHotLaw(branch(v, cold), branch(v, hot), 2e-3)
 
 
-class OfThree(Spots):
+class OfThree(ContactSpots):
     """The reference figures for 10 mm were computed with the contact fraction of spots of 3 mm."""
 
     def covered(self, theory, v, T0, p):
-        return float(theory.contact(2 * np.pi / 3e-3, v, T0, p))
+        return float(theory.contact_fraction(2 * np.pi / 3e-3, v, T0, p))
 
 
 @pytest.fixture(scope="module")
@@ -54,8 +54,8 @@ def corner():
 
     def one(T, D, k=1.5e8, spots=OfThree):
         if (T, D, k, spots) not in known:
-            law = cold_hot_law.law(THEORY, RUBBER, spots(D), T + 273.15, P, 2 * float(TYRE.pull(15.0)), given=0.2)
-            known[T, D, k, spots] = tyre.corner(TYRE, law, LOADS, ANGLES, k, 0.1, T + 273.15, steepest=15.0)
+            law = cold_hot_law.derive_law(THEORY, RUBBER, spots(D), T + 273.15, P, 2 * float(TYRE.lateral_speed(15.0)), stated_ratio=0.2)
+            known[T, D, k, spots] = tyre.compute_cornering(TYRE, law, LOADS, ANGLES, k, 0.1, T + 273.15, steepest=15.0)
         return known[T, D, k, spots]
 
     return one
@@ -67,40 +67,40 @@ def values(found, model):
 
 def test_footprint_carries_the_load():
     for load in LOADS:
-        length, width = TYRE.lines(load)
+        length, width = TYRE.footprint_lines(load)
         assert length @ width * P == pytest.approx(load, rel=1e-12)
         assert width.sum() == pytest.approx(TYRE.width, rel=1e-12)
-    np.testing.assert_allclose(TYRE.length(LOADS), [0.0909, 0.1516, 0.2122], atol=5e-5)
+    np.testing.assert_allclose(TYRE.footprint_length(LOADS), [0.0909, 0.1516, 0.2122], atol=5e-5)
 
 
 def test_rigid_bristles_in_closed_form(synthetic):
     """V24, to all its digits."""
     wanted = [[1.09245475, 1.04770664, 1.01982285], [0.98093362, 0.93573176, 0.91431235]]
-    np.testing.assert_allclose(tyre.rigid(TYRE, synthetic, LOADS, [2.0, 5.0]).T, wanted, atol=1e-8)
-    best = [tyre.rigid_peak(TYRE, synthetic, load, ANGLES) for load in LOADS]
+    np.testing.assert_allclose(tyre.rigid_side_force(TYRE, synthetic, LOADS, [2.0, 5.0]).T, wanted, atol=1e-8)
+    best = [tyre.rigid_force_peak(TYRE, synthetic, load, ANGLES) for load in LOADS]
     np.testing.assert_allclose([b.value for b in best], [1.12285699, 1.10100380, 1.08706725], atol=1e-8)
     np.testing.assert_allclose([b.at for b in best], [0.9294, 0.7117, 0.6019], atol=1e-4)
-    assert not any(b.edge for b in best)
+    assert not any(b.is_at_edge for b in best)
 
 
 def test_brush_with_constant_friction_in_closed_form():
     """Coulomb brush: every line sticks over x_s = mu p/(k_t tan a) and slides behind it."""
     mu, k, flat = 0.6, 1.5e8, np.array([1e-5, 100.0])
-    law = cold_hot_law.Law(branch(flat, np.full(2, mu)), branch(flat, np.full(2, mu)), 2e-3)
+    law = cold_hot_law.ColdHotLaw(branch(flat, np.full(2, mu)), branch(flat, np.full(2, mu)), 2e-3)
     angles = np.array([0.2, 0.6, 1.5, 6.0])
-    found, _ = tyre.brush(TYRE, law, LOADS, angles, k, 1e-4)
+    found, _ = tyre.brush_side_force(TYRE, law, LOADS, angles, k, 1e-4)
     for row, load in zip(found, LOADS, strict=True):
         for got, angle in zip(row, angles, strict=True):
             slope = k * np.tan(np.radians(angle))
             stick = mu * P / slope
 
             def line(y, slope=slope, stick=stick, load=load):
-                length = TYRE.length(load) * np.sqrt(1 - (2 * y / TYRE.width) ** 2)
+                length = TYRE.footprint_length(load) * np.sqrt(1 - (2 * y / TYRE.width) ** 2)
                 front = min(length, stick)
                 return 0.5 * slope * front**2 + mu * P * (length - front)
 
             edge = 0.5 * TYRE.width
-            kink = edge * np.sqrt(max(0.0, 1 - (stick / TYRE.length(load)) ** 2))
+            kink = edge * np.sqrt(max(0.0, 1 - (stick / TYRE.footprint_length(load)) ** 2))
             force = 2 * sum(quad(line, a, b)[0] for a, b in ((0.0, kink), (kink, edge)))
             assert got == pytest.approx(force / load, rel=1e-3)
 
@@ -142,11 +142,11 @@ def test_brush_maxima_of_set_a(corner, D, k, maxima):
 def test_controls_do_not_fall(corner):
     """C28 (c): cold .651 -> .665 rises, in the reference."""
     found = corner(20.0, 0.01)
-    assert all(map(found.sound, tyre.MODELS))
-    for control in tyre.CONTROLS:
+    assert all(map(found.sound, tyre.TYRE_MODELS))
+    for control in tyre.CONTROL_LAWS:
         assert found._lost("rigid", control) == pytest.approx(0.0, abs=1e-12)
         assert found._lost("brush", control) < 0
-    assert [corner(80.0, 0.01).sound(model) for model in tyre.MODELS] == [None, None]
+    assert [corner(80.0, 0.01).sound(model) for model in tyre.TYRE_MODELS] == [None, None]
     cold = [p.value for p in corner(20.0, 0.01).peaks["brush", "cold"]]
     assert (cold[0], cold[-1]) == pytest.approx((0.651, 0.665), abs=0.003)
 
@@ -159,12 +159,12 @@ def test_small_spots_show_nothing_through_a_brush(corner):
 @pytest.mark.long
 def test_inertia_fakes_a_fall_and_is_refused(tmp_path, capsys):
     """The trap of C28: bristles of 5 kg/m2 let even the cold control fall."""
-    law = cold_hot_law.law(THEORY, RUBBER, Spots(0.01, 0.2), 293.15, P, 15.0)
-    heavy = tyre.corner(TYRE, law, LOADS, ANGLES, 1.5e8, 5.0, 293.15)
-    print({c: [p.value for p in heavy.peaks["brush", c]] for c in tyre.LAWS})
-    assert heavy.ringing > tread_block.RINGING
-    assert heavy.sound("rigid")
-    assert heavy._lost("brush", "cold") > tyre.FALLS
+    law = cold_hot_law.derive_law(THEORY, RUBBER, ContactSpots(0.01, 0.2), 293.15, P, 15.0)
+    heavy = tyre.compute_cornering(TYRE, law, LOADS, ANGLES, 1.5e8, 5.0, 293.15)
+    print({c: [p.value for p in heavy.peaks["brush", c]] for c in tyre.COMPARED_LAWS})
+    assert heavy.ringing_ratio > tread_block.MAX_RINGING_RATIO
+    assert heavy.has_flat_controls("rigid")
+    assert heavy._control_fall("brush", "cold") > tyre.MIN_FORCE_FALL
     out = tmp_path / "found"
     assert main(["tyre", str(CASE), "tyre.mass=5", "--out", str(out)]) == 2
     assert "tyre.mass: 5 kg/m2: mass and spring ring with a period of 0.34" in capsys.readouterr().err
@@ -195,14 +195,14 @@ def test_command_and_case(tmp_path, capsys):
     warm = tmp_path / "warm"
     assert main(["tyre", str(out), "ambient.temperature=20", "--out", str(warm)]) == 0
     said = capsys.readouterr().out
-    for model in tyre.MODELS:
+    for model in tyre.TYRE_MODELS:
         assert f"  {model}: no control falls with load" in said
     assert "no maximum" not in said
     assert "not modelled: the carcass" in said
     told = json.loads((warm / "tyre.json").read_text())
     assert told["controls_hold"] is True
     assert told["no_maximum_up_to_deg"] == {"rigid": None, "brush": None}
-    assert all(0.03 < told["fall"][model] < 0.15 for model in tyre.MODELS)
+    assert all(0.03 < told["fall"][model] < 0.15 for model in tyre.TYRE_MODELS)
 
 
 @pytest.mark.long
@@ -211,7 +211,7 @@ def test_no_maximum_is_told_in_one_sentence(tmp_path, capsys):
     given = ["tyre.angles=[5, 15]", "tyre.road_heat=false", "tyre.memory=0.2"]
     assert main(["tyre", str(CASE), *given, "--out", str(tmp_path / "found")]) == 0
     said = capsys.readouterr().out
-    for model in tyre.MODELS:
+    for model in tyre.TYRE_MODELS:
         assert f"  {model}: side force has no maximum up to 45 deg; what load does to it is not told" in said
     assert not any(line.rstrip().endswith("%") for line in said.splitlines())
     assert "heat that flows into the road or is released by the adhesive part" in said
@@ -221,15 +221,15 @@ def test_no_maximum_is_told_in_one_sentence(tmp_path, capsys):
 def test_angles_are_led_on_to_both_sides(synthetic):
     """V24's maxima lie between 0.6 and 0.93 degrees: found from above and from below alike, within 1e-4."""
     for angles in ([0.05, 0.2], [2.0, 9.0], ANGLES):
-        found = tyre.corner(TYRE, synthetic, LOADS, angles, 1.5e8, 0.1, 293.15)
+        found = tyre.compute_cornering(TYRE, synthetic, LOADS, angles, 1.5e8, 0.1, 293.15)
         tops = found.peaks["rigid", "law"]
         np.testing.assert_allclose([p.value for p in tops], [1.12285699, 1.10100380, 1.08706725], rtol=1e-4)
-        assert found.no_maximum("rigid") is None
-        assert found.falls("rigid")
-    kept = tyre.corner(TYRE, synthetic, LOADS, [0.05, 0.2], 1.5e8, 0.1, 293.15, steepest=0.2)
-    assert kept.no_maximum("rigid") == 0.2
-    assert kept.fall("rigid") is None
-    assert not kept.falls("rigid")
+        assert found.rising_up_to_deg("rigid") is None
+        assert found.has_peak_fall("rigid")
+    kept = tyre.compute_cornering(TYRE, synthetic, LOADS, [0.05, 0.2], 1.5e8, 0.1, 293.15, steepest=0.2)
+    assert kept.rising_up_to_deg("rigid") == 0.2
+    assert kept.peak_fall("rigid") is None
+    assert not kept.has_peak_fall("rigid")
 
 
 @pytest.mark.long
@@ -265,10 +265,10 @@ def test_one_load_and_falling_side_force(tmp_path, capsys):
 def test_a_control_that_falls_is_told(corner):
     """Without a maximum inside at the angles of the law's maxima."""
     found = corner(20.0, 0.01)
-    assert not any("control" in said for said in rolling._doubts(found))
+    assert not any("control" in said for said in rolling._control_remarks(found))
     curves = found.curves | {("brush", "cold"): found.curves["brush", "cold"] * np.array([[1.0], [0.9], [0.8]])}
     edge = tuple(p._replace(last=True) for p in found.peaks["brush", "cold"])
-    said = rolling._doubts(replace(found, curves=curves, peaks=found.peaks | {("brush", "cold"): edge}))[-1]
+    said = rolling._control_remarks(replace(found, curves=curves, peaks=found.peaks | {("brush", "cold"): edge}))[-1]
     assert said.startswith("brush: a control without flash temperature falls with load as well")
 
 
@@ -321,5 +321,5 @@ def test_bounds_of_speed_and_stiffness(tmp_path, capsys, given):
 @pytest.mark.long
 def test_the_usual_contact_fraction_decides(corner):
     """With P(2 pi/10 mm) = 0.5 the flash is spread so thin that the brush's maximum falls by 1 % only: case.toml says so."""
-    assert float(THEORY.contact(2 * np.pi / 0.01, 1.0, 293.15, P)) == pytest.approx(0.53, abs=0.01)
-    assert 0.0 < corner(20.0, 0.01, spots=Spots).fall("brush") < 0.03
+    assert float(THEORY.contact_fraction(2 * np.pi / 0.01, 1.0, 293.15, P)) == pytest.approx(0.53, abs=0.01)
+    assert 0.0 < corner(20.0, 0.01, spots=ContactSpots).fall("brush") < 0.03

@@ -13,17 +13,17 @@ from hypothesis import strategies as st
 import flashtemp
 from flashtemp.__main__ import main
 from flashtemp.camera import import_options
-from flashtemp.camera.points import of_rows
+from flashtemp.camera.points import positions_from_rows
 from flashtemp.cli import commands
 from flashtemp.errors import BadInput
-from flashtemp.model.schema import APART, MATERIAL, TABLES
+from flashtemp.model.schema import COMMAND_TABLES, MATERIAL_KEYS, CASE_TABLES
 from flashtemp.physics import units
 from flashtemp.physics.effect import catalogue
 from flashtemp.runs import sweep
 
 DECLARED = {
     p.unit
-    for table in (*TABLES.values(), *APART.values(), MATERIAL, *(e.params() for e in catalogue().values()))
+    for table in (*CASE_TABLES.values(), *COMMAND_TABLES.values(), MATERIAL_KEYS, *(e.params() for e in catalogue().values()))
     for p in table.values()
     if {"number", "amount", "amounts"} & set(p.kinds) and p.unit
 }
@@ -39,7 +39,7 @@ def case(tmp_path):
 def test_every_declared_unit_is_known_as_it_is_written(unit):
     """W/mK is no milliwatt and no millikelvin."""
     assert unit == "1" or units.to_unit(f"2.5 {unit}", unit) == 2.5
-    assert units.conversion(unit, unit) == (1.0, 0.0)
+    assert units.find_conversion(unit, unit) == (1.0, 0.0)
     assert units.is_unit(unit, unit)
 
 
@@ -96,22 +96,22 @@ def test_results_stay_plain(case):
 
 
 def test_a_sweep_has_plain_axes(case):
-    axes, fixed = sweep.parsed(["contact.pressure=0.1MPa,0.2MPa", "block.length=20 mm"])
-    asked = sweep.plan(case, axes, fixed)
+    axes, fixed = sweep.parse_axes(["contact.pressure=0.1MPa,0.2MPa", "block.length=20 mm"])
+    asked = sweep.plan_sweep(case, axes, fixed)
     assert asked.axes == {"contact.pressure": (1e5, 2e5)}
     assert {p["block.length"] for p in asked.points} == {0.02}
     with pytest.raises(BadInput, match="twice"):
-        sweep.plan(case, {"contact.pressure": ("0.1MPa", 1e5)}, {})
+        sweep.plan_sweep(case, {"contact.pressure": ("0.1MPa", 1e5)}, {})
 
 
 def test_points_and_templates_take_units(tmp_path):
-    assert of_rows([{"x": "10 mm", "z": "2 mm", "lag_s": "500 ms"}]).as_rows()[0]["lag_s"] == 0.5
+    assert positions_from_rows([{"x": "10 mm", "z": "2 mm", "lag_s": "500 ms"}]).as_rows()[0]["lag_s"] == 0.5
     with pytest.raises(BadInput, match="point 1: z: '2 s' is no quantity in m"):
-        of_rows([{"z": "2 s"}])
+        positions_from_rows([{"z": "2 s"}])
     (tmp_path / "t.toml").write_text(
         'files = ["a.csv"]\nreflected = "293.15 K"\nfps = "30 Hz"\nblock = ["2.5 cm", 7]\n'
     )
-    facts = import_options.load(tmp_path / "t.toml")[2]
+    facts = import_options.load_template(tmp_path / "t.toml")[2]
     assert (facts.reflected, facts.fps, facts.block) == (pytest.approx(20.0), 30.0, (25.0, 7.0))
 
 
@@ -139,7 +139,7 @@ def test_the_command_line_takes_units(case, capsys):
     ids=lambda w: w[0] if w else "",
 )  # fmt: skip
 def test_options_of_commands_take_units(words, plain):
-    assert commands.plain(words) == plain
+    assert commands.strip_units(words) == plain
 
 
 def test_an_option_in_another_unit_is_told(capsys):
@@ -174,7 +174,7 @@ SIGNS = st.sampled_from(
 @given(text=st.lists(SIGNS, max_size=24).map("".join) | st.text(max_size=80), unit=st.sampled_from(sorted(DECLARED)))
 def test_any_text_is_a_unit_or_bad_input(text, unit):
     assert units.looks_like_quantity(f"5 {text}") in (True, False)
-    for convert in (lambda: units.to_unit(f"5 {text}", unit), lambda: sum(units.conversion(text, unit))):
+    for convert in (lambda: units.to_unit(f"5 {text}", unit), lambda: sum(units.find_conversion(text, unit))):
         with contextlib.suppress(BadInput):
             assert math.isfinite(convert())
     assert units.is_unit(text, unit) in (True, False)
@@ -210,7 +210,7 @@ WRITTEN = [  # by loggers, cameras, tables and NetCDF files: spellings, unit wan
     ("text", "unit", "two"), [(text, unit, two) for texts, unit, two in WRITTEN for text in texts.split("|")]
 )
 def test_units_as_they_are_written_in_files(text, unit, two):
-    factor, offset = units.conversion(text, unit)
+    factor, offset = units.find_conversion(text, unit)
     assert 2 * factor + offset == pytest.approx(two, rel=1e-9)
 
 
@@ -225,7 +225,7 @@ def test_units_as_they_are_written_in_files(text, unit, two):
 def test_a_unit_of_another_dimension_is_refused(text, unit):
     assert not units.is_unit(text, unit)
     with pytest.raises(BadInput):
-        units.conversion(text, unit)
+        units.find_conversion(text, unit)
 
 
 def test_keys_in_kelvin_are_differences(case):

@@ -70,7 +70,7 @@ def test_V13_slab_and_order(lab):
     errors = []
     for refine in (1, 2, 4):
         z, T, surface = heated(lab, 16, 7e-3, 2e-4, refine, 1e3, 100.0)
-        errors.append(np.abs(T - closed_forms.slab(RUBBER, 7e-3, 1e3, 100.0, z)).max())
+        errors.append(np.abs(T - closed_forms.slab_heating(RUBBER, 7e-3, 1e3, 100.0, z)).max())
     lab.check_second_order("V13 profile, K", errors, 0.002)
     lab.check("V13 heated face, K of 15.855354", abs(surface - 15.8553540), 0.0025)
     lab.check("V13 back, K of 2.8167688", abs(T[-1] - 2.8167688), 0.003)
@@ -241,18 +241,18 @@ def test_V9_jaeger_strip(lab, peclet, around, time, lines, bounds):
     top = CubicSpline(run.x, theta)
     roots = top.derivative().roots(extrapolate=False)
     peak = roots[np.argmax(top(roots))]
-    lab.check(f"V9 Pe = {peclet:g}, middle", abs(top(b) - closed_forms.jaeger(peclet, 0.0)), bounds[0])
+    lab.check(f"V9 Pe = {peclet:g}, middle", abs(top(b) - closed_forms.jaeger_strip(peclet, 0.0)), bounds[0])
     lab.check(
         f"V9 Pe = {peclet:g}, peak",
-        abs(top(peak) - closed_forms.jaeger(peclet, closed_forms.jaeger_peak(peclet))),
+        abs(top(peak) - closed_forms.jaeger_strip(peclet, closed_forms.jaeger_strip_peak(peclet))),
         bounds[1],
     )
     lab.check(
-        f"V9 Pe = {peclet:g}, place of the peak X", abs(1 - peak / b - closed_forms.jaeger_peak(peclet)), bounds[2]
+        f"V9 Pe = {peclet:g}, place of the peak X", abs(1 - peak / b - closed_forms.jaeger_strip_peak(peclet)), bounds[2]
     )
     lab.check(
         f"V9 Pe = {peclet:g}, profile relative to the peak",
-        np.abs(theta - closed_forms.jaeger(peclet, X)).max() / theta.max(),
+        np.abs(theta - closed_forms.jaeger_strip(peclet, X)).max() / theta.max(),
         bounds[3],
     )
 
@@ -277,7 +277,7 @@ def test_V19_order_along_x_for_a_smooth_flux(lab):
     for refine in (1, 2, 4):
         smooth = Factor("contact.pressure", lambda T, now, p: flux(now.x))
         x, T, _ = roll(lab, smooth, refine=refine, cells=(16, 4, 16), first=(1e-3, 1e-3, 2e-7), depth=3e-5)
-        errors.append(max(abs(t - closed_forms.road_rise_any(ROAD, 0.1, flux, at)) for t, at in zip(T, x, strict=True)))
+        errors.append(max(abs(t - closed_forms.road_rise_by_quadrature(ROAD, 0.1, flux, at)) for t, at in zip(T, x, strict=True)))
     lab.check_second_order("V19 smooth flux along x, K of 31", errors, 0.04)
 
 
@@ -323,7 +323,7 @@ def test_V11_gap_of_a_deep_source(lab):
 def test_V15_everything_scales_with_the_root_of_speed(lab):
     profiles = {}
     for v in (0.1, 0.5, 1.0):
-        s = 1 / closed_forms.scaling(v, 0.1)  # depths reached at the same slid distance
+        s = 1 / closed_forms.speed_scaling(v, 0.1)  # depths reached at the same slid distance
         mesh = block_on_road.build(L, s * 7e-6, s * 2.2e-6, (24, 16, 24), 1e-4, 1e-3, s * 1e-8, s * 3e-9)
         world = lab.scene(
             mesh, lab.MU, (Flash(), {}), rubber=lab.FILM_RUBBER, road=lab.FILM_ROAD, speed=v, phi=0.2, time=3.5 / v

@@ -12,7 +12,7 @@ from matplotlib.image import imread
 
 from flashtemp.__main__ import main
 from flashtemp.api.simulation import simulate
-from flashtemp.model.case import load
+from flashtemp.model.case import load_case
 from flashtemp.runs.vtk import open_fields
 from flashtemp.viz import space, window
 
@@ -32,7 +32,7 @@ def folders(tmp_path_factory):
         file = tmp_path_factory.mktemp(name) / "case.toml"
         file.write_text(f'title = "{name} block"\n')
         out[name] = file.parent / "out"
-        simulate(load(file, SMALL | given), out=out[name])
+        simulate(load_case(file, SMALL | given), out=out[name])
     return out
 
 
@@ -62,7 +62,7 @@ def test_without_a_window_matplotlib_draws_and_says_what_is_missing(folders, tmp
 
 def test_a_window_that_ends_the_process_is_survived(monkeypatch):
     monkeypatch.setattr(window, "TRIAL", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
-    assert window.off_screen() is False
+    assert window.prepare_off_screen() is False
 
 
 def test_vtk_is_not_imported_before_its_window_is_chosen():
@@ -72,14 +72,14 @@ def test_vtk_is_not_imported_before_its_window_is_chosen():
 
 def test_parts_are_the_field(folders):
     """Edges in mm, temperatures in place: the warmer side is y > 0, and 2D is drawn out to its width."""
-    x, y, z, T = space.parts(open_fields(folders["wide"]), 1.0)["block"]
+    x, y, z, T = space.read_bodies(open_fields(folders["wide"]), 1.0)["block"]
     assert T.shape == (len(x) - 1, len(y) - 1, len(z) - 1)
     assert (y[0], y[-1]) == pytest.approx((-25.0, 25.0))
     assert T[T.shape[0] // 2, -1, 0] > T[T.shape[0] // 2, 0, 0] + 1.0
     assert T[..., 0].max() > T[..., -1].max() + 1.0
-    _, y, z, T = space.parts(open_fields(folders["flat"]), 1.0)["road"]
+    _, y, z, T = space.read_bodies(open_fields(folders["flat"]), 1.0)["road"]
     assert y.tolist() == [-25.0, 25.0]
-    assert -1.5 * space.ROAD_SHOWN < z[0] < -2.0
+    assert -1.5 * space.ROAD_SHOWN_MM < z[0] < -2.0
     assert z[-1] == 0.0
     assert T.shape[2] == len(z) - 1
 
@@ -110,7 +110,7 @@ def test_a_folder_without_fields(tmp_path, capsys):
 @pytest.fixture(scope="module")
 def opened(folders):
     """The window of the wide block, with its slider and its plane, drawn where nobody looks."""
-    if not window.off_screen():
+    if not window.prepare_off_screen():
         pytest.skip("VTK finds no window here")
     import pyvista
 
@@ -121,7 +121,7 @@ def opened(folders):
     fields = open_fields(folders["wide"])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(pyvista, "Plotter", Hidden)
-        plot = space.plotter(fields, float(fields.times[0]), off=False)
+        plot = space.make_plotter(fields, float(fields.times[0]), off=False)
     yield plot, fields
     plot.close()
 
@@ -140,12 +140,12 @@ def test_the_window_says_what_and_when(opened):
     slider = plot.widgets.slider_widgets[0].GetRepresentation()
     assert (slider.GetMinimumValue(), slider.GetMaximumValue()) == pytest.approx((fields.times[0], fields.times[-1]))
     assert slider.GetTitleText() == "time (s)"
-    marks, _ = space.scale(*space.limits(fields, float(fields.times[0])))
+    marks, _ = space.colour_bar_ticks(*space.temperature_limits(fields, float(fields.times[0])))
     assert plot.scalar_bar.GetNumberOfLabels() == len(marks)
     assert plot.scalar_bar.GetLookupTable().GetTableRange() == pytest.approx((marks[0], marks[-1]))
     shown = [actor.GetText(vtk_corner) for actor in plot.actors.values() if hasattr(actor, "GetText")
              for vtk_corner in range(8)]  # fmt: skip
-    assert space.KEYS in shown
+    assert space.KEY_HELP in shown
 
 
 def test_arrow_keys_step_through_the_kept_fields(opened):
@@ -161,7 +161,7 @@ def test_arrow_keys_step_through_the_kept_fields(opened):
 
 @pytest.mark.parametrize(("low", "high"), [(20.0, 47.6), (20.0, 21.0), (19.94, 20.9), (-10.3, 214.0), (35.0, 583.0)])
 def test_the_colour_bar_has_round_numbers_from_end_to_end(low, high):
-    marks, form = space.scale(low, high)
+    marks, form = space.colour_bar_ticks(low, high)
     step = marks[1] - marks[0]
     assert 4 <= len(marks) <= 8
     assert marks[0] <= low

@@ -15,8 +15,8 @@ from scipy.interpolate import RegularGridInterpolator
 
 import flashtemp.viz
 from flashtemp.meshes.mesh import centres
-from flashtemp.model.case import assemble
-from flashtemp.model.case_file import Places
+from flashtemp.model.case import assemble_case
+from flashtemp.model.case_file import KeyLocations
 from flashtemp.solver.march import march
 from flashtemp.viz import animation, budget, field, friction, maps, profile, space_time, theme, time_axis, worn
 
@@ -34,7 +34,7 @@ RUNS = {
 
 def simulate(name):
     small = {"numerics.mesh": 0.3, "output.profiles": 8, "output.fields": 2}
-    case = assemble({}, small | RUNS[name], Places("x"), Path("."), name)
+    case = assemble_case({}, small | RUNS[name], KeyLocations("x"), Path("."), name)
     return march(case.scene, case.settings, f"{name}, 0.15 MPa")
 
 
@@ -99,13 +99,13 @@ def visible(axis):
 def test_profile_shows_both_curves_of_the_last_repetition(runs):
     run = runs["run_in"]
     ax = profile.draw(run).axes[0]
-    for colour, values in ((theme.SPOT, run.T_spot), (theme.BLOCK, run.T_block)):
+    for colour, values in ((theme.SPOT_COLOUR, run.T_spot), (theme.BLOCK_COLOUR, run.T_block)):
         drawn = line(ax, colour, 1.0)
         np.testing.assert_array_equal(drawn.get_ydata(), values[run.last])
         np.testing.assert_array_equal(drawn.get_xdata(), 1e3 * run.x)
     faint = [i for i in ax.lines if i.get_linewidth() < 0.7 and len(i.get_xdata())]
-    assert len(faint) == 2 * profile.EARLIER
-    np.testing.assert_array_equal(faint[0].get_ydata(), run.T_spot[time_axis.ends(run)[0]])
+    assert len(faint) == 2 * profile.MAX_EARLIER_CURVES
+    np.testing.assert_array_equal(faint[0].get_ydata(), run.T_spot[time_axis.sliding_ends(run)[0]])
 
 
 def test_profile_shows_the_road_where_it_differs_or_is_asked_for(runs):
@@ -138,35 +138,35 @@ def test_map_keeps_the_mean_over_time_and_the_true_times(runs):
 def test_map_lines_equal_the_records_and_waits_end_where_sliding_starts(runs):
     run = runs["run_in"]
     ax = space_time.draw(run).axes[0]
-    drawn = line(ax, theme.PLACES["trailing edge"]).get_ydata()
+    drawn = line(ax, theme.PLACE_COLOURS["trailing edge"]).get_ydata()
     np.testing.assert_array_equal(drawn, run.T_block[:, -1])
-    bands = time_axis.clock(run).waits
+    bands = time_axis.repetition_axis(run).waits
     assert len(bands) == 8
     assert bands[0] == (35.0, 45.0)
 
 
 def test_waits_that_would_fill_the_map_are_compressed(runs):
     run = runs["long_waits"]
-    when = time_axis.clock(run)
-    assert when.compressed
+    when = time_axis.repetition_axis(run)
+    assert when.is_compressed
     assert "compressed" in space_time.draw(run).axes[0].get_xlabel()
-    columns = when.columns(300)
+    columns = when.column_edges(300)
     assert (columns[0], columns[-1]) == (run.time[0], run.time[-1])
     sliding = (np.diff(columns) < 1.0).mean()
-    assert sliding == pytest.approx(1 / (1 + time_axis.KEPT), abs=0.02)
-    assert not time_axis.clock(runs["run_in"]).compressed
+    assert sliding == pytest.approx(1 / (1 + time_axis.COMPRESSED_WAIT_FRACTION), abs=0.02)
+    assert not time_axis.repetition_axis(runs["run_in"]).is_compressed
 
 
 def test_field_shows_ends_of_repetitions_and_the_wait(runs):
     run = runs["run_in"]
-    frames = field.moments(run)
+    frames = field.select_moments(run)
     at = run.frames[list(frames)]
     assert len(frames) == 3
     assert run.time[at[0]] == 35.0
     assert not run.sliding[at[1]]
     assert at[2] == run.last
-    assert len(field.moments(runs["one"])) == 1
-    assert len(field.moments(runs["no_wait"])) == 2
+    assert len(field.select_moments(runs["one"])) == 1
+    assert len(field.select_moments(runs["no_wait"])) == 2
 
 
 def test_field_is_to_scale_above_and_shows_the_cells(runs):
@@ -174,7 +174,7 @@ def test_field_is_to_scale_above_and_shows_the_cells(runs):
     above, below = field.draw(run).axes[:2]
     assert above.get_aspect() == 1.0
     assert below.get_yscale() == "function"
-    frame = run.field[next(iter(field.moments(run)))]
+    frame = run.field[next(iter(field.select_moments(run)))]
     m = run.mesh
     z_block, z_road = m.z_centre[m.block[0]], m.z_centre[m.road[0]]
     bodies = ((frame[m.road], m.x_centre, z_road), (frame[m.block], run.x, z_block))
@@ -208,7 +208,7 @@ def test_budget_stacks_to_the_friction_heat_and_prints_the_imbalance(runs):
     top = over.collections[-1].get_paths()[0].vertices[:, 1].max()
     assert top == pytest.approx(run.width * run.energy["friction"][-1], rel=1e-3)
     bars = {t.get_text(): p.get_width() for t, p in zip(last.get_yticklabels(), last.patches, strict=True)}
-    for name, words in budget.WORDS.items():
+    for name, words in budget.PART_LABELS.items():
         assert bars[words] == pytest.approx(100 * run.budget[name] / run.budget["friction"])
     assert sum(bars.values()) == pytest.approx(100.0, abs=0.1)
     assert f"{run.energy_imbalance:.1e}" in fig.get_supxlabel()
@@ -241,7 +241,7 @@ def test_maps_show_the_fields_at_the_end_of_every_repetition(runs):
     run, m = runs["run_in"], runs["run_in"].mesh
     shown, z_block, seen = panels(run), m.z_centre[m.block[0]], []
     assert [ax.get_title(loc="left") for ax in shown] == [f"repetition {r}" for r in range(1, 10)]
-    for ax, k in zip(shown, time_axis.ends(run), strict=True):
+    for ax, k in zip(shown, time_axis.sliding_ends(run), strict=True):
         cells = run.field[np.flatnonzero(run.frames == k)[0]].astype(float)
         (x, z), drawn = centres_of(ax.images[0]), [np.asarray(i.get_array()) for i in ax.images]
         grid = np.meshgrid(np.clip(z, z_block[0], z_block[-1]), np.clip(x, run.x[0], run.x[-1]), indexing="ij")
@@ -253,7 +253,7 @@ def test_maps_show_the_fields_at_the_end_of_every_repetition(runs):
         np.testing.assert_allclose(drawn[2][0], wake, rtol=1e-6)
         hottest = ax.lines[0].get_xdata()[0]
         assert hottest == 1e3 * run.x[np.argmax(run.T_spot[k])]
-        assert ax.get_title(loc="right") == f"hottest {run.T_spot[k].max():.1f} {theme.DEGREE} at {hottest:.1f} mm"
+        assert ax.get_title(loc="right") == f"hottest {run.T_spot[k].max():.1f} {theme.CELSIUS} at {hottest:.1f} mm"
         seen += [*cells[m.block].ravel(), *run.T_spot[k], *behind]
     assert {(i.norm.vmin, i.norm.vmax) for ax in shown for i in ax.images} == {(min(seen), max(seen))}
 
@@ -272,11 +272,11 @@ def test_maps_keep_first_and_last_of_many_and_leave_white_where_nothing_touches(
 def test_worn_shows_face_and_pressure_before_and_after_or_is_skipped(runs):
     run = runs["worn"]
     face, press = worn.draw(run).axes
-    for k, height, pressure in zip([0, *time_axis.ends(run)], face.lines, press.lines, strict=True):
+    for k, height, pressure in zip([0, *time_axis.sliding_ends(run)], face.lines, press.lines, strict=True):
         np.testing.assert_array_equal(height.get_ydata(), -1e6 * run.worn[k])
         np.testing.assert_array_equal(pressure.get_ydata(), 1e-6 * run.pressure[k])
     assert run.worn[-1].min() > 0
-    assert theme.number(1e9 * run.worn_volume, 3) in face.get_title(loc="left")
+    assert theme.format_decimal(1e9 * run.worn_volume, 3) in face.get_title(loc="left")
     fresh = replace(run, worn=0.0 * run.worn)
     assert worn.applies(run)
     assert worn.applies(fresh)  # its pressure changed shape

@@ -10,8 +10,8 @@ import pytest
 from flashtemp import simulate
 from flashtemp.__main__ import main
 from flashtemp.errors import BadInput
-from flashtemp.model.case import load
-from flashtemp.runs.wait_time import FINE, MOST, NEAR, Peak, clock, shortest
+from flashtemp.model.case import load_case
+from flashtemp.runs.wait_time import WAIT_TOLERANCE, MAX_MARCHES, TEMPERATURE_TOLERANCE_K, PeakTemperature, format_duration, find_minimum_wait
 
 SMALL = {  # a thin block on a cold holder: seconds of waiting count
     "effects": ["holder_sink"],
@@ -34,7 +34,7 @@ def file(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def case(file):
-    return lambda **given: load(file, SMALL | {k.replace("__", "."): v for k, v in given.items()})
+    return lambda **given: load_case(file, SMALL | {k.replace("__", "."): v for k, v in given.items()})
 
 
 def highest(case, curve: str = "T_block") -> float:
@@ -59,16 +59,16 @@ def test_answer_is_long_enough_and_a_tenth_less_is_not(case, file, capsys, of, c
     assert answer["reached"] <= below
     assert highest(case(schedule__wait=0.9 * answer["wait"]), curve) > below
     assert answer["too_short"] < answer["wait"]
-    near = answer["reached"] > below - NEAR or answer["wait"] < answer["too_short"] * (1 + FINE) + FINE
+    near = answer["reached"] > below - TEMPERATURE_TOLERANCE_K or answer["wait"] < answer["too_short"] * (1 + WAIT_TOLERANCE) + WAIT_TOLERANCE
     assert near
-    assert len(answer["tried"]) <= MOST + 3
+    assert len(answer["tried"]) <= MAX_MARCHES + 3
     assert answer["total"] == pytest.approx(2 * 2.0 + answer["wait"])
 
 
 def test_text_and_progress(file, capsys, monkeypatch):
     """The printed wait is rounded up; every march is told on stderr."""
     monkeypatch.setattr(
-        "flashtemp.runs.wait_time._peak", lambda case, wait, of: Peak(wait, 30 + 20 / (1 + wait / 7), 3, 29, 9000)
+        "flashtemp.runs.wait_time._peak", lambda case, wait, of: PeakTemperature(wait, 30 + 20 / (1 + wait / 7), 3, 29, 9000)
     )
     assert main(arguments(file, "--below", "40")) == 0
     out, err = capsys.readouterr()
@@ -87,23 +87,23 @@ def test_few_marches_suffice(case, monkeypatch, constant, level):
     """Cooling like exp(-sqrt(wait/constant)), hot by 20 K: within the tolerance in at most 12 marches."""
     monkeypatch.setattr(
         "flashtemp.runs.wait_time._peak",
-        lambda case, wait, of: Peak(wait, 40 + 20 * exp(-sqrt(wait / constant)), 3, 40, 0),
+        lambda case, wait, of: PeakTemperature(wait, 40 + 20 * exp(-sqrt(wait / constant)), 3, 40, 0),
     )
     below, exact = 40 + 20 * level, constant * log(level) ** 2
-    answer = shortest(case(), below)
+    answer = find_minimum_wait(case(), below)
     assert len(answer.tried) <= 12
     assert exact <= answer.wait <= float(str(answer).split()[1])
-    assert answer.reached > below - NEAR or answer.wait <= exact * (1 + FINE) + FINE
+    assert answer.reached > below - TEMPERATURE_TOLERANCE_K or answer.wait <= exact * (1 + WAIT_TOLERANCE) + WAIT_TOLERANCE
 
 
 def test_no_wait_is_needed(case):
-    answer = shortest(case(), 90.0)
+    answer = find_minimum_wait(case(), 90.0)
     assert (answer.wait, len(answer.tried), answer.too_short) == (0.0, 1, None)
     assert "no wait is needed" in str(answer)
 
 
 def test_first_repetition_alone_is_too_hot(case):
-    answer = shortest(case(), 25.0)
+    answer = find_minimum_wait(case(), 25.0)
     assert (answer.wait, len(answer.tried)) == (None, 1)
     first = highest(case(schedule__repetitions=1))
     assert f"the first repetition alone reaches {first:.2f} degC" in str(answer)
@@ -116,7 +116,7 @@ def test_six_hours_do_not_help(case):
     """An insulated block keeps its heat; waiting only spreads it."""
     warm = case(holder_sink__coefficient=0.0, ambient__convection=0.0)
     kept = highest(case(holder_sink__coefficient=0.0, ambient__convection=0.0, schedule__wait=600.0))
-    answer = shortest(warm, kept - 0.5)
+    answer = find_minimum_wait(warm, kept - 0.5)
     assert answer.wait is None
     assert [peak.wait for peak in answer.tried] == pytest.approx([0.0, 600.0, 21600.0])
     assert answer.too_short == pytest.approx(21600.0)
@@ -150,7 +150,7 @@ def test_one_line_that_helps(file, capsys, more, says):
 
 def test_of_what_from_python(case):
     with pytest.raises(BadInput, match="--of: 'road'; give block or spot"):
-        shortest(case(), 50.0, "road")
+        find_minimum_wait(case(), 50.0, "road")
 
 
 def test_failure_is_an_exit_code_of_its_own(file, capsys):
@@ -162,4 +162,4 @@ def test_failure_is_an_exit_code_of_its_own(file, capsys):
 
 
 def test_clock():
-    assert [clock(s) for s in (8.0, 440.0, 21600.0)] == ["8 s", "7.33 min", "6 h"]
+    assert [format_duration(s) for s in (8.0, 440.0, 21600.0)] == ["8 s", "7.33 min", "6 h"]

@@ -16,14 +16,14 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import pytest
 
-from flashtemp.discovery.hypotheses.candidates import Model, candidates
+from flashtemp.discovery.hypotheses.candidates import ModelPoint, find_candidates
 from flashtemp.discovery.parameters import ParameterId
-from flashtemp.discovery.prediction.prediction import Derivatives, Force, Prediction, Task, predict_condition
+from flashtemp.discovery.prediction.prediction import DerivativeRequest, LoadCellEntry, Prediction, PredictionTask, predict_condition
 from flashtemp.errors import BadInput, SolverFailure
-from flashtemp.model.case import load
-from flashtemp.physics.effect import find
+from flashtemp.model.case import load_case
+from flashtemp.physics.effect import find_effect
 from flashtemp.runs import workers
-from flashtemp.runs.workers import attempt, crew
+from flashtemp.runs.workers import call_safely, open_worker_pool
 
 MU = ParameterId.of_key("friction.mu")
 SMALL = {
@@ -37,10 +37,10 @@ def tasks(tmp_path):
     file = tmp_path / "case.toml"
     file.write_text("")
     lost = {"effects": ["wear"], "wear.rate": 1e-7, "schedule.speed": 1.0, "contact.pressure": 1e7}
-    force = Force("mu.csv", (0.0, 0.05, 0.09), (1.0, 1.0, 1.0))
+    force = LoadCellEntry("mu.csv", (0.0, 0.05, 0.09), (1.0, 1.0, 1.0))
     out = []
     for given in ({"friction.mu": 0.8}, lost, {"friction.mu": 1.2}):
-        out.append(Task(load(file), SMALL | given, {}, Model({"friction.mu": 0.1}), (), (force,), Derivatives((MU,))))
+        out.append(PredictionTask(load_case(file), SMALL | given, {}, ModelPoint({"friction.mu": 0.1}), (), (force,), DerivativeRequest((MU,))))
     return out
 
 
@@ -49,16 +49,16 @@ def test_a_failure_of_the_computation_is_an_answer():
         raise fault
 
     for fault in (BadInput("case.toml: a: 1; give 2"), SolverFailure("the heat balance is no longer finite")):
-        assert attempt(fails, fault) is fault
+        assert call_safely(fails, fault) is fault
     with pytest.raises(ZeroDivisionError):
-        attempt(lambda n: 1 / n, 0)
-    assert attempt(math.sqrt, 4.0) == 2.0
+        call_safely(lambda n: 1 / n, 0)
+    assert call_safely(math.sqrt, 4.0) == 2.0
 
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_answers_keep_their_order(count):
     asked = [60000, 3, 30000, 2, 1]  # the first takes longest
-    with crew(math.factorial, count) as run:
+    with open_worker_pool(math.factorial, count) as run:
         assert run(asked) == [math.factorial(n) for n in asked]
         assert run([]) == []
         assert run([4]) == [24]  # the same hands again
@@ -67,16 +67,16 @@ def test_answers_keep_their_order(count):
 def test_no_process_hears_ctrl_c():
     """A terminal sends it to all of them; each begins deaf, also those that begin after the first."""
     late = "__import__('time').sleep(1.0) or __import__('signal').raise_signal(2)"  # when all have begun
-    with crew(eval, 3) as run:
+    with open_worker_pool(eval, 3) as run:
         assert run([late] * 4) == [None] * 4
 
 
 @pytest.mark.parametrize("count", [1, 2])
 @pytest.mark.sample("1")
 def test_failures_come_back_in_their_place(count):
-    with crew(find, count) as run:
+    with open_worker_pool(find_effect, count) as run:
         first, fault, last = run(["friction", "frction", "wear"])
-        assert (first, last) == (find("friction"), find("wear"))
+        assert (first, last) == (find_effect("friction"), find_effect("wear"))
         assert isinstance(fault, BadInput)
         assert str(fault) == "effect 'frction' is not in the catalogue; did you mean 'friction'?"
         assert fault.lines == (str(fault),)
@@ -89,7 +89,7 @@ def test_failures_come_back_in_their_place(count):
 def test_several_faults_stay_apart(count, tmp_path):
     file = tmp_path / "case.toml"
     file.write_text("[friction]\nmu = -1\n[block]\nheight = -2\n")
-    with crew(load, count) as run:
+    with open_worker_pool(load_case, count) as run:
         [fault] = run([file])
     assert len(fault.lines) == 2
     assert str(fault) == "\n".join(fault.lines)
@@ -105,7 +105,7 @@ def same(one, other):
 
 
 def test_one_worker_and_two_agree(tasks):
-    with crew(predict_condition, 1) as alone, crew(predict_condition, 2) as both:
+    with open_worker_pool(predict_condition, 1) as alone, open_worker_pool(predict_condition, 2) as both:
         answers = list(zip(alone(tasks), both(tasks), strict=True))
     for one, other in (answers[0], answers[2]):
         assert isinstance(one, Prediction)
@@ -136,12 +136,12 @@ def test_an_effect_of_the_users_own_is_a_candidate_in_every_process(tasks, tmp_p
     """The case brings the text that was read: no worker looks at the file, or judges whose it is."""
     (tmp_path / "fan.py").write_text(FAN)
     (tmp_path / "case.toml").write_text('candidates = ["./fan.py"]')
-    case = load(tmp_path / "case.toml", SMALL)
-    [fan], left = candidates(case, case.candidates)
+    case = load_case(tmp_path / "case.toml", SMALL)
+    [fan], left = find_candidates(case, case.candidates)
     assert (fan.strengths, left) == ({"share": 0.1}, {})
-    asked = Derivatives((MU,), candidates=(fan,))
+    asked = DerivativeRequest((MU,), candidates=(fan,))
     (tmp_path / "fan.py").unlink()
-    with crew(predict_condition, 2) as run:
+    with open_worker_pool(predict_condition, 2) as run:
         [found] = run([replace(tasks[0], case=case, derivatives=asked)])
     assert isinstance(found, Prediction), found
     columns = found.observables["mu.csv"].columns
@@ -152,12 +152,12 @@ def test_an_effect_of_the_users_own_is_a_candidate_in_every_process(tasks, tmp_p
 
 def test_as_many_as_there_are_cores(monkeypatch):
     monkeypatch.setattr(workers, "cores", lambda: 1)
-    with crew(lambda n: n + 1) as run:  # could not be sent to another process
+    with open_worker_pool(lambda n: n + 1) as run:  # could not be sent to another process
         assert run([1, 2]) == [2, 3]
 
 
 def test_a_process_that_is_killed_is_said():
-    with crew(signal.raise_signal, 2) as run, pytest.raises(SolverFailure, match="fewer --workers"):
+    with open_worker_pool(signal.raise_signal, 2) as run, pytest.raises(SolverFailure, match="fewer --workers"):
         run([signal.SIGKILL])
 
 
@@ -173,7 +173,7 @@ def stand_in(monkeypatch, client):
 def test_without_dask(monkeypatch):
     for name in ("dask", "dask.distributed"):
         monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(BadInput, match=r"^--scheduler: .*not installed; pip install") as said, crew(find, None, "a:1"):
+    with pytest.raises(BadInput, match=r"^--scheduler: .*not installed; pip install") as said, open_worker_pool(find_effect, None, "a:1"):
         pass
     assert len(said.value.lines) == 1
     assert "\n" not in str(said.value)
@@ -185,7 +185,7 @@ def test_a_scheduler_that_does_not_answer(monkeypatch, fault):
         raise fault
 
     stand_in(monkeypatch, client)
-    with pytest.raises(BadInput) as said, crew(find, None, "tcp://nowhere:8786"):
+    with pytest.raises(BadInput) as said, open_worker_pool(find_effect, None, "tcp://nowhere:8786"):
         pass
     assert len(said.value.lines) == 1
     assert "\n" not in str(said.value)
@@ -195,7 +195,7 @@ def test_a_scheduler_that_does_not_answer(monkeypatch, fault):
 @pytest.mark.long
 def test_a_scheduler_that_cannot_be_reached():
     pytest.importorskip("distributed", reason="dask.distributed is not installed")
-    with pytest.raises(BadInput) as said, crew(find, None, "tcp://127.0.0.1:9"):
+    with pytest.raises(BadInput) as said, open_worker_pool(find_effect, None, "tcp://127.0.0.1:9"):
         pass
     assert len(said.value.lines) == 1
 
@@ -222,9 +222,9 @@ def test_a_cluster_answers_like_one_worker(monkeypatch):
             return [f.answer for f in futures]
 
     stand_in(monkeypatch, Client)
-    with crew(find, 7, "tcp://there:8786") as run:
+    with open_worker_pool(find_effect, 7, "tcp://there:8786") as run:
         first, fault, last = run(["friction", "frction", "wear"])
-    assert (first, last) == (find("friction"), find("wear"))
+    assert (first, last) == (find_effect("friction"), find_effect("wear"))
     assert isinstance(fault, BadInput)
     assert log == ["tcp://there:8786", "closed"]
 
@@ -279,7 +279,7 @@ def test_a_worker_of_a_real_cluster_is_killed(tasks):
             os.kill(victim, signal.SIGKILL)
             killed.set()
 
-        with crew(predict_condition, None, cluster.scheduler_address) as run, crew(predict_condition, 1) as alone:
+        with open_worker_pool(predict_condition, None, cluster.scheduler_address) as run, open_worker_pool(predict_condition, 1) as alone:
             run(asked[:2])  # the workers have begun
             threading.Timer(0.3, kill).start()
             answers = run(asked)

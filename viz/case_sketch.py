@@ -11,7 +11,7 @@ from matplotlib.patches import Rectangle
 from flashtemp.viz import theme
 
 
-def svg(case) -> str:
+def sketch_svg(case) -> str:
     """The sketch of a case as an SVG element."""
     out = StringIO()
     draw(case).savefig(out, format="svg")
@@ -23,21 +23,21 @@ def svg(case) -> str:
 def draw(case) -> Figure:
     """Block and road in mm, and below speed (m/s) and nominal contact pressure (kPa) over time (s)."""
     scene, schedule = case.scene, case.scene.schedule
-    fig = Figure(figsize=(theme.WIDE, 4.4), layout="constrained", facecolor="white")
+    fig = Figure(figsize=(theme.WIDE_FIGURE_IN, 4.4), layout="constrained", facecolor="white")
     above, below = fig.subplots(2, 1, height_ratios=[1.0, 1.0])
-    _block(above, scene)
+    _draw_block(above, scene)
     t = np.linspace(0.0, schedule.slide_time, 200)
-    below.plot(t, [schedule.speed(s) for s in t], color=theme.BLOCK)
-    below.set(ylabel="speed (m/s)", xlabel=f"time in a repetition (s); {_times(schedule)}")
+    below.plot(t, [schedule.speed(s) for s in t], color=theme.BLOCK_COLOUR)
+    below.set(ylabel="speed (m/s)", xlabel=f"time in a repetition (s); {_describe_times(schedule)}")
     below.set_ylim(bottom=0.0)
     other = below.twinx()
-    other.plot(t, [1e-3 * schedule.pressure(s) for s in t], color=theme.AMBIENT, ls="--")
+    other.plot(t, [1e-3 * schedule.pressure(s) for s in t], color=theme.AMBIENT_COLOUR, ls="--")
     other.set_ylabel("pressure (kPa, dashed)")
     other.set_ylim(bottom=0.0)
     return fig
 
 
-def _block(ax, scene) -> None:
+def _draw_block(ax, scene) -> None:
     length, height = 1e3 * scene.length, 1e3 * scene.height
     ax.add_patch(Rectangle((0.0, 0.0), length, height, fc="#D9D9D9", ec="#2B2B2B"))
     ends = np.cumsum([1e3 * layer.thickness for layer in scene.layers])
@@ -58,7 +58,7 @@ def _block(ax, scene) -> None:
     ax.set(xlabel="x (mm)", ylabel="z (mm)")
 
 
-def _times(schedule) -> str:
-    wait = f", {theme.number(schedule.wait)} s of waiting between" if schedule.wait else ""
+def _describe_times(schedule) -> str:
+    wait = f", {theme.format_decimal(schedule.wait)} s of waiting between" if schedule.wait else ""
     many = schedule.repetitions
     return f"{many} repetition{'s' if many > 1 else ''}{wait if many > 1 else ''}"

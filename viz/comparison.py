@@ -13,45 +13,45 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from flashtemp.viz import point_series, theme
 from flashtemp.viz.residuals import (
-    BAND,
-    BEYOND,
-    COMPUTED,
-    MEASURED,
-    SURE,
-    against,
-    beyond,
-    edges,
-    figure,
-    mean,
-    plain,
-    sliding,
+    BAND_COLOUR,
+    BEYOND_COLOUR,
+    COMPUTED_COLOUR,
+    MEASURED_COLOUR,
+    BAND_SIGMA,
+    draw_residuals,
+    count_beyond_noise,
+    pixel_edges,
+    make_recording_figure,
+    mean_residual,
+    escape_dollars,
+    sliding_mask,
 )
-from flashtemp.viz.time_axis import clock
+from flashtemp.viz.time_axis import repetition_axis
 
-WIDTH = 9.6  # inches; four images side by side need more than a column of print
-MASKED = "#A9A9A9"
+COMPARISON_WIDTH_IN = 9.6  # inches; four images side by side need more than a column of print
+MASKED_COLOUR = "#A9A9A9"
 KELVIN_MAP, SIGMA_MAP = "RdBu_r", "PuOr_r"
-CLIP = 5.0  # sigma where the colours end
-MARGIN = 2  # pixels drawn beyond those that are compared
-SPREAD = 5  # pixels along a side of what counts as structure
-DOTS = 1500  # readings of a trace that are drawn
-UPWARD = {
+MAX_COLOUR_SIGMA = 5.0  # sigma where the colours end
+MARGIN_PX = 2  # pixels drawn beyond those that are compared
+STRUCTURE_SIZE_PX = 5  # pixels along a side of what counts as structure
+MAX_DOTS_DRAWN = 1500  # readings of a trace that are drawn
+UPWARD_AXES = {
     "sidewall": ("z", "above the interface"),
     "wake": ("y", "from the centre line"),
     "profile": ("", ""),
     "points": ("", ""),
 }
-COLUMNS = ("measured", "computed", "measured − computed", "the same in sigma")
+IMAGE_TITLES = ("measured", "computed", "measured − computed", "the same in sigma")
 
 
 # --- images -----------------------------------------------------------------------------------------
-def frames(seeing, run=None) -> dict[int, str]:
+def choose_frames(seeing, run=None) -> dict[int, str]:
     """Frames worth a picture and why: end of sliding of the first and last repetition, largest difference.
 
     Without the `run` of the condition, the frame of a repetition that is computed to be hottest.
     """
     r, why = seeing.view.recording, {}
-    on = None if run is None else sliding(r.time, run)
+    on = None if run is None else sliding_mask(r.time, run)
     seen = np.isfinite(seeing.residual).any(axis=0)
     heat = np.sum(seeing.predicted, axis=(1, 2), where=seen)
     for number in np.unique(r.repetition)[[0, -1]]:
@@ -62,70 +62,70 @@ def frames(seeing, run=None) -> dict[int, str]:
         else:
             why[int(own[np.argmax(heat[own])])] = "hottest frame"
     if seeing.largest is not None:
-        k = _frame(seeing)
+        k = _largest_residual_frame(seeing)
         why[k] = f"{why[k]},\nlargest difference" if k in why else "largest difference"
     return dict(sorted(why.items()))
 
 
-def _frame(seeing) -> int:
+def _largest_residual_frame(seeing) -> int:
     """The frame of the largest structured residual."""
     return int(np.argmin(np.abs(seeing.view.recording.time - seeing.largest.time)))
 
 
 @theme.styled
-def images(seeing, run=None, only: bool = False) -> Figure:
+def draw_images(seeing, run=None, only: bool = False) -> Figure:
     """Measured, computed and their difference in K and in sigma for up to three frames; x, z, y in mm.
 
     With `only` the frame of the largest difference alone.  A profile is drawn as lines in degC, its difference in K
     with the band of noise of one pixel.
     """
     if seeing.view.recording.places is not None:
-        return point_series.picture(seeing)
-    chosen = frames(seeing, run)
+        return point_series.draw_points(seeing)
+    chosen = choose_frames(seeing, run)
     if only:
-        worst = _frame(seeing) if seeing.largest is not None else max(chosen)
+        worst = _largest_residual_frame(seeing) if seeing.largest is not None else max(chosen)
         chosen = {worst: chosen[worst]}
     if seeing.view.recording.view == "profile":
-        return point_series.profile(seeing, chosen)
+        return point_series.draw_profile(seeing, chosen)
     r, shown = seeing.view.recording, list(chosen)
-    u, v = edges(r.u), edges(r.v)
-    across, up = _compared(seeing, u, 1), _compared(seeing, v, 0)
+    u, v = pixel_edges(r.u), pixel_edges(r.v)
+    across, up = _compared_limits(seeing, u, 1), _compared_limits(seeing, v, 0)
     tall = np.clip((up[1] - up[0]) / (across[1] - across[0]), 0.2, 1.3)
-    fig = figure(seeing.view, WIDTH, 1.3 + len(shown) * (0.16 + 1.8 * max(tall, 0.28)), layout="compressed")
+    fig = make_recording_figure(seeing.view, COMPARISON_WIDTH_IN, 1.3 + len(shown) * (0.16 + 1.8 * max(tall, 0.28)), layout="compressed")
     axes = fig.subplots(len(shown), 4, sharex=True, sharey=True, squeeze=False)
-    stacks, norms = _stacks(seeing, shown), _norms(seeing, shown)
+    stacks, norms = _image_columns(seeing, shown), _colour_norms(seeing, shown)
     for row, k in enumerate(shown):
         for ax, (cmap, values), norm in zip(axes[row], stacks, norms, strict=True):
-            ax.set_facecolor(MASKED)
+            ax.set_facecolor(MASKED_COLOUR)
             ax.imshow(
                 np.ma.masked_invalid(values[row]), origin="lower", extent=(u[0], u[-1], v[0], v[-1]), cmap=cmap,
                 norm=norm, interpolation="nearest",
             )  # fmt: skip
-        words = f"repetition {r.repetition[k]}\nt = {theme.number(r.time[k])} s\n{chosen[k]}"
+        words = f"repetition {r.repetition[k]}\nt = {theme.format_decimal(r.time[k])} s\n{chosen[k]}"
         axes[row, 0].annotate(
             words, (0.0, 0.5), (-42, 0), xycoords="axes fraction", textcoords="offset points", ha="right", va="center"
         )
-        axes[row, 0].set_ylabel(f"{UPWARD[r.view][0]} (mm)")
-        if seeing.largest is not None and k == _frame(seeing):
-            _mark(axes[row, 2:], seeing)
+        axes[row, 0].set_ylabel(f"{UPWARD_AXES[r.view][0]} (mm)")
+        if seeing.largest is not None and k == _largest_residual_frame(seeing):
+            _mark_largest(axes[row, 2:], seeing)
     axes[0, 0].set(xlim=across, ylim=up)
     axes[0, 0].xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
-    for ax, title in zip(axes[0], COLUMNS, strict=True):
+    for ax, title in zip(axes[0], IMAGE_TITLES, strict=True):
         ax.set_title(title, weight="bold")
     for ax in axes[-1]:
         ax.set_xlabel("x (mm)")
-    _bars(fig, axes)
+    _add_colour_bars(fig, axes)
     return fig
 
 
-def _compared(seeing, ends: np.ndarray, other: int) -> tuple[float, float]:
+def _compared_limits(seeing, ends: np.ndarray, other: int) -> tuple[float, float]:
     """Limits (mm) of what is compared along one direction, with a margin; all when nothing is."""
     known = np.flatnonzero(np.isfinite(seeing.residual).any(axis=0).any(axis=1 - other if other == 0 else 0))
     first, last = (known[0], known[-1]) if len(known) else (0, len(ends) - 2)
-    return float(ends[max(first - MARGIN, 0)]), float(ends[min(last + 1 + MARGIN, len(ends) - 1)])
+    return float(ends[max(first - MARGIN_PX, 0)]), float(ends[min(last + 1 + MARGIN_PX, len(ends) - 1)])
 
 
-def _stacks(seeing, shown: list[int]) -> list[tuple]:
+def _image_columns(seeing, shown: list[int]) -> list[tuple]:
     """Colour map and values (rows, nv, nu) of the four columns, NaN where nothing is compared."""
     apart = np.isfinite(seeing.residual[shown])
     heat = theme.temperature_map()
@@ -139,9 +139,9 @@ def _stacks(seeing, shown: list[int]) -> list[tuple]:
     ]
 
 
-def _norms(seeing, shown: list[int]) -> list:
+def _colour_norms(seeing, shown: list[int]) -> list:
     """Colour limits of the four columns: one in degC for two of them, both differences centred at zero."""
-    (_, measured), (_, computed), (_, off), _ = _stacks(seeing, shown)
+    (_, measured), (_, computed), (_, off), _ = _image_columns(seeing, shown)
     if not np.isfinite(off).any():
         off, measured, computed = np.zeros(1), np.zeros(1), np.zeros(1)
     usual = np.nanpercentile(measured, (0.5, 99.5))  # a single wild pixel would take all colours
@@ -150,16 +150,16 @@ def _norms(seeing, shown: list[int]) -> list:
     if seeing.largest is not None:
         most = max(most, abs(seeing.largest.K))
     limit = theme.nice_ceil(most)
-    return [heat, heat, Normalize(-limit, limit), Normalize(-CLIP, CLIP)]
+    return [heat, heat, Normalize(-limit, limit), Normalize(-MAX_COLOUR_SIGMA, MAX_COLOUR_SIGMA)]
 
 
-def _bars(fig, axes) -> None:
+def _add_colour_bars(fig, axes) -> None:
     """One colour bar below the columns that it belongs to."""
     pad = 0.16 / fig.get_figheight()
     spans = [
-        (axes[:, :2], f"temperature ({theme.DEGREE})", 40),
+        (axes[:, :2], f"temperature ({theme.CELSIUS})", 40),
         (axes[:, 2], "difference (K)", 20),
-        (axes[:, 3], f"sigma, colours end at ±{CLIP:g} (–)", 20),
+        (axes[:, 3], f"sigma, colours end at ±{MAX_COLOUR_SIGMA:g} (–)", 20),
     ]
     for columns, label, aspect in spans:
         shown = [ax.images[0] for ax in columns.ravel()]
@@ -175,107 +175,107 @@ def _bars(fig, axes) -> None:
         bar.set_ticks(np.linspace(-1.0, 1.0, 5) * norm.vmax if norm.vmin == -norm.vmax else MaxNLocator(9))
 
 
-def _mark(axes, seeing) -> None:
+def _mark_largest(axes, seeing) -> None:
     """A square around the pixels of the largest structured residual, mm."""
     r, at = seeing.view.recording, seeing.largest
-    du, dv = (SPREAD * 1e3 * p if np.isfinite(p) else 1.0 for p in r.pitch)
+    du, dv = (STRUCTURE_SIZE_PX * 1e3 * p if np.isfinite(p) else 1.0 for p in r.pitch)
     for ax in axes:
         ax.add_patch(Rectangle((1e3 * at.u - du / 2, 1e3 * at.v - dv / 2), du, dv, fill=False, ec="black", lw=0.9))
 
 
 # --- along x, z, time and repetition ----------------------------------------------------------------
 @theme.styled
-def along(seeing, run=None) -> Figure:
+def draw_mean_residuals(seeing, run=None) -> Figure:
     """Mean difference (K) along x, z or y (mm), against time (s) and per repetition, with what noise alone gives.
 
     The band is two standard errors of the mean; with the `run` of the condition waits are shaded.
     """
     r, level = seeing.view.recording, seeing.noise
-    up, where = UPWARD.get(r.view, ("", ""))
-    fig = figure(seeing.view, WIDTH, 5.0)
+    up, where = UPWARD_AXES.get(r.view, ("", ""))
+    fig = make_recording_figure(seeing.view, COMPARISON_WIDTH_IN, 5.0)
     grid = fig.add_gridspec(2, 2)
     first = fig.add_subplot(grid[0, 0] if up else grid[0, :])
-    _curve(first, 1e3 * r.u, mean(seeing.residual, level, 2), "along x", theme.along(run))
+    _draw_curve(first, 1e3 * r.u, mean_residual(seeing.residual, level, 2), "along x", theme.x_axis_label(run))
     if up:
         second = fig.add_subplot(grid[0, 1])
-        _curve(second, 1e3 * r.v, mean(seeing.residual, level, 1), f"along {up}", f"{up} {where} (mm)")
+        _draw_curve(second, 1e3 * r.v, mean_residual(seeing.residual, level, 1), f"along {up}", f"{up} {where} (mm)")
     several = len(np.unique(r.repetition)) > 1  # a single mean is a number, no curve
-    _over_time(fig.add_subplot(grid[1, 0] if several else grid[1, :]), seeing, run)
+    _draw_over_time(fig.add_subplot(grid[1, 0] if several else grid[1, :]), seeing, run)
     if several:
-        _per_repetition(fig.add_subplot(grid[1, 1]), seeing)
+        _draw_per_repetition(fig.add_subplot(grid[1, 1]), seeing)
     fig.supylabel("mean of measured − computed (K)", fontsize=8.0)
     note = "blue band: what noise alone would do to the mean, two standard errors; red: beyond it"
     fig.supxlabel(note, fontsize=7.5)
     return fig
 
 
-def _curve(ax, x, means, title: str, label: str) -> None:
+def _draw_curve(ax, x, means, title: str, label: str) -> None:
     """One direction: `means` (values, their standard errors) with the band of noise, from the first to the last."""
     values, error = means
     known = np.flatnonzero(np.isfinite(values))
     some = slice(known[0], known[-1] + 1) if len(known) else slice(None)
-    against(ax, x[some], values[some], SURE * error[some])
+    draw_residuals(ax, x[some], values[some], BAND_SIGMA * error[some])
     ax.set(xlabel=label)
-    ax.set_title(f"{title}: {beyond(values, error)}")
+    ax.set_title(f"{title}: {count_beyond_noise(values, error)}")
 
 
-def _over_time(ax, seeing, run) -> None:
+def _draw_over_time(ax, seeing, run) -> None:
     """Mean of every frame against time, waits shaded where they are known."""
     time = seeing.view.recording.time
-    values, error = mean(seeing.residual, seeing.noise, 0)
+    values, error = mean_residual(seeing.residual, seeing.noise, 0)
     if run is None:
-        _curve(ax, time, (values, error), "frame by frame", "time (s)")
+        _draw_curve(ax, time, (values, error), "frame by frame", "time (s)")
         return
-    when = clock(run)
-    _curve(ax, when.of(time), (values, error), "frame by frame", "")
-    when.shade(ax)
-    when.shape(ax)
+    when = repetition_axis(run)
+    _draw_curve(ax, when.to_axis_unit(time), (values, error), "frame by frame", "")
+    when.shade_waits(ax)
+    when.set_axis(ax)
     if when.waits:
         ax.set_xlabel(f"{ax.get_xlabel()}, grey: waiting")
 
 
-def _per_repetition(ax, seeing) -> None:
+def _draw_per_repetition(ax, seeing) -> None:
     """Mean of every repetition."""
     repetition = seeing.view.recording.repetition
     numbers = np.unique(repetition)
-    pairs = [mean(seeing.residual[repetition == n], seeing.noise, None) for n in numbers]
+    pairs = [mean_residual(seeing.residual[repetition == n], seeing.noise, None) for n in numbers]
     values, error = np.array(pairs).T
-    _curve(ax, numbers, (values, error), "repetition by repetition", "repetition (–)")
+    _draw_curve(ax, numbers, (values, error), "repetition by repetition", "repetition (–)")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=8))
 
 
 # --- friction ---------------------------------------------------------------------------------------
 @theme.styled
-def force(pulling) -> Figure:
+def draw_friction(pulling) -> Figure:
     """Friction coefficient (1) measured and computed against the time slid (s), and their difference."""
-    s, on, starts = slid_time(pulling)
+    s, on, starts = sliding_time(pulling)
     mu, computed, off = np.array(pulling.force.mu)[on], pulling.predicted[on], pulling.residual[on]
-    fig = figure(pulling.force, WIDTH, 4.2)
+    fig = make_recording_figure(pulling.force, COMPARISON_WIDTH_IN, 4.2)
     above, below = fig.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
-    some, half = slice(None, None, max(1, -(-len(s) // DOTS))), SURE * pulling.sigma
-    above.plot(s[some], mu[some], "o", color=MEASURED, ms=2.2, mew=0, label="measured")
+    some, half = slice(None, None, max(1, -(-len(s) // MAX_DOTS_DRAWN))), BAND_SIGMA * pulling.sigma
+    above.plot(s[some], mu[some], "o", color=MEASURED_COLOUR, ms=2.2, mew=0, label="measured")
     for n, part in enumerate(np.split(np.arange(len(s)), starts)):
-        above.plot(s[part], computed[part], color=COMPUTED, label=None if n else "computed")
-    above.set_ylim(theme.span(mu, computed, least=0.02, margin=0.08))
+        above.plot(s[part], computed[part], color=COMPUTED_COLOUR, label=None if n else "computed")
+    above.set_ylim(theme.padded_limits(mu, computed, least=0.02, margin=0.08))
     above.set_ylabel("friction coefficient (–)")
     above.legend(loc="best", ncols=2)
-    below.axhspan(-half, half, color=BAND, lw=0, zorder=0)
-    below.axhline(0.0, color=theme.AMBIENT, lw=0.5)
+    below.axhspan(-half, half, color=BAND_COLOUR, lw=0, zorder=0)
+    below.axhline(0.0, color=theme.AMBIENT_COLOUR, lw=0.5)
     out = np.abs(off[some]) > half
-    for keep, colour in ((~out, theme.AMBIENT), (out, BEYOND)):
+    for keep, colour in ((~out, theme.AMBIENT_COLOUR), (out, BEYOND_COLOUR)):
         below.plot(s[some][keep], off[some][keep], "o", color=colour, ms=2.2, mew=0)
-    below.set_ylim(theme.span(off, [-half, half], least=1e-6, margin=0.1))
+    below.set_ylim(theme.padded_limits(off, [-half, half], least=1e-6, margin=0.1))
     below.set(xlabel="time slid (s), waits left out", ylabel="measured −\ncomputed (–)")
     for ax in (above, below):
         for k in starts:
-            ax.axvline(0.5 * (s[k - 1] + s[k]), color=theme.WAITING, lw=1.2, zorder=0)
+            ax.axvline(0.5 * (s[k - 1] + s[k]), color=theme.WAITING_COLOUR, lw=1.2, zorder=0)
         ax.set_xlim(0.0, s[-1] if len(s) and s[-1] > 0 else 1.0)
     note = "blue band: noise of one reading alone, two standard deviations; red: beyond it"
     fig.supxlabel(note + ("; grey lines: waits" if len(starts) else ""), fontsize=7.5)
     return fig
 
 
-def slid_time(pulling) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def sliding_time(pulling) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Time slid (s) of the readings that are compared, their mask (n,), and where sliding starts again.
 
     A gap of more than three usual steps is a wait and counts as one step.
@@ -289,17 +289,17 @@ def slid_time(pulling) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 # --- overview ---------------------------------------------------------------------------------------
 @theme.styled
-def summary(comparison) -> Figure:
+def draw_summary(comparison) -> Figure:
     """RMSE and bias (K; of friction 1) and chi2/dof of every recording and every load-cell trace."""
     blocks = [(comparison.seeings, "recordings", "K"), (comparison.pullings, "friction", "–")]
     blocks = [b for b in blocks if b[0]]
     rows = [max(len(found), 2) for found, _, _ in blocks]
-    fig = Figure(figsize=(WIDTH, 0.6 + 0.75 * len(blocks) + 0.26 * sum(rows)), layout="constrained", facecolor="white")
-    fig.suptitle(plain(comparison.campaign.title)[:110], x=0.01, ha="left")
+    fig = Figure(figsize=(COMPARISON_WIDTH_IN, 0.6 + 0.75 * len(blocks) + 0.26 * sum(rows)), layout="constrained", facecolor="white")
+    fig.suptitle(escape_dollars(comparison.campaign.title)[:110], x=0.01, ha="left")
     axes = fig.subplots(len(blocks), 2, squeeze=False, height_ratios=rows, width_ratios=[1.3, 1.0])
     for (left, right), (found, title, unit) in zip(axes, blocks, strict=True):
-        _sizes(left, found, title, unit)
-        _adequacy(right, found)
+        _draw_sizes(left, found, title, unit)
+        _draw_chi2(right, found)
     reach = np.array([ax.get_xlim() for ax in axes[:, 1]])
     for ax in axes[:, 1]:
         ax.set_xlim(reach[:, 0].min(), reach[:, 1].max())
@@ -307,35 +307,35 @@ def summary(comparison) -> Figure:
     return fig
 
 
-def _sizes(ax, found, title: str, unit: str) -> None:
+def _draw_sizes(ax, results, title: str, unit: str) -> None:
     """Root mean square and mean of the differences of one kind, beside the noise of one value."""
-    y, kelvin = np.arange(len(found)), unit == "K"
-    rms = np.array([s.rmse_K if kelvin else s.rmse for s in found])
-    bias = np.array([s.bias_K if kelvin else s.bias for s in found])
-    noise = np.array([np.hypot(s.noise.white, s.noise.pattern) if kelvin else s.sigma for s in found])
-    ax.axvline(0.0, color=theme.AMBIENT, lw=0.6, zorder=1)
-    ax.hlines(y, np.minimum(0.0, bias), rms, color=theme.WAITING, lw=1.0, zorder=1)
-    ax.plot(rms, y, "o", color=MEASURED, ms=5.0, label="RMSE")
-    ax.plot(bias, y, "D", color=COMPUTED, ms=4.0, label="bias")
-    ax.plot(noise, y, "|", color=BEYOND, ms=11.0, mew=1.6, label="noise of one value")
-    entries = [s.view if kelvin else s.force for s in found]
-    ax.set_yticks(y, [plain(e.file)[-40:] + (" (held out)" if e.held_out else "") for e in entries])
-    ax.set(ylim=(len(found) - 0.4, -0.6), xlabel=f"measured − computed ({unit})")
+    y, kelvin = np.arange(len(results)), unit == "K"
+    rms = np.array([s.rmse_K if kelvin else s.rmse for s in results])
+    bias = np.array([s.bias_K if kelvin else s.bias for s in results])
+    noise = np.array([np.hypot(s.noise.white, s.noise.pattern) if kelvin else s.sigma for s in results])
+    ax.axvline(0.0, color=theme.AMBIENT_COLOUR, lw=0.6, zorder=1)
+    ax.hlines(y, np.minimum(0.0, bias), rms, color=theme.WAITING_COLOUR, lw=1.0, zorder=1)
+    ax.plot(rms, y, "o", color=MEASURED_COLOUR, ms=5.0, label="RMSE")
+    ax.plot(bias, y, "D", color=COMPUTED_COLOUR, ms=4.0, label="bias")
+    ax.plot(noise, y, "|", color=BEYOND_COLOUR, ms=11.0, mew=1.6, label="noise of one value")
+    entries = [s.view if kelvin else s.force for s in results]
+    ax.set_yticks(y, [escape_dollars(e.file)[-40:] + (" (held out)" if e.held_out else "") for e in entries])
+    ax.set(ylim=(len(results) - 0.4, -0.6), xlabel=f"measured − computed ({unit})")
     ax.set_title(title, weight="bold")
     ax.tick_params(axis="y", length=0)
 
 
-def _adequacy(ax, found) -> None:
+def _draw_chi2(ax, results) -> None:
     """Mean square of the differences in sigma: one where noise explains them all."""
-    y, value = np.arange(len(found)), np.array([s.chi2_per_dof for s in found])
-    ax.axvline(1.0, color=COMPUTED, lw=1.2, zorder=1)
-    ax.hlines(y, 1.0, value, color=theme.WAITING, lw=1.0, zorder=1)
-    ax.plot(value, y, "o", color=MEASURED, ms=5.0)
+    y, value = np.arange(len(results)), np.array([s.chi2_per_dof for s in results])
+    ax.axvline(1.0, color=COMPUTED_COLOUR, lw=1.2, zorder=1)
+    ax.hlines(y, 1.0, value, color=theme.WAITING_COLOUR, lw=1.0, zorder=1)
+    ax.plot(value, y, "o", color=MEASURED_COLOUR, ms=5.0)
     for at, v in zip(y, value, strict=True):
         if v > 0:
-            ax.annotate(theme.number(v, 3), (v, at), (6, 0), textcoords="offset points", va="center", fontsize=7.5)
+            ax.annotate(theme.format_decimal(v, 3), (v, at), (6, 0), textcoords="offset points", va="center", fontsize=7.5)
     known = value[value > 0]
     ax.set_xscale("log")
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: theme.number(v)))
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: theme.format_decimal(v)))
     ax.set(xlim=(min(0.5, 0.7 * known.min(initial=1.0)), max(3.0, 4.0 * known.max(initial=1.0))))
-    ax.set(ylim=(len(found) - 0.4, -0.6), yticks=[], xlabel="chi2/dof (–); blue line: noise explains everything")
+    ax.set(ylim=(len(results) - 0.4, -0.6), yticks=[], xlabel="chi2/dof (–); blue line: noise explains everything")

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from flashtemp.viz import before_after, candidates, difference, learned_law, missing_heat, theme, whitened_maps
 
-CAPTIONS = {
+PICTURE_CAPTIONS = {
     "what_is_wrong": (
         "Left to right: what the camera measured, what the calibrated base computes in the same colours, and "
         "measured minus computed at the moment of the largest difference, or the hottest where none stands out from "
@@ -41,7 +41,7 @@ CAPTIONS = {
         "calibrated parameters were biased without it. Below, where data were left out, their prediction."
     ),
 }
-ABSENT = {
+ABSENCE_REASONS = {
     "what_is_wrong": "No recording was kept with this verdict, so no images are shown.",
     "not_noise": "No recording was kept with this verdict, so no maps are shown.",
     "missing": "The missing heat flux was not computed for these data.",
@@ -51,7 +51,7 @@ ABSENT = {
 }
 
 
-def figures(verdict) -> dict[str, Figure]:
+def draw_figures(verdict) -> dict[str, Figure]:
     """The pictures that apply to a verdict, by name, in the order in which they are read."""
     if verdict.kind == "no_verdict" and verdict.base is None:  # nothing was calibrated
         return {}
@@ -59,15 +59,15 @@ def figures(verdict) -> dict[str, Figure]:
     drawn = {
         "law": (learned_law.draw, verdict.law is not None),
         "what_is_wrong": (difference.draw, bool(verdict.before)),
-        "not_noise": (whitened_maps.draw, bool(whitened_maps.imaged(verdict))),
+        "not_noise": (whitened_maps.draw, bool(whitened_maps.select_imaged(verdict))),
         "missing": (missing_heat.draw, bool(verdict.missing)),
-        "why": (candidates.why, bool(candidates.scores(verdict))),
-        "else": (candidates.alternatives, alike or bool(verdict.nuisance)),
-        "gained": (before_after.draw, before_after.applies(verdict)),
+        "why": (candidates.draw_scores, bool(candidates.ranked_scores(verdict))),
+        "else": (candidates.draw_alternatives, alike or bool(verdict.nuisance)),
+        "gained": (before_after.draw, before_after.has_changes(verdict)),
     }
     return {name: draw(verdict) for name, (draw, applies) in drawn.items() if applies}
 
 
 def draw_all(verdict, folder) -> list[Path]:
     """Write every picture that applies as a PNG file into a folder that exists; returns their paths."""
-    return [theme.save(fig, Path(folder) / f"{name}.png") for name, fig in figures(verdict).items()]
+    return [theme.save_figure(fig, Path(folder) / f"{name}.png") for name, fig in draw_figures(verdict).items()]

@@ -9,8 +9,8 @@ from matplotlib.ticker import MaxNLocator
 
 from flashtemp.viz import theme
 
-LEAST = 0.02  # smallest range of the axis of mu, so that rounding is not drawn as a trend
-LABELLED = 6  # repetitions; more are told apart by a colour bar
+MIN_FRICTION_SPAN = 0.02  # smallest range of the axis of mu, so that rounding is not drawn as a trend
+MAX_LABELLED_REPETITIONS = 6  # repetitions; more are told apart by a colour bar
 
 
 def applies(run) -> bool:
@@ -26,17 +26,17 @@ def draw(run) -> Figure:
     """
     numbers = np.unique(run.repetition[run.sliding])
     several = len(numbers) > 1
-    fig = theme.figure(run.title, theme.WIDE if several else theme.NARROW, 3.1)
+    fig = theme.make_figure(run.title, theme.WIDE_FIGURE_IN if several else theme.NARROW_FIGURE_IN, 3.1)
     axes = fig.subplots(1, 2, width_ratios=[1.5, 1.0]) if several else [fig.add_subplot()]
     fig.get_layout_engine().set(wspace=0.04)
-    colours = theme.repetitions(len(numbers))
-    _within(fig, axes[0], run, numbers, colours)
+    colours = theme.repetition_colours(len(numbers))
+    _draw_curves(fig, axes[0], run, numbers, colours)
     if several:
-        _per_repetition(axes[1], run, numbers, colours)
+        _draw_means(axes[1], run, numbers, colours)
     return fig
 
 
-def slid_within(run, repetition: int) -> tuple[np.ndarray, np.ndarray]:
+def repetition_friction(run, repetition: int) -> tuple[np.ndarray, np.ndarray]:
     """Slid distance since the start of a repetition (m) and friction coefficient (1) of its records."""
     on = run.sliding & (run.repetition == repetition) & np.isfinite(run.friction)
     before = np.flatnonzero(on)[:1] - 1
@@ -44,26 +44,26 @@ def slid_within(run, repetition: int) -> tuple[np.ndarray, np.ndarray]:
     return run.slid[on] - start, run.friction[on]
 
 
-def _within(fig, ax, run, numbers, colours) -> None:
+def _draw_curves(fig, ax, run, numbers, colours) -> None:
     """One line per repetition over the distance slid in it."""
     for r, colour in zip(numbers, colours, strict=True):
-        s, mu = slid_within(run, r)
-        ax.plot(s, mu, color=colour, lw=1.4 if len(numbers) <= LABELLED else 0.9, label=f"repetition {r}")
+        s, mu = repetition_friction(run, r)
+        ax.plot(s, mu, color=colour, lw=1.4 if len(numbers) <= MAX_LABELLED_REPETITIONS else 0.9, label=f"repetition {r}")
     ax.set(xlabel="distance slid in the repetition (m)", ylabel="friction coefficient, load-weighted (–)")
     ax.set_xlim(left=0.0)
-    ax.set_ylim(*theme.span(run.friction[run.sliding], least=LEAST, margin=0.08))
-    if len(numbers) > LABELLED:
-        _bar(fig, ax, numbers, colours)
+    ax.set_ylim(*theme.padded_limits(run.friction[run.sliding], least=MIN_FRICTION_SPAN, margin=0.08))
+    if len(numbers) > MAX_LABELLED_REPETITIONS:
+        _add_colour_bar(fig, ax, numbers, colours)
     elif len(numbers) > 1:
         ax.legend(loc="best")
 
 
-def _bar(fig, ax, numbers, colours) -> None:
+def _add_colour_bar(fig, ax, numbers, colours) -> None:
     """Colour bar of repetition numbers."""
     from matplotlib.cm import ScalarMappable
 
     norm = BoundaryNorm(np.append(numbers, numbers[-1] + 1) - 0.5, len(numbers))
-    named = numbers[theme.chosen(len(numbers), 10)]
+    named = numbers[theme.spread_indices(len(numbers), 10)]
     bar = fig.colorbar(ScalarMappable(norm, ListedColormap(colours)), ax=ax, ticks=named, pad=0.01, aspect=25)
     bar.set_label("repetition (–)")
     bar.ax.tick_params(length=0)
@@ -71,11 +71,11 @@ def _bar(fig, ax, numbers, colours) -> None:
     bar.outline.set_linewidth(0.4)
 
 
-def _per_repetition(ax, run, numbers, colours) -> None:
+def _draw_means(ax, run, numbers, colours) -> None:
     """Mean over the slid distance of every repetition."""
-    ax.plot(numbers, run.friction_per_repetition, color=theme.AMBIENT, lw=0.6, zorder=1)
+    ax.plot(numbers, run.friction_per_repetition, color=theme.AMBIENT_COLOUR, lw=0.6, zorder=1)
     ax.scatter(numbers, run.friction_per_repetition, c=colours, s=22 if len(numbers) <= 25 else 8, zorder=2)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=8))
     ax.set(xlabel="repetition (–)", xlim=(numbers[0] - 0.5, numbers[-1] + 0.5))
-    ax.set_ylim(*theme.span(run.friction_per_repetition, least=LEAST, margin=0.08))
+    ax.set_ylim(*theme.padded_limits(run.friction_per_repetition, least=MIN_FRICTION_SPAN, margin=0.08))
     ax.set_ylabel("mean over the slid distance (–)")

@@ -7,7 +7,7 @@ import io
 from collections.abc import Iterable
 from html import escape
 
-STYLE = """
+PAGE_STYLE = """
 body { font: 16px/1.5 system-ui, "Segoe UI", Helvetica, Arial, sans-serif; color: #1a1a1a; background: #fff;
   max-width: 66rem; margin: 2rem auto; padding: 0 1.2rem; }
 h1 { font-size: 1.6rem; line-height: 1.25; margin-bottom: .2rem; }
@@ -37,7 +37,7 @@ dt { font-weight: 600; margin-top: .6rem; } dd { margin-left: 1.2rem; }
 """
 
 
-def whole(title: str, body: list[str], more: str = "") -> str:
+def render_page(title: str, body: list[str], extra_style: str = "") -> str:
     """The text of a self-contained HTML file with parts of a `body`, and `more` style."""
     return "\n".join(
         [
@@ -47,7 +47,7 @@ def whole(title: str, body: list[str], more: str = "") -> str:
             '<meta charset="utf-8" />',
             '<meta name="viewport" content="width=device-width, initial-scale=1" />',
             f"<title>{escape(title)}</title>",
-            f"<style>{STYLE}{more}</style>",
+            f"<style>{PAGE_STYLE}{extra_style}</style>",
             "</head>",
             "<body>",
             *body,
@@ -63,23 +63,23 @@ def paragraph(text: str, kind: str = "") -> str:
     return f'<p class="{kind}">{escape(text)}</p>' if kind else f"<p>{escape(text)}</p>"
 
 
-def terms(some: Iterable[tuple[str, str]]) -> str:
+def term_list(pairs: Iterable[tuple[str, str]]) -> str:
     """A list of terms and what they mean."""
-    return "\n".join(["<dl>", *(f"<dt>{escape(t)}</dt>\n<dd>{escape(text)}</dd>" for t, text in some), "</dl>"])
+    return "\n".join(["<dl>", *(f"<dt>{escape(t)}</dt>\n<dd>{escape(text)}</dd>" for t, text in pairs), "</dl>"])
 
 
-def heading(text: str, mark: str, level: int = 2) -> str:
+def heading(text: str, anchor: str, level: int = 2) -> str:
     """A heading of a section that the contents list leads to by its `mark`."""
-    return f'<h{level} id="{escape(mark)}">{escape(text)}</h{level}>'
+    return f'<h{level} id="{escape(anchor)}">{escape(text)}</h{level}>'
 
 
-def contents(sections: Iterable[tuple[str, str]]) -> str:
+def contents_list(sections: Iterable[tuple[str, str]]) -> str:
     """A list of the sections of the page, by mark and heading."""
     items = (f'<li><a href="#{escape(mark)}">{escape(text)}</a></li>' for mark, text in sections)
     return "\n".join(['<nav aria-label="contents">', "<ul>", *items, "</ul>", "</nav>"])
 
 
-def fold(title: str, parts: Iterable[str]) -> str:
+def fold_section(title: str, parts: Iterable[str]) -> str:
     """Parts of a page that open when their title is clicked."""
     return "\n".join([f"<details>\n<summary>{escape(title)}</summary>", *parts, "</details>"])
 
@@ -98,12 +98,12 @@ def table(head: list[str], rows: list[list[str]]) -> str:
     return f'<div class="wide">\n<table>\n<thead><tr>{top}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table>\n</div>'
 
 
-def figure(fig, alt: str, caption: str) -> str:
+def embed_figure(fig, alt: str, caption: str) -> str:
     """A picture inside the file, with its caption; `alt` says what it shows to those who cannot see it."""
-    from flashtemp.viz.theme import DPI
+    from flashtemp.viz.theme import FIGURE_DPI
 
     held = io.BytesIO()
-    fig.savefig(held, format="png", dpi=DPI)
+    fig.savefig(held, format="png", dpi=FIGURE_DPI)
     data = base64.b64encode(held.getvalue()).decode("ascii")
     source = f'<img src="data:image/png;base64,{data}" alt="{escape(alt)}" />'
     return f"<figure>\n{source}\n<figcaption>{escape(caption)}</figcaption>\n</figure>"

@@ -8,14 +8,14 @@ from typing import TypeGuard
 import numpy as np
 
 from flashtemp.viz import theme
-from flashtemp.viz.numbers import after
+from flashtemp.viz.numbers import unit_suffix
 
-SHORT = 0.1  # m: what is shorter by default is told in mm
-PLAIN = ("schedule", "numerics")  # tables that say nothing about the key
+SHORT_LENGTH_M = 0.1  # m: what is shorter by default is told in mm
+OMITTED_TABLES = ("schedule", "numerics")  # tables that say nothing about the key
 
 
 @dataclass(frozen=True)
-class Spoken:
+class KeyLabel:
     """A key in `words`, the `factor` from SI to the `unit` that its values are told in."""
 
     words: str
@@ -27,20 +27,20 @@ class Spoken:
         """Words for an axis."""
         return f"{self.words} ({self.unit})" if self.unit else self.words
 
-    def value(self, value: object) -> str:
+    def format_value(self, value: object) -> str:
         """A value without its unit; texts as they are."""
-        return theme.number(self.factor * float(value)) if _is_number(value) else str(value)
+        return theme.format_decimal(self.factor * float(value)) if _is_number(value) else str(value)
 
-    def told(self, value: object) -> str:
+    def describe_value(self, value: object) -> str:
         """A value after its words, with its unit."""
-        return f"{self.words} {self.value(value)} {self.unit if _is_number(value) else ''}".rstrip()
+        return f"{self.words} {self.format_value(value)} {self.unit if _is_number(value) else ''}".rstrip()
 
 
 def _is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float | np.number) and not isinstance(value, bool)
 
 
-def spoken(key: str, unit: str | None = None) -> Spoken:
+def describe_key(key: str, unit: str | None = None) -> KeyLabel:
     """A key of a case for people; `unit` in SI where it is no key that is declared.
 
     >>> spoken("contact.pressure").label, spoken("block.length").label, spoken("schedule.distance").label
@@ -48,15 +48,15 @@ def spoken(key: str, unit: str | None = None) -> Spoken:
     >>> spoken("contact.pressure").value(1.5e5), spoken("schedule.speed").value("speed.csv")
     ('0.15', 'speed.csv')
     """
-    from flashtemp.model.schema import TABLES
+    from flashtemp.model.schema import CASE_TABLES
 
     table, _, name = key.rpartition(".")
-    param = TABLES.get(table, {}).get(name)
+    param = CASE_TABLES.get(table, {}).get(name)
     unit = getattr(param, "unit", "") if unit is None else unit
-    words = (name if table in PLAIN else key).replace(".", " ").replace("_", " ")
+    words = (name if table in OMITTED_TABLES else key).replace(".", " ").replace("_", " ")
     if unit == "Pa":
-        return Spoken(words, 1e-6, "MPa")
+        return KeyLabel(words, 1e-6, "MPa")
     default = getattr(param, "value", None)
-    if unit == "m" and isinstance(default, int | float) and default < SHORT:
-        return Spoken(words, 1e3, "mm")
-    return Spoken(words, 1.0, after(unit).strip())
+    if unit == "m" and isinstance(default, int | float) and default < SHORT_LENGTH_M:
+        return KeyLabel(words, 1e3, "mm")
+    return KeyLabel(words, 1.0, unit_suffix(unit).strip())

@@ -6,25 +6,25 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flashtemp.viz import html, theme
-from flashtemp.viz.numbers import number
+from flashtemp.viz.numbers import format_number
 
-CAPTION = (
+LAW_CAPTION = (
     "The learned law with its 95 % band. Points are the nodes of learned.py, with straight lines between them; a "
     "pressure is scaled to a mean of 1. The thin line is the case as stated."
 )
 
 
-def section(verdict, figures) -> list[tuple[str, str, list[str]]]:
+def law_section(verdict, figures) -> list[tuple[str, str, list[str]]]:
     """Mark, heading and picture of a learned law for a report; nothing where none was learned."""
     if "law" not in figures:
         return []
     law = verdict.law
     over, unit = ("" if u == "1" else f" {u}" for u in (law.argument_unit, law.unit))
     first, last = (
-        f"{number(law.curve[i])} ({number(law.low[i])} to {number(law.high[i])}){unit} at {number(law.at[i])}{over}"
+        f"{format_number(law.curve[i])} ({format_number(law.low[i])} to {format_number(law.high[i])}){unit} at {format_number(law.at[i])}{over}"
         for i in (0, -1)
     )
-    picture = html.figure(figures["law"], f"{law.words}: {first}, {last}", CAPTION)
+    picture = html.embed_figure(figures["law"], f"{law.words}: {first}, {last}", LAW_CAPTION)
     return [("law", f"{law.words[0].upper()}{law.words[1:]}", [picture])]
 
 
@@ -32,13 +32,13 @@ def section(verdict, figures) -> list[tuple[str, str, list[str]]]:
 def draw(verdict) -> Figure:
     """The law of a verdict of kind "learned": a factor (1), or in the unit of its quantity."""
     law = verdict.law
-    fig = theme.figure(verdict.title, theme.NARROW, 3.0)
+    fig = theme.make_figure(verdict.title, theme.NARROW_FIGURE_IN, 3.0)
     ax = fig.add_subplot()
-    ax.fill_between(law.at, law.low, law.high, color=theme.SPOT, alpha=0.2, lw=0)
-    ax.axhline(1.0 if law.unit == "1" else 0.0, color=theme.AMBIENT, lw=0.8)
-    ax.plot(law.at, law.curve, color=theme.SPOT, lw=1.8)
+    ax.fill_between(law.at, law.low, law.high, color=theme.SPOT_COLOUR, alpha=0.2, lw=0)
+    ax.axhline(1.0 if law.unit == "1" else 0.0, color=theme.AMBIENT_COLOUR, lw=0.8)
+    ax.plot(law.at, law.curve, color=theme.SPOT_COLOUR, lw=1.8)
     nodes = np.array(law.nodes)
-    ax.plot(nodes, np.interp(nodes, law.at, law.curve), "o", color=theme.SPOT, ms=5, mec="white", mew=0.8, zorder=4)
+    ax.plot(nodes, np.interp(nodes, law.at, law.curve), "o", color=theme.SPOT_COLOUR, ms=5, mec="white", mew=0.8, zorder=4)
     over, unit = ("–" if u == "1" else u for u in (law.argument_unit, law.unit))
     ax.set(
         xlabel=f"{law.argument} ({over})", ylabel=f"{'factor on ' if law.unit == '1' else ''}{law.quantity} ({unit})"

@@ -8,17 +8,17 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flashtemp.viz import theme, views
-from flashtemp.viz.time_axis import ends
+from flashtemp.viz.time_axis import sliding_ends
 
-MOST = 12  # panels
-COLUMNS = 2  # of panels, read downwards, so that the hot spot is seen to move along x
-PANEL = 2.75  # inches wide, about
-FLAT = 0.05  # K within which no place of the contact is called the hottest
+MAX_PANELS = 12  # panels
+PANEL_COLUMNS = 2  # of panels, read downwards, so that the hot spot is seen to move along x
+PANEL_WIDTH_IN = 2.75  # inches wide, about
+MIN_HOT_SPOT_K = 0.05  # K within which no place of the contact is called the hottest
 
 
 def applies(run) -> bool:
     """Whether there are repetitions to compare."""
-    return views.several(run)
+    return views.has_repetitions(run)
 
 
 @theme.styled
@@ -29,36 +29,36 @@ def draw(run) -> Figure:
     behind the block.  At most MOST repetitions, spread evenly, first and last among them.
     """
     frames = list(views.last_frames(run).items())
-    frames = [frames[i] for i in theme.chosen(len(frames), MOST)]
-    rows = -(-len(frames) // COLUMNS)
-    fig = theme.figure(run.title, theme.WIDE, 1.15 + rows * (0.24 + _tall(run)))
-    axes = fig.subplots(rows, COLUMNS, squeeze=False, sharex=True, sharey=True)
+    frames = [frames[i] for i in theme.spread_indices(len(frames), MAX_PANELS)]
+    rows = -(-len(frames) // PANEL_COLUMNS)
+    fig = theme.make_figure(run.title, theme.WIDE_FIGURE_IN, 1.15 + rows * (0.24 + _panel_height(run)))
+    axes = fig.subplots(rows, PANEL_COLUMNS, squeeze=False, sharex=True, sharey=True)
     fig.get_layout_engine().set(hspace=0.03, wspace=0.04)
-    norm = theme.temperature_norm(views.extremes(run, [i for _, i in frames]))
+    norm = theme.temperature_norm(views.temperature_extremes(run, [i for _, i in frames]))
     panels = axes.T.ravel()
     for ax, (repetition, frame) in zip(panels, frames, strict=False):
-        picture = views.paint(ax, run, frame, norm)[0]
-        _words(ax, run, repetition, frame)
+        picture = views.draw_views(ax, run, frame, norm)[0]
+        _label_panel(ax, run, repetition, frame)
     for ax in panels[len(frames) :]:
         ax.set_axis_off()
-    _labels(axes, run, len(frames))
-    bar = fig.colorbar(picture, ax=axes, label=f"temperature ({theme.DEGREE})", pad=0.015, aspect=9 * rows)
+    _label_axes(axes, run, len(frames))
+    bar = fig.colorbar(picture, ax=axes, label=f"temperature ({theme.CELSIUS})", pad=0.015, aspect=9 * rows)
     bar.outline.set_linewidth(0.4)
-    fig.supxlabel(textwrap.fill(_caption(run, [i for _, i in frames]), 134), x=0.01, ha="left", fontsize=7.0)
+    fig.supxlabel(textwrap.fill(_run_in_caption(run, [i for _, i in frames]), 134), x=0.01, ha="left", fontsize=7.0)
     return fig
 
 
-def _words(ax, run, repetition: int, frame: int) -> None:
+def _label_panel(ax, run, repetition: int, frame: int) -> None:
     """Name the repetition; mark and name the hottest place of the contact."""
     ax.set_title(f"repetition {repetition}", fontweight="bold", pad=3)
     T = np.where(run.pressure[run.frames[frame]] > 0, run.T_spot[run.frames[frame]], np.nan)
-    if np.isfinite(T).any() and np.nanmax(T) - np.nanmin(T) > FLAT:
+    if np.isfinite(T).any() and np.nanmax(T) - np.nanmin(T) > MIN_HOT_SPOT_K:
         i = int(np.nanargmax(T))
-        ax.set_title(f"hottest {T[i]:.1f} {theme.DEGREE} at {1e3 * run.x[i]:.1f} mm", loc="right", pad=3)
+        ax.set_title(f"hottest {T[i]:.1f} {theme.CELSIUS} at {1e3 * run.x[i]:.1f} mm", loc="right", pad=3)
         ax.plot(1e3 * run.x[i], ax.get_ylim()[0], "^", color="black", ms=4.0, clip_on=False, zorder=5)
 
 
-def _labels(axes, run, count: int) -> None:
+def _label_axes(axes, run, count: int) -> None:
     """Axis labels at the left, and below the lowest panel of every column."""
     rows = len(axes)
     for row, column in np.ndindex(axes.shape):
@@ -67,20 +67,20 @@ def _labels(axes, run, count: int) -> None:
         ax.tick_params(axis="x", bottom=lowest, labelbottom=lowest, pad=4)
         ax.xaxis.set_in_layout(row == rows - 1)  # above an empty place its labels find room there
         if lowest:
-            ax.set_xlabel(theme.along(run))
+            ax.set_xlabel(theme.x_axis_label(run))
         if column == 0:
             ax.set_ylabel("side wall\nz (mm)")
 
 
-def _tall(run) -> float:
+def _panel_height(run) -> float:
     """Height (inches) of a panel: to scale, within what can be read."""
-    ratio = (1.0 + views.GAP + views.STRIP) * run.mesh.height[-1] / run.mesh.x[-1]
-    return float(np.clip(PANEL * ratio, 0.6, 1.6))
+    ratio = (1.0 + views.STRIP_GAP_RATIO + views.STRIP_HEIGHT_RATIO) * run.mesh.height[-1] / run.mesh.x[-1]
+    return float(np.clip(PANEL_WIDTH_IN * ratio, 0.6, 1.6))
 
 
-def _caption(run, frames: list[int]) -> str:
+def _run_in_caption(run, frames: list[int]) -> str:
     """Words on what the panels show, in the order in which they are looked at."""
-    ended = np.isin(run.frames[frames], ends(run)).all()
+    ended = np.isin(run.frames[frames], sliding_ends(run)).all()
     words = ["At the end of sliding." if ended else "At the last field kept of sliding."]
     words.append("Side wall: in 2D the section of the block.")
     words.append("Contact: in the macroasperity contact regions, hottest at the triangle.")
@@ -88,8 +88,8 @@ def _caption(run, frames: list[int]) -> str:
         shown = 1e3 * (run.mesh.x[-1] - run.mesh.x[run.mesh.last])
         road, side = ("Wake", "behind") if run.direction is None else ("Road", "beside")
         surface = f"{road}: surface of the road averaged across y, over lanes and what lies between"
-        words.append(f"{surface}, {theme.number(shown, 3)} mm {side} the block.")
-    if any(np.isnan(views.contact(run, i)).any() for i in frames):
+        words.append(f"{surface}, {theme.format_decimal(shown, 3)} mm {side} the block.")
+    if any(np.isnan(views.contact_strip(run, i)).any() for i in frames):
         words.append("White: no contact.")
     ways = {"left" if run.leads(k) == 0 else "right" for k in run.frames[frames]}
     return " ".join([*words, f"The block slides to the {' or the '.join(sorted(ways))}."])

@@ -6,22 +6,22 @@ import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from flashtemp.discovery.verdict import Rival
+    from flashtemp.discovery.verdict import CandidateReport
 
-RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def spoken(key: str) -> str:
+def effect_label(key: str) -> str:
     return key.replace("_", " ")
 
 
-def after(unit: str) -> str:
+def unit_suffix(unit: str) -> str:
     if unit in ("", "1"):
         return ""
     return " " + unit.replace("m2", "m²").replace("m3", "m³").replace("degC", "°C")
 
 
-def number(value: float) -> str:
+def format_number(value: float) -> str:
     """Three digits, powers of ten raised, a dash for what is not known.
 
     >>> number(1.2345e-10), number(-0.5), number(3140.0), number(float("nan"))
@@ -33,63 +33,63 @@ def number(value: float) -> str:
     if value and not 1e-3 <= abs(value) < 1e6:
         digits, power = f"{value:.2e}".split("e")
         digits = digits.rstrip("0").rstrip(".")
-        return f"{digits} × 10{str(int(power)).translate(RAISED)}".replace("-", "−")
+        return f"{digits} × 10{str(int(power)).translate(SUPERSCRIPTS)}".replace("-", "−")
     text = f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
     return text.replace("-", "−")
 
 
-def ratio(value: float) -> str:
-    return f"{value:.2f}" if 0.01 <= value < 10 else number(value)
+def format_ratio(value: float) -> str:
+    return f"{value:.2f}" if 0.01 <= value < 10 else format_number(value)
 
 
-def plus_minus(value: float, error: float, unit: str) -> str:
+def format_with_error(value: float, error: float, unit: str) -> str:
     """A value with its standard error, to two digits of the error.
 
     >>> plus_minus(1.7243, 0.0512, "1"), plus_minus(2.1e-6, 1.5e-7, "m")
     ('1.724 ± 0.051', '(2.10 ± 0.15) × 10⁻⁶ m')
     """
     if not (math.isfinite(value) and math.isfinite(error) and error > 0):
-        return number(value) + after(unit)
+        return format_number(value) + unit_suffix(unit)
     size = max(abs(value), error)
     power = math.floor(math.log10(size)) if not 1e-3 <= size < 1e6 else 0
     value, error = value / 10.0**power, error / 10.0**power
     places = min(max(0, 1 - math.floor(math.log10(error))), 6)
     text = f"{value:.{places}f} ± {error:.{places}f}".replace("-", "−")
-    return (f"({text}) × 10{str(power).translate(RAISED)}" if power else text) + after(unit)
+    return (f"({text}) × 10{str(power).translate(SUPERSCRIPTS)}" if power else text) + unit_suffix(unit)
 
 
-def needed(r: Rival) -> str:
+def needed_amplitude(r: CandidateReport) -> str:
     if not r.amplitude and not r.stderr:
         return "–"
-    return f"{r.parameter} = {plus_minus(r.amplitude, r.stderr, r.unit)}".removeprefix(" = ")
+    return f"{r.parameter} = {format_with_error(r.amplitude, r.stderr, r.unit)}".removeprefix(" = ")
 
 
-def scored(r: Rival) -> tuple[str, str]:
+def score_and_basis(r: CandidateReport) -> tuple[str, str]:
     """The ln Bayes factor and what it rests on."""
     if r.refitted or r.stderr > 0:
-        return number(r.score), "full fit" if r.refitted else "sensitivities"
+        return format_number(r.score), "full fit" if r.refitted else "sensitivities"
     return "–", "not tried"
 
 
-def detectable(r: Rival) -> str:
-    return number(r.detectable) + after(r.unit) if math.isfinite(r.detectable) else "not in these data"
+def detectable_amplitude(r: CandidateReport) -> str:
+    return format_number(r.detectable) + unit_suffix(r.unit) if math.isfinite(r.detectable) else "not in these data"
 
 
-def chance(p: float) -> str:
-    return "below 0.001" if p < 1e-3 else number(p)
+def format_probability(p: float) -> str:
+    return "below 0.001" if p < 1e-3 else format_number(p)
 
 
-def flat(some: dict, before: str = "") -> list[tuple[str, object]]:
+def flatten_dict(nested: dict, prefix: str = "") -> list[tuple[str, object]]:
     """Entries of dictionaries in dictionaries, one after the other."""
-    own = [(f"{before}{k}", v) for k, v in some.items()]
-    return [pair for k, v in own for pair in (flat(v, f"{k}: ") if isinstance(v, dict) else [(k, v)])]
+    own = [(f"{prefix}{k}", v) for k, v in nested.items()]
+    return [pair for k, v in own for pair in (flatten_dict(v, f"{k}: ") if isinstance(v, dict) else [(k, v)])]
 
 
-def plain(value) -> str:
+def format_value(value) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, (int, float)):
-        return number(value)
+        return format_number(value)
     if isinstance(value, (list, tuple)):
-        return ", ".join(plain(v) for v in value)
+        return ", ".join(format_value(v) for v in value)
     return str(value)

@@ -22,14 +22,14 @@ from flashtemp import viz
 from flashtemp.physics.local_settings import ignore_local_settings
 from flashtemp.runs import processes
 from flashtemp.runs.current_folder import make_python_command
-from flashtemp.viz import Picture
+from flashtemp.viz import PictureRequest
 
-AFTER = 1.0  # s of march; a shorter run has drawn its pictures before a second process is awake
-LARGEST = 2**28  # bytes of a run's fields, which the second process holds again
-PATIENCE = 10.0  # s for the picture that it is at after Ctrl-C
+SECOND_PROCESS_AFTER_S = 1.0  # s of march; a shorter run has drawn its pictures before a second process is awake
+MAX_SHARED_BYTES = 2**28  # bytes of a run's fields, which the second process holds again
+STOP_PATIENCE_S = 10.0  # s for the picture that it is at after Ctrl-C
 
 
-class Painter:
+class PictureDrawer:
     """Draws a run's pictures; with a second process where `watch` has been told of a march that takes time.
 
     Where that process cannot be had, or fails, this one draws alone.
@@ -40,41 +40,41 @@ class Painter:
         self._since = time.monotonic()
         self._second: subprocess.Popen[bytes] | None = None
 
-    def __enter__(self) -> Painter:
+    def __enter__(self) -> PictureDrawer:
         return self
 
     def __exit__(self, *fault) -> None:
         if self._second is not None:
-            _end(self._second)
+            _stop_process(self._second)
 
-    def watching(self, watch: Callable | None) -> Callable:
+    def wrap_watch(self, watch: Callable | None) -> Callable:
         """`watch`, if there is one, and an eye on how long the march takes."""
 
         def told(progress, end: float) -> None:
-            if self._may and time.monotonic() - self._since > AFTER:
-                self._may, self._second = False, _begun()
+            if self._may and time.monotonic() - self._since > SECOND_PROCESS_AFTER_S:
+                self._may, self._second = False, _start_process()
             if watch is not None:
                 watch(progress, end)
 
         return told
 
-    def draw(self, run, folder: Path, animated: bool) -> dict[str, str]:
+    def draw_pictures(self, run, folder: Path, animated: bool) -> dict[str, str]:
         """Draw all that can be drawn; {what is missing: why}."""
-        pictures = viz.wanted(animated=animated)
+        pictures = viz.requested_pictures(animated=animated)
         left = deque(pictures)
-        answers: dict[Picture, tuple[list[Path], dict[str, str]]] = {}
+        answers: dict[PictureRequest, tuple[list[Path], dict[str, str]]] = {}
 
         def mine() -> None:
             with suppress(IndexError):  # the other has taken the last one
                 while True:
                     picture = left.popleft()
-                    answers[picture] = viz.drawn(run, folder, picture)
+                    answers[picture] = viz.draw_picture(run, folder, picture)
 
-        if self._second is None or run.field.nbytes > LARGEST:
+        if self._second is None or run.field.nbytes > MAX_SHARED_BYTES:
             mine()
         else:
             given = (self._second, (run, folder.absolute()), left, answers)
-            helping = threading.Thread(target=_shared, args=given, daemon=True)
+            helping = threading.Thread(target=_share_pictures, args=given, daemon=True)
             helping.start()
             try:
                 mine()
@@ -82,45 +82,45 @@ class Painter:
                 mine()
             finally:  # nobody draws into the folder any more when it gets another name
                 left.clear()
-                helping.join(PATIENCE)
-        return viz.together(answers[picture] for picture in pictures)[1]
+                helping.join(STOP_PATIENCE_S)
+        return viz.merge_results(answers[picture] for picture in pictures)[1]
 
 
-def _begun() -> subprocess.Popen[bytes] | None:
+def _start_process() -> subprocess.Popen[bytes] | None:
     """The second process, which finds modules where this one does; None where none can be begun."""
     command, env = make_python_command("-m", __name__)
     pipe, quiet = subprocess.PIPE, subprocess.DEVNULL
     try:
-        return subprocess.Popen(command, env=env, stdin=pipe, stdout=pipe, stderr=quiet, **processes.deaf())
+        return subprocess.Popen(command, env=env, stdin=pipe, stdout=pipe, stderr=quiet, **processes.detached_process_options())
     except OSError:
         return None
 
 
-def _shared(second: subprocess.Popen[bytes], place: tuple, left: deque[Picture], answers: dict) -> None:
+def _share_pictures(process: subprocess.Popen[bytes], run_and_folder: tuple, pending: deque[PictureRequest], answers: dict) -> None:
     """Give the second process the run and its folder, and pictures from the end until none is left or it fails."""
-    there, back = cast(IO[bytes], second.stdin), cast(IO[bytes], second.stdout)
+    there, back = cast(IO[bytes], process.stdin), cast(IO[bytes], process.stdout)
     picture = None
     try:
-        _tell(there, place)
-        while left:
-            picture = left.pop()
-            _tell(there, picture)
+        _send_object(there, run_and_folder)
+        while pending:
+            picture = pending.pop()
+            _send_object(there, picture)
             answers[picture] = pickle.load(back)
             picture = None
     except Exception:  # it was killed, or cannot load what this process can
         if picture is not None:
-            left.append(picture)
+            pending.append(picture)
 
 
-def _tell(stream, what) -> None:
-    pickle.dump(what, stream, protocol=pickle.HIGHEST_PROTOCOL)
+def _send_object(stream, content) -> None:
+    pickle.dump(content, stream, protocol=pickle.HIGHEST_PROTOCOL)
     stream.flush()
 
 
-def _end(second: subprocess.Popen[bytes]) -> None:
-    second.kill()
-    second.wait()
-    for pipe in (second.stdin, second.stdout):
+def _stop_process(process: subprocess.Popen[bytes]) -> None:
+    process.kill()
+    process.wait()
+    for pipe in (process.stdin, process.stdout):
         with suppress(OSError):  # what was on its way
             cast(IO[bytes], pipe).close()
 
@@ -135,7 +135,7 @@ def serve() -> None:
     with suppress(EOFError, BrokenPipeError):
         run, folder = pickle.load(sys.stdin.buffer)
         while True:
-            _tell(answers, viz.drawn(run, folder, pickle.load(sys.stdin.buffer)))
+            _send_object(answers, viz.draw_picture(run, folder, pickle.load(sys.stdin.buffer)))
 
 
 if __name__ == "__main__":

@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
-from flashtemp.viz.time_axis import ends
+from flashtemp.viz.time_axis import sliding_ends
 
-EARLIER = 4  # faint curves at most
+MAX_EARLIER_CURVES = 4  # faint curves at most
 
 
 @theme.styled
@@ -19,45 +19,45 @@ def draw(run, road: bool | None = None, bands=None) -> Figure:
     repetitions.  `road`: also the road in the lanes; by default where it differs from the spots.  `bands`
     {"T_spot", "T_block": 95 % band over (time, x)}: shaded.
     """
-    fig = theme.figure(run.title, theme.NARROW, 4.0)
+    fig = theme.make_figure(run.title, theme.NARROW_FIGURE_IN, 4.0)
     ax = fig.add_subplot()
     x, k = 1e3 * run.x, run.last
-    earlier = ends(run)[:-1]
-    earlier = earlier[theme.chosen(len(earlier), EARLIER)]
+    earlier = sliding_ends(run)[:-1]
+    earlier = earlier[theme.spread_indices(len(earlier), MAX_EARLIER_CURVES)]
     for i in earlier:
-        ax.plot(x, run.T_spot[i], color=theme.SPOT, lw=0.6, alpha=0.35)
-        ax.plot(x, run.T_block[i], color=theme.BLOCK, lw=0.6, alpha=0.45)
-    ax.plot(x, run.T_spot[k], color=theme.SPOT, label="temperature in the macroasperity contact regions")
-    ax.plot(x, run.T_block[k], color=theme.BLOCK, label="averaged across y")
+        ax.plot(x, run.T_spot[i], color=theme.SPOT_COLOUR, lw=0.6, alpha=0.35)
+        ax.plot(x, run.T_block[i], color=theme.BLOCK_COLOUR, lw=0.6, alpha=0.45)
+    ax.plot(x, run.T_spot[k], color=theme.SPOT_COLOUR, label="temperature in the macroasperity contact regions")
+    ax.plot(x, run.T_block[k], color=theme.BLOCK_COLOUR, label="averaged across y")
     shown = [run.T_spot[[*earlier, k]], run.T_block[[*earlier, k]], run.ambient_degC]
-    if road or (road is None and _differs(run, k)):
-        ax.plot(x, run.T_road[k], color=theme.ROAD, lw=0.8, ls="--", label="road in the lanes")
+    if road or (road is None and _road_differs(run, k)):
+        ax.plot(x, run.T_road[k], color=theme.ROAD_COLOUR, lw=0.8, ls="--", label="road in the lanes")
         shown.append(run.T_road[k])
-    for name, colour in (("T_spot", theme.SPOT), ("T_block", theme.BLOCK)) if bands else ():
+    for name, colour in (("T_spot", theme.SPOT_COLOUR), ("T_block", theme.BLOCK_COLOUR)) if bands else ():
         band = bands[name]
         ax.fill_between(x, band.low[k], band.high[k], color=colour, alpha=0.18, lw=0, label="95 % of what may be")
         shown += [band.low[k], band.high[k]]
     if len(earlier):
-        ax.plot([], [], color=theme.AMBIENT, lw=0.6, alpha=0.6, label=_earlier_label(run, earlier))
-    ambient = f"ambient, {theme.number(run.ambient_degC)} {theme.DEGREE}"
-    ax.axhline(run.ambient_degC, color=theme.AMBIENT, lw=0.8, ls=":", label=ambient)
-    ax.set(xlim=(0.0, 1e3 * _length(run)), ylim=theme.span(*shown, least=1.0))
+        ax.plot([], [], color=theme.AMBIENT_COLOUR, lw=0.6, alpha=0.6, label=_earlier_label(run, earlier))
+    ambient = f"ambient, {theme.format_decimal(run.ambient_degC)} {theme.CELSIUS}"
+    ax.axhline(run.ambient_degC, color=theme.AMBIENT_COLOUR, lw=0.8, ls=":", label=ambient)
+    ax.set(xlim=(0.0, 1e3 * _block_length(run)), ylim=theme.padded_limits(*shown, least=1.0))
     edge = "leading edge" if run.direction is None else "edge that leads forward"
-    ax.set(xlabel=f"distance from the {edge}, x (mm)", ylabel=f"temperature ({theme.DEGREE})")
+    ax.set(xlabel=f"distance from the {edge}, x (mm)", ylabel=f"temperature ({theme.CELSIUS})")
     fig.legend(loc="outside lower left", ncols=2)
-    when = f"t = {theme.number(run.time[k])} s, slid {theme.number(run.slid[k])} m"
+    when = f"t = {theme.format_decimal(run.time[k])} s, slid {theme.format_decimal(run.slid[k])} m"
     ax.set_title(f"end of repetition {run.repetition[k]}: {when}", pad=20)
     _mark_edges(ax, run.leads(k) != 0)
     return fig
 
 
-def _differs(run, k: int) -> bool:
+def _road_differs(run, k: int) -> bool:
     """Whether road and spots are at visibly different temperatures, as at a finite alpha."""
     scale = max(1e-9, float(np.ptp(run.T_spot[k])))
     return bool(np.abs(run.T_road[k] - run.T_spot[k]).max() > 0.005 * scale)
 
 
-def _length(run) -> float:
+def _block_length(run) -> float:
     """Length of the block, m."""
     return float(run.mesh.x[run.mesh.last])
 

@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from flashtemp.viz.theme import DEGREE, WIDE, styled, temperature_map, temperature_norm
+from flashtemp.viz.theme import CELSIUS, WIDE_FIGURE_IN, styled, temperature_map, temperature_norm
 
-OUTLINE, ORIGIN = "#56B4E9", "white"
+OUTLINE_COLOUR, ORIGIN_COLOUR = "#56B4E9", "white"
 
 
 @styled
@@ -22,7 +22,7 @@ def draw(recording, block=None) -> Figure:
     edges = (u[0] - du / 2, u[-1] + du / 2, v[0] - dv / 2, v[-1] + dv / 2)
     image = recording.temperature[recording.frames // 2]
     tall = np.clip((edges[3] - edges[2]) / (edges[1] - edges[0]), 0.15, 1.2)
-    fig = Figure(figsize=(WIDE, 1.1 + 0.85 * WIDE * tall), layout="constrained", facecolor="white")
+    fig = Figure(figsize=(WIDE_FIGURE_IN, 1.1 + 0.85 * WIDE_FIGURE_IN * tall), layout="constrained", facecolor="white")
     fig.suptitle(f"Registration of {recording.source or 'the recording'}", x=0.01, ha="left", parse_math=False)
     ax = fig.subplots()
     shown = ax.imshow(
@@ -34,8 +34,8 @@ def draw(recording, block=None) -> Figure:
         interpolation="nearest",
     )
     ax.set_facecolor("#D0D0D0")  # dead pixels
-    fig.colorbar(shown, cax=ax.inset_axes((1.02, 0, 0.025, 1)), label=f"temperature, {DEGREE}")
-    _outline(ax, recording.view, block)
+    fig.colorbar(shown, cax=ax.inset_axes((1.02, 0, 0.025, 1)), label=f"temperature, {CELSIUS}")
+    _draw_outline(ax, recording.view, block)
     low, high = (edges[0], edges[2]), (edges[1], edges[3])
     if block is not None and recording.view == "sidewall":
         low = min(low[0], -1.0), min(low[1], -0.5)
@@ -49,15 +49,15 @@ def draw(recording, block=None) -> Figure:
     return fig
 
 
-def _outline(ax, view: str, block) -> None:
+def _draw_outline(ax, view: str, block) -> None:
     """The block's face and the interface (sidewall) or its trailing edge and the centre line (wake)."""
     if view == "sidewall":
-        ax.axhline(0.0, color=OUTLINE, lw=0.8, ls="--")
-        ax.plot(0.0, 0.0, "+", color=ORIGIN, ms=12, mew=1.5, clip_on=False)
+        ax.axhline(0.0, color=OUTLINE_COLOUR, lw=0.8, ls="--")
+        ax.plot(0.0, 0.0, "+", color=ORIGIN_COLOUR, ms=12, mew=1.5, clip_on=False)
         if block is not None:
             length, height = (1e3 * x for x in block)
-            ax.add_patch(Rectangle((0, 0), length, height, fill=False, ec=OUTLINE, lw=1.6))
+            ax.add_patch(Rectangle((0, 0), length, height, fill=False, ec=OUTLINE_COLOUR, lw=1.6))
         return
-    ax.axhline(0.0, color=OUTLINE, lw=0.8, ls="--")
+    ax.axhline(0.0, color=OUTLINE_COLOUR, lw=0.8, ls="--")
     if block is not None:
-        ax.axvline(1e3 * block[0], color=OUTLINE, lw=1.6)
+        ax.axvline(1e3 * block[0], color=OUTLINE_COLOUR, lw=1.6)

@@ -7,31 +7,31 @@ from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
 
-MOST = 28  # effects in the picture
-CLEAR, SURE = "#1FA37A", 5.0
+MAX_EFFECTS_DRAWN = 28  # effects in the picture
+SEPARABLE_COLOUR, MIN_SEPARABLE_SIGMA = "#1FA37A", 5.0
 
 
 @theme.styled
-def draw(outlook) -> Figure:
+def draw(report) -> Figure:
     """Matrix of correlations beside bars of the signal to noise that is left beside all rivals."""
-    prospects = [p for p in outlook.prospects if p.z > 0.1][:MOST]
+    prospects = [p for p in report.prospects if p.z > 0.1][:MAX_EFFECTS_DRAWN]
     names = [p.effect for p in prospects]
-    at = [outlook.separability.names.index(n) for n in names]
-    rho = outlook.separability.rho[np.ix_(at, at)]
+    at = [report.separability.names.index(n) for n in names]
+    rho = report.separability.rho[np.ix_(at, at)]
     size = 1.6 + 0.2 * len(names)
     fig = Figure(figsize=(size + 4.2, size + 0.6), layout="constrained", facecolor="white")
-    fig.suptitle(f"What can be told apart: {outlook.title}", x=0.01, ha="left", parse_math=False)
+    fig.suptitle(f"What can be told apart: {report.title}", x=0.01, ha="left", parse_math=False)
     left, right = fig.subplots(1, 2, width_ratios=[size, 2.4])
     shown = left.imshow(rho, cmap="RdBu_r", vmin=-1, vmax=1, interpolation="nearest")
-    left.set_xticks(range(len(names)), [_plain(n) for n in names], rotation=90)
-    left.set_yticks(range(len(names)), [_plain(n) for n in names])
+    left.set_xticks(range(len(names)), [_effect_label(n) for n in names], rotation=90)
+    left.set_yticks(range(len(names)), [_effect_label(n) for n in names])
     left.set_title("correlation of signatures after calibration")
     fig.colorbar(shown, ax=left, location="bottom", shrink=0.5, aspect=30)
     z = [max(p.z_left, 1e-2) for p in prospects]
-    right.barh(range(len(names)), z, color=[CLEAR if p.separable else theme.WAITING for p in prospects])
-    right.axvline(SURE, color="black", lw=0.8)
+    right.barh(range(len(names)), z, color=[SEPARABLE_COLOUR if p.separable else theme.WAITING_COLOUR for p in prospects])
+    right.axvline(MIN_SEPARABLE_SIGMA, color="black", lw=0.8)
     right.set_xscale("log")
-    right.set_xlim(0.1, 2.0 * max([*z, SURE]))
+    right.set_xlim(0.1, 2.0 * max([*z, MIN_SEPARABLE_SIGMA]))
     right.set_ylim(len(names) - 0.5, -0.5)
     right.set_yticks([])
     right.set_title("sigma left beside all rivals")
@@ -39,5 +39,5 @@ def draw(outlook) -> Figure:
     return fig
 
 
-def _plain(name: str) -> str:
+def _effect_label(name: str) -> str:
     return name.replace("_", " ")

@@ -11,42 +11,42 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
-UNKNOWN = "\ufffd"  # replacement character: a letter that cannot be shown
-DOLLAR = re.compile(r"(?<!\\)\$")
+UNKNOWN_LETTER = "\ufffd"  # replacement character: a letter that cannot be shown
+UNESCAPED_DOLLAR = re.compile(r"(?<!\\)\$")
 
 
 def show_as_text(figure: Any) -> None:
     """Every title, label and note of a matplotlib figure as plain text; numbers at the ticks of axes stay."""
-    for text in _texts(figure):
+    for text in _iter_texts(figure):
         given = text.get_text()
-        shown, family = _with_known_letters(visible(given), text.get_fontproperties())
+        shown, family = _with_known_letters(replace_unprintable(given), text.get_fontproperties())
         if family:
             text.set_fontfamily([*text.get_fontfamily(), family])
         if text.get_parse_math():
-            shown = without_mathematics(shown)
+            shown = escape_mathematics(shown)
         if shown != given:
             text.set_text(shown)
 
 
-def visible(text: str) -> str:
+def replace_unprintable(text: str) -> str:
     r"""A text whose control characters and lone surrogates are replaced by a mark.
 
     >>> visible("a\x00b\x1b[1m"), visible("two\nlines")
     ('a\ufffdb\ufffd[1m', 'two\nlines')
     """
-    return "".join(c if c.isprintable() or c in "\n\t" else UNKNOWN for c in text)
+    return "".join(c if c.isprintable() or c in "\n\t" else UNKNOWN_LETTER for c in text)
 
 
-def without_mathematics(text: str) -> str:
+def escape_mathematics(text: str) -> str:
     r"""A text in which neither matplotlib nor VTK sees mathematics.
 
     >>> print(without_mathematics("5 $ and $x$"), without_mathematics(r"\$"))
     5 \$ and \$x\$ \$
     """
-    return DOLLAR.sub(r"\\$", text)
+    return UNESCAPED_DOLLAR.sub(r"\\$", text)
 
 
-def _texts(artist: Any) -> Iterator[Any]:
+def _iter_texts(artist: Any) -> Iterator[Any]:
     """Texts below an artist, except those that axes make of numbers."""
     from matplotlib.axis import Axis
     from matplotlib.text import Text
@@ -58,7 +58,7 @@ def _texts(artist: Any) -> Iterator[Any]:
             continue
         if isinstance(child, Text) and child.get_text():
             yield child
-        yield from _texts(child)
+        yield from _iter_texts(child)
 
 
 def _show_tick_names(axis: Any) -> None:
@@ -70,15 +70,15 @@ def _show_tick_names(axis: Any) -> None:
     if not (isinstance(locator, FixedLocator) and isinstance(formatter, FuncFormatter)):
         return
     name_at, places = formatter.func, axis.get_majorticklocs()
-    names = visible("".join(str(name_at(place, n)) for n, place in enumerate(places)))
+    names = replace_unprintable("".join(str(name_at(place, n)) for n, place in enumerate(places)))
     shown, family = _with_known_letters(names, FontProperties())
     lost = set(names) - set(shown)
     if family:
         axis.set_tick_params(labelfontfamily=[*FontProperties().get_family(), family])
 
     def as_text(place: float, n: int | None = None) -> str:
-        name = "".join(UNKNOWN if c in lost else c for c in visible(str(name_at(place, n))))
-        return without_mathematics(name)
+        name = "".join(UNKNOWN_LETTER if c in lost else c for c in replace_unprintable(str(name_at(place, n))))
+        return escape_mathematics(name)
 
     axis.set_major_formatter(FuncFormatter(as_text))
 
@@ -87,15 +87,15 @@ def _with_known_letters(text: str, font: Any) -> tuple[str, str | None]:
     """A text with a mark for each letter that no font has, and the name of a font for those that its own lacks."""
     from matplotlib.font_manager import findfont
 
-    missing = {c for c in text if ord(c) > 126} - _letters(str(findfont(font)))
-    family = _family_with(frozenset(missing)) if missing else None
+    missing = {c for c in text if ord(c) > 126} - _font_letters(str(findfont(font)))
+    family = _find_font_family(frozenset(missing)) if missing else None
     if missing and family is None:
-        text = "".join(UNKNOWN if c in missing else c for c in text)
+        text = "".join(UNKNOWN_LETTER if c in missing else c for c in text)
     return text, family
 
 
 @cache
-def _letters(font_file: str) -> frozenset[str]:
+def _font_letters(font_file: str) -> frozenset[str]:
     """Letters that a font has."""
     from matplotlib.font_manager import get_font
 
@@ -103,7 +103,7 @@ def _letters(font_file: str) -> frozenset[str]:
 
 
 @cache
-def _family_with(letters: frozenset[str]) -> str | None:
+def _find_font_family(letters: frozenset[str]) -> str | None:
     """Name of an installed font that has these letters; None where there is none."""
     from matplotlib.font_manager import fontManager
 
@@ -113,7 +113,7 @@ def _family_with(letters: frozenset[str]) -> str | None:
 
     for entry in sorted(fontManager.ttflist, key=order):
         try:
-            if letters <= _letters(entry.fname):
+            if letters <= _font_letters(entry.fname):
                 return str(entry.name)
         except (OSError, RuntimeError):  # a font file that cannot be read
             continue

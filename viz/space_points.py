@@ -6,25 +6,25 @@ import numpy as np
 
 from flashtemp.viz import theme
 
-ALONG, ACROSS, UP, SIZE = 90, 24, 28, 10.0  # points of a body, and how long the block is made
+N_POINTS_X, N_POINTS_Y, N_POINTS_Z, SCENE_LENGTH = 90, 24, 28, 10.0  # points of a body, and how long the block is made
 
 
-def points(fields) -> tuple[np.ndarray, np.ndarray]:
+def surface_points(fields) -> tuple[np.ndarray, np.ndarray]:
     """Places (n, 3) and colours (n, 3) from 0 to 1 of the surfaces of block and road at the last kept time."""
     t = float(fields.times[-1])
-    bodies = [_surface(*fields.tensor(name, t)) for name in ("block", "road")]
+    bodies = [_sample_surface(*fields.tensor(name, t)) for name in ("block", "road")]
     x = bodies[0][0][:, 0]
-    scale, middle = SIZE / float(np.ptp(x)), np.array([x.mean(), 0.0, 0.0])
+    scale, middle = SCENE_LENGTH / float(np.ptp(x)), np.array([x.mean(), 0.0, 0.0])
     T = np.concatenate([b[1] for b in bodies])
     low, high = (float(v) for v in np.percentile(T, (0.5, 99.5)))
     colours = theme.temperature_map()((T - low) / max(high - low, 1e-9))[:, :3]
     return scale * (np.concatenate([b[0] for b in bodies]) - middle), colours
 
 
-def _surface(x: np.ndarray, y: np.ndarray, z: np.ndarray, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _sample_surface(x: np.ndarray, y: np.ndarray, z: np.ndarray, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Points on the six faces of a body spread evenly, and the temperatures of the cells that they lie in."""
     width = y if len(y) > 1 else np.array([-0.5, 0.5]) * float(np.ptp(x))  # 2D says nothing of the width
-    axes = [np.linspace(a[0], a[-1], n) for a, n in ((x, ALONG), (width, ACROSS), (z, UP))]
+    axes = [np.linspace(a[0], a[-1], n) for a, n in ((x, N_POINTS_X), (width, N_POINTS_Y), (z, N_POINTS_Z))]
     places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     edge = np.zeros(places.shape[:3], bool)
     for axis in range(3):

@@ -6,51 +6,51 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
-from flashtemp.viz.key_words import Spoken, spoken
-from flashtemp.viz.residuals import condition
+from flashtemp.viz.key_words import KeyLabel, describe_key
+from flashtemp.viz.residuals import describe_condition
 
-MOST = 9  # curves
-WRITTEN = 36  # cells of a map that hold their number
-EVEN = 1e-6  # of a value: what differs less is the same
+MAX_CURVES_DRAWN = 9  # curves
+MAX_NUMBERED_CELLS = 36  # cells of a map that hold their number
+EQUAL_VALUES_FRACTION = 1e-6  # of a value: what differs less is the same
 
 
 @theme.styled
-def draw(found) -> Figure:
+def draw(dataset) -> Figure:
     """Along the contact at the end (degC) and against the first key; with a second key, maps over both.
 
     Further keys stay at their first value.
     """
-    keys = [d for d in found.T_max_degC.dims]
-    first = found.isel({k: 0 for k in keys[1:]})
-    fig = theme.figure(found.attrs["title"], theme.WIDE, 5.6 if len(keys) > 1 else 3.0)
+    keys = [d for d in dataset.T_max_degC.dims]
+    first = dataset.isel({k: 0 for k in keys[1:]})
+    fig = theme.make_figure(dataset.attrs["title"], theme.WIDE_FIGURE_IN, 5.6 if len(keys) > 1 else 3.0)
     axes = fig.subplots(2 if len(keys) > 1 else 1, 2, squeeze=False)
-    _profiles(axes[0, 0], first, keys[0])
-    _numbers(axes[0, 1], first, keys[0])
+    _draw_profiles(axes[0, 0], first, keys[0])
+    _draw_rises(axes[0, 1], first, keys[0])
     if len(keys) > 1:
-        both = found.isel({k: 0 for k in keys[2:]})
-        _map(axes[1, 0], both.T_max_degC, keys, f"highest temperature ({theme.DEGREE})")
-        _map(axes[1, 1], both.friction.isel(repetition=-1), keys, "friction, last repetition")
-    held = condition({k: found[k].values[0] for k in keys[1:]}) if keys[1:] else ""
+        both = dataset.isel({k: 0 for k in keys[2:]})
+        _draw_map(axes[1, 0], both.T_max_degC, keys, f"highest temperature ({theme.CELSIUS})")
+        _draw_map(axes[1, 1], both.friction.isel(repetition=-1), keys, "friction, last repetition")
+    held = describe_condition({k: dataset[k].values[0] for k in keys[1:]}) if keys[1:] else ""
     if held:
         fig.supxlabel(f"Above: {held}.", x=0.01, ha="left", fontsize=7.0)
     return fig
 
 
-def _profiles(ax, found, key: str) -> None:
-    shown = theme.chosen(found.sizes[key], MOST)
-    for i, colour in zip(shown, theme.repetitions(len(shown)), strict=True):
-        one = found.isel({key: int(i), "repetition": -1})
-        ax.plot(found.place, one.T_spot, color=colour, label=_spoken(found[key]).value(found[key].values[i]))
-    ax.set(xlabel="x/L along the block", ylabel=f"in the spots ({theme.DEGREE})", title="end of the last repetition")
-    ax.legend(title=_spoken(found[key]).label, title_fontsize=7.5)
+def _draw_profiles(ax, dataset, key: str) -> None:
+    shown = theme.spread_indices(dataset.sizes[key], MAX_CURVES_DRAWN)
+    for i, colour in zip(shown, theme.repetition_colours(len(shown)), strict=True):
+        one = dataset.isel({key: int(i), "repetition": -1})
+        ax.plot(dataset.place, one.T_spot, color=colour, label=_coordinate_label(dataset[key]).format_value(dataset[key].values[i]))
+    ax.set(xlabel="x/L along the block", ylabel=f"in the spots ({theme.CELSIUS})", title="end of the last repetition")
+    ax.legend(title=_coordinate_label(dataset[key]).label, title_fontsize=7.5)
 
 
-def _numbers(ax, found, key: str) -> None:
-    at, words = _axis(found[key])
-    for (name, colour), label in zip(theme.PLACES.items(), ("leading", "middle", "trailing"), strict=True):
-        ax.plot(at, found[f"rise_{label}_K"], "o-", color=colour, ms=3, label=name)
+def _draw_rises(ax, dataset, key: str) -> None:
+    at, words = _axis_positions(dataset[key])
+    for (name, colour), label in zip(theme.PLACE_COLOURS.items(), ("leading", "middle", "trailing"), strict=True):
+        ax.plot(at, dataset[f"rise_{label}_K"], "o-", color=colour, ms=3, label=name)
     ax.set(
-        xlabel=_spoken(found[key]).label, ylabel="rise of the block's surface (K)", title="end of the last repetition"
+        xlabel=_coordinate_label(dataset[key]).label, ylabel="rise of the block's surface (K)", title="end of the last repetition"
     )
     if words:
         ax.set_xticks(at, words)
@@ -60,35 +60,35 @@ def _numbers(ax, found, key: str) -> None:
     ax.legend()
 
 
-def _map(ax, values, keys: list[str], words: str) -> None:
+def _draw_map(ax, values, keys: list[str], words: str) -> None:
     """Cells of equal size, labelled by the values: a sweep is seldom even."""
     table = values.transpose(keys[0], keys[1]).values
     image = ax.imshow(table.T, origin="lower", aspect="auto", cmap=theme.temperature_map())
     for axis, key in ((ax.xaxis, keys[0]), (ax.yaxis, keys[1])):
-        axis.set_ticks(range(values.sizes[key]), [_spoken(values[key]).value(v) for v in values[key].values])
-        axis.set_label_text(_spoken(values[key]).label)
+        axis.set_ticks(range(values.sizes[key]), [_coordinate_label(values[key]).format_value(v) for v in values[key].values])
+        axis.set_label_text(_coordinate_label(values[key]).label)
         axis.set_tick_params(length=0)
     ax.spines[:].set_visible(False)
-    if table.size <= WRITTEN:
+    if table.size <= MAX_NUMBERED_CELLS:
         for (i, j), value in np.ndenumerate(table):
             dark = sum(image.cmap(image.norm(value))[:3]) < 1.5
             ax.text(
-                i, j, theme.number(value), ha="center", va="center", fontsize=7.5, color="white" if dark else "black"
+                i, j, theme.format_decimal(value), ha="center", va="center", fontsize=7.5, color="white" if dark else "black"
             )
     known = table[np.isfinite(table)]
-    if not known.size or np.ptp(known) <= EVEN * np.abs(known).max():
+    if not known.size or np.ptp(known) <= EQUAL_VALUES_FRACTION * np.abs(known).max():
         ax.set_title(words)  # one value everywhere: a bar would invent a range
         return
     bar = ax.figure.colorbar(image, ax=ax, label=words, pad=0.02, aspect=25)
     bar.outline.set_linewidth(0.4)
 
 
-def _axis(coordinate) -> tuple[np.ndarray, list[str]]:
+def _axis_positions(coordinate) -> tuple[np.ndarray, list[str]]:
     """Places on an axis, and words for values that are no numbers."""
     if np.issubdtype(coordinate.dtype, np.number):
-        return _spoken(coordinate).factor * coordinate.values, []
+        return _coordinate_label(coordinate).factor * coordinate.values, []
     return np.arange(coordinate.size), [str(v) for v in coordinate.values]
 
 
-def _spoken(coordinate) -> Spoken:
-    return spoken(str(coordinate.name), coordinate.attrs.get("units", "1"))
+def _coordinate_label(coordinate) -> KeyLabel:
+    return describe_key(str(coordinate.name), coordinate.attrs.get("units", "1"))

@@ -16,24 +16,24 @@ import numpy as np
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 
-from flashtemp.showing import whole_file
+from flashtemp.showing import atomic_write
 from flashtemp.viz.shown_text import show_as_text
 
-SPOT = "#B2182B"  # in the macroasperity contact regions
-BLOCK = "#1FA37A"  # block, averaged across y
-ROAD = "#6E7F8D"
-HOLDER = "#E69F00"
-AIR = "#56B4E9"
-AMBIENT = "#5A5A5A"
-PLACES = {"leading edge": "#0072B2", "middle": "#4D4D4D", "trailing edge": "#D55E00"}
-SLIDING, WAITING = "#4D4D4D", "#E4E4E4"
+SPOT_COLOUR = "#B2182B"  # in the macroasperity contact regions
+BLOCK_COLOUR = "#1FA37A"  # block, averaged across y
+ROAD_COLOUR = "#6E7F8D"
+HOLDER_COLOUR = "#E69F00"
+AIR_COLOUR = "#56B4E9"
+AMBIENT_COLOUR = "#5A5A5A"
+PLACE_COLOURS = {"leading edge": "#0072B2", "middle": "#4D4D4D", "trailing edge": "#D55E00"}
+SLIDING_COLOUR, WAITING_COLOUR = "#4D4D4D", "#E4E4E4"
 
-TEMPERATURE = "inferno"
-REPETITIONS = "viridis"
-DEGREE = "°C"
-DPI = 160
-WIDE, NARROW = 7.2, 5.2  # inches
-STYLE = {
+TEMPERATURE_MAP_NAME = "inferno"
+REPETITION_MAP_NAME = "viridis"
+CELSIUS = "°C"
+FIGURE_DPI = 160
+WIDE_FIGURE_IN, NARROW_FIGURE_IN = 7.2, 5.2  # inches
+MATPLOTLIB_STYLE = {
     "font.size": 8.0,
     "axes.titlesize": 8.0,
     "axes.titlelocation": "left",
@@ -50,7 +50,7 @@ STYLE = {
     "legend.frameon": False,
     "figure.titlesize": 9.5,
     "figure.titleweight": "bold",
-    "savefig.dpi": DPI,
+    "savefig.dpi": FIGURE_DPI,
     "hatch.linewidth": 0.5,
 }
 
@@ -63,7 +63,7 @@ def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
 
     @wraps(draw)
     def wrapped(*args, **kwargs) -> Figure:
-        with import_module("matplotlib.style").context(["default", STYLE]):
+        with import_module("matplotlib.style").context(["default", MATPLOTLIB_STYLE]):
             drawn = draw(*args, **kwargs)
             if isinstance(drawn, Figure):  # what writes an animation returns its path
                 show_as_text(drawn)
@@ -72,7 +72,7 @@ def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
     return wrapped
 
 
-def figure(title: str, width: float, height: float) -> Figure:
+def make_figure(title: str, width: float, height: float) -> Figure:
     """An empty figure (inches) with a title, laid out so that nothing overlaps."""
     fig = Figure(figsize=(width, height), layout="constrained", facecolor="white")
     short = textwrap.shorten(title, round(11 * width), placeholder=" ...")
@@ -80,14 +80,14 @@ def figure(title: str, width: float, height: float) -> Figure:
     return fig
 
 
-def save(figure: Figure, path: Path, dpi: int = DPI) -> Path:
+def save_figure(figure: Figure, path: Path, dpi: int = FIGURE_DPI) -> Path:
     """Write a picture in the format of its name, whole or not at all; returns the path."""
-    with whole_file(path) as fresh:
+    with atomic_write(path) as fresh:
         figure.savefig(fresh, dpi=dpi)
     return path
 
 
-def along(run) -> str:
+def x_axis_label(run) -> str:
     """Label of the axis x: from the leading edge, or the block's own where it slides back or no run tells."""
     return "x along the block (mm)" if run is None or run.direction is not None else "x from leading edge (mm)"
 
@@ -96,23 +96,23 @@ def temperature_map() -> ListedColormap:
     """The one colour map of temperature: perceptually uniform, without the black and white ends."""
     from matplotlib import colormaps
 
-    return ListedColormap(colormaps[TEMPERATURE](np.linspace(0.04, 0.97, 256)), name="temperature")
+    return ListedColormap(colormaps[TEMPERATURE_MAP_NAME](np.linspace(0.04, 0.97, 256)), name="temperature")
 
 
 def temperature_norm(*values: np.ndarray) -> Normalize:
     """Colour limits (degC) over all values; at least 1 K wide, so that a constant stays drawable."""
-    low, high = span(*values, least=0.0, margin=0.0)
+    low, high = padded_limits(*values, least=0.0, margin=0.0)
     return Normalize(low, max(high, low + 1.0))
 
 
-def repetitions(count: int) -> np.ndarray:
+def repetition_colours(count: int) -> np.ndarray:
     """One colour (RGBA) per repetition, dark to light green-yellow, never too pale for white paper."""
     from matplotlib import colormaps
 
-    return colormaps[REPETITIONS](np.linspace(0.0, 0.88, count))
+    return colormaps[REPETITION_MAP_NAME](np.linspace(0.0, 0.88, count))
 
 
-def span(*values, least: float, margin: float = 0.05) -> tuple[float, float]:
+def padded_limits(*values, least: float, margin: float = 0.05) -> tuple[float, float]:
     """Lowest and highest of all values, at least `least` apart, widened by a share `margin` of it."""
     flat = np.concatenate([np.ravel(v) for v in values])
     flat = flat[np.isfinite(flat)]
@@ -123,7 +123,7 @@ def span(*values, least: float, margin: float = 0.05) -> tuple[float, float]:
     return float(low - extra), float(high + extra)
 
 
-def number(value: float, digits: int = 4) -> str:
+def format_decimal(value: float, digits: int = 4) -> str:
     """A number for a label, never in exponents.
 
     >>> number(17504.0, 3), number(0.0416), number(35.0)
@@ -143,12 +143,12 @@ def nice_ceil(value: float) -> float:
     return float(f"{step * power:.6g}")
 
 
-def chosen(count: int, most: int) -> np.ndarray:
+def spread_indices(count: int, max_count: int) -> np.ndarray:
     """At most `most` indices spread evenly over range(count), both ends among them.
 
     >>> chosen(3, 5).tolist(), chosen(9, 3).tolist()
     ([0, 1, 2], [0, 4, 8])
     """
-    if count <= most:
+    if count <= max_count:
         return np.arange(count)
-    return np.unique(np.linspace(0, count - 1, most).round().astype(int))
+    return np.unique(np.linspace(0, count - 1, max_count).round().astype(int))

@@ -7,16 +7,16 @@ from functools import cached_property
 
 import numpy as np
 
-from flashtemp.physics.interpolation import between
+from flashtemp.physics.interpolation import interpolate_linear
 from flashtemp.viz import theme
 
-DOMINANT = 2.5  # waits longer than this many times the sliding are drawn compressed
-KEPT = 0.5  # ... to this share of the time spent sliding
-UNITS = (("s", 1.0, 1800.0), ("min", 60.0, 4 * 3600.0), ("h", 3600.0, np.inf))
+DOMINANT_WAIT_RATIO = 2.5  # waits longer than this many times the sliding are drawn compressed
+COMPRESSED_WAIT_FRACTION = 0.5  # ... to this share of the time spent sliding
+TIME_UNITS = (("s", 1.0, 1800.0), ("min", 60.0, 4 * 3600.0), ("h", 3600.0, np.inf))
 
 
 @dataclass(frozen=True)
-class Clock:
+class RepetitionAxis:
     """`repetition` (r,) numbers, `start` and `end` (r,) of their sliding in s, `stop` the end of the run in s."""
 
     repetition: np.ndarray
@@ -33,71 +33,71 @@ class Clock:
     @cached_property
     def unit(self) -> tuple[str, float]:
         """Unit of the axis and its length in s."""
-        return next((name, size) for name, size, longest in UNITS if self.stop < longest)
+        return next((name, size) for name, size, longest in TIME_UNITS if self.stop < longest)
 
     @cached_property
-    def compressed(self) -> bool:
+    def is_compressed(self) -> bool:
         """Whether waits are drawn shorter than they are."""
         waited = sum(b - a for a, b in self.waits)
-        return waited > DOMINANT * (self.stop - self.start[0] - waited)
+        return waited > DOMINANT_WAIT_RATIO * (self.stop - self.start[0] - waited)
 
     @cached_property
     def label(self) -> str:
         """Label of the axis with its unit."""
-        return f"time ({self.unit[0]})" + ("; waits drawn compressed" if self.compressed else "")
+        return f"time ({self.unit[0]})" + ("; waits drawn compressed" if self.is_compressed else "")
 
-    def of(self, seconds):
+    def to_axis_unit(self, seconds):
         """Seconds in the unit of the axis."""
         return np.asarray(seconds) / self.unit[1]
 
     @cached_property
-    def knots(self) -> tuple[np.ndarray, np.ndarray]:
+    def axis_knots(self) -> tuple[np.ndarray, np.ndarray]:
         """Times (s) and their places on the axis, between which both are linear."""
         t = np.unique(np.concatenate([[self.start[0]], *self.waits, [self.stop]]))
         step = np.diff(t)
         waiting = np.isin(t[:-1], [a for a, _ in self.waits])
-        if self.compressed:
-            step[waiting] *= KEPT * step[~waiting].sum() / step[waiting].sum()
+        if self.is_compressed:
+            step[waiting] *= COMPRESSED_WAIT_FRACTION * step[~waiting].sum() / step[waiting].sum()
         return t, np.concatenate([[0.0], np.cumsum(step)])
 
-    def columns(self, count: int) -> np.ndarray:
+    def column_edges(self, count: int) -> np.ndarray:
         """Times (s) of the edges of `count` columns of equal width on the axis."""
-        t, place = self.knots
+        t, place = self.axis_knots
         return np.interp(np.linspace(0.0, place[-1], count + 1), place, t)
 
-    def shape(self, ax) -> None:
+    def set_axis(self, ax) -> None:
         """Give an axes this time axis: limits, label and, where waits dominate, compressed waits."""
-        if self.compressed:
-            t, place = self.of(self.knots[0]), self.knots[1]
+        if self.is_compressed:
+            t, place = self.to_axis_unit(self.axis_knots[0]), self.axis_knots[1]
             ax.set_xscale("function", functions=(lambda v: np.interp(v, t, place), lambda p: np.interp(p, place, t)))
-            ticks = self.of(np.append(self.start, self.stop))
-            ticks = ticks[theme.chosen(len(ticks), 9)]
+            ticks = self.to_axis_unit(np.append(self.start, self.stop))
+            ticks = ticks[theme.spread_indices(len(ticks), 9)]
             decimals = 2 if ticks[-1] < 10 else 1 if ticks[-1] < 100 else 0
             ax.set_xticks(ticks, [f"{v:.{decimals}f}" for v in ticks])
-        ax.set_xlim(*self.of([self.start[0], self.stop]))
+        ax.set_xlim(*self.to_axis_unit([self.start[0], self.stop]))
         ax.set_xlabel(self.label)
 
-    def shade(self, ax) -> None:
+    def shade_waits(self, ax) -> None:
         """Mark every wait by a pale band over the height of an axes."""
         for a, b in self.waits:
-            ax.axvspan(*self.of([a, b]), color=theme.WAITING, lw=0, zorder=0)
+            ax.axvspan(*self.to_axis_unit([a, b]), color=theme.WAITING_COLOUR, lw=0, zorder=0)
 
 
-def clock(run) -> Clock:
+def repetition_axis(run) -> RepetitionAxis:
     """The clock of a run."""
     numbers = np.unique(run.repetition[run.sliding])
     first = np.array([np.flatnonzero(run.sliding & (run.repetition == r))[0] for r in numbers])
     # a repetition starts where the record before it stands: the end of the wait
-    return Clock(numbers, run.time[np.maximum(first - 1, 0)], run.time[ends(run)], float(run.time[-1]))
+    return RepetitionAxis(numbers, run.time[np.maximum(first - 1, 0)], run.time[sliding_ends(run)], float(run.time[-1]))
 
 
-def ends(run) -> np.ndarray:
+def sliding_ends(run) -> np.ndarray:
     """Index into run.time of the end of sliding of every repetition."""
     at = np.flatnonzero(run.sliding)
     return at[np.flatnonzero(np.diff(run.repetition[at], append=-1))]
 
 
-def means(values: np.ndarray, time: np.ndarray, edges: np.ndarray) -> np.ndarray:
+def interval_means(values: np.ndarray, time: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Mean over each interval between `edges` (s) of records (n, k), linear between their times (s).
 
     >>> means(np.array([[0.0], [2.0]]), np.array([0.0, 2.0]), np.array([0.0, 1.0, 2.0])).ravel().tolist()
@@ -106,5 +106,5 @@ def means(values: np.ndarray, time: np.ndarray, edges: np.ndarray) -> np.ndarray
     step = np.diff(time)[:, None]
     area = np.concatenate([0 * values[:1], np.cumsum(0.5 * step * (values[1:] + values[:-1]), axis=0)])
     k = np.clip(np.searchsorted(time, edges, side="right") - 1, 0, len(time) - 1)
-    rest = 0.5 * (edges - time[k])[:, None] * (values[k] + between(values, time, edges))
+    rest = 0.5 * (edges - time[k])[:, None] * (values[k] + interpolate_linear(values, time, edges))
     return np.diff(area[k] + rest, axis=0) / np.diff(edges)[:, None]

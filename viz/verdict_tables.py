@@ -5,25 +5,25 @@ from __future__ import annotations
 import math
 
 from flashtemp.discovery.diagnostics.verdict_sentences import describe_rule, explain_uncertainty
-from flashtemp.discovery.verdict import InputResult, Rival, RuleResult, Verdict
-from flashtemp.showing import several
+from flashtemp.discovery.verdict import InputResult, CandidateReport, RuleResult, Verdict
+from flashtemp.showing import format_count
 from flashtemp.viz import html, key_words, verdict_parts
 from flashtemp.viz.numbers import (
-    after,
-    chance,
-    detectable,
-    flat,
-    needed,
-    number,
-    plain,
-    plus_minus,
-    ratio,
-    scored,
-    spoken,
+    unit_suffix,
+    format_probability,
+    detectable_amplitude,
+    flatten_dict,
+    needed_amplitude,
+    format_number,
+    format_value,
+    format_with_error,
+    format_ratio,
+    score_and_basis,
+    effect_label,
 )
 
 MIN_PULL_OPEN = 1.0  # prior standard deviations, from which a calibrated number is not folded
-FITNESS = (
+FIT_METRICS = (
     ("rmse_K", "root mean square difference, noise included (K)"), ("mean_map_rmse_K", "of means over frames (K)"),
     ("near_contact_rmse_K", "of means over frames, near the contact (K)"), ("chi2_per_dof", "chi2/dof (–)"),
     ("held_out_rmse_K", "left-out data (K)"), ("held_out_z", "left-out data, in sigma (–)"),
@@ -31,27 +31,27 @@ FITNESS = (
 
 
 # --- why this verdict -------------------------------------------------------------------------------
-def rules(v: Verdict) -> list[str]:
+def rule_table(v: Verdict) -> list[str]:
     """Every rule that led to the verdict, with what follows where one did not pass; why it is not more certain."""
     if not v.rules:
         return []
-    rows = [_rule(r) for r in v.rules]
+    rows = [_rule_row(r) for r in v.rules]
     head = ["what was asked", "measured by", "value", "limit", "result"]
     uncertain = explain_uncertainty(v)
     return [html.table(head, rows), *([html.paragraph(uncertain)] if uncertain else [])]
 
 
-def _rule(r: RuleResult) -> list[str]:
+def _rule_row(r: RuleResult) -> list[str]:
     words = describe_rule(r.name)
     result = "passed" if r.passed else words.fails or r.consequence
     if not words.measured_by:  # a yes or no, without a number
         return [words.passes, "–", "–", "–", result]
-    limit = f"{'≤' if words.is_upper else '≥'}\N{NO-BREAK SPACE}{number(r.limit)}"
-    return [words.passes, words.measured_by, number(r.value + 0.0), limit, result]  # no negative zero
+    limit = f"{'≤' if words.is_upper else '≥'}\N{NO-BREAK SPACE}{format_number(r.limit)}"
+    return [words.passes, words.measured_by, format_number(r.value + 0.0), limit, result]  # no negative zero
 
 
 # --- inputs that the data question ------------------------------------------------------------------
-def inputs(v: Verdict) -> list[str]:
+def input_tables(v: Verdict) -> list[str]:
     """Stated inputs: those that the data contradict, those that agree, those that the data cannot check or separate."""
     if not v.inputs:
         return []
@@ -60,7 +60,7 @@ def inputs(v: Verdict) -> list[str]:
     unchecked = [i.key for i in v.inputs if i.verdict == "not checkable"]
     out = [_inputs_table(contradicted)] if contradicted else [html.paragraph("The data contradict no stated input.")]
     if consistent:
-        out.append(html.fold(f"{several(len(consistent), 'stated input')} consistent with the data",
+        out.append(html.fold_section(f"{format_count(len(consistent), 'stated input')} consistent with the data",
                              [_inputs_table(consistent)]))  # fmt: skip
     if unchecked:
         out.append(html.paragraph(f"These data cannot check: {', '.join(unchecked)}."))
@@ -72,55 +72,55 @@ def inputs(v: Verdict) -> list[str]:
 
 def _inputs_table(some: list[InputResult]) -> str:
     head = ["stated input", "key", "stated", "known to", "the data want", "standard deviations away", "ln Bayes factor"]
-    return html.table(head, [_input(i) for i in some])
+    return html.table(head, [_input_row(i) for i in some])
 
 
-def _input(i: InputResult) -> list[str]:
-    words = key_words.spoken(i.key, i.unit)
+def _input_row(i: InputResult) -> list[str]:
+    words = key_words.describe_key(i.key, i.unit)
     unit = f" {words.unit}" if words.unit else ""
-    sd = f"{number(100 * i.sd)} %" if i.relative else number(i.sd) + after("K" if i.unit == "degC" else i.unit)
-    data = plus_minus(words.factor * i.estimate, words.factor * i.stderr, "1")
+    sd = f"{format_number(100 * i.sd)} %" if i.relative else format_number(i.sd) + unit_suffix("K" if i.unit == "degC" else i.unit)
+    data = format_with_error(words.factor * i.estimate, words.factor * i.stderr, "1")
     return [
-        i.words, i.key, f"{number(words.factor * i.stated)}{unit}", f"{sd}, {i.source}", f"{data}{unit}",
-        number(abs(i.pull)), number(i.ln_bayes),
+        i.words, i.key, f"{format_number(words.factor * i.stated)}{unit}", f"{sd}, {i.source}", f"{data}{unit}",
+        format_number(abs(i.pull)), format_number(i.ln_bayes),
     ]  # fmt: skip
 
 
 # --- is it noise ------------------------------------------------------------------------------------
-def noise(v: Verdict) -> list[str]:
+def noise_section(v: Verdict) -> list[str]:
     """What maps and tests show about the same data, in sentences; the tests in a fold."""
-    out = [html.paragraph(line) for line in (*_maps(v), *_counted(v))]
+    out = [html.paragraph(line) for line in (*_describe_maps(v), *_count_tests(v))]
     if not v.tests:
         return [*out, html.paragraph("No tests for structure were run.", "small")]
     left_by = {"before": "base", "after": "extended"}
     rows = [
-        [t.name, t.where, left_by.get(t.stage, t.stage), number(t.statistic), chance(t.p)]
+        [t.name, t.where, left_by.get(t.stage, t.stage), format_number(t.statistic), format_probability(t.p)]
         for t in sorted(v.tests, key=lambda t: (t.stage != "before", t.p))
     ]
     table = html.table(["test for structure", "recording", "left by", "statistic", "p, simulated"], rows)
-    return [*out, html.fold(f"All {len(rows)} tests for structure", [table])]
+    return [*out, html.fold_section(f"All {len(rows)} tests for structure", [table])]
 
 
-def _maps(v: Verdict) -> list[str]:
+def _describe_maps(v: Verdict) -> list[str]:
     """The largest share of pixels beyond 3 sigma in the maps that are drawn, by model."""
     lines = []
     for stage, words in (("before", "the base leaves at worst"), ("after", "the extended model")):
-        some = [getattr(p, stage) for g in verdict_parts.shown(v) for p in g if p.recording.places is None]
+        some = [getattr(p, stage) for g in verdict_parts.select_recordings(v) for p in g if p.recording.places is None]
         some = [s for s in some if s is not None]
         if some:
-            worst = max(some, key=verdict_parts.beyond)
-            share = number(100 * verdict_parts.beyond(worst))
+            worst = max(some, key=verdict_parts.outlier_fraction)
+            share = format_number(100 * verdict_parts.outlier_fraction(worst))
             lines.append(f"{words} {share} % of the pixels of {worst.view.file}")
     return [f"Beyond ±3 sigma {', '.join(lines)}; noise alone 0.3 %."] if lines else []
 
 
-def _counted(v: Verdict) -> list[str]:
+def _count_tests(v: Verdict) -> list[str]:
     """How many tests find structure, by what is left."""
     out = []
     for stage, model in (("before", "base"), ("after", "extended model")):
         some = [t for t in v.tests if t.stage == stage]
         if some:
-            count, found = verdict_parts.structure(some)
+            count, found = verdict_parts.count_rare_tests(some)
             meaning = "that is structure, not noise" if found else "noise alone may do as much"
             out.append(
                 f"In the residuals of the {model}, {count} of {len(some)} tests find structure that noise shows in at "
@@ -130,31 +130,31 @@ def _counted(v: Verdict) -> list[str]:
 
 
 # --- candidates ---------------------------------------------------------------------------------------
-def rivals(v: Verdict) -> list[str]:
+def rival_tables(v: Verdict) -> list[str]:
     """Every candidate that was not accepted, best first; those below the level of a hint folded."""
     taken = {c.effect for c in v.causes}
     some = sorted((r for r in v.rivals if r.effect not in taken), key=lambda r: -r.score)
     if not some:
         return [html.paragraph("No other candidate was tried.", "small")]
-    tried = [r for r in some if scored(r)[1] != "not tried"]
+    tried = [r for r in some if score_and_basis(r)[1] != "not tried"]
     likely = [r for r in tried if r.score > 0 or r.effect in v.group]
-    out = [_candidates(likely)] if likely else [html.paragraph("No other candidate makes the data more probable.")]
+    out = [_candidate_table(likely)] if likely else [html.paragraph("No other candidate makes the data more probable.")]
     less, idle = [r for r in tried if r not in likely], [r for r in some if r not in tried]
     if less:
-        words = f"{several(len(less), 'candidate')} less probable than none"
-        out.append(html.fold(words, [_candidates(less)]))
+        words = f"{format_count(len(less), 'candidate')} less probable than none"
+        out.append(html.fold_section(words, [_candidate_table(less)]))
     if idle:
-        rows = [[spoken(r.effect), r.reason.removeprefix("not tried: ")] for r in idle]
-        out.append(html.fold(f"{len(idle)} effects that were not tried", [html.table(["effect", "why not"], rows)]))
+        rows = [[effect_label(r.effect), r.reason.removeprefix("not tried: ")] for r in idle]
+        out.append(html.fold_section(f"{len(idle)} effects that were not tried", [html.table(["effect", "why not"], rows)]))
     return out
 
 
-def _candidates(some: list[Rival]) -> str:
+def _candidate_table(some: list[CandidateReport]) -> str:
     head = ["candidate", "would need", "ln Bayes factor", "by", "below the accepted", "distinctness", "why not"]
     rows = [
         [
-            spoken(r.effect), needed(r), *scored(r),
-            "–" if r.left is None else number(r.left), f"{r.distinctness:.2f}", r.reason,
+            effect_label(r.effect), needed_amplitude(r), *score_and_basis(r),
+            "–" if r.left is None else format_number(r.left), f"{r.distinctness:.2f}", r.reason,
         ]
         for r in some
     ]  # fmt: skip
@@ -162,89 +162,89 @@ def _candidates(some: list[Rival]) -> str:
 
 
 # --- what was gained ----------------------------------------------------------------------------------
-def before_after(v: Verdict) -> list[str]:
+def gain_tables(v: Verdict) -> list[str]:
     """Numbers of the base and of the extended model, and the parameters that moved."""
     out = []
     if v.base is not None:
         models = [m for m in (v.base, v.extended) if m is not None]
         rows = [
-            [words, *((number if key.endswith("K") else ratio)(getattr(m, key)) for m in models)]
-            for key, words in FITNESS
+            [words, *((format_number if key.endswith("K") else format_ratio)(getattr(m, key)) for m in models)]
+            for key, words in FIT_METRICS
         ]
         rows = [r for r in rows if any(cell != "–" for cell in r[1:])]
         out.append(html.table(["", "base", "extended"][: 1 + len(models)], rows))
     for c in v.causes:
-        gain = f"{spoken(c.effect)}: left-out data become more probable by {number(c.held_out_gain)} (ln)"
-        out.append(html.paragraph(f"{gain}; chi2 lower by {number(c.delta_chi2)}.", "small"))
+        gain = f"{effect_label(c.effect)}: left-out data become more probable by {format_number(c.held_out_gain)} (ln)"
+        out.append(html.paragraph(f"{gain}; chi2 lower by {format_number(c.delta_chi2)}.", "small"))
     if v.shifts:
-        rows = [[n, number(b), number(a), number(s)] for n, b, a, s in v.shifts]
+        rows = [[n, format_number(b), format_number(a), format_number(s)] for n, b, a, s in v.shifts]
         out.append(html.table(["calibrated parameter", "base", "extended", "standard error"], rows))
     return out
 
 
 # --- what it rests on -----------------------------------------------------------------------------------
-def known(v: Verdict) -> list[str]:
+def prior_tables(v: Verdict) -> list[str]:
     """Prior knowledge, and the calibrated numbers against it."""
     out = []
     if v.assumed:
-        rows = [[n, number(s)] for n, s in v.assumed.items()]
+        rows = [[n, format_number(s)] for n, s in v.assumed.items()]
         table = html.table(["quantity", "prior standard deviation"], rows)
-        out.append(html.fold("Assumed prior knowledge; without a unit: relative", [table]))
+        out.append(html.fold_section("Assumed prior knowledge; without a unit: relative", [table]))
     away = [p for p in v.nuisance if abs(p.pull) >= MIN_PULL_OPEN]
     for some, fold in ((away, False), ([p for p in v.nuisance if p not in away], True)):
-        rows = [[p.name, plus_minus(p.value, p.stderr, p.unit), f"{p.pull:+.1f}".replace("-", "−")] for p in some]
+        rows = [[p.name, format_with_error(p.value, p.stderr, p.unit), f"{p.pull:+.1f}".replace("-", "−")] for p in some]
         table = html.table(["calibrated", "value ± standard error", "deviation in prior sigma"], rows)
         title = f"{len(some)} calibrated numbers within one prior sigma"
-        out += [html.fold(title, [table]) if fold else table] if some else []
+        out += [html.fold_section(title, [table]) if fold else table] if some else []
     return out
 
 
-def unseen(v: Verdict) -> list[str]:
+def detection_limits(v: Verdict) -> list[str]:
     """The smallest amplitudes that these data would show."""
     some = [r for r in v.rivals if math.isfinite(r.detectable)]
     if not some:
         return [html.paragraph("They were not computed.")]
     rows = [
-        [spoken(r.effect), r.parameter or "amplitude", detectable(r), f"{number(100 * r.raw_share)} %"] for r in some
+        [effect_label(r.effect), r.parameter or "amplitude", detectable_amplitude(r), f"{format_number(100 * r.raw_share)} %"] for r in some
     ]
     head = ["effect", "parameter", "detectable at 5 sigma", "signal left by calibration"]
     return [
         html.paragraph("Smaller amplitudes may be present: these data would not show them at 5 sigma."),
-        html.fold(f"{len(rows)} effects", [html.table(head, rows)]),
+        html.fold_section(f"{len(rows)} effects", [html.table(head, rows)]),
     ]
 
 
-def gates(v: Verdict) -> list[str]:
+def adequacy_table(v: Verdict) -> list[str]:
     """Adequacy tests that are not among the rules of the verdict."""
     shown, rows = {r.name for r in v.rules}, []
     for name, (value, limit) in v.gates.items():
         if name not in shown:
             words = describe_rule(name)
             passed = "no" if value > limit else "yes"
-            rows.append([words.passes, words.measured_by, number(value), number(limit), passed])
+            rows.append([words.passes, words.measured_by, format_number(value), format_number(limit), passed])
     return [html.table(["what was checked", "measured by", "value", "limit", "passed"], rows)] if rows else []
 
 
-def certificate(v: Verdict) -> list[str]:
+def convergence_section(v: Verdict) -> list[str]:
     """Whether the calibration converged."""
     if not v.certificate:
         return [html.paragraph("Nothing is known about the convergence of the calibration.")]
-    rows = [[spoken(k), plain(value)] for k, value in flat(v.certificate)]
+    rows = [[effect_label(k), format_value(value)] for k, value in flatten_dict(v.certificate)]
     table = html.table(["calibration", ""], rows)
     done = v.certificate.get("converged")
     if done is None:
         return [table]
     words = "converged: another step would change nothing of importance" if done else "did not converge"
-    return [html.paragraph(f"The calibration {words}."), html.fold("Steps of the calibration", [table])]
+    return [html.paragraph(f"The calibration {words}."), html.fold_section("Steps of the calibration", [table])]
 
 
-def parameters(c) -> list[str]:
+def parameter_table(c) -> list[str]:
     """The parameters of a cause with their intervals."""
     rows = [
         [
             p.name,
-            plus_minus(p.value, p.stderr, p.unit),
-            f"{number(p.ci95[0])} to {number(p.ci95[1])}{after(p.unit)}" if p.ci95[1] > p.ci95[0] else "–",
+            format_with_error(p.value, p.stderr, p.unit),
+            f"{format_number(p.ci95[0])} to {format_number(p.ci95[1])}{unit_suffix(p.unit)}" if p.ci95[1] > p.ci95[0] else "–",
             "yes: its interval means little" if p.bound else "no",
         ]
         for p in c.parameters

@@ -6,19 +6,19 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
-from flashtemp.viz.time_axis import ends
+from flashtemp.viz.time_axis import sliding_ends
 
-CURVES = 4  # repetitions at most
-SAME = 1e-3  # changes of p(x)/mean(p) that are none
-WORN_OFF, RUBBER = "#F7DDD6", "#EDEDED"
-BEFORE = {"color": "black", "ls": (0, (4, 2)), "lw": 1.1}
+MAX_WEAR_CURVES = 4  # repetitions at most
+MIN_PRESSURE_CHANGE = 1e-3  # changes of p(x)/mean(p) that are none
+WORN_COLOUR, RUBBER_COLOUR = "#F7DDD6", "#EDEDED"
+BEFORE_STYLE = {"color": "black", "ls": (0, (4, 2)), "lw": 1.1}
 
 
 def applies(run) -> bool:
     """Whether the block was worn, or its pressure changed shape."""
     p = run.pressure[run.sliding & run.pressure.any(axis=1)]
     shape = p / (p @ run.mesh.dx_block / run.mesh.dx_block.sum())[:, None]
-    return bool((run.worn[-1] > run.worn[0]).any() or (len(p) and np.ptp(shape, axis=0).max() > SAME))
+    return bool((run.worn[-1] > run.worn[0]).any() or (len(p) and np.ptp(shape, axis=0).max() > MIN_PRESSURE_CHANGE))
 
 
 @theme.styled
@@ -28,14 +28,14 @@ def draw(run) -> Figure:
     Black, dashed: before, and at the start of sliding; coloured as in the picture of friction: at the
     ends of at most CURVES repetitions.
     """
-    fig = theme.figure(run.title, theme.NARROW, 5.2)
+    fig = theme.make_figure(run.title, theme.NARROW_FIGURE_IN, 5.2)
     fig.get_layout_engine().set(hspace=0.05)
     face, press = fig.subplots(2, 1, sharex=True, height_ratios=[1.2, 1.0])
-    last = ends(run)
-    shown, colours = theme.chosen(len(last), CURVES), theme.repetitions(len(last))
+    last = sliding_ends(run)
+    shown, colours = theme.spread_indices(len(last), MAX_WEAR_CURVES), theme.repetition_colours(len(last))
     curves = [(k, {"color": c}) for k, c in zip(last[shown], colours[shown], strict=True)]
-    _face(face, run, curves)
-    _pressure(press, run, curves)
+    _draw_face(face, run, curves)
+    _draw_pressure(press, run, curves)
     handles = [*press.get_legend_handles_labels()[0], *face.get_legend_handles_labels()[0]]
     words = [f"{run.repetition[k]}" for k, _ in curves]
     words = ["before", f"after repetition {words[0]}", *words[1:], "worn off"]
@@ -43,26 +43,26 @@ def draw(run) -> Figure:
     return fig
 
 
-def _face(ax, run, curves) -> None:
+def _draw_face(ax, run, curves) -> None:
     """The face as a scan of it would show it: rubber below, what has gone since the first start shaded."""
     x, before, after = 1e3 * run.x, -1e6 * run.worn[0], -1e6 * run.worn[curves[-1][0]]
-    low, high = theme.span(before, after, least=1.0, margin=0.12)
-    ax.fill_between(x, after, before, color=WORN_OFF, lw=0, label="worn off")
-    ax.fill_between(x, low, after, color=RUBBER, lw=0)
-    ax.plot(x, before, **BEFORE)
+    low, high = theme.padded_limits(before, after, least=1.0, margin=0.12)
+    ax.fill_between(x, after, before, color=WORN_COLOUR, lw=0, label="worn off")
+    ax.fill_between(x, low, after, color=RUBBER_COLOUR, lw=0)
+    ax.plot(x, before, **BEFORE_STYLE)
     for k, style in curves:
         ax.plot(x, -1e6 * run.worn[k], **style)
     mean, most = run.at_mean(run.worn[-1] - run.worn[0]), (run.worn[-1] - run.worn[0]).max()
     ax.set(xlim=(0.0, 1e3 * run.mesh.x[run.mesh.last]), ylim=(low, high), ylabel="height of the block's face (µm)")
-    ax.text(0.985, 0.02, "rubber", transform=ax.transAxes, ha="right", va="bottom", color=theme.AMBIENT)
-    mean, most, volume = (theme.number(v, 3) for v in (1e6 * mean, 1e6 * most, 1e9 * run.worn_volume))
+    ax.text(0.985, 0.02, "rubber", transform=ax.transAxes, ha="right", va="bottom", color=theme.AMBIENT_COLOUR)
+    mean, most, volume = (theme.format_decimal(v, 3) for v in (1e6 * mean, 1e6 * most, 1e9 * run.worn_volume))
     ax.set_title(f"worn off: {mean} µm on average, {most} µm at most, {volume} mm³")
 
 
-def _pressure(ax, run, curves) -> None:
+def _draw_pressure(ax, run, curves) -> None:
     """Nominal contact pressure at the first record that presses and at the same repetitions."""
     start = int(np.argmax(run.sliding & run.pressure.any(axis=1)))
-    for k, style in [(start, BEFORE), *curves]:
+    for k, style in [(start, BEFORE_STYLE), *curves]:
         ax.plot(1e3 * run.x, 1e-6 * run.pressure[k], **style, label=f"{k}")
     top = 1.06e-6 * max(run.pressure[k].max() for k in (start, *(k for k, _ in curves)))
-    ax.set(ylim=(0.0, max(top, 1e-6)), ylabel="contact pressure, nominal (MPa)", xlabel=theme.along(run))
+    ax.set(ylim=(0.0, max(top, 1e-6)), ylabel="contact pressure, nominal (MPa)", xlabel=theme.x_axis_label(run))

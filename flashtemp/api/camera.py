@@ -7,73 +7,73 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from flashtemp.api.inputs import Say, silent
-from flashtemp.api.pictures import drawing
+from flashtemp.api.inputs import Say, ignore_message
+from flashtemp.api.pictures import report_drawing_faults
 from flashtemp.camera import import_options, importing
-from flashtemp.camera.import_options import Facts
-from flashtemp.camera.import_request import Request, found
-from flashtemp.camera.import_request import target as place
-from flashtemp.camera.importing import Imported
-from flashtemp.camera.looking import Look, looked
-from flashtemp.errors import BadInput, nearest
+from flashtemp.camera.import_options import ImportOptions
+from flashtemp.camera.import_request import ImportRequest, expand_patterns
+from flashtemp.camera.import_request import output_path as place
+from flashtemp.camera.importing import ImportResult
+from flashtemp.camera.looking import FilePreview, preview_files
+from flashtemp.errors import BadInput, suggest_name
 
 
 def import_recording(
-    files: str | Path | Sequence[str | Path] | Request,
+    files: str | Path | Sequence[str | Path] | ImportRequest,
     *,
     out: str | Path | None = None,
     overwrite: bool = False,
-    say: Say = silent,
+    say: Say = ignore_message,
     **facts: Any,
-) -> Imported:
+) -> ImportResult:
     """The recording of camera files, a folder, patterns, or one recording template (.toml).
 
     `facts` say what the files do not, by the names of the template: view="sidewall", pixel=(12, 200), start=0.0...
     `out`: the .nc file to write, with a picture beside it; without it the file that a template names, if any.
     Raises BadInput with a line for everything that is missing.
     """
-    if isinstance(files, Request):
+    if isinstance(files, ImportRequest):
         asked = files
     else:
         names = [files] if isinstance(files, (str, Path)) else files
-        asked = Request.of([str(name) for name in names], _facts(facts), None if out is None else Path(out))
+        asked = ImportRequest.from_files([str(name) for name in names], _make_facts(facts), None if out is None else Path(out))
     target = None if asked.out is None else place(asked.out, overwrite)
-    result = importing.recorded(found(asked.files), asked.facts, say, None if target is None else target.parent)
+    result = importing.import_recording(expand_patterns(asked.files), asked.facts, say, None if target is None else target.parent)
     if target is None:
         return result
     result.recording.save(target)
     saved = replace(result, saved=target)
-    with drawing(saved, target.parent, target.with_suffix(".png").name, "the same command with --overwrite"):
-        return replace(saved, picture=_picture(result, target))
+    with report_drawing_faults(saved, target.parent, target.with_suffix(".png").name, "the same command with --overwrite"):
+        return replace(saved, picture=_draw_registration(result, target))
 
 
-def look(
-    files: str | Path | Sequence[str | Path] | Request,
+def inspect_files(
+    files: str | Path | Sequence[str | Path] | ImportRequest,
     *,
     out: str | Path | None = None,
     overwrite: bool = False,
-    say: Say = silent,
+    say: Say = ignore_message,
     **facts: Any,
-) -> Look:
+) -> FilePreview:
     """What is in camera files, asking nothing: pixels, clock, object parameters, ranges; drawn into `out`, a PNG file.
 
     `facts` say how numbers are read where the file does not: unit, scale, offset, variable...  Raises BadInput.
     """
-    if isinstance(files, Request):
+    if isinstance(files, ImportRequest):
         asked = files
     else:
         names = [files] if isinstance(files, (str, Path)) else files
-        asked = Request.of([str(name) for name in names], _facts(facts))
-    picture = None if out is None else _free(Path(out), overwrite)
-    seen = looked(found(asked.files), asked.facts, say, counts=True)
+        asked = ImportRequest.from_files([str(name) for name in names], _make_facts(facts))
+    picture = None if out is None else _check_picture_path(Path(out), overwrite)
+    seen = preview_files(expand_patterns(asked.files), asked.facts, say, counts=True)
     if picture is None:
         return seen
     from flashtemp.viz import raw_images, theme
 
-    return replace(seen, picture=theme.save(raw_images.draw(seen), picture))
+    return replace(seen, picture=theme.save_figure(raw_images.draw(seen), picture))
 
 
-def _free(picture: Path, overwrite: bool) -> Path:
+def _check_picture_path(picture: Path, overwrite: bool) -> Path:
     """Where a picture goes; BadInput where it cannot."""
     if picture.suffix != ".png":
         raise BadInput(f"{picture}: a picture of camera files is PNG; give a name that ends in .png")
@@ -86,25 +86,25 @@ def _free(picture: Path, overwrite: bool) -> Path:
 
 def recording_template() -> str:
     """A commented recording template (TOML), for `import_recording`."""
-    return import_options.commented()
+    return import_options.template_text()
 
 
-def _facts(said: dict[str, Any]) -> Facts:
+def _make_facts(given: dict[str, Any]) -> ImportOptions:
     """Keywords as facts; BadInput for one that nobody knows."""
-    for name in said:
-        if name not in Facts.__dataclass_fields__:
-            raise BadInput(f"import_recording: {name}: unknown fact{nearest(name, Facts.__dataclass_fields__)}")
-    return Facts(**said)
+    for name in given:
+        if name not in ImportOptions.__dataclass_fields__:
+            raise BadInput(f"import_recording: {name}: unknown fact{suggest_name(name, ImportOptions.__dataclass_fields__)}")
+    return ImportOptions(**given)
 
 
-def _picture(result: Imported, target: Path) -> Path | None:
+def _draw_registration(result: ImportResult, target: Path) -> Path | None:
     """The registration picture beside the recording; a profile or a single row of pixels has none."""
     recording = result.recording
     if recording.places is None and (recording.view == "profile" or min(len(recording.u), len(recording.v)) < 2):
         return None
     from flashtemp.viz import point_series, registration, theme
 
-    draw = registration.draw if recording.places is None else point_series.measured
+    draw = registration.draw if recording.places is None else point_series.draw_recording
     picture = target.with_suffix(".png")
-    theme.save(draw(recording, result.block), picture)
+    theme.save_figure(draw(recording, result.block), picture)
     return picture

@@ -7,22 +7,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from flashtemp.api.inputs import Overrides, Say, case_of, silent
-from flashtemp.api.pictures import AGAIN, drawing
+from flashtemp.api.inputs import Overrides, Say, resolve_case, ignore_message
+from flashtemp.api.pictures import RERUN_ELSEWHERE_HINT, report_drawing_faults
 from flashtemp.comparison import campaign as reading
 from flashtemp.comparison import compare as comparing
 from flashtemp.comparison import twin as twins
 from flashtemp.comparison.campaign import Campaign
 from flashtemp.comparison.compare import Comparison
 from flashtemp.discovery import engine, experiment_design
-from flashtemp.discovery.experiment_design import Outlook
+from flashtemp.discovery.experiment_design import DesignReport
 from flashtemp.discovery.prediction.prediction import predict_condition
 from flashtemp.discovery.prediction.problem import prepare_problem
 from flashtemp.discovery.verdict import Verdict
 from flashtemp.model.case import Case
-from flashtemp.runs.folders import wanted
-from flashtemp.runs.workers import crew
-from flashtemp.showing import Shown, write_json
+from flashtemp.runs.folders import optional_folder
+from flashtemp.runs.workers import open_worker_pool
+from flashtemp.showing import DisplayMixin, write_json
 
 
 def open_campaign(
@@ -37,26 +37,26 @@ def open_campaign(
     return reading.load(campaign, planned, trust, limit)
 
 
-def campaign_of(campaign: str | Path | Campaign, planned: bool = False) -> Campaign:
+def resolve_campaign(campaign: str | Path | Campaign, planned: bool = False) -> Campaign:
     """A campaign from its path, or one that is open.  Raises BadInput."""
     return campaign if isinstance(campaign, Campaign) else open_campaign(campaign, planned)
 
 
-def compare(campaign: str | Path | Campaign, *, out: str | Path | None = None, say: Say = silent) -> Comparison:
+def compare(campaign: str | Path | Campaign, *, out: str | Path | None = None, say: Say = ignore_message) -> Comparison:
     """Simulate what the cameras of a campaign saw and subtract.
 
     `out`: folder for compare.json and report.html.  Raises BadInput, SolverFailure.
     """
-    loaded = campaign_of(campaign)
-    with wanted(out) as work:
+    loaded = resolve_campaign(campaign)
+    with optional_folder(out) as work:
         result = comparing.compare(loaded, say)
         if work is not None:
             write_json(result.as_dict(), work / "compare.json")
             say("writing the report")
-            with drawing(result, out or work, "report.html", AGAIN):
+            with report_drawing_faults(result, out or work, "report.html", RERUN_ELSEWHERE_HINT):
                 from flashtemp.viz import comparison_report
 
-                comparison_report.write(result, work / "report.html")
+                comparison_report.write_report(result, work / "report.html")
     return result
 
 
@@ -66,23 +66,23 @@ def discover(
     out: str | Path | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
-    say: Say = silent,
+    say: Say = ignore_message,
 ) -> Verdict:
     """Find what the simulation of a campaign gets wrong, name the cause, extend the model and measure the gain.
 
     `out`: folder for verdict.json, report.html, pictures and the extended case.  Raises BadInput, SolverFailure.
     """
-    loaded = campaign_of(campaign)
-    with wanted(out) as work:
+    loaded = resolve_campaign(campaign)
+    with optional_folder(out) as work:
         verdict, search = engine.discover(loaded, say, workers, scheduler)
         if work is not None:
             write_json(verdict.as_dict(), work / "verdict.json")
             engine.write_extended(search, verdict, work)
             say("writing the report")
-            with drawing(verdict, out or work, "report.html and pictures", AGAIN):
+            with report_drawing_faults(verdict, out or work, "report.html and pictures", RERUN_ELSEWHERE_HINT):
                 from flashtemp.viz import discovery, verdict_report
 
-                verdict_report.write(verdict, work / "report.html")
+                verdict_report.write_report(verdict, work / "report.html")
                 discovery.draw_all(verdict, work)
     return verdict
 
@@ -93,28 +93,28 @@ def plan(
     out: str | Path | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
-    say: Say = silent,
-) -> Outlook:
+    say: Say = ignore_message,
+) -> DesignReport:
     """Before measuring: which effects the views and conditions of a campaign can tell apart, and what to add.
 
     `out`: folder for plan.json and the picture of the separability matrix.  Raises BadInput, SolverFailure.
     """
-    loaded = campaign_of(campaign, planned=True)
-    with wanted(out) as work:
-        with crew(predict_condition, workers, scheduler) as run:
-            outlook = experiment_design.plan(prepare_problem(loaded, run), say)
+    loaded = resolve_campaign(campaign, planned=True)
+    with optional_folder(out) as work:
+        with open_worker_pool(predict_condition, workers, scheduler) as run:
+            outlook = experiment_design.assess_design(prepare_problem(loaded, run), say)
         if work is not None:
             write_json(outlook.as_dict(), work / "plan.json")
-            with drawing(outlook, out or work, "separability.png", AGAIN):
+            with report_drawing_faults(outlook, out or work, "separability.png", RERUN_ELSEWHERE_HINT):
                 from flashtemp.viz import separability as picture
                 from flashtemp.viz import theme
 
-                theme.save(picture.draw(outlook), work / "separability.png")
+                theme.save_figure(picture.draw(outlook), work / "separability.png")
     return outlook
 
 
 @dataclass(frozen=True, repr=False)
-class Twin(Shown):
+class SyntheticCampaign(DisplayMixin):
     """A synthetic campaign in a folder; what was hidden lies sealed there."""
 
     folder: Path
@@ -145,15 +145,15 @@ def twin(
     nuisance: float = 1.0,
     points: Sequence[dict[str, Any]] = (),
     camera: str = "ideal",
-    say: Say = silent,
-) -> Twin:
+    say: Say = ignore_message,
+) -> SyntheticCampaign:
     """A synthetic campaign in the new folder `out`, with effects that are hidden from the case that is believed.
 
     `hide` names of effects, `views` some of sidewall, wake, profile and points, `points` tables of x, z (m), lag_s and
     place_sigma_m of thermocouples, `nuisance` scales all that is drawn within what a laboratory knows.  The
     `camera` is ideal, or it has errors of uncooled or cooled cameras.  Raises BadInput, SolverFailure.
     """
-    asked = twins.Plan(
+    asked = twins.SyntheticPlan(
         tuple(hide), seed, conditions, tuple(views), nuisance=nuisance, points=tuple(points), camera=camera
     )
-    return Twin(twins.twin(case_of(case, overrides), asked, Path(out), say), seed, conditions)
+    return SyntheticCampaign(twins.make_synthetic_campaign(resolve_case(case, overrides), asked, Path(out), say), seed, conditions)

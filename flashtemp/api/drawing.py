@@ -10,20 +10,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from flashtemp.api.inputs import Say, silent
-from flashtemp.errors import BadInput, Incomplete, reason
+from flashtemp.api.inputs import Say, ignore_message
+from flashtemp.errors import BadInput, IncompleteResult, describe_exception
 from flashtemp.runs import vtk
 from flashtemp.runs.finished import open_run
-from flashtemp.runs.job import absent
-from flashtemp.showing import Shown
+from flashtemp.runs.job import describe_missing_files
+from flashtemp.showing import DisplayMixin
 from flashtemp.solver.run import Run
 
-FORMATS = ("png", "svg", "pdf")
-NO_FIELDS = "no fields are kept, as output.vtk = false says"
+PICTURE_FORMATS = ("png", "svg", "pdf")
+NO_FIELDS_REASON = "no fields are kept, as output.vtk = false says"
 
 
 @dataclass(frozen=True, repr=False)
-class Drawn(Shown):
+class PlotResult(DisplayMixin):
     """What `draw` has drawn: `files` in the result's `folder`."""
 
     folder: Path
@@ -43,51 +43,51 @@ def draw(
     format: str | Sequence[str] = "png",
     pvd: bool = False,
     trust: bool = False,
-    say: Say = silent,
-) -> Drawn:
+    say: Say = ignore_message,
+) -> PlotResult:
     """The pictures of a finished run or sweep again, into its folder, as png, svg or pdf (several: "png,svg").
 
     `pvd` adds a series for older ParaView; `trust` as in `load`.  Raises BadInput, Incomplete where a picture
     cannot be drawn.
     """
-    place, kinds = Path(folder), _formats(format)
+    place, kinds = Path(folder), _parse_formats(format)
     if (place / "sweep.nc").is_file():
-        made, missing = _sweep(place, kinds)
+        made, missing = _draw_sweep(place, kinds)
     else:
         case, run = open_run(place, trust)
-        made, missing = _run(run, place, kinds, case["output.animation"], pvd, say)
-    drawn = Drawn(place, tuple(made))
+        made, missing = _draw_run(run, place, kinds, case["output.animation"], pvd, say)
+    drawn = PlotResult(place, tuple(made))
     if missing:
-        raise Incomplete(absent(place, missing), drawn)
+        raise IncompleteResult(describe_missing_files(place, missing), drawn)
     return drawn
 
 
-def _formats(given: str | Sequence[str]) -> list[str]:
+def _parse_formats(given: str | Sequence[str]) -> list[str]:
     kinds = [k.strip().lower() for k in (given.split(",") if isinstance(given, str) else given)]
     for kind in kinds or [""]:
-        if kind not in FORMATS:
-            raise BadInput(f"--format: {kind!r}; give some of {', '.join(FORMATS)}")
+        if kind not in PICTURE_FORMATS:
+            raise BadInput(f"--format: {kind!r}; give some of {', '.join(PICTURE_FORMATS)}")
     return kinds
 
 
-def _run(
+def _draw_run(
     run: Run, folder: Path, kinds: list[str], animated: bool, pvd: bool, say: Say
 ) -> tuple[list[Path], dict[str, str]]:
-    series = [_pvd(run, folder)] if pvd else []
+    series = [_write_pvd(run, folder)] if pvd else []
     from flashtemp import viz
 
     say("drawing pictures")
     made, missing = viz.draw_each(run, folder, kinds, animated and "png" in kinds)
-    return [*made, *series], missing if len(run.frames) else dict.fromkeys(missing, NO_FIELDS)
+    return [*made, *series], missing if len(run.frames) else dict.fromkeys(missing, NO_FIELDS_REASON)
 
 
-def _pvd(run: Run, folder: Path) -> Path:
+def _write_pvd(run: Run, folder: Path) -> Path:
     """The series for older ParaView, whole or not at all."""
     target = folder / "pvd"
     if os.path.lexists(target):
         raise BadInput(f"--pvd: {target} exists; remove it to write it again")
     if not len(run.frames):
-        raise BadInput(f"--pvd: {folder}: {NO_FIELDS}; run the case with output.vtk = true")
+        raise BadInput(f"--pvd: {folder}: {NO_FIELDS_REASON}; run the case with output.vtk = true")
     fresh = folder / f".{secrets.token_hex(8)}"
     try:
         vtk.write_pvd(run, fresh)
@@ -97,13 +97,13 @@ def _pvd(run: Run, folder: Path) -> Path:
     return target
 
 
-def _sweep(folder: Path, kinds: list[str]) -> tuple[list[Path], dict[str, str]]:
+def _draw_sweep(folder: Path, kinds: list[str]) -> tuple[list[Path], dict[str, str]]:
     import xarray as xr
 
     try:
         from flashtemp.viz import sweep, theme
 
         figure = sweep.draw(xr.load_dataset(folder / "sweep.nc", engine="h5netcdf"))
-        return [theme.save(figure, folder / f"sweep.{kind}") for kind in kinds], {}
+        return [theme.save_figure(figure, folder / f"sweep.{kind}") for kind in kinds], {}
     except Exception as fault:
-        return [], {f"sweep.{kind}": reason(fault) for kind in kinds}
+        return [], {f"sweep.{kind}": describe_exception(fault) for kind in kinds}

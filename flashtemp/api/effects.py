@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 from flashtemp.errors import BadInput
 from flashtemp.model.case_file import parse_overrides
-from flashtemp.physics.effect import Effect, catalogue, find
-from flashtemp.physics.own_effects import installed, read
-from flashtemp.showing import Sheet, Shown
+from flashtemp.physics.effect import Effect, catalogue, find_effect
+from flashtemp.physics.own_effects import find_installed_effects, read_effect
+from flashtemp.showing import DisplayTable, DisplayMixin
 
 if TYPE_CHECKING:
     from flashtemp.runs.effect_check.findings import Finding
 
 
 @dataclass(frozen=True, repr=False)
-class Listing(Shown):
+class EffectCatalogue(DisplayMixin):
     """Effects with their cause in words, parameters, units and bounds; `full` tells source and signs too."""
 
     entries: tuple[dict[str, Any], ...]
@@ -29,24 +29,24 @@ class Listing(Shown):
         lines = []
         for e in self.entries:
             lines.append(f"{e['name']}{' (always acts)' if e['always'] else ''}: {e['cause']}")
-            lines += [f"    {parameter_line(p)}" for p in e["parameters"]]
+            lines += [f"    {format_parameter(p)}" for p in e["parameters"]]
             if self.full:
                 lines.append(f"    source: {e['source']}\n    tells: {'; '.join(e['tells'])}")
         return "\n".join(lines)
 
-    def sheet(self) -> Sheet:
+    def to_table(self) -> DisplayTable:
         head = ("key", "default", "unit", "", "from", "to", "off")
         parts = []
         for e in self.entries:
             rows = [tuple(p[k] for k in ("key", "default", "unit", "about", "low", "high", "off"))
                     for p in e["parameters"]]  # fmt: skip
             told = [f"source: {e['source']}", f"tells: {'; '.join(e['tells'])}"]
-            parts.append(Sheet(f"{e['name']}: {e['cause']}", rows, head, told))
-        return parts[0] if self.full else Sheet(f"Catalogue of {len(parts)} effects", parts=parts)
+            parts.append(DisplayTable(f"{e['name']}: {e['cause']}", rows, head, told))
+        return parts[0] if self.full else DisplayTable(f"Catalogue of {len(parts)} effects", parts=parts)
 
 
 @dataclass(frozen=True, repr=False)
-class Checked(Shown):
+class EffectCheckReport(DisplayMixin):
     """What was found in an effect: `findings`, each with a name, whether all is well, and a sentence."""
 
     name: str
@@ -64,61 +64,61 @@ class Checked(Shown):
 
     def __str__(self) -> str:
         rows = [f"  {'ok   ' if f.ok else 'FAILS'}  {f.name:13s}  {f.says}" for f in self.findings]
-        return "\n".join([self.name, *rows, self._end()])
+        return "\n".join([self.name, *rows, self._closing_line()])
 
-    def sheet(self) -> Sheet:
+    def to_table(self) -> DisplayTable:
         rows = [(f.name, "ok" if f.ok else "FAILS", f.says) for f in self.findings]
-        return Sheet(f"{self.name}: {self._end()}", rows, ("", "", ""))
+        return DisplayTable(f"{self.name}: {self._closing_line()}", rows, ("", "", ""))
 
-    def _end(self) -> str:
+    def _closing_line(self) -> str:
         failed = sum(not f.ok for f in self.findings)
         mend = f"{failed} of {len(self.findings)} fail; what is not listed waits until they are mended"
         return mend if failed else "all holds"
 
 
-def effects(name: str | None = None) -> Listing:
+def effects(name: str | None = None) -> EffectCatalogue:
     """The catalogue: every effect with its cause in words, parameters, units and source, or one of them.
 
     `name` may be a Python file with an effect, which is executed.  Raises BadInput for an unknown name.
     """
-    chosen = dict([_found(name)]) if name else catalogue() | installed()
-    return Listing(tuple(describe(n, e) for n, e in chosen.items()), bool(name))
+    chosen = dict([_find_effect(name)]) if name else catalogue() | find_installed_effects()
+    return EffectCatalogue(tuple(describe_effect(n, e) for n, e in chosen.items()), bool(name))
 
 
-def check_effect(name: str | Path, overrides: Mapping[str, Any] | Iterable[str] | None = None) -> Checked:
+def check_effect(name: str | Path, overrides: Mapping[str, Any] | Iterable[str] | None = None) -> EffectCheckReport:
     """Hold an effect to all that the catalogue is held to: a name, or a Python file, which is executed.
 
     `overrides` {"table.key": value} are keys of the small case in which it is tried.  Raises BadInput where there
     is no such effect or file, and for values that it cannot have.
     """
-    from flashtemp.runs.effect_check.battery import examine
+    from flashtemp.runs.effect_check.battery import run_all_checks
     from flashtemp.runs.effect_check.findings import Finding
-    from flashtemp.runs.effect_check.scenes import Bench, Trial
+    from flashtemp.runs.effect_check.scenes import SceneCache, EffectUnderTest
 
     given, name = parse_overrides(overrides), str(name)
     if _is_file(name) and not Path(name).is_file():
         raise BadInput(f"{name}: no such file; give a Python file with one effect")
     try:
-        trial = Trial(*_found(name), given)
+        trial = EffectUnderTest(*_find_effect(name), given)
     except BadInput as fault:
         if not _is_file(name):
             raise
-        return Checked(Path(name).stem, (Finding("file", False, "; ".join(fault.lines)),))
-    return Checked(trial.name, tuple(examine(trial, Bench(Path.cwd()))))
+        return EffectCheckReport(Path(name).stem, (Finding("file", False, "; ".join(fault.lines)),))
+    return EffectCheckReport(trial.name, tuple(run_all_checks(trial, SceneCache(Path.cwd()))))
 
 
 def _is_file(name: str) -> bool:
     return name.endswith(".py") or "/" in name
 
 
-def _found(name: str) -> tuple[str, type[Effect]]:
+def _find_effect(name: str) -> tuple[str, type[Effect]]:
     """Name and class of an effect: of the catalogue, of an installed package, or of a file.  Raises BadInput."""
     if _is_file(name):
-        return Path(name).stem, read(Path(name))
-    return name, installed().get(name) or find(name)
+        return Path(name).stem, read_effect(Path(name))
+    return name, find_installed_effects().get(name) or find_effect(name)
 
 
-def describe(name: str, effect: type[Effect]) -> dict[str, Any]:
+def describe_effect(name: str, effect: type[Effect]) -> dict[str, Any]:
     """One effect as plain data."""
     section = effect.section if effect.base else name
     plain = [
@@ -138,7 +138,7 @@ def describe(name: str, effect: type[Effect]) -> dict[str, Any]:
     }
 
 
-def parameter_line(p: dict[str, Any]) -> str:
+def format_parameter(p: dict[str, Any]) -> str:
     """One parameter in words."""
     limits = f" [{p['low']:g}, {p['high']:g}]" if p["low"] > -math.inf or p["high"] < math.inf else ""
     off = "" if p["off"] is None else f", off = {p['off']:g}"

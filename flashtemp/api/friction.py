@@ -6,19 +6,19 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from flashtemp.api.inputs import Count, Overrides, case_of, uncounted
-from flashtemp.api.pictures import AGAIN, drawing
+from flashtemp.api.inputs import Count, Overrides, resolve_case, ignore_progress
+from flashtemp.api.pictures import RERUN_ELSEWHERE_HINT, report_drawing_faults
 from flashtemp.errors import BadInput
 from flashtemp.model import priors
-from flashtemp.model.build import theory_of
+from flashtemp.model.build import find_theory
 from flashtemp.model.case import Case
-from flashtemp.physics.friction.contact_map import Spots
+from flashtemp.physics.friction.contact_map import SolvedContactMap
 from flashtemp.runs import area_study, friction_study, load_dependence, rolling, sign_of_friction
 from flashtemp.runs import road as roads
 from flashtemp.runs.area_study import AreaStudy
-from flashtemp.runs.folders import wanted
+from flashtemp.runs.folders import optional_folder
 from flashtemp.runs.friction_study import FrictionStudy
-from flashtemp.runs.load_dependence import PRESSURES, SPEEDS, Loads
+from flashtemp.runs.load_dependence import DEFAULT_PRESSURES_PA, DEFAULT_SPEEDS_M_S, LoadDependence
 from flashtemp.runs.road import RoadSpectrum, SelfAffineRoad
 from flashtemp.runs.rolling import TreadPassage, TyreForces
 from flashtemp.showing import write_json
@@ -37,27 +37,27 @@ def friction(
     `out`: folder for the case, curves, numbers and a picture.  Raises BadInput, SolverFailure.
     """
     friction_study.refuse_speeds(slowest, fastest)
-    loaded = case_of(case, overrides)
-    with wanted(out) as work:
-        found = friction_study.study(loaded, slowest, fastest)
+    loaded = resolve_case(case, overrides)
+    with optional_folder(out) as work:
+        found = friction_study.study_friction(loaded, slowest, fastest)
         if work is not None and out is not None:
             found.save(work, Path(out))
-            with drawing(found, out or work, "friction.png", AGAIN):
+            with report_drawing_faults(found, out or work, "friction.png", RERUN_ELSEWHERE_HINT):
                 from flashtemp.viz import friction_curves as picture
                 from flashtemp.viz import theme
 
-                theme.save(picture.draw(found.curves, loaded.title), work / "friction.png")
+                theme.save_figure(picture.draw(found.curves, loaded.title), work / "friction.png")
     return found
 
 
-def area(case: str | Path | Case, overrides: Overrides | None = None, *, out: str | Path | None = None) -> AreaStudy:
+def compute_contact_area(case: str | Path | Case, overrides: Overrides | None = None, *, out: str | Path | None = None) -> AreaStudy:
     """The area in contact over nominal pressure on a road: elastic A(p/E), its linear law, where it saturates.
 
     `out`: folder for the case, curve, numbers and a picture.  Raises BadInput.
     """
-    loaded = case_of(case, overrides)
-    with wanted(out) as work:
-        found = area_study.study(loaded)
+    loaded = resolve_case(case, overrides)
+    with optional_folder(out) as work:
+        found = area_study.study_contact_area(loaded)
         if work is not None and out is not None:
             from flashtemp.viz import area as picture
 
@@ -70,37 +70,37 @@ def loads(
     case: str | Path | Case,
     overrides: Overrides | None = None,
     *,
-    pressures: Sequence[float] = PRESSURES,
-    speeds: Sequence[float] = SPEEDS,
+    pressures: Sequence[float] = DEFAULT_PRESSURES_PA,
+    speeds: Sequence[float] = DEFAULT_SPEEDS_M_S,
     skewness_cutoff: float | None = None,
     out: str | Path | None = None,
     workers: int | None = None,
-    watch: Count = uncounted,
-) -> Loads:
+    watch: Count = ignore_progress,
+) -> LoadDependence:
     """Which process makes friction depend on the load: saturation, softening, skewness, adhesion or heating.
 
     Nominal `pressures` in Pa and `speeds` in m/s, both rising.  `skewness_cutoff`: shortest wave (m) that skewness
     flattens, 0 all waves; the case's own if not given.  `out`: folder for the case, curves, numbers and a picture.
     Raises BadInput, SolverFailure.
     """
-    loaded = case_of(case, overrides)
+    loaded = resolve_case(case, overrides)
     if skewness_cutoff is not None:
-        loaded = loaded.with_values({f"{theory_of(loaded)[1].name}.skewness_cutoff": skewness_cutoff})
+        loaded = loaded.with_values({f"{find_theory(loaded)[1].name}.skewness_cutoff": skewness_cutoff})
     load_dependence.refuse_values("--pressures", pressures, 2)
     load_dependence.refuse_values("--speeds", speeds, 1)
-    with wanted(out) as work:
-        found = load_dependence.attribute(loaded, pressures, speeds, workers, watch)
-        turns = [s for s in sign_of_friction.signs(loaded, priors.inputs(loaded)[0]) if s.over in "Tp"]
+    with optional_folder(out) as work:
+        found = load_dependence.attribute_load_dependence(loaded, pressures, speeds, workers, watch)
+        turns = [s for s in sign_of_friction.find_trends(loaded, priors.find_uncertain_inputs(loaded)[0]) if s.over in "Tp"]
         found = replace(found, signs=tuple(turns))
         if work is not None:
             (work / "case.toml").write_text(loaded.toml(loaded.copy_files(work)), encoding="utf-8")
             write_json(found.as_dict(), work / "loads.json")
             found.save(work / "loads.csv")
-            with drawing(found, out or work, "loads.png", AGAIN):
+            with report_drawing_faults(found, out or work, "loads.png", RERUN_ELSEWHERE_HINT):
                 from flashtemp.viz import loads as picture
                 from flashtemp.viz import theme
 
-                theme.save(picture.draw(found), work / "loads.png")
+                theme.save_figure(picture.draw(found), work / "loads.png")
     return found
 
 
@@ -109,22 +109,22 @@ def tread(
     overrides: Overrides | None = None,
     *,
     out: str | Path | None = None,
-    watch: Count = uncounted,
+    watch: Count = ignore_progress,
 ) -> TreadPassage:
     """One tread block through its footprint: friction on its way from the cold to the hot branch, at several slips.
 
     `out`: folder for the case, paths, numbers and a picture.  Raises BadInput, SolverFailure.
     """
-    asked = rolling.Passage.of(case_of(case, overrides))
-    with wanted(out) as work:
-        answer = asked.roll(watch)
+    asked = rolling.TreadPassageInput.from_case(resolve_case(case, overrides))
+    with optional_folder(out) as work:
+        answer = asked.pass_footprint(watch)
         if work is not None and out is not None:
             answer.save(work, Path(out))
-            with drawing(answer, out or work, "tread.png", AGAIN):
+            with report_drawing_faults(answer, out or work, "tread.png", RERUN_ELSEWHERE_HINT):
                 from flashtemp.viz import theme
                 from flashtemp.viz import tread as picture
 
-                theme.save(picture.draw(answer.found, asked.setup.case.title), work / "tread.png")
+                theme.save_figure(picture.draw(answer.result, asked.setup.case.title), work / "tread.png")
     return answer
 
 
@@ -133,22 +133,22 @@ def tyre(
     overrides: Overrides | None = None,
     *,
     out: str | Path | None = None,
-    watch: Count = uncounted,
+    watch: Count = ignore_progress,
 ) -> TyreForces:
     """Side force of a tyre over slip angle at several loads, with the cold-hot law and with its controls.
 
     `out`: folder for the case, curves, numbers and a picture.  Raises BadInput, SolverFailure.
     """
-    asked = rolling.Wheel.of(case_of(case, overrides))
-    with wanted(out) as work:
-        answer = asked.corner(watch)
+    asked = rolling.TyreForcesInput.from_case(resolve_case(case, overrides))
+    with optional_folder(out) as work:
+        answer = asked.compute_side_forces(watch)
         if work is not None and out is not None:
             answer.save(work, Path(out))
-            with drawing(answer, out or work, "tyre.png", AGAIN):
+            with report_drawing_faults(answer, out or work, "tyre.png", RERUN_ELSEWHERE_HINT):
                 from flashtemp.viz import theme
                 from flashtemp.viz import tyre as picture
 
-                theme.save(picture.draw(answer.found, asked.setup.case.title), work / "tyre.png")
+                theme.save_figure(picture.draw(answer.result, asked.setup.case.title), work / "tyre.png")
     return answer
 
 
@@ -166,7 +166,7 @@ def spots(
     rolloff: float = 5e-3,
     seed: int = 1,
     out: str | Path | None = None,
-) -> Spots:
+) -> SolvedContactMap:
     """Which macroasperity regions of a road touch under a nominal `pressure`: a contact map.
 
     `cutoff` (m) is the shortest wavelength that counts, `modulus` E/(1 - nu^2) of the rubber, Pa.  `file` holds
@@ -175,11 +175,11 @@ def spots(
     `out`: a .npz for resolved_spots.contact_map.  Raises BadInput.
     """
     if out is not None:
-        _refuse_place(Path(out), ".npz")
+        _check_file_path(Path(out), ".npz")
         if Path(out).exists():
             raise BadInput(f"--out: {out} exists; choose another name")
     road = SelfAffineRoad(length, width, pixel, hurst, rms, rolloff, seed)
-    found = roads.touching_regions(None if file is None else Path(file), road, cutoff, pressure, modulus)
+    found = roads.find_contact_regions(None if file is None else Path(file), road, cutoff, pressure, modulus)
     if out is not None:
         found.save(Path(out))
     return found
@@ -199,23 +199,23 @@ def spectrum(
     persson_friction.spectrum, with a picture beside it.  Raises BadInput.
     """
     if out is not None:
-        _refuse_place(Path(out), ".csv")
+        _check_file_path(Path(out), ".csv")
         for path in (Path(out), Path(out).with_suffix(".png")):
             if path.exists():
                 raise BadInput(f"--out: {path} exists; choose another name")
-    found = roads.power_spectrum(Path(file), profile, highpass, pixel)
+    found = roads.read_road_spectrum(Path(file), profile, highpass, pixel)
     if out is not None:
         found.save(Path(out))
-        with drawing(found, Path(out).parent, Path(out).with_suffix(".png").name, AGAIN):
+        with report_drawing_faults(found, Path(out).parent, Path(out).with_suffix(".png").name, RERUN_ELSEWHERE_HINT):
             from flashtemp.viz import spectrum as picture
             from flashtemp.viz import theme
 
             drawn = picture.draw(found.points, found.summary.law, found.file.name)
-            theme.save(drawn, Path(out).with_suffix(".png"))
+            theme.save_figure(drawn, Path(out).with_suffix(".png"))
     return found
 
 
-def _refuse_place(out: Path, suffix: str) -> None:
+def _check_file_path(out: Path, suffix: str) -> None:
     """BadInput where a file cannot go."""
     if out.suffix != suffix or not out.absolute().parent.is_dir():
         raise BadInput(f"--out: {out}; give a {suffix} file in a folder that exists")

@@ -7,13 +7,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from flashtemp.errors import Incomplete, Interrupted, reason
+from flashtemp.errors import IncompleteResult, UserInterrupt, describe_exception
 
-AGAIN = "the same command into another folder"
+RERUN_ELSEWHERE_HINT = "the same command into another folder"
 
 
 @contextmanager
-def drawing(result: Any, out: str | Path, what: str, again: str) -> Iterator[None]:
+def report_drawing_faults(result: Any, out: str | Path, what: str, again: str) -> Iterator[None]:
     """Draw `what` of a result whose numbers are in its folder, `out` at the end; `again` says how to draw it later.
 
     Raises Incomplete with the result where it cannot be drawn, Interrupted after Ctrl-C.
@@ -21,6 +21,6 @@ def drawing(result: Any, out: str | Path, what: str, again: str) -> Iterator[Non
     try:
         yield
     except KeyboardInterrupt:
-        raise Interrupted(Path(out), again, f"the result without {what}") from None
+        raise UserInterrupt(Path(out), again, f"the result without {what}") from None
     except Exception as fault:
-        raise Incomplete(f"missing in {out}: {what} ({reason(fault)}); for it: {again}", result) from fault
+        raise IncompleteResult(f"missing in {out}: {what} ({describe_exception(fault)}); for it: {again}", result) from fault

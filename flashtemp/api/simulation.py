@@ -8,21 +8,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from flashtemp.api.inputs import Overrides, Say, case_of, silent
+from flashtemp.api.inputs import Overrides, Say, resolve_case, ignore_message
 from flashtemp.errors import BadInput
 from flashtemp.model.case import Case
 from flashtemp.runs import job, vtk
-from flashtemp.runs.vtk import Fields
-from flashtemp.showing import Shown
-from flashtemp.solver.progress import Progress
+from flashtemp.runs.vtk import RunFields
+from flashtemp.showing import DisplayMixin
+from flashtemp.solver.progress import MarchState
 from flashtemp.solver.run import Run
 
-Watch = Callable[[Progress, float], Any]
+Watch = Callable[[MarchState, float], Any]
 
 
 def check(case: str | Path | Case, overrides: Overrides | None = None) -> Case:
     """A case with everything that a run needs of it tried: numerics, mesh and effects.  Raises BadInput."""
-    return case_of(case, overrides)
+    return resolve_case(case, overrides)
 
 
 def simulate(
@@ -33,55 +33,55 @@ def simulate(
     overwrite: bool = False,
     pvd: bool = False,
     watch: Watch | None = None,
-    say: Say = silent,
+    say: Say = ignore_message,
 ) -> Run:
     """March a case and, with `out`, leave a whole result folder with pictures there.
 
     `watch(progress, end)` is told about every step; `pvd` adds a series for older ParaView.  Raises BadInput, also
     when `out` exists, Interrupted after Ctrl-C with a checkpoint in `out`.partial, SolverFailure.
     """
-    given, folder = case_of(case, overrides), None if out is None else Path(out)
-    with _drawing(watch, say, folder is not None and given["output.pictures"]) as (told, draw):
+    given, folder = resolve_case(case, overrides), None if out is None else Path(out)
+    with _open_painter(watch, say, folder is not None and given["output.pictures"]) as (told, draw):
         return job.simulate(given, folder, overwrite, pvd, told, say, draw)
 
 
 def resume(
-    folder: str | Path, *, pvd: bool = False, watch: Watch | None = None, say: Say = silent, trust: bool = False
+    folder: str | Path, *, pvd: bool = False, watch: Watch | None = None, say: Say = ignore_message, trust: bool = False
 ) -> Run:
     """Go on with an interrupted run from its checkpoint; `trust` as in `load`.
 
     Raises BadInput, Interrupted, SolverFailure.
     """
-    with _drawing(watch, say) as (told, draw):
+    with _open_painter(watch, say) as (told, draw):
         return job.resume(Path(folder), pvd, told, say, draw, trust)
 
 
-def resumed_as(folder: str | Path) -> Path:
+def find_resumed_folder(folder: str | Path) -> Path:
     """The result folder that an interrupted run will become.  Raises BadInput where there is none."""
-    return job.interrupted(Path(folder))[1]
+    return job.find_interrupted_run(Path(folder))[1]
 
 
 @contextmanager
-def _drawing(watch: Watch | None, say: Say, wanted: bool = True) -> Iterator[tuple[Watch, job.Draw]]:
+def _open_painter(watch: Watch | None, say: Say, wanted: bool = True) -> Iterator[tuple[Watch, job.DrawPictures]]:
     """What is told of the march, and what draws the pictures after it, by two processes where the march takes time."""
-    from flashtemp.viz.painter import Painter
+    from flashtemp.viz.painter import PictureDrawer
 
-    with Painter(wanted) as painter:
+    with PictureDrawer(wanted) as painter:
 
-        def draw(run: Run, folder: Path, animated: bool) -> dict[str, str]:
+        def draw_pictures(run: Run, folder: Path, animated: bool) -> dict[str, str]:
             say("drawing pictures")
-            return dict(painter.draw(run, folder, animated))
+            return dict(painter.draw_pictures(run, folder, animated))
 
-        yield painter.watching(watch), draw
+        yield painter.wrap_watch(watch), draw_pictures
 
 
-def open_fields(folder: str | Path) -> Fields:
+def open_fields(folder: str | Path) -> RunFields:
     """The temperature fields of a result folder, over time.  Raises BadInput."""
     return vtk.open_fields(folder)
 
 
 @dataclass(frozen=True, repr=False)
-class Viewed(Shown):
+class ViewResult(DisplayMixin):
     """What `view` has shown: a moment in s, in a `screenshot` or a window, by VTK or without it."""
 
     screenshot: Path | None
@@ -97,46 +97,46 @@ class Viewed(Shown):
 
 
 def view(
-    folder: str | Path | Fields, *, screenshot: str | Path | None = None, time: float | None = None, say: Say = silent
-) -> Viewed:
+    folder: str | Path | RunFields, *, screenshot: str | Path | None = None, time: float | None = None, say: Say = ignore_message
+) -> ViewResult:
     """Block and road of a result folder in space, in a window or drawn into a .png file.
 
     `time` in s, the last kept one when not given.  Raises BadInput.
     """
-    fields = folder if isinstance(folder, Fields) else open_fields(folder)
+    fields = folder if isinstance(folder, RunFields) else open_fields(folder)
     t = float(fields.times[-1]) if time is None else time
     if not fields.times[0] <= t <= fields.times[-1]:
         raise BadInput(f"--time: {t:g} s; give a moment from {fields.times[0]:g} to {fields.times[-1]:g} s")
     if screenshot is None:
-        return _window(fields, t)
+        return _show_window(fields, t)
     file = Path(screenshot)
     if file.suffix != ".png" or not file.absolute().parent.is_dir():
         raise BadInput(f"--screenshot: {file}; give a .png file in a folder that exists")
-    return _screenshot(fields, t, file, say)
+    return _save_screenshot(fields, t, file, say)
 
 
-def _window(fields: Fields, t: float) -> Viewed:
+def _show_window(fields: RunFields, t: float) -> ViewResult:
     from flashtemp.viz import window
 
-    if not window.on_screen():
+    if not window.has_screen():
         raise BadInput("view: there is no screen here; draw into a file with --screenshot FILE.png")
     from flashtemp.viz import space
 
-    space.show(fields, t)
-    return Viewed(None, t, True)
+    space.open_window(fields, t)
+    return ViewResult(None, t, True)
 
 
-def _screenshot(fields: Fields, t: float, file: Path, say: Say) -> Viewed:
+def _save_screenshot(fields: RunFields, t: float, file: Path, say: Say) -> ViewResult:
     from flashtemp.viz import window
 
-    able = window.off_screen()
+    able = window.prepare_off_screen()
     from flashtemp.viz import space
 
     if able:
-        space.screenshot(fields, t, file)
+        space.save_screenshot(fields, t, file)
     else:
         from flashtemp.viz import theme
 
-        say(f"drawn without VTK, which finds no window here: install {window.MISSING}")
-        theme.save(space.plain(fields, t), file)
-    return Viewed(file, t, able)
+        say(f"drawn without VTK, which finds no window here: install {window.MISSING_LIBRARIES}")
+        theme.save_figure(space.draw_without_vtk(fields, t), file)
+    return ViewResult(file, t, able)

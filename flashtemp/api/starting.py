@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flashtemp.camera import import_options
-from flashtemp.errors import BadInput, nearest
+from flashtemp.errors import BadInput, suggest_name
 from flashtemp.model.starter import case_text
-from flashtemp.showing import Shown
+from flashtemp.showing import DisplayMixin
 
-CAMPAIGN = """\
+CAMPAIGN_TEMPLATE = """\
 # A campaign of flashtemp: `flashtemp compare FILE` simulates what the cameras saw and subtracts,
 # `flashtemp discover FILE` names what the model misses, `flashtemp plan FILE` tells before measuring what could be
 # told apart.
@@ -35,11 +35,11 @@ file = "side.nc"
 # [[force]]                              # a load-cell trace: a table of s and friction coefficient
 # file = "mu.csv"
 """
-KINDS = {"case": case_text, "campaign": lambda: CAMPAIGN, "recording": import_options.commented}
+TEMPLATE_KINDS = {"case": case_text, "campaign": lambda: CAMPAIGN_TEMPLATE, "recording": import_options.template_text}
 
 
 @dataclass(frozen=True, repr=False)
-class Starter(Shown):
+class TemplateFile(DisplayMixin):
     """A commented file of a kind: its `text`, and the file that it was written to."""
 
     kind: str
@@ -54,19 +54,19 @@ class Starter(Shown):
         return self.text if self.file is None else f"{self.file}: a commented {self.kind}; edit it"
 
 
-def new(kind: str, *, out: str | Path | None = None) -> Starter:
+def new(kind: str, *, out: str | Path | None = None) -> TemplateFile:
     """A commented case, campaign or recording template, written to the file `out` where that is given.
 
     Raises BadInput for a file that exists.
     """
-    if kind not in KINDS:
-        raise BadInput(f"new: {kind!r}{nearest(kind, KINDS)}")
-    text = KINDS[kind]().rstrip() + "\n"
+    if kind not in TEMPLATE_KINDS:
+        raise BadInput(f"new: {kind!r}{suggest_name(kind, TEMPLATE_KINDS)}")
+    text = TEMPLATE_KINDS[kind]().rstrip() + "\n"
     if out is None:
-        return Starter(kind, text)
+        return TemplateFile(kind, text)
     try:
         with Path(out).open("x", encoding="utf-8") as file:
             file.write(text)
     except FileExistsError as fault:
         raise BadInput(f"{out}: exists already; choose another name") from fault
-    return Starter(kind, text, Path(out))
+    return TemplateFile(kind, text, Path(out))

@@ -7,50 +7,50 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, Literal
 
-from flashtemp.api.inputs import Count, Overrides, Say, case_of, silent, uncounted
-from flashtemp.api.pictures import drawing
+from flashtemp.api.inputs import Count, Overrides, Say, resolve_case, ignore_message, ignore_progress
+from flashtemp.api.pictures import report_drawing_faults
 from flashtemp.model.case import Case
 from flashtemp.runs import convergence, prediction_band, running_in, wait_time
 from flashtemp.runs import sweep as sweeps
 from flashtemp.runs.convergence import Convergence
-from flashtemp.runs.running_in import Settling
-from flashtemp.runs.sensitivity_result import Sensitivity
-from flashtemp.runs.sweep import Sweep, Swept
-from flashtemp.runs.wait_time import Waiting
+from flashtemp.runs.running_in import RunningInResult
+from flashtemp.runs.sensitivity_result import SensitivityResult
+from flashtemp.runs.sweep import SweepPlan, SweepResult
+from flashtemp.runs.wait_time import WaitResult
 
 
 def sweep(
-    case: str | Path | Case | Sweep,
+    case: str | Path | Case | SweepPlan,
     axes: Mapping[str, Sequence[Any]] | None = None,
     overrides: Overrides | None = None,
     *,
     out: str | Path | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
-    watch: Count = uncounted,
-) -> Swept:
+    watch: Count = ignore_progress,
+) -> SweepResult:
     """A case over several values of its keys, every combination: one dataset with the keys as dimensions.
 
     `axes` {"table.key": values}; `out` keeps every point, so that the same call goes on with an interrupted sweep.
     Raises BadInput, SolverFailure.
     """
-    asked = case if isinstance(case, Sweep) else sweeps.plan(case, axes or {}, overrides)
+    asked = case if isinstance(case, SweepPlan) else sweeps.plan_sweep(case, axes or {}, overrides)
     if out is None:
-        return sweeps.carry_out(asked, None, workers, scheduler, watch)
-    with sweeps.folder(Path(out), asked) as work:
-        found = sweeps.carry_out(asked, work, workers, scheduler, watch)
+        return sweeps.run_sweep(asked, None, workers, scheduler, watch)
+    with sweeps.open_sweep_folder(Path(out), asked) as work:
+        found = sweeps.run_sweep(asked, work, workers, scheduler, watch)
         found.save(work)
-        with drawing(found, out, "sweep.png", f"flashtemp draw {out}"):
+        with report_drawing_faults(found, out, "sweep.png", f"flashtemp draw {out}"):
             from flashtemp.viz import sweep as picture
             from flashtemp.viz import theme
 
-            theme.save(picture.draw(found.dataset), work / "sweep.png")
+            theme.save_figure(picture.draw(found.dataset), work / "sweep.png")
     return found
 
 
-def converge(case: str | Path | Case, overrides: Overrides | None = None, *, say: Say = silent) -> Convergence:
+def converge(case: str | Path | Case, overrides: Overrides | None = None, *, say: Say = ignore_message) -> Convergence:
     """Observed order of accuracy and error estimate of a case, by refining it.  Raises BadInput, SolverFailure."""
-    return convergence.converge(case_of(case, overrides), say)
+    return convergence.estimate_convergence(resolve_case(case, overrides), say)
 
 
 def repetitions(
@@ -59,13 +59,13 @@ def repetitions(
     within: float = 0.01,
     distance: float | None = None,
     of: Literal["friction", "pressure"] = "friction",
-) -> Settling:
+) -> RunningInResult:
     """How many repetitions until data are reproducible: relaxation over the distance slid, with its uncertainty.
 
     `source`: a result folder, or a CSV file with `distance` m per repetition; `within` is what may remain of the
     change, as a share of the final value.  Raises BadInput.
     """
-    return running_in.settling(source, within, distance, of)
+    return running_in.analyse_running_in(source, within, distance, of)
 
 
 def wait(
@@ -74,13 +74,13 @@ def wait(
     *,
     below: float,
     of: Literal["block", "spot"] = "block",
-    say: Say = silent,
-) -> Waiting:
+    say: Say = ignore_message,
+) -> WaitResult:
     """The shortest wait between repetitions that keeps the block, or its spots, below a temperature in degC.
 
     Raises BadInput, SolverFailure.
     """
-    return wait_time.shortest(case_of(case, overrides), below, of, say)
+    return wait_time.find_minimum_wait(resolve_case(case, overrides), below, of, say)
 
 
 def sensitivity(
@@ -93,9 +93,9 @@ def sensitivity(
     out: str | Path | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
-    watch: Count = uncounted,
-    say: Say = silent,
-) -> Sensitivity:
+    watch: Count = ignore_progress,
+    say: Say = ignore_message,
+) -> SensitivityResult:
     """What every input does to a prediction, and how sure it is: shares of the variance, 95 % bands, signs.
 
     `keys`: inputs of which a standard deviation is stated or usual, all of them when not given.  `samples`: runs of a
@@ -103,10 +103,10 @@ def sensitivity(
     `out`: folder for the case, numbers, run.nc and profile.png with bands; runs of a sample are kept, so that the same
     call goes on with an interrupted one.  Raises BadInput, SolverFailure.
     """
-    loaded = case_of(case, overrides)
-    place = prediction_band.folder(Path(out), loaded, keys, samples, linear) if out is not None else nullcontext()
+    loaded = resolve_case(case, overrides)
+    place = prediction_band.open_study_folder(Path(out), loaded, keys, samples, linear) if out is not None else nullcontext()
     with place as work:
-        found = prediction_band.study(loaded, keys, samples, linear, workers, scheduler, watch, say, work)
+        found = prediction_band.study_uncertainty(loaded, keys, samples, linear, workers, scheduler, watch, say, work)
         if work is not None:
             from flashtemp.viz import profile
             from flashtemp.viz import sensitivity as picture

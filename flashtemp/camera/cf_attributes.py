@@ -11,25 +11,25 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.errors import BadInput, short
+from flashtemp.errors import BadInput, shorten_text
 from flashtemp.physics import units
 
-UNITS = {"temperature": "degC", "time": "s", "repetition": "1", "u": "m", "v": "m"}  # beside those of points
-UPWARDS = ("v", "z")  # grow upwards from the interface
-SEEN_AS = {"temperature": "temperature", "time": "time"}  # what a standard name has in it
+VARIABLE_UNITS = {"temperature": "degC", "time": "s", "repetition": "1", "u": "m", "v": "m"}  # beside those of points
+UPWARD_COORDINATES = ("v", "z")  # grow upwards from the interface
+STANDARD_NAME_WORDS = {"temperature": "temperature", "time": "time"}  # what a standard name has in it
 
 
-def numbers(name: str, variable: Any, unit: str) -> np.ndarray:
+def read_variable(name: str, variable: Any, unit: str) -> np.ndarray:
     """Values of an xarray variable as floats in `unit`; values outside its valid range are NaN.
 
     A variable without units has that unit already (contract 5.4).  Raises BadInput naming variable, unit and remedy.
     """
-    values = _within_valid_range(name, variable)
+    values = _mask_outside_valid_range(name, variable)
     _refuse_other_meaning(name, variable.attrs)
     text = variable.attrs.get("units")
     if text is None:
         return values
-    shown = short(repr(text if isinstance(text, str) else np.asarray(text).tolist()))
+    shown = shorten_text(repr(text if isinstance(text, str) else np.asarray(text).tolist()))
     if not isinstance(text, str):
         raise BadInput(f"{name}: units = {shown}; give text, such as {unit!r}")
     if unit == "1" and text in ("", "1"):
@@ -41,7 +41,7 @@ def numbers(name: str, variable: Any, unit: str) -> np.ndarray:
             else f"{name}: units = {shown} is a date; give units = {unit!r}"
         )
     try:
-        factor, offset = units.conversion(text, unit)
+        factor, offset = units.find_conversion(text, unit)
     except BadInput as fault:
         said = "a number without a unit" if unit == "1" else unit
         raise BadInput(f"{name}: units = {shown} cannot be turned into {said}; give units = {unit!r}") from fault
@@ -51,17 +51,17 @@ def numbers(name: str, variable: Any, unit: str) -> np.ndarray:
 def _refuse_other_meaning(name: str, attrs: dict[str, Any]) -> None:
     """BadInput where attributes say that a variable is another quantity than its name says."""
     standard = attrs.get("standard_name")
-    if isinstance(standard, str) and standard and SEEN_AS.get(name, "") not in standard.lower():
-        raise BadInput(f"{name}: standard_name = {short(repr(standard))}; give the variable that holds {SEEN_AS[name]}")
+    if isinstance(standard, str) and standard and STANDARD_NAME_WORDS.get(name, "") not in standard.lower():
+        raise BadInput(f"{name}: standard_name = {shorten_text(repr(standard))}; give the variable that holds {STANDARD_NAME_WORDS[name]}")
     about = attrs.get("units_metadata")
     if name == "temperature" and isinstance(about, str) and "difference" in about.lower():
-        raise BadInput(f"{name}: units_metadata = {short(repr(about))}; give temperatures, not differences")
+        raise BadInput(f"{name}: units_metadata = {shorten_text(repr(about))}; give temperatures, not differences")
     positive = attrs.get("positive")
-    if name in UPWARDS and isinstance(positive, str) and positive.lower() == "down":
+    if name in UPWARD_COORDINATES and isinstance(positive, str) and positive.lower() == "down":
         raise BadInput(f"{name}: positive = 'down'; turn its sign, it grows upwards from the interface")
 
 
-def _within_valid_range(name: str, variable: Any) -> np.ndarray:
+def _mask_outside_valid_range(name: str, variable: Any) -> np.ndarray:
     """Values as floats, NaN where they lie outside the range that the file calls valid.  Raises BadInput."""
     values = np.asarray(variable.values)
     if values.dtype.kind not in "uif":
@@ -81,7 +81,7 @@ def _refuse_packing(name: str, encoding: dict[str, Any]) -> None:
         is_number = given.dtype.kind in "uif" and given.size == 1 and bool(np.isfinite(given).all())
         if not is_number or (key == "scale_factor" and not given.any()):
             raise BadInput(
-                f"{name}: {key} = {short(repr(given.tolist()))}; give one finite number, a scale_factor other than 0"
+                f"{name}: {key} = {shorten_text(repr(given.tolist()))}; give one finite number, a scale_factor other than 0"
             )
 
 
@@ -92,7 +92,7 @@ def _valid_range(name: str, variable: Any) -> tuple[float, float]:
     ends = list(np.atleast_1d(attrs["valid_range"])) if "valid_range" in attrs else limits
     found = [np.asarray(end) for end in ends]
     if len(found) != 2 or any(end.dtype.kind not in "uif" or end.size != 1 for end in found):
-        raise BadInput(f"{name}: valid_range = {short(repr(ends))}; give two numbers, or leave it out")
+        raise BadInput(f"{name}: valid_range = {shorten_text(repr(ends))}; give two numbers, or leave it out")
     scale, offset = encoding.get("scale_factor", 1.0), encoding.get("add_offset", 0.0)
     given = [end for key in ("valid_range", "valid_min", "valid_max") for end in np.atleast_1d(attrs.get(key, []))]
     is_packed = bool(given) and all(np.asarray(end).dtype.kind in "ui" for end in given)

@@ -26,22 +26,22 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 FALSE_ALARMS = 0.01  # expected per recording and kind of defect where there is none
-MAD = 1.482602218505602  # standard deviation over median absolute deviation of a normal distribution
-EFFICIENCY = 0.37  # of the MAD against the standard deviation (Rousseeuw & Croux 1993): its degrees of freedom
-COMPUTED_K = 1e-3  # less noise than any camera has: frames were computed, not measured
+MAD_TO_SD = 1.482602218505602  # standard deviation over median absolute deviation of a normal distribution
+MAD_EFFICIENCY = 0.37  # of the MAD against the standard deviation (Rousseeuw & Croux 1993): its degrees of freedom
+MIN_CAMERA_NOISE_K = 1e-3  # less noise than any camera has: frames were computed, not measured
 USUAL_PSF_PX = 0.7  # width of a point spread that a recording does not state
-PIXEL_SD = 12.0**-0.5  # standard deviation of a pixel's own aperture, px
-ALL, WITHIN = 0.98, 3.0  # fraction of pixels that a common step explains within so many standard deviations
-MOST = 10_000_000  # values of those frames, evenly taken, in which pixels and lines are judged
+PIXEL_APERTURE_SD_PX = 12.0**-0.5  # standard deviation of a pixel's own aperture, px
+COMMON_STEP_FRACTION, COMMON_STEP_SDS = 0.98, 3.0  # fraction of pixels that a common step explains within so many standard deviations
+MAX_SCREENED_VALUES = 10_000_000  # values of those frames, evenly taken, in which pixels and lines are judged
 BATCH = 64  # frames at a time
-FAR = 2  # neighbours on each side
-LEAST = 100  # pixels of which a scale is taken
+NEIGHBOURS_PER_SIDE = 2  # neighbours on each side
+MIN_SCALE_PIXELS = 100  # pixels of which a scale is taken
 FLICKER_SIGMA = 3.0  # standard deviations of the noise of a pixel by which a line must flicker to be left out
-FAST = 0.5  # of the variance that half the mean square successive difference is, for independent frames 1
+MIN_DIFFERENCE_FRACTION = 0.5  # of the variance that half the mean square successive difference is, for independent frames 1
 
 
 @dataclass(frozen=True, eq=False)
-class Screening:
+class ScreeningResult:
     """What a recording (frames, nv, nu) shows of its camera's defects.
 
     `stuck`, `off_level` and `flickering` pixels (nv, nu); bad `rows` and `columns` by index; `frozen` frames (frames,)
@@ -57,7 +57,7 @@ class Screening:
     shutter_events: tuple[int, ...]
 
     @property
-    def bad(self) -> Mask:
+    def bad_pixels(self) -> Mask:
         """Pixels (nv, nu) that no comparison may use."""
         out = self.stuck | self.off_level | self.flickering
         out[list(self.rows)] = True
@@ -65,9 +65,9 @@ class Screening:
         return out
 
     @property
-    def words(self) -> str:
+    def summary(self) -> str:
         """One line for people, empty where nothing was found."""
-        single = ~self._lines
+        single = ~self._line_mask
         found = (
             (int((self.stuck & single).sum()), "stuck pixel"),
             (int((self.off_level & ~self.stuck & single).sum()), "pixel off level"),
@@ -76,57 +76,57 @@ class Screening:
             (len(self.columns), "bad column"),
             (int(self.frozen.sum()), "frozen frame"),
         )
-        parts = [f"{n} {_plural(name, n)}" for n, name in found if n]
+        parts = [f"{n} {_pluralise_defect(name, n)}" for n, name in found if n]
         jumps = len(self.shutter_events)
         left_out = f"left out {', '.join(parts)}" if parts else ""
-        shutter = f"{jumps} {_plural('shutter event', jumps)} found" if jumps else ""
+        shutter = f"{jumps} {_pluralise_defect('shutter event', jumps)} found" if jumps else ""
         return "; ".join(filter(None, (left_out, shutter)))
 
     @property
-    def _lines(self) -> Mask:
+    def _line_mask(self) -> Mask:
         out = np.zeros(self.stuck.shape, bool)
         out[list(self.rows)] = True
         out[:, list(self.columns)] = True
         return out
 
-    def applied(self, recording: Recording) -> Recording:
+    def apply_to(self, recording: Recording) -> Recording:
         """The recording without frozen frames, NaN at bad pixels; the same object where there is nothing to mask."""
         from dataclasses import replace
 
-        out = recording.chosen(~self.frozen) if self.frozen.any() else recording
-        bad = self.bad
+        out = recording.select_frames(~self.frozen) if self.frozen.any() else recording
+        bad = self.bad_pixels
         return replace(out, temperature=np.where(bad, np.nan, out.temperature)) if bad.any() else out
 
 
-def _plural(name: str, n: int) -> str:
+def _pluralise_defect(name: str, n: int) -> str:
     if n == 1:
         return name
     return name.replace("pixel off", "pixels off") if "pixel off" in name else f"{name}s"
 
 
-def screen_recording(recording: Recording) -> Screening:
+def screen_recording(recording: Recording) -> ScreeningResult:
     """Find the defects of a recording's camera; points (thermocouples) and computed frames have none."""
     T = recording.temperature
     n, shape = len(T), T.shape[1:]
     none = np.zeros(shape, bool)
-    clean = Screening(none, none, none, (), (), np.zeros(n, bool), ())
+    clean = ScreeningResult(none, none, none, (), (), np.zeros(n, bool), ())
     if recording.places is not None or T[0].size < 3:
         return clean
-    every = -(-T.size // MOST)
+    every = -(-T.size // MAX_SCREENED_VALUES)
     sigma = temporal_noise(T[::every])
-    if not sigma > COMPUTED_K:
+    if not sigma > MIN_CAMERA_NOISE_K:
         return clean
-    frozen = _frozen_frames(T)
+    frozen = _find_frozen_frames(T)
     live = T[np.flatnonzero(~frozen)[::every]] if frozen.any() or every > 1 else T
-    sharp = _sharpness(recording.psf_sigma_px)
-    stuck = _stuck_pixels(live, sigma)
+    sharp = _sharpness_limit(recording.psf_sigma_px)
+    stuck = _find_stuck_pixels(live, sigma)
     good = np.where(stuck, np.nan, live) if stuck.any() else live
-    off_level, flickering = _isolated(good, sigma, sharp)
+    off_level, flickering = _find_bad_pixels(good, sigma, sharp)
     alone = np.where(off_level | flickering, np.nan, good)
-    rows, columns = (_bad_lines(alone, stuck, axis, sigma, sharp) for axis in (1, 2))
-    shown = recording.chosen(~frozen) if frozen.any() else recording
-    events = np.flatnonzero(~frozen)[shutter_events(shown.temperature, shown, sigma)]
-    return Screening(stuck, off_level, flickering, rows, columns, frozen, tuple(map(int, events)))
+    rows, columns = (_find_bad_lines(alone, stuck, axis, sigma, sharp) for axis in (1, 2))
+    shown = recording.select_frames(~frozen) if frozen.any() else recording
+    events = np.flatnonzero(~frozen)[find_shutter_events(shown.temperature, shown, sigma)]
+    return ScreeningResult(stuck, off_level, flickering, rows, columns, frozen, tuple(map(int, events)))
 
 
 def temporal_noise(T: Array) -> float:
@@ -136,22 +136,22 @@ def temporal_noise(T: Array) -> float:
     """
     axis = 2 if T.shape[2] > 2 else 1
     steps = np.diff(np.diff(T, axis=0) if len(T) > 1 else T, n=2, axis=axis)
-    return _mad(steps) / np.sqrt(12.0 if len(T) > 1 else 6.0)
+    return _mad_scale(steps) / np.sqrt(12.0 if len(T) > 1 else 6.0)
 
 
-def _mad(values: Array) -> float:
+def _mad_scale(values: Array) -> float:
     values = values[np.isfinite(values)]
-    return MAD * float(np.median(np.abs(values - np.median(values)))) if len(values) else 0.0
+    return MAD_TO_SD * float(np.median(np.abs(values - np.median(values)))) if len(values) else 0.0
 
 
-def _limit(tests: int, sample: int) -> float:
+def _outlier_limit(tests: int, sample: int) -> float:
     """Standard deviations that none of so many `tests` exceeds by chance, the scale being known from a `sample`."""
     from scipy.stats import t
 
-    return float(t.isf(0.5 * FALSE_ALARMS / max(tests, 1), max(EFFICIENCY * sample, 2.0)))
+    return float(t.isf(0.5 * FALSE_ALARMS / max(tests, 1), max(MAD_EFFICIENCY * sample, 2.0)))
 
 
-def _frozen_frames(T: Array) -> Mask:
+def _find_frozen_frames(T: Array) -> Mask:
     """Frames (frames,) that repeat the one before in all values, where that is no chance of coarse digits."""
     out = np.zeros(len(T), bool)
     if len(T) < 3:
@@ -165,7 +165,7 @@ def _frozen_frames(T: Array) -> Mask:
     return out
 
 
-def _stuck_pixels(T: Array, sigma: float) -> Mask:
+def _find_stuck_pixels(T: Array, sigma: float) -> Mask:
     """Pixels (nv, nu) that change less from frame to frame than noise alone would make them.
 
     Differences of frames in pairs are independent; their squares over 2 sigma^2 follow a chi-squared distribution, and
@@ -186,14 +186,14 @@ def _stuck_pixels(T: Array, sigma: float) -> Mask:
     return out
 
 
-def _sharpness(psf_sigma_px: float | None) -> float:
+def _sharpness_limit(psf_sigma_px: float | None) -> float:
     """Half of what a point source leaves between the next neighbours and the ones beyond, over what it stands out."""
-    sd = np.hypot(USUAL_PSF_PX if psf_sigma_px is None else psf_sigma_px, PIXEL_SD)
+    sd = np.hypot(USUAL_PSF_PX if psf_sigma_px is None else psf_sigma_px, PIXEL_APERTURE_SD_PX)
     first, second = np.exp(-0.5 / sd**2), np.exp(-2.0 / sd**2)
     return float(0.5 * (first - second) / (1.0 - first))
 
 
-def _outstanding(T: Array, axis: int, sharp: float) -> Array:
+def _excess_over_neighbours(T: Array, axis: int, sharp: float) -> Array:
     """By how much (K, signed) values stand outside the range of their neighbours along an axis; 0 inside it.
 
     The range is that of the four next neighbours, without the most extreme one, and of what they extrapolate to from
@@ -202,84 +202,84 @@ def _outstanding(T: Array, axis: int, sharp: float) -> Array:
     """
     T = np.moveaxis(T, axis, -1)
     out = np.zeros(T.shape)
-    size = T.shape[-1] - 2 * FAR
+    size = T.shape[-1] - 2 * NEIGHBOURS_PER_SIDE
     if size < 1:
         return np.moveaxis(out, -1, axis)
-    near = np.stack([T[..., FAR + s : FAR + s + size] for s in (-2, -1, 1, 2)])
-    own, ordered = T[..., FAR : FAR + size], np.sort(near, axis=0)  # comparisons with NaN are false
+    near = np.stack([T[..., NEIGHBOURS_PER_SIDE + s : NEIGHBOURS_PER_SIDE + s + size] for s in (-2, -1, 1, 2)])
+    own, ordered = T[..., NEIGHBOURS_PER_SIDE : NEIGHBOURS_PER_SIDE + size], np.sort(near, axis=0)  # comparisons with NaN are false
     sides = 2.0 * near[1] - near[0], 2.0 * near[2] - near[3]
     high, low = np.maximum.reduce((ordered[-2], *sides)), np.minimum.reduce((ordered[1], *sides))
     away = np.where(own > high, own - high, np.where(own < low, own - low, 0.0))
     rising = 0.5 * (near[1] + near[2] - near[0] - near[3]) * np.sign(away)
     away[(rising > sharp * np.abs(away)) | ~np.isfinite(near).all(axis=0)] = 0.0
-    out[..., FAR : FAR + size] = away
+    out[..., NEIGHBOURS_PER_SIDE : NEIGHBOURS_PER_SIDE + size] = away
     return np.moveaxis(out, -1, axis)
 
 
-def _lesser(a: Array, b: Array) -> Array:
+def _smaller_deviation(a: Array, b: Array) -> Array:
     """The smaller of two signed deviations, 0 where their signs differ."""
     same = np.sign(a) == np.sign(b)
     out: Array = np.where(same, np.sign(a) * np.minimum(np.abs(a), np.abs(b)), 0.0)
     return out
 
 
-def _spread(T: Array, axes: tuple[int, ...]) -> float:
+def _robust_sd(T: Array, axes: tuple[int, ...]) -> float:
     """Robust standard deviation (K) of values (maps, nv, nu) that smooth shapes do not change, along the quieter axis.
 
     From fourth differences, whose coefficients have a sum of squares of 70; of short axes from second ones, 6.
     """
     orders = [(a, 4 if T.shape[a] > 8 else 2) for a in axes if T.shape[a] > 2]
-    found = [_mad(np.diff(T, n=order, axis=a)) / np.sqrt(70.0 if order == 4 else 6.0) for a, order in orders]
+    found = [_mad_scale(np.diff(T, n=order, axis=a)) / np.sqrt(70.0 if order == 4 else 6.0) for a, order in orders]
     return min(found, default=0.0)
 
 
-def _cold_and_hot(T: Array) -> Array:
+def _cold_and_hot_means(T: Array) -> Array:
     """Mean (2, nv, nu) of the coldest and of the hottest quarter of the frames."""
     level = np.array([np.median(a[np.isfinite(a)]) if np.isfinite(a).any() else np.nan for a in T])
     order = np.argsort(level)[: int(np.isfinite(level).sum())]
     k = max(1, len(order) // 4)
-    return np.stack([_mean(T[order[:k]]), _mean(T[order[-k:]])])
+    return np.stack([_time_mean(T[order[:k]]), _time_mean(T[order[-k:]])])
 
 
-def _mean(T: Array) -> Array:
+def _time_mean(T: Array) -> Array:
     known = np.isfinite(T)
     count = known.sum(axis=0)
     out: Array = np.where(count > 0, np.sum(T, axis=0, where=known) / np.maximum(count, 1), np.nan)
     return out
 
 
-def _static(T: Array, axes: tuple[int, ...], sigma: float, sharp: float) -> Mask:
+def _static_outliers(T: Array, axes: tuple[int, ...], sigma: float, sharp: float) -> Mask:
     """Where a map stands out along all `axes`, by as much in the coldest frames as in the hottest."""
-    ends = _cold_and_hot(T)
-    found = [_outstanding(ends, a, sharp) for a in axes]
-    out = found[0] if len(found) == 1 else _lesser(*found)
+    ends = _cold_and_hot_means(T)
+    found = [_excess_over_neighbours(ends, a, sharp) for a in axes]
+    out = found[0] if len(found) == 1 else _smaller_deviation(*found)
     far = np.maximum(np.abs(out[0]), np.abs(out[1]))
-    both = np.abs(_lesser(out[0], out[1]))
-    scale = max(_spread(ends, axes), sigma / np.sqrt(max(len(T) // 4, 1)))
+    both = np.abs(_smaller_deviation(out[0], out[1]))
+    scale = max(_robust_sd(ends, axes), sigma / np.sqrt(max(len(T) // 4, 1)))
     tests = out[0].size
-    mask: Mask = (both > _limit(tests, tests) * np.sqrt(1.5) * scale) & (both > 0.5 * far)
+    mask: Mask = (both > _outlier_limit(tests, tests) * np.sqrt(1.5) * scale) & (both > 0.5 * far)
     return mask
 
 
-def _restless(T: Array, axes: tuple[int, ...], sigma: float, sharp: float) -> Mask:
+def _flickering_outliers(T: Array, axes: tuple[int, ...], sigma: float, sharp: float) -> Mask:
     """Where at least two frames stand out by more or less than others, beyond what grows with the heat around."""
     if len(T) < 5:
         return np.zeros(T.shape[1:], bool)
     out, around = np.empty_like(T), np.empty_like(T)
     for begin in range(0, len(T), BATCH):
         part = slice(begin, begin + BATCH)
-        found = [_outstanding(T[part], a, sharp) for a in axes]
-        out[part] = found[0] if len(found) == 1 else _lesser(*found)
-        around[part] = _neighbours(T[part], axes[0])
+        found = [_excess_over_neighbours(T[part], a, sharp) for a in axes]
+        out[part] = found[0] if len(found) == 1 else _smaller_deviation(*found)
+        around[part] = _neighbour_mean(T[part], axes[0])
     around -= np.mean(around, axis=0)
     away = out - np.mean(out, axis=0)
     away -= around * (np.sum(around * away, axis=0) / np.maximum(np.sum(around**2, axis=0), 1e-12))
-    limit = _limit(T.size, T[0].size) * np.sqrt(1.5) * sigma
+    limit = _outlier_limit(T.size, T[0].size) * np.sqrt(1.5) * sigma
     mask: Mask = (np.abs(away - np.median(away, axis=0)) > limit).sum(axis=0) > 1
     return mask
 
 
-def _neighbours(T: Array, axis: int) -> Array:
+def _neighbour_mean(T: Array, axis: int) -> Array:
     """Mean of the next neighbours along an axis, 0 where one is unknown."""
     T = np.moveaxis(T, axis, -1)
     out = np.zeros(T.shape)
@@ -287,32 +287,32 @@ def _neighbours(T: Array, axis: int) -> Array:
     return np.moveaxis(out, -1, axis)
 
 
-def _isolated(T: Array, sigma: float, sharp: float) -> tuple[Mask, Mask]:
+def _find_bad_pixels(T: Array, sigma: float, sharp: float) -> tuple[Mask, Mask]:
     """Pixels (nv, nu) with a level of their own, and pixels that flicker."""
     axes = (2,) if T.shape[1] == 1 else (1, 2)
-    return _static(T, axes, sigma, sharp), _restless(T, axes, sigma, sharp)
+    return _static_outliers(T, axes, sigma, sharp), _flickering_outliers(T, axes, sigma, sharp)
 
 
-def _bad_lines(T: Array, stuck: Mask, axis: int, sigma: float, sharp: float) -> tuple[int, ...]:
+def _find_bad_lines(T: Array, stuck: Mask, axis: int, sigma: float, sharp: float) -> tuple[int, ...]:
     """Indices of rows (`axis` 1) or columns (2) that are stuck, off level or flicker as a whole.
 
     `T` is NaN at bad pixels.  Lines are compared by their means over those places along them where none has a bad one.
     """
     other = 3 - axis
-    if min(T.shape[1:]) < 2 * FAR + 1:
+    if min(T.shape[1:]) < 2 * NEIGHBOURS_PER_SIDE + 1:
         return ()
     dead = stuck.mean(axis=other - 1) > 0.5
     lines = np.moveaxis(T, axis, 1)  # (frames, lines, places)
     places = np.isfinite(lines[:, ~dead]).all(axis=(0, 1))
-    if places.sum() < FAR:
+    if places.sum() < NEIGHBOURS_PER_SIDE:
         return tuple(map(int, np.flatnonzero(dead)))
     mean = np.where(dead, np.nan, lines[:, :, places].mean(axis=2))[:, None]
-    own = max(_spread(np.diff(mean, axis=0), (2,)) / np.sqrt(2.0), sigma / np.sqrt(places.sum()))
-    off = _static(mean, (2,), own, sharp)[0] | _restless(mean, (2,), own, sharp)[0]
+    own = max(_robust_sd(np.diff(mean, axis=0), (2,)) / np.sqrt(2.0), sigma / np.sqrt(places.sum()))
+    off = _static_outliers(mean, (2,), own, sharp)[0] | _flickering_outliers(mean, (2,), own, sharp)[0]
     return tuple(map(int, np.flatnonzero(dead | off)))
 
 
-def outlying_pixels(left: Array) -> Mask:
+def find_outlying_pixels(residual: Array) -> Mask:
     """Pixels (nv, nu) whose residuals (frames, nv, nu) K no noise explains: rejection of outliers against neighbours.
 
     A residual counts by how far it is from the median of its four next neighbours, along that axis along which it is
@@ -321,48 +321,48 @@ def outlying_pixels(left: Array) -> Mask:
     """
     from scipy.stats import chi2
 
-    none = np.zeros(left.shape[1:], bool)
-    axes = [a for a in (1, 2) if left.shape[a] > 2 * FAR]
+    none = np.zeros(residual.shape[1:], bool)
+    axes = [a for a in (1, 2) if residual.shape[a] > 2 * NEIGHBOURS_PER_SIDE]
     if not axes:
         return none
-    found = [_from_neighbours(left, a) for a in axes]
-    alone = found[0] if len(found) == 1 else _lesser_or_unknown(*found)
-    mean, scatter, count = _moments(alone)
+    found = [_deviation_from_neighbours(residual, a) for a in axes]
+    alone = found[0] if len(found) == 1 else _smaller_known_deviation(*found)
+    mean, scatter, count = _time_moments(alone)
     tests = int((count > 0).sum())
-    if tests < LEAST:
+    if tests < MIN_SCALE_PIXELS:
         return none
-    single = [_moments(one) for one in found]  # along one axis a deviation is larger than along both: cautious scales
-    far: Mask = np.abs(mean) > _limit(tests, tests) * max(min(_mad(one) for one, _, _ in single), 1e-12)
+    single = [_time_moments(one) for one in found]  # along one axis a deviation is larger than along both: cautious scales
+    far: Mask = np.abs(mean) > _outlier_limit(tests, tests) * max(min(_mad_scale(one) for one, _, _ in single), 1e-12)
     free = np.maximum(count - 1, 1)
-    if len(left) < 3 or not (count > 1).any():
+    if len(residual) < 3 or not (count > 1).any():
         return far
     middle = float(np.median(free[count > 1]))
     usual = min(float(np.median(one[n > 1])) for _, one, n in single) * middle / chi2.median(middle)
     return far | ((count > 1) & (scatter * free > usual * chi2.isf(FALSE_ALARMS / tests, free)))
 
 
-def flickering_lines(left: Array, axis: int, sigma: float) -> tuple[int, ...]:
+def find_flickering_lines(residual: Array, axis: int, sigma: float) -> tuple[int, ...]:
     """Indices of rows (`axis` 1) or columns (2) whose residuals (frames, nv, nu) K flicker as a whole, NaN if masked.
 
     Three things tell a defect from what a model misses.  It changes from frame to frame: the mean square successive
     difference is about twice the variance (von Neumann, Ann. Math. Stat. 12, 1941, 367).  It does so by more than the
     noise `sigma` (K) of a pixel.  And it is one line wide, while optics spread heat over the next lines.
     """
-    lines = np.moveaxis(left, axis, 1)
+    lines = np.moveaxis(residual, axis, 1)
     known = np.isfinite(lines)
     count = known.sum(axis=2)
-    enough = count >= max(FAR, 0.5 * count.max(initial=0))
+    enough = count >= max(NEIGHBOURS_PER_SIDE, 0.5 * count.max(initial=0))
     mean = np.where(enough, np.sum(lines, axis=2, where=known) / np.maximum(count, 1), np.nan)
     out: list[int] = []
     while True:  # the worst first: it disturbs its neighbours
-        alone = _from_any_neighbours(mean)
+        alone = _deviation_from_known_neighbours(mean)
         step = np.diff(alone, axis=0)
-        judged = np.isfinite(step).sum(axis=0) > FAR
+        judged = np.isfinite(step).sum(axis=0) > NEIGHBOURS_PER_SIDE
         if not judged.any():
             return tuple(sorted(out))
         square = np.where(judged, np.nanmean(np.where(judged, step, 0.0) ** 2, axis=0), 0.0)
         worst = int(np.argmax(square))
-        fast = 0.5 * square[worst] > FAST * float(np.nanvar(alone[:, worst]))
+        fast = 0.5 * square[worst] > MIN_DIFFERENCE_FRACTION * float(np.nanvar(alone[:, worst]))
         if not (0.5 * square[worst] > (FLICKER_SIGMA * sigma) ** 2 and fast and _is_one_line(mean, worst)):
             return tuple(sorted(out))
         out.append(worst)
@@ -375,27 +375,27 @@ def _is_one_line(mean: Array, line: int) -> bool:
     `mean` (frames, lines).
     """
     step = np.diff(mean, axis=0)
-    sd = np.hypot(USUAL_PSF_PX, PIXEL_SD)
+    sd = np.hypot(USUAL_PSF_PX, PIXEL_APERTURE_SD_PX)
     spread = float(np.exp(-0.5 / sd**2))  # what the point spread of a pixel leaves on the next one
     for near in {line - 1, line + 1} & set(range(mean.shape[1])):
         both = np.isfinite(step[:, line]) & np.isfinite(step[:, near])
-        if both.sum() > FAR:
+        if both.sum() > NEIGHBOURS_PER_SIDE:
             part = float(np.sum(step[both, line] * step[both, near]) / np.sum(step[both, line] ** 2))
             if abs(part) > 0.5 * spread:
                 return False
     return True
 
 
-def _from_any_neighbours(values: Array) -> Array:
+def _deviation_from_known_neighbours(values: Array) -> Array:
     """Values (frames, lines) less the median of those of four next neighbours that are known."""
-    padded = np.pad(values, [(0, 0), (FAR, FAR)], constant_values=np.nan)
-    near = np.stack([padded[:, FAR + s : FAR + s + values.shape[1]] for s in (-2, -1, 1, 2)])
+    padded = np.pad(values, [(0, 0), (NEIGHBOURS_PER_SIDE, NEIGHBOURS_PER_SIDE)], constant_values=np.nan)
+    near = np.stack([padded[:, NEIGHBOURS_PER_SIDE + s : NEIGHBOURS_PER_SIDE + s + values.shape[1]] for s in (-2, -1, 1, 2)])
     known = np.isfinite(near)
     middle = np.ma.median(np.ma.array(near, mask=~known), axis=0)
     return np.asarray(values - np.ma.filled(middle, np.nan))
 
 
-def _moments(values: Array) -> tuple[Array, Array, npt.NDArray[np.int64]]:
+def _time_moments(values: Array) -> tuple[Array, Array, npt.NDArray[np.int64]]:
     """Mean, variance and number of known values over the frames, each (nv, nu); the mean NaN where there is none."""
     known = np.isfinite(values)
     count = known.sum(axis=0)
@@ -403,12 +403,12 @@ def _moments(values: Array) -> tuple[Array, Array, npt.NDArray[np.int64]]:
     return mean, np.sum((values - mean) ** 2, axis=0, where=known) / np.maximum(count - 1, 1), count
 
 
-def _from_neighbours(T: Array, axis: int) -> Array:
+def _deviation_from_neighbours(T: Array, axis: int) -> Array:
     """Values less the median of their known next neighbours, two on each side along an axis; NaN where a side has
     none."""
     T = np.moveaxis(T, axis, -1)
-    padded = np.pad(T, [(0, 0)] * (T.ndim - 1) + [(FAR, FAR)], constant_values=np.nan)
-    near = np.stack([padded[..., FAR + s : FAR + s + T.shape[-1]] for s in (-2, -1, 1, 2)])
+    padded = np.pad(T, [(0, 0)] * (T.ndim - 1) + [(NEIGHBOURS_PER_SIDE, NEIGHBOURS_PER_SIDE)], constant_values=np.nan)
+    near = np.stack([padded[..., NEIGHBOURS_PER_SIDE + s : NEIGHBOURS_PER_SIDE + s + T.shape[-1]] for s in (-2, -1, 1, 2)])
     known = np.isfinite(near)
     count = known.sum(axis=0)
     ordered = np.sort(near, axis=0)  # NaN last
@@ -417,12 +417,12 @@ def _from_neighbours(T: Array, axis: int) -> Array:
     return np.moveaxis(np.where(both, T - 0.5 * (low + np.where(count == 4, high, low)), np.nan), -1, axis)
 
 
-def _lesser_or_unknown(a: Array, b: Array) -> Array:
+def _smaller_known_deviation(a: Array, b: Array) -> Array:
     """As `_lesser`, NaN where either is."""
-    return np.where(np.isfinite(a) & np.isfinite(b), _lesser(a, b), np.nan)
+    return np.where(np.isfinite(a) & np.isfinite(b), _smaller_deviation(a, b), np.nan)
 
 
-def shutter_events(T: Array, recording: Recording, sigma: float, alike: float = ALL) -> npt.NDArray[np.int64]:
+def find_shutter_events(T: Array, recording: Recording, sigma: float, min_fraction: float = COMMON_STEP_FRACTION) -> npt.NDArray[np.int64]:
     """Frames at which the offset of the image jumps by more than its drift, a Wiener process, may do.
 
     The common step is the mean of the shortest interval that holds half of all pixels' steps (the shorth, Andrews et
@@ -436,7 +436,7 @@ def shutter_events(T: Array, recording: Recording, sigma: float, alike: float = 
         return np.zeros(0, np.int64)
     noise = np.sqrt(2.0) * sigma
     steps = (after - before for before, after in zip(T[:-1], T[1:], strict=True))
-    found = [_common_step(step[np.isfinite(step)], WITHIN * noise) for step in steps]
+    found = [_common_step(step[np.isfinite(step)], COMMON_STEP_SDS * noise) for step in steps]
     common, fraction, pixels = np.array(found).T
     drift = CAMERA_CLASSES[recording.camera].drift_K_per_sqrt_s
     error = np.hypot(drift * np.sqrt(np.diff(recording.time)), 1.5 * noise / np.sqrt(np.maximum(pixels, 1.0)))
@@ -445,7 +445,7 @@ def shutter_events(T: Array, recording: Recording, sigma: float, alike: float = 
         np.abs([*beside, common - np.median(common)])
     )  # heat goes on from frame to frame, no jump does
     far = away > norm.isf(0.5 * FALSE_ALARMS / len(common)) * error
-    return np.flatnonzero(far & (fraction > alike)) + 1
+    return np.flatnonzero(far & (fraction > min_fraction)) + 1
 
 
 def _common_step(steps: Array, within: float) -> tuple[float, float, int]:

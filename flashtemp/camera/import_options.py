@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from flashtemp.errors import BadInput, nearest
+from flashtemp.errors import BadInput, suggest_name
 from flashtemp.model import kinds
 from flashtemp.model.case_file import read_toml
 from flashtemp.physics import units
@@ -21,7 +21,7 @@ CHOICES = {
     "dead_pixels": ("find", "keep"),
     "labels": ("none", "columns", "rows", "both"),
 }
-UNITS = {  # of facts that are numbers
+IMPORT_OPTION_UNITS = {  # of facts that are numbers
     "mm_per_pixel": "mm", "at": "mm", "crop": "mm", "block": "mm", "start": "s", "starts": "s", "fps": "1/s",
     "emissivity": "1", "reflected": "degC", "air": "degC", "humidity": "1", "distance": "m", "window": "1",
     "window_temperature": "degC", "offset": "degC", "below": "degC", "exposure": "s", "netd": "K",
@@ -31,7 +31,7 @@ Direction = Literal["right", "left", "up", "down"]
 
 
 @dataclass(frozen=True)
-class Facts:
+class ImportOptions:
     """Everything that camera files may not say, None where nobody has said it.
 
     Parameters
@@ -181,7 +181,7 @@ class Facts:
     registration_sigma: float | None = None
 
     @property
-    def outline(self) -> tuple[float, float] | None:
+    def block_outline(self) -> tuple[float, float] | None:
         """Length and height of the block, m, from the option or the case.  Raises BadInput."""
         if self.block is not None:
             if not all(0 < side < math.inf for side in self.block):
@@ -189,22 +189,22 @@ class Facts:
             return 1e-3 * self.block[0], 1e-3 * self.block[1]
         if self.case is None:
             return None
-        from flashtemp.model.case import NO_EFFECTS, load
+        from flashtemp.model.case import NO_EFFECTS, load_case
 
-        case = load(self.case, NO_EFFECTS)
+        case = load_case(self.case, NO_EFFECTS)
         return case["block.length"], case["block.height"]
 
-    def over(self, other: Facts) -> Facts:
+    def merged_over(self, other: ImportOptions) -> ImportOptions:
         """These facts where they are said, the other ones elsewhere."""
         return replace(other, **{f.name: v for f in fields(self) if (v := getattr(self, f.name)) is not None})
 
 
-def option(name: str) -> str:
+def option_name(name: str) -> str:
     """A fact as the command line calls it."""
     return "--" + name.replace("_", "-")
 
 
-EXAMPLE: dict[str, dict[str, str]] = {  # group: {key: value}; a leading # is a key that most do without
+TEMPLATE_EXAMPLE: dict[str, dict[str, str]] = {  # group: {key: value}; a leading # is a key that most do without
     "the files": {"files": '["*.jpg"]', "out": '"side.nc"', "#every": "1"},
     "the place": {
         "view": '"sidewall"', "downstream": '"right"', "up": '"up"', "pixel": "[12.0, 200.0]", "mm_per_pixel": "0.2",
@@ -235,14 +235,14 @@ EXAMPLE: dict[str, dict[str, str]] = {  # group: {key: value}; a leading # is a 
 OWN_HELP = {"files": "Patterns beside this file, in order of their names.", "out": "The recording, beside this file."}
 
 
-def commented() -> str:
+def template_text() -> str:
     """The commented recording template."""
-    helps = {**_helps(), **OWN_HELP}
+    helps = {**_option_helps(), **OWN_HELP}
     lines = [
         "# Recording template of flashtemp: flashtemp import recording.toml",
         "# Options of the command line go first.",
     ]
-    for group, keys in EXAMPLE.items():
+    for group, keys in TEMPLATE_EXAMPLE.items():
         lines += ["", f"# --- {group}"]
         for key, value in keys.items():
             name, off = key.lstrip("#"), "# " if key.startswith("#") else ""
@@ -250,12 +250,12 @@ def commented() -> str:
     return "\n".join(lines)
 
 
-def _helps() -> dict[str, str]:
-    lines = (Facts.__doc__ or "").split("----------\n")[-1].splitlines()
+def _option_helps() -> dict[str, str]:
+    lines = (ImportOptions.__doc__ or "").split("----------\n")[-1].splitlines()
     return {a.strip(): b.strip() for a, b in zip(lines[::2], lines[1::2], strict=False)}
 
 
-def load(path: Path) -> tuple[list[str], str | None, Facts]:
+def load_template(path: Path) -> tuple[list[str], str | None, ImportOptions]:
     """File patterns, output and facts of a template; file names in it are looked up beside it.
 
     Raises BadInput with every fault at once, one line each.
@@ -264,8 +264,8 @@ def load(path: Path) -> tuple[list[str], str | None, Facts]:
         _, raw = read_toml(path)
     except OSError as fault:
         raise BadInput(f"{path}: no such file; give a recording template or write one with --template") from fault
-    kinds.expect(kinds.TEMPLATE, raw, path, path.name)
-    known = {f.name: f.type for f in fields(Facts)}
+    kinds.require_kind(kinds.TEMPLATE_KIND, raw, path, path.name)
+    known = {f.name: f.type for f in fields(ImportOptions)}
     faults, values = [], {}
     files, out = raw.pop("files", None), raw.pop("out", None)
     if not isinstance(files, list) or not files or not all(isinstance(f, str) for f in files):
@@ -274,18 +274,18 @@ def load(path: Path) -> tuple[list[str], str | None, Facts]:
         faults.append(f"{path}: out: {out!r}; give a file name in quotes")
     for key, value in raw.items():
         if key not in known:
-            faults.append(f"{path}: {key}: unknown key{nearest(key, [*known, 'files', 'out'])}")
+            faults.append(f"{path}: {key}: unknown key{suggest_name(key, [*known, 'files', 'out'])}")
             continue
         try:
-            values[key] = _value(key, str(known[key]), value, path.parent)
+            values[key] = _parse_value(key, str(known[key]), value, path.parent)
         except BadInput as fault:
             faults.append(f"{path}: {fault}")
     if faults:
         raise BadInput(*faults)
-    return files, None if out is None else str(path.parent / out), Facts(**values)
+    return files, None if out is None else str(path.parent / out), ImportOptions(**values)
 
 
-def _value(key: str, kind: str, value: Any, folder: Path) -> Any:
+def _parse_value(key: str, kind: str, value: Any, folder: Path) -> Any:
     """A TOML value as the type of its fact; BadInput says what would be right."""
     if key in CHOICES:
         if value not in CHOICES[key]:
@@ -298,29 +298,29 @@ def _value(key: str, kind: str, value: Any, folder: Path) -> Any:
     if kind.startswith("dict"):
         if not isinstance(value, dict):
             raise BadInput(f"{key}: {value!r}; give {{ emissivity = 0.95, reflected = 20.0 }}")
-        return {k: _number(f"{key}.{k}", v) for k, v in value.items()}
+        return {k: _parse_number(f"{key}.{k}", v) for k, v in value.items()}
     if kind.startswith("tuple[tuple"):
         if not isinstance(value, list):
             raise BadInput(f"{key}: {value!r}; give a list of lists of 4 numbers")
-        return tuple(_row(key, row, 4) for row in value)
+        return tuple(_parse_row(key, row, 4) for row in value)
     if kind.startswith("tuple"):
-        return _row(key, value, None if "..." in kind else kind.count("float"))
-    number = _number(key, value)
+        return _parse_row(key, value, None if "..." in kind else kind.count("float"))
+    number = _parse_number(key, value)
     if kind.startswith("int") and number != int(number):
         raise BadInput(f"{key}: {value!r}; give a whole number")
     return int(number) if kind.startswith("int") else number
 
 
-def _row(key: str, value: Any, length: int | None) -> tuple[float, ...]:
+def _parse_row(key: str, value: Any, length: int | None) -> tuple[float, ...]:
     if not isinstance(value, list) or (length is not None and len(value) != length) or not value:
         raise BadInput(f"{key}: {value!r}; give a list of {length or 'one or more'} numbers")
-    return tuple(_number(key, v) for v in value)
+    return tuple(_parse_number(key, v) for v in value)
 
 
-def _number(key: str, value: Any) -> float:
-    if units.looks_like_quantity(value) and key.split(".")[-1] in UNITS:
+def _parse_number(key: str, value: Any) -> float:
+    if units.looks_like_quantity(value) and key.split(".")[-1] in IMPORT_OPTION_UNITS:
         try:
-            return units.to_unit(value, UNITS[key.split(".")[-1]])
+            return units.to_unit(value, IMPORT_OPTION_UNITS[key.split(".")[-1]])
         except BadInput as fault:
             raise BadInput(f"{key}: {fault}") from fault
     if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value or abs(value) == float("inf"):

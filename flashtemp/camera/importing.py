@@ -10,26 +10,26 @@ from typing import Any
 import numpy as np
 
 from flashtemp.camera import files, geometry, thermocouple_files, timing
-from flashtemp.camera.import_options import Facts, option
+from flashtemp.camera.import_options import ImportOptions, option_name
 from flashtemp.camera.import_request import describe_order
-from flashtemp.camera.masks import masked
-from flashtemp.camera.placement import check_seen
-from flashtemp.camera.radiometry import LONG_WAVE, NAMES, ObjectParameters, Planck, reapply
-from flashtemp.camera.raw_frames import Frames
+from flashtemp.camera.masks import find_masked_pixels
+from flashtemp.camera.placement import check_block_in_view
+from flashtemp.camera.radiometry import LONG_WAVE, PARAMETER_NAMES, ObjectParameters, PlanckCalibration, recompute_temperature
+from flashtemp.camera.raw_frames import RawFrames
 from flashtemp.camera.recording import Recording
-from flashtemp.camera.stack import Stack
-from flashtemp.errors import BadInput, nearest
-from flashtemp.showing import Sheet, Shown
+from flashtemp.camera.stack import FrameBuffer
+from flashtemp.errors import BadInput, suggest_name
+from flashtemp.showing import DisplayTable, DisplayMixin
 
 MM = 1e-3
-CAMERA = {  # fact: attribute of the recording
+CAMERA_ATTRIBUTES = {  # fact: attribute of the recording
     "netd": "netd_K", "fixed_pattern": "fixed_pattern_K", "psf_sigma": "psf_sigma_px", "exposure": "exposure_s",
     "registration_sigma": "registration_sigma_px",
 }  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Imported(Shown):
+class ImportResult(DisplayMixin):
     """A recording with what was recognised and done on the way (`notes`), its files, and the block (m) if known.
 
     `saved` is where it was written, `picture` the file that shows where it lies.
@@ -62,10 +62,10 @@ class Imported(Shown):
                 "dead_share": float(1 - count / r.temperature.size),
             }
             | known
-            | {name: path and str(path) for name, path in self._written().items()}
+            | {name: path and str(path) for name, path in self._written_files().items()}
         )
 
-    def _written(self) -> dict[str, Path | None]:
+    def _written_files(self) -> dict[str, Path | None]:
         return {"recording": self.saved, "picture": self.picture}
 
     def __str__(self) -> str:
@@ -74,71 +74,71 @@ class Imported(Shown):
         drawn = "drawn" if self.recording.view == "points" else "registration"
         return f"{self.recording}\n  in {self.saved}" + (f", {drawn} in {self.picture}" if self.picture else "")
 
-    def sheet(self) -> Sheet:
-        written = [f"{name} in {path}" for name, path in self._written().items() if path]
-        return replace(self.recording.sheet(), notes=[*self.notes, *written])
+    def to_table(self) -> DisplayTable:
+        written = [f"{name} in {path}" for name, path in self._written_files().items() if path]
+        return replace(self.recording.to_table(), notes=[*self.notes, *written])
 
 
-def recorded(
-    names: list[Path], facts: Facts, told: Callable[[str], Any] = lambda text: None, folder: Path | None = None
-) -> Imported:
+def import_recording(
+    names: list[Path], facts: ImportOptions, report_progress: Callable[[str], Any] = lambda text: None, folder: Path | None = None
+) -> ImportResult:
     """The recording of camera files; `told` hears of progress.  BadInput names file or option, and the remedy.
 
     Files are read a few frames at a time; where the images together are many they lie in a file in `folder`.
     """
-    _sane(facts)
+    _check_ranges(facts)
     if facts.view == "points":
-        return Imported(*thermocouple_files.read_recording(names, facts), tuple(names), facts.outline)
+        return ImportResult(*thermocouple_files.read_recording(names, facts), tuple(names), facts.block_outline)
     if facts.places is not None:
         raise BadInput("places: belong to thermocouples; give --view points with them")
     if facts.time_column is not None:
         raise BadInput("time_column: belongs to thermocouples; give --view points with it")
-    return _of_images(_thinned(names, facts), facts, told, folder)
+    return _import_images(_thin_files(names, facts), facts, report_progress, folder)
 
 
-def missing(names: list[Path], facts: Facts) -> tuple[str, ...]:
+def missing_options(names: list[Path], facts: ImportOptions) -> tuple[str, ...]:
     """What has to be said of camera files and is not: a line for each, as far as the first file tells."""
-    _sane(facts)
+    _check_ranges(facts)
     if facts.view == "points":
         return ()
-    frames, last = next(_pieces(names[0], facts))
+    frames, last = next(_iter_frames(names[0], facts))
     try:
-        _ask(names[0], frames, facts, last)
+        _check_options(names[0], frames, facts, last)
     except BadInput as fault:
         return fault.lines
     return ()
 
 
-def _of_images(names: list[Path], facts: Facts, told: Callable[[str], Any], folder: Path | None) -> Imported:
-    seen: list[tuple[Path, timing.Stamps]] = []
-    stack, notes, outside = Stack(folder), [], 0
-    first: tuple[Path, Frames] | None = None
-    place: Place | None = None
+def _import_images(names: list[Path], facts: ImportOptions, report_progress: Callable[[str], Any], folder: Path | None) -> ImportResult:
+    seen: list[tuple[Path, timing.FrameTimestamps]] = []
+    stack, notes, outside = FrameBuffer(folder), [], 0
+    first: tuple[Path, RawFrames] | None = None
+    place: FrameRectifier | None = None
     for number, path in enumerate(names, 1):
-        stamps: list[timing.Stamps] = []
-        for frames, last in _pieces(path, facts):
+        stamps: list[timing.FrameTimestamps] = []
+        for frames, last in _iter_frames(path, facts):
             if first is not None:
-                files.alike(*first, path, frames)
+                files.check_same_kind(*first, path, frames)
             else:
                 first = path, replace(frames, temperature=frames.temperature[:1], counts=None)
-                _ask(path, frames, facts, last)
+                _check_options(path, frames, facts, last)
             try:
-                T, said = corrected(frames, facts)
+                T, said = apply_radiometry(frames, facts)
             except BadInput as fault:
                 raise BadInput(*(f"{path}: {t}" for t in fault.lines)) from fault
             if place is None:
                 notes += [f"{path}: {frames}", *frames.notes, *said]
-                place = Place(frames, facts, T)
+                place = FrameRectifier(frames, facts, T)
                 notes += place.notes
             elif number == 1:
                 notes += [note for note in frames.notes if note not in notes]
             grid = place(T)
             stack.add(grid.temperature)
             outside += frames.outside
-            stamps.append(timing.Stamps.of([frames]))
-        seen.append((path, timing.Stamps.of(stamps)))
+            stamps.append(timing.FrameTimestamps.from_pieces([frames]))
+        seen.append((path, timing.FrameTimestamps.from_pieces(stamps)))
         if number % 50 == 0:
-            told(f"{number} of {len(names)} files read")
+            report_progress(f"{number} of {len(names)} files read")
     assert first is not None  # at least one file has been read
     assert place is not None
     if len(names) > 1:
@@ -148,23 +148,23 @@ def _of_images(names: list[Path], facts: Facts, told: Callable[[str], Any], fold
         notes.append(f"{seen[0][1].count} frames in all")
     if outside:
         notes.append(f"{outside} values beyond the camera's range are left out; they are no dead pixels")
-    time = timing.times(seen, facts)
-    repetition = timing.repetitions(seen, time, facts)
+    time = timing.resolve_times(seen, facts)
+    repetition = timing.resolve_repetitions(seen, time, facts)
     order = np.argsort(time, kind="stable")
     if np.any(np.diff(order) < 0):
         notes.append("frames put in order of time")
     recording = Recording(
-        place.view, stack.images(order), time[order], repetition[order], grid.u, grid.v,
+        place.view, stack.ordered_images(order), time[order], repetition[order], grid.u, grid.v,
         source=f"{names[0].name} and {len(names) - 1} more" if len(names) > 1 else names[0].name,
-        **_known(first[1], facts),
+        **_camera_attributes(first[1], facts),
     )  # fmt: skip
-    check_seen(recording, block := facts.outline)
-    return Imported(recording, tuple(notes), tuple(names), block)
+    check_block_in_view(recording, block := facts.block_outline)
+    return ImportResult(recording, tuple(notes), tuple(names), block)
 
 
-def _pieces(path: Path, facts: Facts) -> Iterator[tuple[Frames, bool]]:
+def _iter_frames(path: Path, facts: ImportOptions) -> Iterator[tuple[RawFrames, bool]]:
     """Frames of a file, a few at a time, and whether they are the last."""
-    found = _read(path, facts)
+    found = _open_frames(path, facts)
     now = next(found, None)
     while now is not None:
         after = next(found, None)
@@ -172,24 +172,24 @@ def _pieces(path: Path, facts: Facts) -> Iterator[tuple[Frames, bool]]:
         now = after
 
 
-def _thinned(names: list[Path], facts: Facts) -> list[Path]:
+def _thin_files(names: list[Path], facts: ImportOptions) -> list[Path]:
     """Every so many files where each holds one frame."""
     if (facts.every or 1) == 1 or len(names) == 1:
         return names
-    first, last = next(_pieces(names[0], replace(facts, every=None)))
+    first, last = next(_iter_frames(names[0], replace(facts, every=None)))
     if len(first.temperature) > 1 or not last:
         return names
     return names[:: facts.every]
 
 
-def _ask(path: Path, frames: Frames, facts: Facts, whole: bool) -> None:
+def _check_options(path: Path, frames: RawFrames, facts: ImportOptions, whole: bool) -> None:
     """BadInput with one line for everything that is missing, as far as the first file tells."""
-    seen = [(path, timing.Stamps.of([frames]))]
+    seen = [(path, timing.FrameTimestamps.from_pieces([frames]))]
     lines: list[str] = []
-    needs = [lambda: _view(frames, facts), lambda: timing.times(seen, facts)]
-    needs.append(lambda: timing.repetitions(seen, np.zeros(len(frames.temperature)), facts))
+    needs = [lambda: _required_view(frames, facts), lambda: timing.resolve_times(seen, facts)]
+    needs.append(lambda: timing.resolve_repetitions(seen, np.zeros(len(frames.temperature)), facts))
     if _is_unplaced(frames, facts):
-        needs.insert(1, lambda: mapped(facts, frames.shape))
+        needs.insert(1, lambda: pixel_to_metre_map(facts, frames.shape))
     if not whole and facts.times is not None:  # its rows are held against all frames
         needs = needs[:-2]
     for need in needs:
@@ -201,18 +201,18 @@ def _ask(path: Path, frames: Frames, facts: Facts, whole: bool) -> None:
         raise BadInput(*lines)
 
 
-def _view(frames: Frames, facts: Facts) -> str:
+def _required_view(frames: RawFrames, facts: ImportOptions) -> str:
     view = facts.view or frames.view
     if view is None:
         raise BadInput("view: missing; give --view sidewall, wake, profile or points")
     return view
 
 
-def _is_unplaced(frames: Frames, facts: Facts) -> bool:
+def _is_unplaced(frames: RawFrames, facts: ImportOptions) -> bool:
     return frames.u is None or facts.pixel is not None or facts.point is not None
 
 
-def _sane(facts: Facts) -> None:
+def _check_ranges(facts: ImportOptions) -> None:
     for name in ("every", "repetition", "rows"):
         if (value := getattr(facts, name)) is not None and value < 1:
             raise BadInput(f"{name}: {value}; give a whole number from 1")
@@ -220,34 +220,34 @@ def _sane(facts: Facts) -> None:
         if (value := getattr(facts, name)) is not None and not 0 < value < float("inf"):
             raise BadInput(f"{name}: {value:g}; give a number greater than zero")
     for key in facts.was or {}:
-        if key not in NAMES:
-            raise BadInput(f"was.{key}: unknown{nearest(key, NAMES)}")
+        if key not in PARAMETER_NAMES:
+            raise BadInput(f"was.{key}: unknown{suggest_name(key, PARAMETER_NAMES)}")
 
 
-def _given(facts: Facts) -> dict[str, float]:
+def _user_parameters(facts: ImportOptions) -> dict[str, float]:
     """Object parameters that a person gave."""
-    return {n: v for n in NAMES if (v := getattr(facts, n)) is not None}
+    return {n: v for n in PARAMETER_NAMES if (v := getattr(facts, n)) is not None}
 
 
-def _read(path: Path, facts: Facts) -> Iterator[Frames]:
+def _open_frames(path: Path, facts: ImportOptions) -> Iterator[RawFrames]:
     names = ("scale", "offset", "unit", "variable", "decimal", "below", "rows", "labels", "limit")
     same = {k: getattr(facts, k) for k in names}
-    planck = None if facts.planck is None else Planck(*facts.planck)
-    return files.pieces(path, **same, parameters=_given(facts), planck=planck, every=facts.every or 1)
+    planck = None if facts.planck is None else PlanckCalibration(*facts.planck)
+    return files.iter_frames(path, **same, parameters=_user_parameters(facts), planck=planck, every=facts.every or 1)
 
 
-def corrected(frames: Frames, facts: Facts) -> tuple[np.ndarray, list[str]]:
+def apply_radiometry(frames: RawFrames, facts: ImportOptions) -> tuple[np.ndarray, list[str]]:
     """Temperatures, degC, with the object parameters that a person gave, and notes on what changed."""
     if frames.difference:
         raise BadInput("holds differences (a lock-in result), not temperatures; export the temperature images instead")
-    given = _given(facts)
+    given = _user_parameters(facts)
     if frames.counts is not None:
-        changed = [f"{k} {frames.said[k]:g} -> {v:g}" for k, v in given.items() if frames.said[k] != v]
+        changed = [f"{k} {frames.stated_parameters[k]:g} -> {v:g}" for k, v in given.items() if frames.stated_parameters[k] != v]
         notes = [str(frames.parameters)] + ([f"changed: {', '.join(changed)}"] if changed else [])
         return frames.temperature, notes
     if facts.planck is not None:
         raise BadInput("planck: the file holds no counts; leave --planck out, or give the camera's radiometric file")
-    old = {**frames.said, **(facts.was or {})}
+    old = {**frames.stated_parameters, **(facts.was or {})}
     if not given:
         return frames.temperature, [f"computed with {k} {v:g}" for k, v in old.items()]
     ask = [k for k in given if k not in old]
@@ -255,48 +255,48 @@ def corrected(frames: Frames, facts: Facts) -> tuple[np.ndarray, list[str]]:
         ask.append("reflected")
     if ask:
         raise BadInput(
-            f"{option(ask[0])}: the file holds temperatures and does not say which {ask[0]} they were computed with;"
+            f"{option_name(ask[0])}: the file holds temperatures and does not say which {ask[0]} they were computed with;"
             f" give {' and '.join(f'--was.{k}' for k in ask)} as well"
         )
     before = ObjectParameters(**old)
-    band = LONG_WAVE if facts.band is None else Planck(1.0, 1.0, facts.band)
+    band = LONG_WAVE if facts.band is None else PlanckCalibration(1.0, 1.0, facts.band)
     changed = [f"{k} {old[k]:g} -> {v:g}" for k, v in given.items() if old[k] != v]
-    T = reapply(frames.temperature, before, before.changed(given), band)
+    T = recompute_temperature(frames.temperature, before, before.with_values(given), band)
     return T, [f"changed: {', '.join(changed)}, in a band of B = {band.B:g} K"] if changed else []
 
 
-class Place:
+class FrameRectifier:
     """Puts the images of every file where those of the first belong: mask, orientation, scale, crop."""
 
-    def __init__(self, frames: Frames, facts: Facts, T: np.ndarray):
-        self.band = frames.planck or (LONG_WAVE if facts.band is None else Planck(1.0, 1.0, facts.band))
-        self.view = _view(frames, facts)
+    def __init__(self, frames: RawFrames, facts: ImportOptions, T: np.ndarray):
+        self.band = frames.planck or (LONG_WAVE if facts.band is None else PlanckCalibration(1.0, 1.0, facts.band))
+        self.view = _required_view(frames, facts)
         self.crop = None if facts.crop is None else MM * np.asarray(facts.crop)
         self.pitch = None if facts.mm_per_pixel is None else (MM * facts.mm_per_pixel,) * 2
-        self.mask, self.notes = masked(frames, facts, T)
+        self.mask, self.notes = find_masked_pixels(frames, facts, T)
         self.known = (frames.u, frames.v)
         self.M = None
         if _is_unplaced(frames, facts):
-            self.M, note = mapped(facts, frames.shape)
+            self.M, note = pixel_to_metre_map(facts, frames.shape)
             self.notes += [note] if note else []
 
-    def __call__(self, T: np.ndarray) -> geometry.Placed:
+    def __call__(self, T: np.ndarray) -> geometry.RectifiedFrames:
         if self.mask.any():
             T = np.where(self.mask, np.nan, T)
         u, v = self.known
         if self.M is not None:
-            placed = geometry.place(T, self.M, self.crop, self.pitch, self.band)
+            placed = geometry.rectify_frames(T, self.M, self.crop, self.pitch, self.band)
         else:
             assert u is not None  # otherwise the images are unplaced
             assert v is not None
-            placed = geometry.Placed(T, u, v)
-            placed = placed if self.crop is None else geometry.cut(placed, self.crop)
+            placed = geometry.RectifiedFrames(T, u, v)
+            placed = placed if self.crop is None else geometry.crop_frames(placed, self.crop)
         if self.view != "profile" or len(placed.v) == 1:
             return placed
-        return geometry.Placed(_line(placed.temperature, self.band), placed.u, np.zeros(1), placed.note)
+        return geometry.RectifiedFrames(_row_mean(placed.temperature, self.band), placed.u, np.zeros(1), placed.note)
 
 
-def _line(T: np.ndarray, band: Planck) -> np.ndarray:
+def _row_mean(T: np.ndarray, band: PlanckCalibration) -> np.ndarray:
     """The rows of images averaged as radiance, for a profile: (frames, 1, nu)."""
     light = band.counts(T)
     known = np.isfinite(light)
@@ -305,10 +305,10 @@ def _line(T: np.ndarray, band: Planck) -> np.ndarray:
     return band.temperature(np.where(count > 0, total / np.maximum(count, 1), np.nan))
 
 
-def mapped(facts: Facts, shape: tuple[int, int]) -> tuple[np.ndarray, str]:
+def pixel_to_metre_map(facts: ImportOptions, shape: tuple[int, int]) -> tuple[np.ndarray, str]:
     """The map from pixels to m out of points or out of direction, origin and scale; asks for what is missing."""
     if facts.point is not None:
-        return geometry.from_points(facts.point)
+        return geometry.map_from_points(facts.point)
     missing = [n for n in ("downstream", "pixel") if getattr(facts, n) is None]
     if facts.mm_per_pixel is None and facts.second is None:
         missing.append("mm_per_pixel")
@@ -322,16 +322,16 @@ def mapped(facts: Facts, shape: tuple[int, int]) -> tuple[np.ndarray, str]:
             f"{missing[0]}: missing; where the pixels lie is not in the file: give"
             f" {', '.join(helps[m] for m in missing)}, or four times --point COLUMN ROW U_MM V_MM"
         )
-    turn, at = geometry.axes(facts.downstream or "", facts.up), facts.at or (0.0, 0.0)
+    turn, at = geometry.image_axes(facts.downstream or "", facts.up), facts.at or (0.0, 0.0)
     if facts.second is not None:
-        return geometry.from_two(turn, facts.pixel, at, facts.second, shape)
-    return geometry.from_scale(turn, facts.pixel, at, (facts.mm_per_pixel,) * 2), ""
+        return geometry.map_from_two_points(turn, facts.pixel, at, facts.second, shape)
+    return geometry.map_from_scale(turn, facts.pixel, at, (facts.mm_per_pixel,) * 2), ""
 
 
-def _known(frames: Frames, facts: Facts) -> dict[str, Any]:
+def _camera_attributes(frames: RawFrames, facts: ImportOptions) -> dict[str, Any]:
     """What is known of camera and object, as attributes of the recording."""
-    given = {to: v if (v := getattr(facts, name)) is not None else frames.told.get(to) for name, to in CAMERA.items()}
-    said = {**frames.said, **(facts.was or {}), **_given(facts)}
+    given = {to: v if (v := getattr(facts, name)) is not None else frames.camera_attributes.get(to) for name, to in CAMERA_ATTRIBUTES.items()}
+    said = {**frames.stated_parameters, **(facts.was or {}), **_user_parameters(facts)}
     fps = facts.fps or frames.fps
     every = facts.every or 1
     return given | {

@@ -11,21 +11,21 @@ from typing import Any
 import numpy as np
 
 from flashtemp.camera import files
-from flashtemp.camera.import_options import Facts
+from flashtemp.camera.import_options import ImportOptions
 from flashtemp.camera.import_request import describe_order
-from flashtemp.camera.radiometry import Planck
-from flashtemp.camera.raw_frames import UNSCALED, Frames, ScaleMissing
+from flashtemp.camera.radiometry import PlanckCalibration
+from flashtemp.camera.raw_frames import UNSCALED, RawFrames, ScaleMissing
 from flashtemp.errors import BadInput
-from flashtemp.showing import Sheet, Shown
+from flashtemp.showing import DisplayTable, DisplayMixin
 
-KEPT = 6  # frames that are shown
-BINS = 120  # of the histogram
-COUNTED = "counts as the camera wrote them: import needs --scale and --offset, T = scale count + offset in degC"
-UNSAID = ("scale", "offset", "unit", "variable", "decimal", "below", "rows", "labels", "limit")
+PREVIEW_FRAMES = 6  # frames that are shown
+HISTOGRAM_BINS = 120  # of the histogram
+UNSCALED_COUNTS_NOTE = "counts as the camera wrote them: import needs --scale and --offset, T = scale count + offset in degC"
+READER_OPTION_NAMES = ("scale", "offset", "unit", "variable", "decimal", "below", "rows", "labels", "limit")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Look(Shown):
+class FilePreview(DisplayMixin):
     """Camera files as they are: `images` (some, rows, columns) degC of the frames `shown` (some,), counted from 0.
 
     `mean` (frames,) degC of every frame; `clock` (frames,) s since 1970 on the camera's clock or `time` (frames,) s
@@ -71,26 +71,26 @@ class Look(Shown):
             "files": [str(f) for f in self.files], "format": self.format, "camera": self.camera,
             "frames": len(self.mean), "rows": self.images.shape[1], "columns": self.images.shape[2],
             "counts" if self.counted else "temperature_degC": list(self.span),
-            "begins": self._begins(), "lasts_s": self._lasts(), "fps": self.fps,
+            "begins": self._start_text(), "lasts_s": self._duration_s(), "fps": self.fps,
             "object_parameters": self.said, "outside_range_px": self.outside, "dead_px": int(self.dead.sum()),
             "notes": list(self.notes), "picture": self.picture and str(self.picture),
         }  # fmt: skip
 
-    def _begins(self) -> str | None:
+    def _start_text(self) -> str | None:
         if self.clock is None or not np.isfinite(self.clock[0]):
             return None
         return datetime.fromtimestamp(float(self.clock[0]), UTC).replace(tzinfo=None).isoformat(" ", "milliseconds")
 
-    def _lasts(self) -> float | None:
+    def _duration_s(self) -> float | None:
         times = self.time if self.time is not None else self.clock
         if times is not None:
             return float(np.nanmax(times) - np.nanmin(times))
         return (len(self.mean) - 1) / self.fps if self.fps else None
 
-    def rows_of(self) -> list[tuple[str, str]]:
+    def describe_rows(self) -> list[tuple[str, str]]:
         """What is known, in words."""
         (rows, columns), (low, high) = self.images.shape[1:], self.span
-        begins, lasts = self._begins(), self._lasts()
+        begins, lasts = self._start_text(), self._duration_s()
         when = [f"begins {begins} on the camera's clock"] if begins else []
         when += [f"lasts {lasts:.6g} s"] if lasts else []
         when += [f"a camera of {self.fps:.4g} frames per second"] if self.fps else []
@@ -109,41 +109,41 @@ class Look(Shown):
 
     def __str__(self) -> str:
         name = self.files[0].name if len(self.files) == 1 else f"{self.files[0].name} and {len(self.files) - 1} more"
-        lines = [name, *(f"  {key}: {value}" for key, value in self.rows_of()), *(f"  {note}" for note in self.notes)]
+        lines = [name, *(f"  {key}: {value}" for key, value in self.describe_rows()), *(f"  {note}" for note in self.notes)]
         return "\n".join([*lines, *([f"  drawn in {self.picture}"] if self.picture else [])])
 
-    def sheet(self) -> Sheet:
-        return Sheet(self.files[0].name, rows=self.rows_of(), notes=self.notes)
+    def to_table(self) -> DisplayTable:
+        return DisplayTable(self.files[0].name, rows=self.describe_rows(), notes=self.notes)
 
 
-def looked(
+def preview_files(
     names: Sequence[Path],
-    facts: Facts = Facts(),  # noqa: B008 (frozen)
-    told: Callable[[str], Any] = lambda text: None,
-    given: Callable[[np.ndarray], Any] = lambda images: None,
+    facts: ImportOptions = ImportOptions(),  # noqa: B008 (frozen)
+    report_progress: Callable[[str], Any] = lambda text: None,
+    receive_images: Callable[[np.ndarray], Any] = lambda images: None,
     counts: bool = False,
-) -> Look:
+) -> FilePreview:
     """Camera files, all frames of them a few at a time; of `facts` only how their numbers are read counts.
 
     `told` hears of progress, `given` gets the images as they are read; with `counts` numbers whose scale nobody has
     told stay what they are.  Raises BadInput.
     """
-    facts = _unscaled(names[:1], facts) if counts else facts
+    facts = _without_scale(names[:1], facts) if counts else facts
     means, clocks, times = [], [], []
-    first: Frames | None = None
+    first: RawFrames | None = None
     dead: np.ndarray | None = None
     outside, low, high, number, notes = 0, np.inf, -np.inf, 0, list[str]()
     counted = _Histogram(1.0 if facts.scale is UNSCALED else 0.01)
-    kept = _Kept()
+    kept = _FrameSample()
     for done, path in enumerate(names, 1):
-        for frames in pieces(path, facts):
+        for frames in iter_frames(path, facts):
             if first is None:
                 first = frames
             else:
-                files.alike(names[0], first, path, frames)
+                files.check_same_kind(names[0], first, path, frames)
             T = frames.temperature
             known = np.isfinite(T)
-            means.append(np.where(known.any(axis=(1, 2)), _mean(T, known), np.nan))
+            means.append(np.where(known.any(axis=(1, 2)), _image_means(T, known), np.nan))
             clocks.append(frames.clock)
             times.append(frames.time)
             dead = ~known.any(axis=0) if dead is None else dead & ~known.any(axis=0)
@@ -152,50 +152,50 @@ def looked(
                 low, high = min(low, float(T[known].min())), max(high, float(T[known].max()))
                 counted.add(T[known])
             kept.add(T, number)
-            given(T)
+            receive_images(T)
             number += len(T)
-            said = (*frames.notes, *((COUNTED,) if frames.counted else ()))
+            said = (*frames.notes, *((UNSCALED_COUNTS_NOTE,) if frames.is_unscaled else ()))
             notes += [note for note in said if note not in notes]
         if done % 50 == 0:
-            told(f"{done} of {len(names)} files read")
+            report_progress(f"{done} of {len(names)} files read")
     if first is None or dead is None:
         raise BadInput("no camera files; give files or a folder of them")
     notes += describe_order(names)
-    shown, images = kept.chosen()
-    number_of, edges = counted.over()
-    return Look(
-        tuple(names), first.format, first.camera, images, shown, np.concatenate(means), _all(clocks), _all(times),
-        first.fps, dict(first.said), (low, high), number_of, edges, outside, dead & (number > 1), tuple(notes),
-        first.difference, first.counted,
+    shown, images = kept.select_frames()
+    number_of, edges = counted.binned_counts()
+    return FilePreview(
+        tuple(names), first.format, first.camera, images, shown, np.concatenate(means), _concatenate_if_complete(clocks), _concatenate_if_complete(times),
+        first.fps, dict(first.stated_parameters), (low, high), number_of, edges, outside, dead & (number > 1), tuple(notes),
+        first.difference, first.is_unscaled,
     )  # fmt: skip
 
 
-def _unscaled(names: Sequence[Path], facts: Facts) -> Facts:
+def _without_scale(names: Sequence[Path], facts: ImportOptions) -> ImportOptions:
     """The facts, with counts left as they are where only the user knows their scale."""
     try:
         for path in names:
-            next(iter(pieces(path, facts)), None)
+            next(iter(iter_frames(path, facts)), None)
     except ScaleMissing:
         return replace(facts, scale=UNSCALED, offset=0.0)
     return facts
 
 
-def pieces(path: Path, facts: Facts):
+def iter_frames(path: Path, facts: ImportOptions):
     """Frames of a file as its maker meant them, a few at a time."""
-    planck = None if facts.planck is None else Planck(*facts.planck)
-    return files.pieces(path, **{k: getattr(facts, k) for k in UNSAID}, planck=planck, every=facts.every or 1)
+    planck = None if facts.planck is None else PlanckCalibration(*facts.planck)
+    return files.iter_frames(path, **{k: getattr(facts, k) for k in READER_OPTION_NAMES}, planck=planck, every=facts.every or 1)
 
 
-def _mean(T: np.ndarray, known: np.ndarray) -> np.ndarray:
+def _image_means(T: np.ndarray, known: np.ndarray) -> np.ndarray:
     return np.sum(T, axis=(1, 2), where=known) / np.maximum(known.sum(axis=(1, 2)), 1)
 
 
-def _all(parts: list[np.ndarray | None]) -> np.ndarray | None:
+def _concatenate_if_complete(parts: list[np.ndarray | None]) -> np.ndarray | None:
     found = [p for p in parts if p is not None]
     return np.concatenate(found) if found and len(found) == len(parts) else None
 
 
-class _Kept:
+class _FrameSample:
     """Frames spread evenly over however many there are: twice as far apart whenever there are too many."""
 
     def __init__(self) -> None:
@@ -207,14 +207,14 @@ class _Kept:
             if number % self.every == 0:
                 self.numbers.append(number)
                 self.images.append(np.array(image))
-            if len(self.numbers) > 4 * KEPT:
+            if len(self.numbers) > 4 * PREVIEW_FRAMES:
                 self.every *= 2
                 due = [k for k, n in enumerate(self.numbers) if n % self.every == 0]
                 self.numbers, self.images = [self.numbers[k] for k in due], [self.images[k] for k in due]
 
-    def chosen(self) -> tuple[np.ndarray, np.ndarray]:
+    def select_frames(self) -> tuple[np.ndarray, np.ndarray]:
         """At most KEPT of them: numbers and images."""
-        at = np.unique(np.linspace(0, len(self.numbers) - 1, KEPT).round().astype(int))
+        at = np.unique(np.linspace(0, len(self.numbers) - 1, PREVIEW_FRAMES).round().astype(int))
         return np.array(self.numbers)[at], np.stack([self.images[k] for k in at])
 
 
@@ -236,9 +236,9 @@ class _Histogram:
         counts[self.first - first :][: self.found.size] += self.found
         self.first, self.found = first, counts
 
-    def over(self) -> tuple[np.ndarray, np.ndarray]:
+    def binned_counts(self) -> tuple[np.ndarray, np.ndarray]:
         """Counts (bins,) and edges (bins + 1,) degC."""
-        coarse = next((c for c in self.COARSER if self.found.size <= BINS * c), self.COARSER[-1])
+        coarse = next((c for c in self.COARSER if self.found.size <= HISTOGRAM_BINS * c), self.COARSER[-1])
         before = self.first % coarse
         after = -(before + self.found.size) % coarse
         counts = np.pad(self.found, (before, after)).reshape(-1, coarse).sum(axis=1)

@@ -7,30 +7,30 @@ from pathlib import Path
 import numpy as np
 
 from flashtemp.camera import files, geometry
-from flashtemp.camera.import_options import Facts
-from flashtemp.camera.raw_frames import Frames
+from flashtemp.camera.import_options import ImportOptions
+from flashtemp.camera.raw_frames import RawFrames
 from flashtemp.errors import BadInput
-from flashtemp.showing import several
+from flashtemp.showing import format_count
 
 
-def masked(frames: Frames, facts: Facts, T: np.ndarray) -> tuple[np.ndarray, list[str]]:
+def find_masked_pixels(frames: RawFrames, facts: ImportOptions, T: np.ndarray) -> tuple[np.ndarray, list[str]]:
     """Dead and foreign pixels (rows, columns): rectangles, a file, and those that the median test finds."""
-    mask, notes = geometry.boxes(frames.shape, facts.mask_box or ()), []
+    mask, notes = geometry.rectangle_mask(frames.shape, facts.mask_box or ()), []
     if facts.mask is not None:
-        mask |= _mask_file(facts.mask, frames.shape)
+        mask |= _read_mask(facts.mask, frames.shape)
     if mask.any():
         notes.append(f"{mask.sum()} pixels masked")
     if facts.dead_pixels != "keep" and frames.u is None and min(frames.shape) > 2:
-        dead = geometry.dead_pixels(np.where(mask, np.nan, T)) if not mask.all() else mask & False
+        dead = geometry.find_dead_pixels(np.where(mask, np.nan, T)) if not mask.all() else mask & False
         if dead.any():
-            notes.append(f"{several(int(dead.sum()), 'dead pixel')} found and masked (--dead-pixels keep leaves them)")
+            notes.append(f"{format_count(int(dead.sum()), 'dead pixel')} found and masked (--dead-pixels keep leaves them)")
         mask |= dead
     return mask, notes
 
 
-def _mask_file(path: Path, shape: tuple[int, int]) -> np.ndarray:
+def _read_mask(path: Path, shape: tuple[int, int]) -> np.ndarray:
     try:
-        values = files.read(path, unit="degC", scale=1.0, offset=0.0, below=-274.0, rows=0).temperature[0]
+        values = files.read_frames(path, unit="degC", scale=1.0, offset=0.0, below=-274.0, rows=0).temperature[0]
     except BadInput as fault:
         raise BadInput(*(f"mask: {t}" for t in fault.lines)) from fault
     if values.shape != shape:

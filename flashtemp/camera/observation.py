@@ -13,29 +13,29 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from flashtemp.camera import point_observation
-from flashtemp.camera.instrument import Instrument, Sight
-from flashtemp.camera.pixels import Kept
-from flashtemp.camera.placement import AS_TOLD, Place, corner
-from flashtemp.camera.point_observation import readings
+from flashtemp.camera.instrument import CameraModel, ImageFormation
+from flashtemp.camera.pixels import MatrixCache
+from flashtemp.camera.placement import STATED_PLACEMENT, ImagePlacement, scale_origin
+from flashtemp.camera.point_observation import sensor_temperatures
 from flashtemp.camera.recording import Recording
-from flashtemp.camera.wake_edges import across
-from flashtemp.camera.wall import Face, Films, corner_length, wall_rise
+from flashtemp.camera.wake_edges import wake_lateral_profile
+from flashtemp.camera.wall import FaceHistory, WallFilmCoefficients, wall_deficit_length, side_wall_rise
 from flashtemp.errors import BadInput
-from flashtemp.model.scene import Acting, Scene
-from flashtemp.physics.interpolation import between
+from flashtemp.model.scene import ActiveEffect, Scene
+from flashtemp.physics.interpolation import interpolate_linear
 from flashtemp.physics.quantities import KELVIN
 
-WAKE = 1.1  # growth of the road's cells behind the block where a wake is seen
-ABOVE = 10  # even cells up the block where a side wall is seen
-PARTS = 3  # points per cell of the fields that are seen
+WAKE_CELL_GROWTH = 1.1  # growth of the road's cells behind the block where a wake is seen
+SIDE_WALL_CELLS = 10  # even cells up the block where a side wall is seen
+POINTS_PER_CELL = 3  # points per cell of the fields that are seen
 BATCH = 64  # frames that are seen at a time: what lies between the cells' centres is large
-RIM = 1.5  # px around the edge of a body that no comparison uses
-RULER = 0.01  # of the block's length and width, as they are known: its edges may lie that far off
-TAIL = 4.0  # widths of the optics within which a road's edge shows
+EDGE_MARGIN_PX = 1.5  # px around the edge of a body that no comparison uses
+BLOCK_SIZE_TOLERANCE = 0.01  # of the block's length and width, as they are known: its edges may lie that far off
+BLUR_TAIL_WIDTHS = 4.0  # widths of the optics within which a road's edge shows
 
 
 @dataclass(frozen=True)
-class Seen:
+class PredictedImage:
     """Prediction: `temperature` (frames, nv, nu) degC, and `inside` (nv, nu): the pixel sees only block or road.
 
     `slopes` (frames, nv, nu) where they are asked for: what temperature changes as the image lies otherwise, by
@@ -49,12 +49,12 @@ class Seen:
 
 
 # --- fields between cells --------------------------------------------------------------------------------
-def _ends(values, axis: int):
+def _repeat_ends(values, axis: int):
     """A field with its outermost values repeated at the ends of an axis."""
     return np.concatenate([values.take([0], axis), values, values.take([-1], axis)], axis)
 
 
-def _smooth_ends(values, nodes, axis: int):
+def _extrapolate_ends(values, nodes, axis: int):
     """A field at cell centres with its values at both edges of an axis added, on parabolas through three cells.
 
     `nodes` are the first edge, the centres and the last edge.
@@ -68,7 +68,7 @@ def _smooth_ends(values, nodes, axis: int):
     return np.concatenate([ends[0], values, ends[1]], axis)
 
 
-def finer(values: np.ndarray, nodes: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
+def refine_grid(values: np.ndarray, nodes: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
     """A field and its nodes at PARTS points per cell, by cubic splines over the number of the cell.
 
     The nodes are the first edge, the centres of cells and the last edge.  Graded meshes are smooth in that
@@ -76,20 +76,20 @@ def finer(values: np.ndarray, nodes: np.ndarray, axis: int) -> tuple[np.ndarray,
     """
     if len(nodes) < 4:
         return values, nodes
-    weights = _between_cells(len(nodes) - 2)
+    weights = _refinement_weights(len(nodes) - 2)
     return np.moveaxis(np.tensordot(weights, values, (1, axis)), 0, axis), weights @ nodes
 
 
 @cache
-def _between_cells(n: int) -> np.ndarray:
+def _refinement_weights(n: int) -> np.ndarray:
     """Weights (points, n + 2) of the first edge, n centres of cells and the last edge in what is finer."""
     number = np.concatenate([[0.0], np.arange(n) + 0.5, [n]])
-    weights: np.ndarray = CubicSpline(number, np.eye(n + 2))(np.arange(n * PARTS + 1) / PARTS)
+    weights: np.ndarray = CubicSpline(number, np.eye(n + 2))(np.arange(n * POINTS_PER_CELL + 1) / POINTS_PER_CELL)
     return weights
 
 
 # --- the operator -----------------------------------------------------------------------------------
-def check(recording: Recording, scene: Scene, file: str) -> None:
+def check_view(recording: Recording, scene: Scene, file: str) -> None:
     """BadInput for what no camera or thermocouple of this scene can see."""
     if recording.view == "sidewall" and scene.layers:
         raise BadInput(
@@ -98,14 +98,14 @@ def check(recording: Recording, scene: Scene, file: str) -> None:
     if recording.view == "wake" and scene.mesh.last == len(scene.mesh.x) - 1:
         raise BadInput(f"{file}: view: no road lies behind the block; give road.downstream more than 0 m to see a wake")
     if recording.places is not None:
-        point_observation.check(recording.places, scene, file)
+        point_observation.check_positions(recording.places, scene, file)
 
 
 def observe(
-    run, scene: Scene, recording: Recording, acting: tuple[Acting, ...] = (), shift=(0.0, 0.0), change: float = 0.0,
-    place: Place = AS_TOLD, kept: Kept | None = None, face: Face | None = None,
+    run, scene: Scene, recording: Recording, acting: tuple[ActiveEffect, ...] = (), shift=(0.0, 0.0), change: float = 0.0,
+    place: ImagePlacement = STATED_PLACEMENT, kept: MatrixCache | None = None, face: FaceHistory | None = None,
     ruler: tuple[float, float] | None = None, slopes: bool = False,
-) -> Seen:  # fmt: skip
+) -> PredictedImage:  # fmt: skip
     """What the camera of a recording would have reported of a run, with instrument effects `acting`.
 
     `shift` (px along u, v) of the whole image, `change` of the true emissivity against the one told; `place` is the
@@ -114,34 +114,34 @@ def observe(
     they are not the scene's.  With `slopes` those of `Seen` come along (thermocouples have none).
     Fields of the run are interpolated in time; a run that kept them at `Instrument.times` loses nothing.
     """
-    camera = Instrument(recording, acting, place.clock)
+    camera = CameraModel(recording, acting, place.clock)
     if recording.places is not None:
-        return _at_points(run, recording, camera)
-    times = np.clip(camera.times(), 0.0, run.time[-1])
-    sight = Sight.of(camera, scene, shift, change, place)
+        return _observe_sensors(run, recording, camera)
+    times = np.clip(camera.observed_times(), 0.0, run.time[-1])
+    sight = ImageFormation.from_camera(camera, scene, shift, change, place)
     offset = np.broadcast_to(camera("offset", 0.0), len(times))[:, None, None]
     shown: dict[str, np.ndarray] = {}
     batches = np.array_split(np.arange(len(times)), max(1, -(-len(times) // BATCH)))
     for batch in batches:
-        near = run if len(batches) == 1 else _around(run, times[batch])
-        body, along, up = _body(near, scene, recording, times[batch], face, kept)
-        for name, part in sight.shown(body, (along, up), kept, slopes).items():
+        near = run if len(batches) == 1 else _run_around(run, times[batch])
+        body, along, up = _visible_temperatures(near, scene, recording, times[batch], face, kept)
+        for name, part in sight.apparent_temperatures(body, (along, up), kept, slopes).items():
             if name not in shown:
                 shown[name] = np.empty((len(times), *part.shape[1:]), np.float32 if name else float)
             shown[name][batch] = part
     temperature = shown.pop("") + offset
-    return Seen(temperature, _inside(recording, *_as_told(recording, scene, ruler, along, up)), shown)
+    return PredictedImage(temperature, _interior_mask(recording, *_stated_nodes(recording, scene, ruler, along, up)), shown)
 
 
-def _at_points(run, recording: Recording, camera: Instrument) -> Seen:
+def _observe_sensors(run, recording: Recording, camera: CameraModel) -> PredictedImage:
     """What thermocouples show: no optics, no emissivity."""
     assert recording.places is not None
-    T = readings(run, recording.places, np.clip(camera.times(), 0.0, run.time[-1]))
+    T = sensor_temperatures(run, recording.places, np.clip(camera.observed_times(), 0.0, run.time[-1]))
     T = T + np.broadcast_to(camera("offset", 0.0), len(T))[:, None]
-    return Seen(T[:, None], np.ones((1, len(recording.u)), dtype=bool))
+    return PredictedImage(T[:, None], np.ones((1, len(recording.u)), dtype=bool))
 
 
-def _around(run, times: np.ndarray):
+def _run_around(run, times: np.ndarray):
     """The run with those of its fields alone between which `times` (s) lie."""
     kept = run.time[run.frames]
     k = slice(max(np.searchsorted(kept, times.min()) - 1, 0), np.searchsorted(kept, times.max()) + 1)
@@ -149,62 +149,62 @@ def _around(run, times: np.ndarray):
     return replace(run, frames=run.frames[k], field=run.field[k], maps=maps)
 
 
-def _body(run, scene, recording, times, face: Face | None, kept: Kept | None):
+def _visible_temperatures(run, scene, recording, times, face: FaceHistory | None, kept: MatrixCache | None):
     """Temperatures (frames, v nodes, u nodes) degC of what is in view, with nodes along u and v (m)."""
     if recording.view == "profile":
         x = np.concatenate([run.mesh.x[[run.mesh.first]], run.x, run.mesh.x[[run.mesh.last]]])
-        T = _smooth_ends(between(run.T_block, run.time, times)[:, None], x, 2)
-        return *finer(T, x, 2), np.zeros(1)
+        T = _extrapolate_ends(interpolate_linear(run.T_block, run.time, times)[:, None], x, 2)
+        return *refine_grid(T, x, 2), np.zeros(1)
     if recording.view == "wake":
-        return _road(run, scene, recording, times, face, {} if kept is None else kept)
-    return _wall(run, scene, times, face, kept)
+        return _wake_temperatures(run, scene, recording, times, face, {} if kept is None else kept)
+    return _wall_temperatures(run, scene, times, face, kept)
 
 
-def _road(run, scene, recording, times, face: Face | None, kept: Kept):
+def _wake_temperatures(run, scene, recording, times, face: FaceHistory | None, kept: MatrixCache):
     """The road's surface behind the block, as `_body` says."""
-    behind, road = _free_road(run, run.mesh.x[run.mesh.last], recording)
-    half, films = 0.5 * scene.width, Films.of(scene)
+    behind, road = _visible_road(run, run.mesh.x[run.mesh.last], recording)
+    half, films = 0.5 * scene.width, WallFilmCoefficients.from_scene(scene)
     T = road(run.maps, run.frames) if scene.resolved else road(vars(run), slice(None))
-    T = between(T, run.time[run.frames] if scene.resolved else run.time, times)
-    T, behind = finer(_smooth_ends(T, behind, 1), behind, 1)
+    T = interpolate_linear(T, run.time[run.frames] if scene.resolved else run.time, times)
+    T, behind = refine_grid(_extrapolate_ends(T, behind, 1), behind, 1)
     if scene.resolved:
-        return np.swapaxes(_ends(T, 2), 1, 2), behind, np.concatenate([[-half], run.mesh.y_centre, [half]])
+        return np.swapaxes(_repeat_ends(T, 2), 1, 2), behind, np.concatenate([[-half], run.mesh.y_centre, [half]])
     if run.direction is not None or scene.schedule.alone or not films.wall.any():
         return np.repeat(T[:, None], 2, axis=1), behind, np.array([-half, half])
-    known = times, behind, films.begun, films.wall, films.section, run.mesh.x, run.mesh.y
+    known = times, behind, films.start_times, films.wall, films.section, run.mesh.x, run.mesh.y
     same = b"edges of a wake" + b"".join(a.tobytes() for a in known)
     if same not in kept:  # what little else changes them is of second order
-        kept[same] = across(scene, run, films, times, behind, face or Face.of(run, scene))
+        kept[same] = wake_lateral_profile(scene, run, films, times, behind, face or FaceHistory.from_run(run, scene))
     y, share = kept[same]
     air = scene.ambient - KELVIN + np.interp(times, *films.air)[:, None]
     return air[:, None] + (T - air)[:, None] * share, behind, y
 
 
-def _wall(run, scene, times, face: Face | None, kept: Kept | None):
+def _wall_temperatures(run, scene, times, face: FaceHistory | None, kept: MatrixCache | None):
     """The block's side wall, as `_body` says."""
     mesh, height = run.mesh, run.mesh.height
     x = np.concatenate([mesh.x[[mesh.first]], run.x, mesh.x[[mesh.last]]])
     z = np.concatenate([[0.0], 0.5 * (height[1:] + height[:-1]), height[-1:]])
     records = run.time[run.frames]
     near = mesh.everywhere(mesh.block)[..., 0]  # x to the right and z up: the camera sees the wall at y = -W/2
-    cells = between(run.field[:, near].astype(float), records, times)
+    cells = interpolate_linear(run.field[:, near].astype(float), records, times)
     surface = run.maps["T_block"][..., 0] if scene.resolved else run.T_block[run.frames]
-    surface = between(surface.astype(float), records, times)
-    air, films = scene.ambient - KELVIN, Films.of(scene)
-    rise = np.concatenate([surface[..., None], _smooth_ends(cells, z, 2)[..., 1:]], axis=2) - air
+    surface = interpolate_linear(surface.astype(float), records, times)
+    air, films = scene.ambient - KELVIN, WallFilmCoefficients.from_scene(scene)
+    rise = np.concatenate([surface[..., None], _extrapolate_ends(cells, z, 2)[..., 1:]], axis=2) - air
     if scene.resolved:  # from the cell's centre to its wall
-        length = corner_length(z, 0.5 * (mesh.y[1] - mesh.y[0]))
-        film = films.at(times, films.section)
+        length = wall_deficit_length(z, 0.5 * (mesh.y[1] - mesh.y[0]))
+        film = films.coefficient_at(times, films.section)
         rise = rise / (1.0 + film[:, None] * length / scene.block.conductivity)[:, None]
     elif films.wall.any():
-        rise = wall_rise(scene, films, z, times, rise, face or Face.of(run, scene), kept)
-    wall = np.swapaxes(air + _smooth_ends(rise, x, 1), 1, 2)
-    wall, x = finer(wall, x, 2)
-    wall, z = finer(wall, z, 1)
+        rise = side_wall_rise(scene, films, z, times, rise, face or FaceHistory.from_run(run, scene), kept)
+    wall = np.swapaxes(air + _extrapolate_ends(rise, x, 1), 1, 2)
+    wall, x = refine_grid(wall, x, 2)
+    wall, z = refine_grid(wall, z, 1)
     return wall, x, z
 
 
-def _free_road(run, length: float, recording: Recording):
+def _visible_road(run, length: float, recording: Recording):
     """Nodes (m) of the road that a wake's camera sees, and the function that takes its temperatures from fields.
 
     It is behind the block, x > L, or where it slides back and the pixels lie there, x < 0; while the block slides the
@@ -227,27 +227,27 @@ def _free_road(run, length: float, recording: Recording):
     return np.concatenate([[length], lines, x[-1:]] if right else [x[:1], lines, [0.0]]), road
 
 
-def _as_told(recording: Recording, scene: Scene, ruler: tuple[float, float] | None, along, up):
+def _stated_nodes(recording: Recording, scene: Scene, ruler: tuple[float, float] | None, along, up):
     """Nodes (m) along and up of what is in view, had the block the length and width that were told."""
     if ruler is None:
         return along, up
     if recording.view != "wake":
         return along * (ruler[0] / scene.length), up
-    behind = corner(recording, scene.length)
+    behind = scale_origin(recording, scene.length)
     return along + (ruler[0] - behind if behind else 0.0), up * (ruler[1] / scene.width)
 
 
-def _inside(recording: Recording, along: np.ndarray, up: np.ndarray) -> np.ndarray:
+def _interior_mask(recording: Recording, along: np.ndarray, up: np.ndarray) -> np.ndarray:
     """Pixels (nv, nu) at least RIM pixels away from the edges of the body, wherever the image may be shifted to.
 
     The trailing edge is as uncertain as the block's length.  The sides of a wake tell nothing but where they are, and
     that in the tails of a few pixels, which no tangent follows: they are left out as far as they may show.
     """
     masks, moved = [], max(0.0, 3.0 * (recording.registration_sigma_px or 0.0) - 0.5)
-    rims, ends = [RIM + moved] * 2, [(0.0, RULER * (along[-1] - along[0])), (0.0, 0.0)]
+    rims, ends = [EDGE_MARGIN_PX + moved] * 2, [(0.0, BLOCK_SIZE_TOLERANCE * (along[-1] - along[0])), (0.0, 0.0)]
     if recording.view == "wake":
-        rims[1] = max(RIM, 0.5 + TAIL * (recording.psf_sigma_px or 0.0)) + moved
-        ends = [(0.0, 0.0), (0.5 * RULER * (up[-1] - up[0]),) * 2]
+        rims[1] = max(EDGE_MARGIN_PX, 0.5 + BLUR_TAIL_WIDTHS * (recording.psf_sigma_px or 0.0)) + moved
+        ends = [(0.0, 0.0), (0.5 * BLOCK_SIZE_TOLERANCE * (up[-1] - up[0]),) * 2]
     axes = zip((recording.u, recording.v), recording.pitch, (along, up), rims, ends, strict=True)
     for centres, pitch, nodes, least, (first, last) in axes:
         rim, free = least * pitch, len(nodes) == 1 or not np.isfinite(pitch)

@@ -15,7 +15,7 @@ from flashtemp.errors import BadInput
 
 
 @dataclass(frozen=True)
-class Place:
+class ImagePlacement:
     """How an image lies otherwise than told: pixels larger by a share `scale`, all of it turned by `turn` (rad); by
     `clock` (s) its frames are stamped late.
 
@@ -27,26 +27,26 @@ class Place:
     clock: float = 0.0
 
 
-AS_TOLD = Place()
+STATED_PLACEMENT = ImagePlacement()
 
 
-def corner(recording: Recording, length: float) -> float:
+def scale_origin(recording: Recording, length: float) -> float:
     """u (m) that the scale is counted from: the leading edge; for a wake the trailing edge that it follows."""
     if recording.view != "wake":
         return 0.0
     return length if float(np.median(recording.u)) > 0.5 * length else 0.0
 
 
-def pivot(recording: Recording, length: float) -> tuple[float, float]:
+def rotation_centre(recording: Recording, length: float) -> tuple[float, float]:
     """u and v (m) about which an image is turned: the middle of what it shows of the wall, so that its edges stay where
     they are on the mean; of a wake the middle of the edge that it begins at."""
     if recording.view == "wake":
-        return corner(recording, length), 0.0
+        return scale_origin(recording, length), 0.0
     high = recording.v[recording.v >= 0.0]
     return 0.5 * length, 0.5 * float(high.max()) if recording.view == "sidewall" and len(high) else 0.0
 
 
-def check_seen(recording: Recording, block: tuple[float, float] | None) -> None:
+def check_block_in_view(recording: Recording, block: tuple[float, float] | None) -> None:
     """BadInput where the whole image of a side wall lies beside the `block` (length, height in m), if that is known."""
     if block is None or recording.view != "sidewall":
         return

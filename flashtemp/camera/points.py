@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.errors import BadInput, nearest
-from flashtemp.model.case_file import title_fault
+from flashtemp.errors import BadInput, suggest_name
+from flashtemp.model.case_file import find_title_fault
 from flashtemp.physics import units
 
-KEYS = {  # of one point: unit, lowest, highest value, default
+SENSOR_KEYS = {  # of one point: unit, lowest, highest value, default
     "x": ("m", -1.0, 10.0, 0.0),
     "y": ("m", -10.0, 10.0, 0.0),
     "z": ("m", -10.0, 1.0, None),
@@ -22,12 +22,12 @@ KEYS = {  # of one point: unit, lowest, highest value, default
     "depth_sigma_m": ("m", 0.0, 0.1, None),
     "gain_sigma": ("1", 0.0, 0.2, 0.0),
 }
-NEEDED = ("z",)
-FOLLOWS = {"depth_sigma_m": "place_sigma_m"}  # what a key is where it is not given
+REQUIRED_SENSOR_KEYS = ("z",)
+FALLBACK_KEYS = {"depth_sigma_m": "place_sigma_m"}  # what a key is where it is not given
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
+class SensorPositions:
     """Points (n,): `x` from the leading edge, `y` from the centre line, `z` > 0 above the face in the block, < 0 in the
     road, all m; `lag_s` time constant; standard deviations `lag_sigma_s` of that, `place_sigma_m` of the place along x
     and y, `depth_sigma_m` along z, `gain_sigma` of the rise that it shows, relative; `names` for people.
@@ -47,7 +47,7 @@ class Places:
         return len(self.names)
 
     def __post_init__(self):
-        for key, (unit, low, high, _) in KEYS.items():
+        for key, (unit, low, high, _) in SENSOR_KEYS.items():
             values = getattr(self, key)
             if values.shape != (len(self),):
                 raise BadInput(
@@ -61,77 +61,77 @@ class Places:
         """Standard deviation (n,) m of the place along x, y or z."""
         return self.depth_sigma_m if axis == 2 else self.place_sigma_m
 
-    def moved(self, key: str, step: float, point: int | None = None) -> Places:
+    def perturb_key(self, key: str, step: float, point: int | None = None) -> SensorPositions:
         """The same with x, y, z or `lag_s` of one point, or of all, changed by `step`; may leave bounds a little."""
         values = getattr(self, key).copy()
         values[slice(None) if point is None else point] += step
-        return _unchecked({f.name: getattr(self, f.name) for f in fields(self)} | {key: values})
+        return _build_unchecked({f.name: getattr(self, f.name) for f in fields(self)} | {key: values})
 
-    def only(self, own: slice) -> Places:
+    def subset(self, own: slice) -> SensorPositions:
         """Some of the points."""
-        return _unchecked({f.name: getattr(self, f.name)[own] for f in fields(self)})
+        return _build_unchecked({f.name: getattr(self, f.name)[own] for f in fields(self)})
 
     def as_rows(self) -> list[dict[str, Any]]:
         """One table per point, as in campaign.toml."""
-        return [{"name": n} | {k: float(getattr(self, k)[i]) for k in KEYS} for i, n in enumerate(self.names)]
+        return [{"name": n} | {k: float(getattr(self, k)[i]) for k in SENSOR_KEYS} for i, n in enumerate(self.names)]
 
 
-def _unchecked(values: dict[str, Any]) -> Places:
-    made = object.__new__(Places)
+def _build_unchecked(values: dict[str, Any]) -> SensorPositions:
+    made = object.__new__(SensorPositions)
     for name, value in values.items():
         object.__setattr__(made, name, value)
     return made
 
 
-def of_rows(rows: Any, key: str = "points") -> Places:
+def positions_from_rows(rows: Any, key: str = "points") -> SensorPositions:
     """Places from tables such as { z = 0.00572, lag_s = 0.5 }; `name` counts from 1 unless given.  Raises BadInput."""
     if not isinstance(rows, list) or not rows or not all(isinstance(r, dict) for r in rows):
         raise BadInput(f"{key}: {rows!r}; give a table per point, for example [{{ x = 0.01, z = 0.002 }}]")
-    known, rows = ["name", *KEYS], [dict(row) for row in rows]
+    known, rows = ["name", *SENSOR_KEYS], [dict(row) for row in rows]
     for number, row in enumerate(rows, 1):
         for name, value in [*row.items()]:
             if name not in known:
-                raise BadInput(f"{key}: point {number}: {name}: unknown key{nearest(name, known)}")
-            if name == "name" and (said := title_fault(value)):
+                raise BadInput(f"{key}: point {number}: {name}: unknown key{suggest_name(name, known)}")
+            if name == "name" and (said := find_title_fault(value)):
                 raise BadInput(f"{key}: point {number}: name: {said}")
             if name != "name" and units.looks_like_quantity(value):
-                row[name] = value = _in_unit(key, number, name, value)
+                row[name] = value = _convert_unit(key, number, name, value)
             if name != "name" and (isinstance(value, bool) or not isinstance(value, (int, float))):
-                raise BadInput(f"{key}: point {number}: {name}: {value!r}; give a number ({KEYS[name][0]})")
+                raise BadInput(f"{key}: point {number}: {name}: {value!r}; give a number ({SENSOR_KEYS[name][0]})")
         if "z" not in row:
             raise BadInput(f"{key}: point {number}: z: missing; give m above the face, below 0 in the road")
     names = tuple(str(row.get("name", n)) for n, row in enumerate(rows, 1))
     try:
-        return of_arrays(names, {k: [_of_row(row, k) for row in rows] for k in KEYS})
+        return positions_from_arrays(names, {k: [_row_value(row, k) for row in rows] for k in SENSOR_KEYS})
     except BadInput as fault:
         raise BadInput(*(f"{key}: {line}" for line in fault.lines)) from fault
 
 
-def _of_row(row: dict[str, Any], key: str) -> float:
+def _row_value(row: dict[str, Any], key: str) -> float:
     """A key of a point, or what stands for it."""
-    if key not in row and key in FOLLOWS:
-        return _of_row(row, FOLLOWS[key])
-    default = KEYS[key][3]
+    if key not in row and key in FALLBACK_KEYS:
+        return _row_value(row, FALLBACK_KEYS[key])
+    default = SENSOR_KEYS[key][3]
     return float(row.get(key, 0.0 if default is None else default))
 
 
-def _in_unit(key: str, number: int, name: str, value: str) -> float:
+def _convert_unit(key: str, number: int, name: str, value: str) -> float:
     try:
-        return units.to_unit(value, KEYS[name][0], difference=True) if name in KEYS else float("nan")
+        return units.to_unit(value, SENSOR_KEYS[name][0], difference=True) if name in SENSOR_KEYS else float("nan")
     except BadInput as fault:
         raise BadInput(f"{key}: point {number}: {name}: {fault}") from fault
 
 
-def of_arrays(names: Sequence[str], given: dict[str, Any]) -> Places:
+def positions_from_arrays(names: Sequence[str], given: dict[str, Any]) -> SensorPositions:
     """Places of points by name from a value per point of each key; those left out take their defaults.
 
     Raises BadInput.
     """
     n = len(names)
     filled: dict[str, np.ndarray] = {}
-    for key, (unit, *_, default) in KEYS.items():
-        if key not in given and key in NEEDED:
+    for key, (unit, *_, default) in SENSOR_KEYS.items():
+        if key not in given and key in REQUIRED_SENSOR_KEYS:
             raise BadInput(f"{key}: missing; give it for every point, in {unit}")
-        other = filled[FOLLOWS[key]] if key in FOLLOWS else np.full(n, default)
+        other = filled[FALLBACK_KEYS[key]] if key in FALLBACK_KEYS else np.full(n, default)
         filled[key] = np.asarray(given.get(key, other), float)
-    return Places(tuple(names), **filled)
+    return SensorPositions(tuple(names), **filled)

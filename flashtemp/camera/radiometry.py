@@ -9,7 +9,7 @@ import numpy as np
 from flashtemp.errors import BadInput
 from flashtemp.physics.quantities import KELVIN
 
-RANGES = {  # attribute: lowest, highest value, unit
+PARAMETER_RANGES = {  # attribute: lowest, highest value, unit
     "emissivity": (0.01, 1.0, ""),
     "reflected": (-273.0, 3000.0, "degC"),
     "air": (-100.0, 500.0, "degC"),
@@ -20,11 +20,11 @@ RANGES = {  # attribute: lowest, highest value, unit
 }
 USUAL_DISTANCE_M = 100.0  # up to which constants of the air must make sense
 PATH_STEPS = 8  # parts of the path, even in its square root, after which the air's transmission is looked at
-ROUNDING = 1e-6  # of a transmission: constants are stored in single precision
+TRANSMISSION_ROUNDING = 1e-6  # of a transmission: constants are stored in single precision
 
 
 @dataclass(frozen=True)
-class Planck:
+class PlanckCalibration:
     """A camera's calibration: counts S(T) = R1/(R2 (exp(B/T) - F)) - O, T in K; O with the sign FLIR stores.
 
     Works on numbers and arrays of any shape, real or complex (complex steps pass through).
@@ -59,14 +59,14 @@ class Planck:
             T = self.B / np.log(self.R1 / (self.R2 * np.where(real, light, 1.0)) + self.F) - KELVIN
         return np.where(real, T, np.nan)
 
-    def slope(self, counts):
+    def temperature_per_count(self, counts):
         """dT/dS (K per count) there."""
         T, light = self.temperature(counts) + KELVIN, counts + self.O
         with np.errstate(divide="ignore", invalid="ignore"):
             return T**2 / (self.B * light * (1.0 + self.F * self.R2 * light / self.R1))
 
 
-LONG_WAVE = Planck(1.0, 1.0, 1428.0)  # a generic 8-14 um band, for files that hold temperatures only
+LONG_WAVE = PlanckCalibration(1.0, 1.0, 1428.0)  # a generic 8-14 um band, for files that hold temperatures only
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class ObjectParameters:
     X: float = 1.9
 
     def __post_init__(self):
-        for name, (low, high, unit) in RANGES.items():
+        for name, (low, high, unit) in PARAMETER_RANGES.items():
             if not low <= getattr(self, name) <= high:
                 raise BadInput(f"{name}: {getattr(self, name):g}; give {low:g} to {high:g} {unit}".rstrip())
         _check_air(self)
@@ -104,9 +104,9 @@ class ObjectParameters:
         With t the air's degC, water w^2 = humidity exp(1.5587 + 0.06939 t - 2.7816e-4 t2 + 6.8455e-7 t3):
         tau = X exp(-sqrt(d) (a1 + b1 w)) + (1 - X) exp(-sqrt(d) (a2 + b2 w)), as FLIR's manuals say; 1 at distance 0.
         """
-        return float(self.transmissions(np.array([self.distance]))[0])
+        return float(self.path_transmission(np.array([self.distance]))[0])
 
-    def transmissions(self, distances: np.ndarray) -> np.ndarray:
+    def path_transmission(self, distances: np.ndarray) -> np.ndarray:
         """Transmission of the air over paths (n,) in m; 1 over a path of length 0 whatever the constants are."""
         t, path = self.air, np.sqrt(distances)
         water = np.sqrt(self.humidity * np.exp(1.5587 + t * (6.939e-2 + t * (-2.7816e-4 + t * 6.8455e-7))))
@@ -115,7 +115,7 @@ class ObjectParameters:
             second = np.exp(-path * (self.alpha2 + self.beta2 * water))
             return np.where(path > 0, self.X * first + (1 - self.X) * second, 1.0)
 
-    def changed(self, given: dict[str, float]) -> ObjectParameters:
+    def with_values(self, given: dict[str, float]) -> ObjectParameters:
         """The same with some values replaced."""
         return replace(self, **given)
 
@@ -137,8 +137,8 @@ def _check_air(p: ObjectParameters) -> None:
     if p.distance == 0:
         return
     distances = max(p.distance, USUAL_DISTANCE_M) * np.linspace(0.0, 1.0, PATH_STEPS + 1) ** 2
-    tau = p.transmissions(np.append(p.distance, distances))
-    bad = ~((tau > 0) & (tau <= 1 + ROUNDING))
+    tau = p.path_transmission(np.append(p.distance, distances))
+    bad = ~((tau > 0) & (tau <= 1 + TRANSMISSION_ROUNDING))
     if bad.any():
         at = int(np.argmax(bad))
         over = np.append(p.distance, distances)[at]
@@ -150,32 +150,32 @@ def _check_air(p: ObjectParameters) -> None:
         )
 
 
-NAMES = tuple(RANGES)  # what a person may change
-CONSTANTS = tuple(f.name for f in fields(ObjectParameters) if f.name not in RANGES)
+PARAMETER_NAMES = tuple(PARAMETER_RANGES)  # what a person may change
+AIR_CONSTANTS = tuple(f.name for f in fields(ObjectParameters) if f.name not in PARAMETER_RANGES)
 
 
-def _surroundings(planck: Planck, p: ObjectParameters) -> tuple[float, float]:
+def _gain_and_background(planck: PlanckCalibration, p: ObjectParameters) -> tuple[float, float]:
     """Gain on the object's counts and counts that come from elsewhere: S = gain S(T) + added."""
     tau = p.transmission
     before = (1 - p.emissivity) * tau * planck.counts(p.reflected) + (1 - tau) * planck.counts(p.air)
     return p.window * p.emissivity * tau, p.window * before + (1 - p.window) * planck.counts(p.window_temperature)
 
 
-def apparent_counts(T, planck: Planck, p: ObjectParameters):
+def apparent_counts(T, planck: PlanckCalibration, p: ObjectParameters):
     """Counts that the camera sees of an object at T degC (any shape, real or complex).
 
     S = w (eps tau S(T) + (1 - eps) tau S(reflected) + (1 - tau) S(air)) + (1 - w) S(window).
     """
-    gain, added = _surroundings(planck, p)
+    gain, added = _gain_and_background(planck, p)
     return gain * planck.counts(T) + added
 
 
-def object_temperature(counts, planck: Planck, p: ObjectParameters):
+def object_temperature(counts, planck: PlanckCalibration, p: ObjectParameters):
     """Temperature of the object, degC, from the counts that the camera saw; NaN where they are too few."""
-    gain, added = _surroundings(planck, p)
+    gain, added = _gain_and_background(planck, p)
     return planck.temperature((counts - added) / gain)
 
 
-def reapply(T, old: ObjectParameters, new: ObjectParameters, band: Planck = LONG_WAVE):
+def recompute_temperature(T, old: ObjectParameters, new: ObjectParameters, band: PlanckCalibration = LONG_WAVE):
     """Temperatures (degC) that were computed with `old` parameters, as they are with `new` ones."""
     return T if old == new else object_temperature(apparent_counts(T, band, old), band, new)

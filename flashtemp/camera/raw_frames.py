@@ -9,19 +9,19 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
-from flashtemp.camera.plausible import temperatures
-from flashtemp.camera.radiometry import ObjectParameters, Planck
+from flashtemp.camera.plausible import check_camera_range
+from flashtemp.camera.radiometry import ObjectParameters, PlanckCalibration
 from flashtemp.errors import BadInput
 from flashtemp.physics.quantities import KELVIN
 
-MOST_PIXELS = 50_000_000  # of one frame: what is larger is a damaged size field
-UNITS = {"c": "degC", "celsius": "degC", "centigrade": "degC", "f": "degF", "fahrenheit": "degF", "k": "K",
+MAX_FRAME_PIXELS = 50_000_000  # of one frame: what is larger is a damaged size field
+TEMPERATURE_UNIT_NAMES = {"c": "degC", "celsius": "degC", "centigrade": "degC", "f": "degF", "fahrenheit": "degF", "k": "K",
          "kelvin": "K", "kelvins": "K", "mk": "mK", "millikelvin": "mK"}  # fmt: skip
-WARMEST_UNSAID = 150.0  # a median above this could be kelvin: ask
+MAX_MEDIAN_WITHOUT_UNIT_DEGC = 150.0  # a median above this could be kelvin: ask
 
 
 @dataclass(frozen=True)
-class Frames:
+class RawFrames:
     """Images of one file: `temperature` (frames, rows, columns) degC, row 0 at the top, NaN where none is known.
 
     `clock` (frames,) s on the camera's clock (1970, its own time zone), `time` (frames,) s where the file counts
@@ -36,35 +36,35 @@ class Frames:
     temperature: np.ndarray
     clock: np.ndarray | None = None
     time: np.ndarray | None = None
-    said: dict[str, float] = field(default_factory=dict)
+    stated_parameters: dict[str, float] = field(default_factory=dict)
     parameters: ObjectParameters | None = None
     counts: np.ndarray | None = None
-    planck: Planck | None = None
+    planck: PlanckCalibration | None = None
     camera: str = ""
     fps: float | None = None
     outside: int = 0
     notes: tuple[str, ...] = ()
     difference: bool = False
-    counted: bool = False
+    is_unscaled: bool = False
     view: str | None = None
     repetition: np.ndarray | None = None
     u: np.ndarray | None = None
     v: np.ndarray | None = None
-    told: dict[str, float] = field(default_factory=dict)
+    camera_attributes: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self):
         T = self.temperature
         if T.ndim != 3 or T.size == 0:
             raise BadInput(f"holds an array of shape {T.shape}; give images (rows, columns) or (frame, rows, columns)")
-        if not (self.difference or self.counted) and np.isfinite(T).any():
-            temperatures(T)
+        if not (self.difference or self.is_unscaled) and np.isfinite(T).any():
+            check_camera_range(T)
 
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns of one image."""
         return self.temperature.shape[1:]
 
-    def every(self, step: int) -> Frames:
+    def take_every(self, step: int) -> RawFrames:
         """The same with one frame of `step`."""
         if step == 1:
             return self
@@ -73,7 +73,7 @@ class Frames:
             values = getattr(self, name)
             chosen[name] = values if values is None else values[::step]
         kept = {f.name: getattr(self, f.name) for f in fields(self)}
-        return Frames(**(kept | chosen | {"fps": self.fps / step if self.fps else None}))
+        return RawFrames(**(kept | chosen | {"fps": self.fps / step if self.fps else None}))
 
     def __str__(self) -> str:
         T = self.temperature[np.isfinite(self.temperature)]
@@ -84,7 +84,7 @@ class Frames:
         return f"{self.format}{camera}, {many}{size}, {span}"
 
 
-def joined(pieces: Sequence[Frames]) -> Frames:
+def concatenate_frames(pieces: Sequence[RawFrames]) -> RawFrames:
     """One Frames of the pieces of one file, in order."""
     first = pieces[0]
     if len(pieces) == 1:
@@ -95,7 +95,7 @@ def joined(pieces: Sequence[Frames]) -> Frames:
         chosen[name] = None if any(p is None for p in parts) else np.concatenate(parts)
     kept = {f.name: getattr(first, f.name) for f in fields(first)}
     notes = tuple(dict.fromkeys(note for p in pieces for note in p.notes))
-    return Frames(**(kept | chosen | {"outside": sum(p.outside for p in pieces), "notes": notes}))
+    return RawFrames(**(kept | chosen | {"outside": sum(p.outside for p in pieces), "notes": notes}))
 
 
 def temperature_unit(text: str) -> str | None:
@@ -105,7 +105,7 @@ def temperature_unit(text: str) -> str | None:
     ('degF', 'degC', 'K', None)
     """
     bare = re.sub(r"[°º˚\s._\[\](){}]", "", text.replace("℃", "C").replace("℉", "F")).lower()
-    return UNITS.get(re.sub(r"^(?:deg(?:rees?)?|grad|o(?=[cf]$))", "", bare))
+    return TEMPERATURE_UNIT_NAMES.get(re.sub(r"^(?:deg(?:rees?)?|grad|o(?=[cf]$))", "", bare))
 
 
 def agree_on_unit(said: str | None, own: str | None, where: str) -> str | None:
@@ -115,7 +115,7 @@ def agree_on_unit(said: str | None, own: str | None, where: str) -> str | None:
     return said or own
 
 
-def celsius(values: np.ndarray, unit: str | None, difference: bool = False) -> tuple[np.ndarray, str]:
+def to_celsius(values: np.ndarray, unit: str | None, difference: bool = False) -> tuple[np.ndarray, str]:
     """Values in degC and a note, from a unit that may be unknown; BadInput where it must be asked for.
 
     `difference`: the values are differences of temperatures (a lock-in amplitude), K.
@@ -124,7 +124,7 @@ def celsius(values: np.ndarray, unit: str | None, difference: bool = False) -> t
     if unit is None:
         known = values[np.isfinite(values)]
         middle = float(np.median(known)) if known.size else 0.0
-        if not -100 < middle < WARMEST_UNSAID:
+        if not -100 < middle < MAX_MEDIAN_WITHOUT_UNIT_DEGC:
             raise ScaleMissing(
                 f"values {known.min():g} to {known.max():g} in a unit that the file does not say; give --unit"
                 " degC, K, mK or degF, or --scale and --offset for counts"
@@ -149,7 +149,7 @@ class ScaleMissing(BadInput):
 UNSCALED = Unscaled(1.0)
 
 
-def linear(counts: np.ndarray, scale: float | None, offset: float | None, what: str) -> np.ndarray:
+def scale_counts(counts: np.ndarray, scale: float | None, offset: float | None, what: str) -> np.ndarray:
     """Temperatures, degC, of counts that a camera wrote as (T - offset)/scale; both must be said."""
     if scale is None or offset is None:
         missing = " and ".join(k for k, v in (("--scale", scale), ("--offset", offset)) if v is None)
@@ -169,12 +169,12 @@ def linear(counts: np.ndarray, scale: float | None, offset: float | None, what: 
     return T
 
 
-def stacked(values: np.ndarray) -> np.ndarray:
+def as_frame_stack(values: np.ndarray) -> np.ndarray:
     """Images as (frames, rows, columns), from (rows, columns) or (frames, rows, columns)."""
     return values[None] if values.ndim == 2 else values
 
 
-def need(module: str):
+def require_module(module: str):
     """A module of the extra `camera`; BadInput says how to install it."""
     try:
         return importlib.import_module(module)

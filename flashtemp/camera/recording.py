@@ -12,24 +12,24 @@ import numpy as np
 
 from flashtemp.camera import cf_attributes
 from flashtemp.camera.camera_classes import CAMERA_CLASSES, UNCOOLED
-from flashtemp.camera.plausible import HOTTEST, extent, fits, parts
-from flashtemp.camera.points import KEYS, Places, of_arrays
-from flashtemp.errors import BadInput, short
+from flashtemp.camera.plausible import MAX_CAMERA_DEGC, finite_range, check_memory, iter_chunks
+from flashtemp.camera.points import SENSOR_KEYS, SensorPositions, positions_from_arrays
+from flashtemp.errors import BadInput, shorten_text
 from flashtemp.physics import bounded_hdf5
 from flashtemp.physics.quantities import KELVIN
-from flashtemp.showing import Sheet, Shown, several, whole_file
+from flashtemp.showing import DisplayTable, DisplayMixin, format_count, atomic_write
 
-VIEWS = {
+VIEW_DESCRIPTIONS = {
     "sidewall": "u = x from the leading edge, v = z above the interface",
     "wake": "road behind the block: u = x > L, v = y from the centre line",
     "profile": "no v: block surface along x",
     "points": "thermocouples or pyrometers at places x, y, z; u counts them",
 }
-IN_MEMORY = 64 * 2**20  # bytes of images: larger recordings are written piece by piece
-CHUNK = 1_000_000  # pixels that are compressed together
-NEEDED = ("temperature", "time", "repetition", "u", "v", *KEYS)
-NAMED = ";"  # between the names of points
-OPTIONAL = {  # attribute: unit, lowest, highest value
+MAX_WRITE_AT_ONCE_BYTES = 64 * 2**20  # bytes of images: larger recordings are written piece by piece
+CHUNK_PIXELS = 1_000_000  # pixels that are compressed together
+RECORDING_VARIABLES = ("temperature", "time", "repetition", "u", "v", *SENSOR_KEYS)
+NAME_SEPARATOR = ";"  # between the names of points
+OPTIONAL_ATTRIBUTES = {  # attribute: unit, lowest, highest value
     "emissivity": ("1", 0.05, 1.0),
     "reflected_degC": ("degC", -273.0, 1500.0),
     "netd_K": ("K", 1e-4, 10.0),
@@ -42,7 +42,7 @@ OPTIONAL = {  # attribute: unit, lowest, highest value
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Recording(Shown):
+class Recording(DisplayMixin):
     """Frames of one view: `temperature` (frames, nv, nu) degC, NaN = dead pixel; a profile has nv = 1.
 
     `time` (frames,) s from the first start of sliding, `repetition` (frames,) 1-based, during a wait the
@@ -68,24 +68,24 @@ class Recording(Shown):
     fps: float | None = None
     registration_sigma_px: float | None = None
     source: str = ""
-    places: Places | None = None
+    places: SensorPositions | None = None
     camera: str = UNCOOLED
 
     def __post_init__(self):
-        if fault := self._fault():
+        if fault := self._find_fault():
             raise BadInput(fault)
 
-    def _fault(self) -> str | None:
+    def _find_fault(self) -> str | None:
         """What makes this no recording, in one line, or None."""
         return self._shape_fault() or self._place_fault() or self._value_fault()
 
     def _shape_fault(self) -> str | None:
-        if self.view not in VIEWS:
-            return f"view: {self.view!r}; give {', '.join(VIEWS)}"
+        if self.view not in VIEW_DESCRIPTIONS:
+            return f"view: {self.view!r}; give {', '.join(VIEW_DESCRIPTIONS)}"
         shape = (len(self.time), len(self.v), len(self.u))
         if self.temperature.shape != shape:
             return f"temperature: shape {self.temperature.shape}; its coordinates (frame, v, u) ask for {shape}"
-        if self.line and len(self.v) != 1:
+        if self.is_single_row and len(self.v) != 1:
             return f"v: {len(self.v)} rows; a {self.view.rstrip('s')} has none"
         if (self.view == "points") != (self.places is not None) or (self.places and len(self.places) != len(self.u)):
             return (
@@ -118,17 +118,17 @@ class Recording(Shown):
         low, high, known = self.span
         if not known:
             return "temperature: no pixel holds a number; choose other frames or another file"
-        if low < -KELVIN or high > HOTTEST:
+        if low < -KELVIN or high > MAX_CAMERA_DEGC:
             wrong = "below absolute zero" if low < -KELVIN else "hotter than any camera measures"
             return f"temperature: {low if low < -KELVIN else high:g} degC is {wrong}; give degC"
-        for name, (unit, low, high) in OPTIONAL.items():
+        for name, (unit, low, high) in OPTIONAL_ATTRIBUTES.items():
             value = getattr(self, name)
             if value is not None and not low <= value <= high:
                 return f"{name}: {value:g}; give {low:g} to {high:g} {unit}"
         return None
 
     @property
-    def line(self) -> bool:
+    def is_single_row(self) -> bool:
         """Whether its values lie in one row: a profile, or points."""
         return self.view in ("profile", "points")
 
@@ -139,7 +139,7 @@ class Recording(Shown):
     @cached_property
     def span(self) -> tuple[float, float, int]:
         """Lowest and highest temperature, degC, and how many of all are known."""
-        return extent(self.temperature)
+        return finite_range(self.temperature)
 
     @property
     def pitch(self) -> tuple[float, float]:
@@ -147,11 +147,11 @@ class Recording(Shown):
         u, v = (float(np.diff(a).mean()) if len(a) > 1 else float("inf") for a in (self.u, self.v))
         return u, v
 
-    def dataset(self):
+    def to_dataset(self):
         """The xarray Dataset of contract 5.4."""
         import xarray as xr
 
-        flat, along = self.line, "point" if self.view == "points" else "u"
+        flat, along = self.is_single_row, "point" if self.view == "points" else "u"
         data = self.temperature[:, 0] if flat else self.temperature
         coords = {
             "time": ("frame", self.time, {"units": "s", "long_name": "time since the first start of sliding"}),
@@ -160,14 +160,14 @@ class Recording(Shown):
         if self.places is None:
             coords["u"] = ("u", self.u, {"units": "m"})
         else:
-            coords |= {k: ("point", getattr(self.places, k), {"units": unit}) for k, (unit, *_) in KEYS.items()}
+            coords |= {k: ("point", getattr(self.places, k), {"units": unit}) for k, (unit, *_) in SENSOR_KEYS.items()}
         if not flat:
             coords["v"] = ("v", self.v, {"units": "m"})
-        known = {name: getattr(self, name) for name in OPTIONAL if getattr(self, name) is not None}
+        known = {name: getattr(self, name) for name in OPTIONAL_ATTRIBUTES if getattr(self, name) is not None}
         if self.camera != UNCOOLED:
             known["camera"] = self.camera
         if self.places is not None:
-            known["names"] = NAMED.join(n.replace(NAMED, " ") for n in self.places.names)
+            known["names"] = NAME_SEPARATOR.join(n.replace(NAME_SEPARATOR, " ") for n in self.places.names)
         return xr.Dataset(
             {"temperature": (("frame", along) if flat else ("frame", "v", "u"), data, {"units": "degC"})},
             coords=coords,
@@ -177,23 +177,23 @@ class Recording(Shown):
     def save(self, path) -> None:
         """Write NetCDF-4; replaces the file only when whole."""
         path = Path(path)
-        with whole_file(path) as fresh:
-            if self.temperature.nbytes <= IN_MEMORY:
+        with atomic_write(path) as fresh:
+            if self.temperature.nbytes <= MAX_WRITE_AT_ONCE_BYTES:
                 encoding = {"temperature": {"zlib": True, "complevel": 4}, "time": {"dtype": "float64"}}
-                fresh.write_bytes(bytes(self.dataset().to_netcdf(engine="h5netcdf", encoding=encoding)))
+                fresh.write_bytes(bytes(self.to_dataset().to_netcdf(engine="h5netcdf", encoding=encoding)))
             else:
-                self._stream(fresh)
+                self._write_frames(fresh)
 
-    def _stream(self, path: Path) -> None:
+    def _write_frames(self, path: Path) -> None:
         """Write a file frame by frame: images that are no more in memory at once than a few."""
         import h5netcdf
 
-        ds = self.dataset()
+        ds = self.to_dataset()
         about, dims = ds["temperature"].attrs, ds["temperature"].dims
         ds.drop_vars("temperature").to_netcdf(path, engine="h5netcdf", encoding={"time": {"dtype": "float64"}})
         with h5netcdf.File(path, "a") as file:
-            flat = self.line
-            step = max(1, CHUNK // self.temperature[0].size)
+            flat = self.is_single_row
+            step = max(1, CHUNK_PIXELS // self.temperature[0].size)
             shape = self.temperature[:, 0].shape if flat else self.temperature.shape
             variable = file.create_variable(
                 "temperature", dims, self.temperature.dtype, chunks=(min(step, shape[0]), *shape[1:]),
@@ -201,40 +201,40 @@ class Recording(Shown):
             )  # fmt: skip
             variable.attrs.update(about)
             variable.attrs["coordinates"] = "time repetition"
-            for begin, images in parts(self.temperature, step):
+            for begin, images in iter_chunks(self.temperature, step):
                 variable[begin : begin + len(images)] = images[:, 0] if flat else images
 
-    def chosen(self, keep: np.ndarray) -> Recording:
+    def select_frames(self, keep: np.ndarray) -> Recording:
         """The same with some of its frames: indices or a mask (frames,)."""
         return replace(self, temperature=self.temperature[keep], time=self.time[keep], repetition=self.repetition[keep])
 
     def __str__(self) -> str:
         low, high, known = self.span
-        size = f"{len(self.u)} pixels" if self.line else f"{len(self.u)} x {len(self.v)} pixels"
+        size = f"{len(self.u)} pixels" if self.is_single_row else f"{len(self.u)} x {len(self.v)} pixels"
         du, dv = (1e3 * p for p in self.pitch)
-        pitch = f"{du:.3g} mm" if self.line else f"{du:.3g} x {dv:.3g} mm"
+        pitch = f"{du:.3g} mm" if self.is_single_row else f"{du:.3g} x {dv:.3g} mm"
         size = f"{len(self.u)} points" if self.places is not None else f"{size} of {pitch}"
         lost = 100 * (1 - known / self.temperature.size)
         return (
-            f"Recording '{self.view}' of {several(self.frames, 'frame')}, {size}\n"
+            f"Recording '{self.view}' of {format_count(self.frames, 'frame')}, {size}\n"
             f"  time {self.time[0]:g} to {self.time[-1]:g} s, repetitions {self.repetition.min()} to"
             f" {self.repetition.max()}\n"
             f"  {low:.2f} to {high:.2f} degC, {lost:.2g} % of the values missing"
         )
 
-    def sheet(self) -> Sheet:
+    def to_table(self) -> DisplayTable:
         (low, high, known), mm = self.span, 1e3
         rows: list[tuple] = [("frames", self.frames, ""), ("time", (self.time[0], self.time[-1]), "s")]
         rows.append(("repetitions", (int(self.repetition.min()), int(self.repetition.max())), ""))
         if self.places is None:
             rows.append(("u", (mm * self.u[0], mm * self.u[-1]), "mm"))
-        if not self.line:
+        if not self.is_single_row:
             rows.append(("v", (mm * self.v[0], mm * self.v[-1]), "mm"))
         rows.append(("temperature", (low, high), "degC"))
         rows.append(("values missing", 100 * (1 - known / self.temperature.size), "%"))
-        about = ((k, getattr(self, k), unit) for k, (unit, *_) in OPTIONAL.items() if getattr(self, k) is not None)
-        title = f"Recording '{self.view}' ({VIEWS[self.view]})"
-        return Sheet(title, [*rows, *about], notes=[self.source] if self.source else [])
+        about = ((k, getattr(self, k), unit) for k, (unit, *_) in OPTIONAL_ATTRIBUTES.items() if getattr(self, k) is not None)
+        title = f"Recording '{self.view}' ({VIEW_DESCRIPTIONS[self.view]})"
+        return DisplayTable(title, [*rows, *about], notes=[self.source] if self.source else [])
 
 
 def load(path: str | Path, limit: float | None = None) -> Recording:
@@ -248,17 +248,17 @@ def load(path: str | Path, limit: float | None = None) -> Recording:
     if not path.is_file():
         raise BadInput(f"{path}: no such recording; give a .nc file that flashtemp import has written")
     try:
-        bounded_hdf5.check(path, NEEDED.__contains__, partial(_allowed, limit))
+        bounded_hdf5.check_hdf5_file(path, RECORDING_VARIABLES.__contains__, partial(_check_dataset, limit))
         with (
             warnings.catch_warnings(action="ignore", category=xr.SerializationWarning),  # both marks of missing values
             xr.open_dataset(path, engine="h5netcdf", decode_times=False, decode_timedelta=False) as opened,
         ):
-            ds = opened.drop_vars([name for name in opened.variables if name not in NEEDED])
+            ds = opened.drop_vars([name for name in opened.variables if name not in RECORDING_VARIABLES])
             ds.load()
     except BadInput as fault:
         raise BadInput(*(f"{path}: {line}" for line in fault.lines)) from fault
     except Exception as fault:  # h5netcdf raises whatever the damage provokes
-        what = short(" ".join(str(fault).split()))
+        what = shorten_text(" ".join(str(fault).split()))
         raise BadInput(f"{path}: not a NetCDF recording ({what}); write it with flashtemp import") from fault
     points = str(ds.attrs.get("view", "")) == "points"
     missing = [k for k in ("temperature", "time", "repetition", "z" if points else "u") if k not in ds.variables]
@@ -267,7 +267,7 @@ def load(path: str | Path, limit: float | None = None) -> Recording:
         raise BadInput(
             f"{path}: {what} missing; a recording holds temperature(frame, v, u), time, repetition, u, v, view"
         )
-    view, T = short(str(ds.attrs["view"])), ds["temperature"]
+    view, T = shorten_text(str(ds.attrs["view"])), ds["temperature"]
     flat = view in ("profile", "points")
     wanted = ("frame", "point" if points else "u") if flat else ("frame", "v", "u")
     if set(T.dims) != set(wanted):
@@ -276,18 +276,18 @@ def load(path: str | Path, limit: float | None = None) -> Recording:
         raise BadInput(f"{path}: v missing; give the pixel centres v in m")
     try:
         _check_dimensions(ds, wanted)
-        values = _numbers(ds, "temperature", T.transpose(*wanted))
+        values = _read_variable(ds, "temperature", T.transpose(*wanted))
         values = values if np.isfinite(values).all() else np.where(np.isfinite(values), values, np.nan)
         return Recording(
             view,
             values[:, None, :] if flat else values,
-            _numbers(ds, "time"),
-            _whole(_numbers(ds, "repetition")),
-            np.arange(values.shape[1], dtype=float) if points else _numbers(ds, "u"),
-            np.zeros(1) if flat else _numbers(ds, "v"),
-            source=short(str(ds.attrs.get("source", ""))),
-            camera=short(str(ds.attrs.get("camera", UNCOOLED))),
-            places=_places(ds, values.shape[1]) if points else None,
+            _read_variable(ds, "time"),
+            _whole_numbers(_read_variable(ds, "repetition")),
+            np.arange(values.shape[1], dtype=float) if points else _read_variable(ds, "u"),
+            np.zeros(1) if flat else _read_variable(ds, "v"),
+            source=shorten_text(str(ds.attrs.get("source", ""))),
+            camera=shorten_text(str(ds.attrs.get("camera", UNCOOLED))),
+            places=_read_positions(ds, values.shape[1]) if points else None,
             **_read_optional(ds),
         )
     except BadInput as fault:
@@ -297,47 +297,47 @@ def load(path: str | Path, limit: float | None = None) -> Recording:
 def _read_optional(ds) -> dict[str, float]:
     """What the attributes of a file tell about the camera.  Raises BadInput."""
     given: dict[str, float] = {}
-    for name in OPTIONAL.keys() & set(ds.attrs):
+    for name in OPTIONAL_ATTRIBUTES.keys() & set(ds.attrs):
         with contextlib.suppress(TypeError, ValueError):
             given[name] = float(ds.attrs[name])
         if name not in given:
-            raise BadInput(f"{name}: {short(repr(ds.attrs[name]))}; give a number")
+            raise BadInput(f"{name}: {shorten_text(repr(ds.attrs[name]))}; give a number")
     return given
 
 
 def _check_dimensions(ds, wanted: tuple[str, ...]) -> None:
     """BadInput where a coordinate of the temperatures' dimensions is not one number along each."""
-    along = {"time": "frame", "repetition": "frame", "u": "u", "v": "v"} | dict.fromkeys(KEYS, "point")
+    along = {"time": "frame", "repetition": "frame", "u": "u", "v": "v"} | dict.fromkeys(SENSOR_KEYS, "point")
     for name in along.keys() & set(ds.variables):
         if along[name] in wanted and ds[name].dims != (along[name],):
             raise BadInput(f"{name}({', '.join(map(str, ds[name].dims))}); give {name}({along[name]})")
 
 
-def _places(ds, n: int) -> Places:
+def _read_positions(ds, n: int) -> SensorPositions:
     """Places of the points of a file.  Raises BadInput."""
-    names = [short(name) for name in str(ds.attrs.get("names", "")).split(NAMED)]
+    names = [shorten_text(name) for name in str(ds.attrs.get("names", "")).split(NAME_SEPARATOR)]
     if len(names) != n:
         names = list(map(str, range(1, n + 1)))
     try:
-        return of_arrays(names, {k: np.atleast_1d(_numbers(ds, k)) for k in KEYS if k in ds.variables})
+        return positions_from_arrays(names, {k: np.atleast_1d(_read_variable(ds, k)) for k in SENSOR_KEYS if k in ds.variables})
     except (TypeError, ValueError) as fault:
-        raise BadInput(f"{', '.join(KEYS)}: hold what is no number; give one for every point") from fault
+        raise BadInput(f"{', '.join(SENSOR_KEYS)}: hold what is no number; give one for every point") from fault
 
 
-def _numbers(ds, name: str, variable=None) -> np.ndarray:
+def _read_variable(ds, name: str, variable=None) -> np.ndarray:
     """A variable of a file, in the unit of the contract.  Raises BadInput."""
-    unit = KEYS[name][0] if name in KEYS else cf_attributes.UNITS[name]
-    return cf_attributes.numbers(name, ds[name] if variable is None else variable, unit)
+    unit = SENSOR_KEYS[name][0] if name in SENSOR_KEYS else cf_attributes.VARIABLE_UNITS[name]
+    return cf_attributes.read_variable(name, ds[name] if variable is None else variable, unit)
 
 
-def _allowed(limit: float | None, size: int, what: str, usual: bool) -> None:
+def _check_dataset(limit: float | None, size: int, what: str, usual: bool) -> None:
     """BadInput where a dataset takes too much memory or holds numbers that no program writes."""
-    fits(size, limit, what)
+    check_memory(size, limit, what)
     if not usual:
         raise BadInput(f"{what} holds numbers of an unusual kind: damaged; write it again with flashtemp import")
 
 
-def _whole(values: np.ndarray) -> np.ndarray:
+def _whole_numbers(values: np.ndarray) -> np.ndarray:
     """Numbers of repetitions as integers; BadInput where they are none."""
     if not np.all(np.isfinite(values)) or np.any(values != np.round(values)):
         raise BadInput("repetition: give whole numbers, counted from 1")

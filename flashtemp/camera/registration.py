@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flashtemp.camera.observation import Seen, observe
+from flashtemp.camera.observation import PredictedImage, observe
 from flashtemp.camera.recording import Recording
 
-SHIFTS = ("shift_u", "shift_v")  # slopes of what is seen, as `Seen` names them
-FAR = 3.0  # standard deviations: a shift beyond is not the image's
+SHIFT_DERIVATIVES = ("shift_u", "shift_v")  # slopes of what is seen, as `Seen` names them
+MAX_SHIFT_SDS = 3.0  # standard deviations: a shift beyond is not the image's
 
 
 @dataclass(frozen=True)
@@ -22,11 +22,11 @@ class Alignment:
 
     shift: tuple[float, float]
     error: tuple[float, float]
-    seen: Seen
+    seen: PredictedImage
     refused: tuple[float, float] | None = None
 
 
-def align(run, scene, recording: Recording, plain: Seen, weigh, known: float) -> Alignment:
+def align_image(run, scene, recording: Recording, plain: PredictedImage, weigh, known: float) -> Alignment:
     """The shift with which a run explains a recording best, known beforehand to `known` px (standard deviation).
 
     `plain` is what is seen without a shift; it comes back where none is found.
@@ -42,8 +42,8 @@ def align(run, scene, recording: Recording, plain: Seen, weigh, known: float) ->
         return Alignment((0.0, 0.0), (0.0, 0.0), plain)
     seen = observe(run, scene, recording, acting, slopes=True)
     for _ in range(8):
-        left = _column(weigh, recording.temperature - seen.temperature, seen)
-        J = np.stack([_column(weigh, seen.slopes[SHIFTS[a]], seen) for a in axes], axis=1)
+        left = _weighted_column(weigh, recording.temperature - seen.temperature, seen)
+        J = np.stack([_weighted_column(weigh, seen.slopes[SHIFT_DERIVATIVES[a]], seen) for a in axes], axis=1)
         good = np.isfinite(left)
         normal = J[good].T @ J[good] + np.eye(len(axes)) / known**2
         step = np.linalg.solve(normal, J[good].T @ left[good] - shift[axes] / known**2)
@@ -52,17 +52,17 @@ def align(run, scene, recording: Recording, plain: Seen, weigh, known: float) ->
         seen = observe(run, scene, recording, acting, shift, slopes=True)
         if np.abs(step).max() < 1e-6:
             break
-    if np.abs(shift).max() > FAR * known:
-        return Alignment((0.0, 0.0), (0.0, 0.0), plain, _pair(shift))
+    if np.abs(shift).max() > MAX_SHIFT_SDS * known:
+        return Alignment((0.0, 0.0), (0.0, 0.0), plain, _as_pair(shift))
     error = np.zeros(2)
     error[axes] = np.sqrt(np.diag(np.linalg.inv(normal)))
-    return Alignment(_pair(shift), _pair(error), seen)
+    return Alignment(_as_pair(shift), _as_pair(error), seen)
 
 
-def _pair(values: np.ndarray) -> tuple[float, float]:
+def _as_pair(values: np.ndarray) -> tuple[float, float]:
     return float(values[0]), float(values[1])
 
 
-def _column(weigh, values: np.ndarray, seen: Seen) -> np.ndarray:
+def _weighted_column(weigh, values: np.ndarray, seen: PredictedImage) -> np.ndarray:
     """Residuals or slopes (frames, nv, nu) K as one column in sigma, NaN where the edge of a body is seen."""
     return weigh(np.where(seen.inside, values, np.nan)).ravel()

@@ -7,17 +7,17 @@ import struct
 from pathlib import Path
 from typing import Any
 
-WINDOW = 1 << 20  # bytes looked through at a time
+SEARCH_WINDOW_BYTES = 1 << 20  # bytes looked through at a time
 
 
-class Source:
+class ByteReader:
     """Bytes of a file by slices, as of `bytes`: len, [a:b], find.  To be closed, or used in a `with`."""
 
     def __init__(self, path: Path):
         self._file = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
         self._size = os.fstat(self._file).st_size
 
-    def __enter__(self) -> Source:
+    def __enter__(self) -> ByteReader:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -38,13 +38,13 @@ class Source:
     def find(self, mark: bytes, begin: int = 0) -> int:
         """Where a mark first stands from `begin` on; -1 where it does not."""
         while begin < self._size:
-            found = self[begin : begin + WINDOW + len(mark) - 1].find(mark)
+            found = self[begin : begin + SEARCH_WINDOW_BYTES + len(mark) - 1].find(mark)
             if found >= 0:
                 return begin + found
-            begin += WINDOW
+            begin += SEARCH_WINDOW_BYTES
         return -1
 
 
-def unpacked(data: bytes | Source, form: str, at: int) -> tuple[Any, ...]:
+def unpack_at(data: bytes | ByteReader, form: str, at: int) -> tuple[Any, ...]:
     """Numbers that stand at an offset; struct.error where the data end before."""
     return struct.unpack(form, data[at : at + struct.calcsize(form)])

@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.camera.instrument import Instrument
-from flashtemp.camera.observation import check, observe
-from flashtemp.camera.points import Places
+from flashtemp.camera.instrument import CameraModel
+from flashtemp.camera.observation import check_view, observe
+from flashtemp.camera.points import SensorPositions
 from flashtemp.camera.recording import Recording
 from flashtemp.camera.synthetic_camera_errors import SyntheticCamera
 from flashtemp.physics.quantities import KELVIN
 
-ALIKE = 0.95, 0.01  # emissivity told to the camera, and how well it is known
-FACES = {  # view: pixel pitch and margin around what is seen, m; road seen behind the block, m
+EMISSIVITY_AND_SD = 0.95, 0.01  # emissivity told to the camera, and how well it is known
+VIEW_GEOMETRY = {  # view: pixel pitch and margin around what is seen, m; road seen behind the block, m
     "sidewall": (2.5e-4, 1e-3, None),
     "wake": (5e-4, 5e-3, 0.04),
     "profile": (2.5e-4, 0.0, None),
@@ -23,7 +23,7 @@ FACES = {  # view: pixel pitch and margin around what is seen, m; road seen behi
 
 
 @dataclass(frozen=True)
-class Faults:
+class SyntheticRecordingErrors:
     """What the truth of a recording has and its file does not tell: shift in px, pattern in K, true emissivity.
 
     Of points: how far (m) each lies from where it is said to be, up the block, the errors of its gain and its lag (s).
@@ -38,9 +38,9 @@ class Faults:
     lags: tuple[float, ...] = ()
 
 
-def blank(view: str, scene, times, repetition, netd: float) -> Recording:
+def empty_recording(view: str, scene, times, repetition, netd: float) -> Recording:
     """An empty recording of a view: pixels over what is to be seen, and what its file tells of the camera."""
-    pitch, margin, behind = FACES[view]
+    pitch, margin, behind = VIEW_GEOMETRY[view]
     length = scene.length
 
     def pixels(low, high):
@@ -52,17 +52,17 @@ def blank(view: str, scene, times, repetition, netd: float) -> Recording:
         u = pixels(-margin, length + margin)
         v = np.zeros(1) if view == "profile" else pixels(-margin, scene.height + margin)
     frames = np.full((len(times), len(v), len(u)), scene.ambient - KELVIN)
-    told: dict[str, Any] = {} if view == "profile" else {"emissivity": ALIKE[0], "psf_sigma_px": 0.7}
+    told: dict[str, Any] = {} if view == "profile" else {"emissivity": EMISSIVITY_AND_SD[0], "psf_sigma_px": 0.7}
     made = Recording(
         view, frames, np.asarray(times), np.asarray(repetition), u, v, netd_K=netd,
         reflected_degC=None if view == "profile" else scene.ambient - KELVIN,
         registration_sigma_px=None if view == "profile" else 0.2, source="synthetic", **told,
     )  # fmt: skip
-    check(made, scene, view)
+    check_view(made, scene, view)
     return made
 
 
-def blank_points(places: Places, scene, times, repetition, netd: float) -> Recording:
+def empty_sensor_recording(places: SensorPositions, scene, times, repetition, netd: float) -> Recording:
     """An empty recording of thermocouples."""
     frames = np.full((len(times), 1, len(places)), scene.ambient - KELVIN)
     return Recording(
@@ -71,7 +71,7 @@ def blank_points(places: Places, scene, times, repetition, netd: float) -> Recor
     )  # fmt: skip
 
 
-def draw(recording: Recording, rng, nuisance: float) -> Faults:
+def draw_errors(recording: Recording, rng, nuisance: float) -> SyntheticRecordingErrors:
     """Faults of a recording; `nuisance` scales all but the fixed pattern."""
     if recording.places is not None:
         places = recording.places
@@ -79,18 +79,18 @@ def draw(recording: Recording, rng, nuisance: float) -> Faults:
         astray = nuisance * places.depth_sigma_m * rng.normal(size=n)
         known = (places.gain_sigma, places.lag_sigma_s)
         gains, lags = (nuisance * sd * rng.normal(size=n) if sd.any() else np.zeros(n) for sd in known)
-        return Faults((0.0, 0.0), 0.0, 1.0, 0.0, tuple(astray), tuple(gains), tuple(lags))
+        return SyntheticRecordingErrors((0.0, 0.0), 0.0, 1.0, 0.0, tuple(astray), tuple(gains), tuple(lags))
     wide = recording.registration_sigma_px or 0.0
     along, up = (float(s) for s in nuisance * wide * rng.normal(size=2))
     pattern = 0.0 if recording.view == "profile" else float(rng.uniform(0.02, 0.05))
     given = recording.emissivity or 1.0
-    truth = min(given + nuisance * ALIKE[1] * float(rng.normal()), 1.0)
+    truth = min(given + nuisance * EMISSIVITY_AND_SD[1] * float(rng.normal()), 1.0)
     spread = (recording.psf_sigma_px or 0.0) * (1.0 + 0.05 * nuisance * float(rng.normal()))
-    return Faults((along, up), pattern, truth if recording.emissivity else 1.0, spread)
+    return SyntheticRecordingErrors((along, up), pattern, truth if recording.emissivity else 1.0, spread)
 
 
-def expose(
-    run, scene, recording: Recording, faults: Faults, rng, dead: float = 1e-3, camera: SyntheticCamera | None = None
+def render_recording(
+    run, scene, recording: Recording, faults: SyntheticRecordingErrors, rng, dead: float = 1e-3, camera: SyntheticCamera | None = None
 ) -> Recording:
     """The recording with its images: what the camera sees of a run, and its noise.
 
@@ -100,9 +100,9 @@ def expose(
     if recording.places is not None:
         true = recording.places
         for i, off in enumerate(faults.astray):
-            true = true.moved("z", float(np.clip(true.z[i] + off, 0.0, scene.height) - true.z[i]), i)
+            true = true.perturb_key("z", float(np.clip(true.z[i] + off, 0.0, scene.height) - true.z[i]), i)
         for i, late in enumerate(faults.lags):
-            true = true.moved("lag_s", max(late, -float(true.lag_s[i])), i)
+            true = true.perturb_key("lag_s", max(late, -float(true.lag_s[i])), i)
         T = observe(run, scene, replace(recording, places=true), scene.acting).temperature
         T = T + (T - scene.ambient + KELVIN) * np.array(faults.gains or 0.0)
         return replace(recording, temperature=T + (recording.netd_K or 0.0) * rng.normal(size=T.shape))
@@ -127,7 +127,7 @@ def sliding_speed(schedule, times) -> np.ndarray:
     return np.array([p.sliding * p.direction * schedule.speed(t - p.start) for p, t in zip(phases, times, strict=True)])
 
 
-def moments(schedule, sliding: int, waiting: int, crowding: float = 1.5) -> tuple[np.ndarray, np.ndarray]:
+def frame_schedule(schedule, sliding: int, waiting: int, crowding: float = 1.5) -> tuple[np.ndarray, np.ndarray]:
     """Times (s) and repetitions of the frames: dense after each start, the last at the end; then during the wait.
 
     With a `crowding` of 1 they follow one another evenly, as a camera that runs all the time takes them.
@@ -145,6 +145,6 @@ def moments(schedule, sliding: int, waiting: int, crowding: float = 1.5) -> tupl
     return np.array(times), np.array(repetition)
 
 
-def shown(recording: Recording, acting) -> np.ndarray:
+def exposure_times(recording: Recording, acting) -> np.ndarray:
     """Times (frames,) in s that the frames show."""
-    return Instrument(recording, acting).asked()
+    return CameraModel(recording, acting).required_times()

@@ -19,7 +19,7 @@ import numpy as np
 from flashtemp.camera.camera_classes import COOLED, UNCOOLED
 
 IDEAL = "ideal"
-CAMERAS = (IDEAL, UNCOOLED, COOLED)
+CAMERA_KINDS = (IDEAL, UNCOOLED, COOLED)
 FLICKERING_SHARE = 0.3  # of what is bad; the rest is stuck at a value
 FLICKER_PROBABILITY = 0.25  # of a frame in which a flickering pixel is off its value
 
@@ -55,7 +55,7 @@ class SyntheticCameraErrors:
     highest_degC: float
 
 
-RANGES = {  # of what is drawn for an uncooled and for a cooled camera; numbers of frames and lines are rounded down
+ERROR_RANGES = {  # of what is drawn for an uncooled and for a cooled camera; numbers of frames and lines are rounded down
     "wander_K_per_sqrt_s": ((0.005, 0.03), (5e-4, 3e-3)),
     "offset_sd_K": ((0.05, 0.2), (0.01, 0.05)),
     "shutter_interval_s": ((5.0, 40.0), (600.0, 3600.0)),
@@ -92,11 +92,11 @@ class SyntheticCamera:
     seed: tuple[int, ...]
 
     @classmethod
-    def drawn(cls, camera_class: str, seed: tuple[int, ...]) -> SyntheticCamera:
+    def draw_random(cls, camera_class: str, seed: tuple[int, ...]) -> SyntheticCamera:
         """A random camera of a class, uncooled or cooled."""
         rng = np.random.default_rng((*seed, 1))
         column = (UNCOOLED, COOLED).index(camera_class)
-        values = {name: float(rng.uniform(*spans[column])) for name, spans in RANGES.items()}
+        values = {name: float(rng.uniform(*spans[column])) for name, spans in ERROR_RANGES.items()}
         return cls(SyntheticCameraErrors(**values), seed)
 
     def distort(self, images: np.ndarray, speed_px: np.ndarray) -> np.ndarray:
@@ -111,41 +111,41 @@ class SyntheticCamera:
         wide = gaussian_filter1d(wide, e.stray_sigma_px, axis=1, mode="nearest")
         seen = images + e.stray_light * (wide - images)
         length = e.response_s * e.untracked_speed * np.asarray(speed_px)
-        seen = np.stack([_lagged(image, float(pixels)) for image, pixels in zip(seen, length, strict=True)])
-        return e.housing_degC + (1.0 - self._shading(images.shape[1:])) * (seen - e.housing_degC)
+        seen = np.stack([_apply_pixel_lag(image, float(pixels)) for image, pixels in zip(seen, length, strict=True)])
+        return e.housing_degC + (1.0 - self._vignetting_loss(images.shape[1:])) * (seen - e.housing_degC)
 
     def degrade(self, images: np.ndarray, time: np.ndarray, rng) -> np.ndarray:
         """The values that the camera writes for noisy images (frames, nv, nu) degC taken at `time` (frames,) s."""
         e, shape = self.errors, images.shape[1:]
         closings = shutter_closings(time, e.shutter_interval_s, rng)
-        out = images + self._static(shape) + self._warming(time, shape)
-        out = out + _wandering(time, closings, e, rng)[:, None, None]
+        out = images + self._static_offset(shape) + self._warming_offset(time, shape)
+        out = out + _draw_offset_drift(time, closings, e, rng)[:, None, None]
         out = out + e.row_noise_K * rng.normal(size=(len(time), shape[0], 1))
         out = out + e.column_noise_K * rng.normal(size=(len(time), 1, shape[1]))
-        out = self._with_bad_pixels(out, rng)
+        out = self._add_bad_pixels(out, rng)
         out = np.clip(np.rint(out / e.count_K) * e.count_K, e.lowest_degC, e.highest_degC)
-        return _repeated(out, time, closings, int(e.repeated_frames))
+        return _repeat_shutter_frames(out, time, closings, int(e.repeated_frames))
 
-    def _shading(self, shape) -> np.ndarray:
+    def _vignetting_loss(self, shape) -> np.ndarray:
         """Loss (nv, nu) of contrast: 1 - cos^4 of the angle to the axis, which is the middle of the image."""
-        off = np.hypot(*_positions(shape))
+        off = np.hypot(*_image_positions(shape))
         slope = np.sqrt((1.0 - self.errors.vignetting) ** -0.5 - 1.0)  # tangent of the angle in the corner
         return 1.0 - (1.0 + (slope * off / max(off.max(), 1e-12)) ** 2) ** -2
 
-    def _static(self, shape) -> np.ndarray:
+    def _static_offset(self, shape) -> np.ndarray:
         """Offset (nv, nu) K that stays: lamp, narcissus, patterns of rows and columns."""
         e, rng = self.errors, np.random.default_rng((*self.seed, 2))
-        y, x = _positions(shape)
+        y, x = _image_positions(shape)
         (lamp_y, lamp_x), radius = 0.4 * rng.uniform(-1.0, 1.0, 2), rng.uniform(0.15, 0.35)
         lamp = np.exp(-((x - lamp_x) ** 2 + (y - lamp_y) ** 2) / (2.0 * e.lamp_width**2))
         ring = np.exp(-(((np.hypot(x, y) - radius) / 0.08) ** 2) / 2.0)
         rows, columns = rng.normal(size=(shape[0], 1)), rng.normal(size=(1, shape[1]))
         return e.lamp_K * lamp - e.narcissus_K * ring + e.row_pattern_K * rows + e.column_pattern_K * columns
 
-    def _warming(self, time, shape) -> np.ndarray:
+    def _warming_offset(self, time, shape) -> np.ndarray:
         """Offset (frames, nv, nu) K of a lens that warms up linearly, along one direction more than across it."""
         angle = np.random.default_rng((*self.seed, 3)).uniform(0.0, 2.0 * np.pi)
-        y, x = _positions(shape)
+        y, x = _image_positions(shape)
         uneven = 1.0 + self.errors.warming_gradient * (np.cos(angle) * x + np.sin(angle) * y)
         share = (time - time[0]) / max(float(time[-1] - time[0]), 1e-9)
         return self.errors.warming_K * share[:, None, None] * uneven
@@ -169,7 +169,7 @@ class SyntheticCamera:
                 masks.append(mask)
         return masks
 
-    def _with_bad_pixels(self, images, rng) -> np.ndarray:
+    def _add_bad_pixels(self, images, rng) -> np.ndarray:
         out, own = images.copy(), np.random.default_rng((*self.seed, 5))
         for mask in self.bad_pixels(images.shape[1:]):
             off = float(own.choice([-1.0, 1.0]) * own.uniform(0.5, 20.0))
@@ -180,14 +180,14 @@ class SyntheticCamera:
         return out
 
 
-def _positions(shape) -> tuple[np.ndarray, np.ndarray]:
+def _image_positions(shape) -> tuple[np.ndarray, np.ndarray]:
     """Places (nv, 1) and (1, nu) from the middle of the image, in its longer extent."""
     longest = max(*shape, 2) - 1.0
     y, x = ((np.arange(n) - 0.5 * (n - 1.0)) / longest for n in shape)
     return y[:, None], x[None, :]
 
 
-def _lagged(image: np.ndarray, length: float) -> np.ndarray:
+def _apply_pixel_lag(image: np.ndarray, length: float) -> np.ndarray:
     """An image (nv, nu) whose pixels answer late while the scene moves by `length` (px along u) in their time constant.
 
     A first-order response to a scene that is linear between pixels, integrated exactly.
@@ -211,7 +211,7 @@ def shutter_closings(time: np.ndarray, interval: float, rng) -> np.ndarray:
     return np.arange(first, time[-1], interval)
 
 
-def _wandering(time, closings, errors: SyntheticCameraErrors, rng) -> np.ndarray:
+def _draw_offset_drift(time, closings, errors: SyntheticCameraErrors, rng) -> np.ndarray:
     """Offset (frames,) K: a Wiener process that begins anew, from another residual, when the shutter has closed."""
     interval = np.searchsorted(closings, time, side="right")
     starts = np.concatenate([time[:1], closings])
@@ -224,7 +224,7 @@ def _wandering(time, closings, errors: SyntheticCameraErrors, rng) -> np.ndarray
     return out
 
 
-def _repeated(images, time, closings, count: int) -> np.ndarray:
+def _repeat_shutter_frames(images, time, closings, count: int) -> np.ndarray:
     """Images of which `count` after each closing show the last one before it."""
     show = np.arange(len(time))
     for closing in closings:

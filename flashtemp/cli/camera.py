@@ -7,9 +7,9 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from flashtemp.camera.import_options import Facts
-from flashtemp.camera.import_request import Request
-from flashtemp.cli.terminal import DONE, Json, Switch, emit, tell
+from flashtemp.camera.import_options import ImportOptions
+from flashtemp.camera.import_request import ImportRequest
+from flashtemp.cli.terminal import EXIT_DONE, Json, Switch, print_result, print_message
 from flashtemp.errors import BadInput
 
 
@@ -19,7 +19,7 @@ def import_(
     look: Annotated[bool, Switch] = False,
     template: Annotated[bool, Switch] = False,
     overwrite: Annotated[bool, Switch] = False,
-    facts: Annotated[Facts, Parameter(name="*", negative=(), consume_multiple=True)] = Facts(),  # noqa: B008 (frozen)
+    facts: Annotated[ImportOptions, Parameter(name="*", negative=(), consume_multiple=True)] = ImportOptions(),  # noqa: B008 (frozen)
     json: Json = False,
 ) -> int:
     """Camera files -> one recording (NetCDF), and a picture beside it that shows where the block lies.
@@ -38,22 +38,22 @@ def import_(
         Replace a file that exists.
     """
     from flashtemp.api import camera
-    from flashtemp.camera.import_request import found
-    from flashtemp.camera.importing import missing
+    from flashtemp.camera.import_request import expand_patterns
+    from flashtemp.camera.importing import missing_options
 
     if template:
         print(camera.recording_template())
-        return DONE
-    asked = Request.of(files, facts, out)
+        return EXIT_DONE
+    asked = ImportRequest.from_files(files, facts, out)
     if look:
         picture = out or Path(f"{Path(asked.files[0]).name if asked.files else 'files'}.look.png")
-        seen = camera.look(asked, out=picture, overwrite=overwrite, say=tell)
-        emit(seen.as_dict(), json, str(seen))
-        return DONE
+        seen = camera.inspect_files(asked, out=picture, overwrite=overwrite, say=print_message)
+        print_result(seen.as_dict(), json, str(seen))
+        return EXIT_DONE
     if asked.out is None:
-        raise BadInput("out: missing; give --out RECORDING.nc", *missing(found(asked.files), asked.facts))
-    result = camera.import_recording(asked, overwrite=overwrite, say=tell)
+        raise BadInput("out: missing; give --out RECORDING.nc", *missing_options(expand_patterns(asked.files), asked.facts))
+    result = camera.import_recording(asked, overwrite=overwrite, say=print_message)
     for note in result.notes:
-        tell(note)
-    emit(result.as_dict(), json, str(result))
-    return DONE
+        print_message(note)
+    print_result(result.as_dict(), json, str(result))
+    return EXIT_DONE

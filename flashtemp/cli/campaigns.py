@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from flashtemp.cli.terminal import DONE, Json, Limit, Trust, emit, finished, result_folder, teller
+from flashtemp.cli.terminal import EXIT_DONE, Json, Limit, Trust, print_result, run_and_report, result_folder, message_printer
 
 
 def compare(
@@ -24,8 +24,8 @@ def compare(
 
     loaded = campaigns.open_campaign(campaign, trust=trust, limit=limit)
     folder = result_folder(out, f"{loaded.folder.resolve().name}-compare")
-    result, code = finished(lambda: campaigns.compare(loaded, out=folder, say=teller(json)))
-    emit(result.as_dict() | {"out": str(folder)}, json, f"{result}\n  report in {folder}/report.html")
+    result, code = run_and_report(lambda: campaigns.compare(loaded, out=folder, say=message_printer(json)))
+    print_result(result.as_dict() | {"out": str(folder)}, json, f"{result}\n  report in {folder}/report.html")
     return code
 
 
@@ -57,9 +57,9 @@ def discover(
 
     loaded = campaigns.open_campaign(campaign, trust=trust, limit=limit)
     folder = result_folder(out, f"{loaded.folder.resolve().name}-discover")
-    how: dict[str, Any] = {"out": folder, "workers": workers, "scheduler": scheduler, "say": teller(json)}
-    verdict, code = finished(lambda: campaigns.discover(loaded, **how))
-    emit(verdict.as_dict() | {"out": str(folder)}, json, f"{verdict}\n  report in {folder}/report.html")
+    how: dict[str, Any] = {"out": folder, "workers": workers, "scheduler": scheduler, "say": message_printer(json)}
+    verdict, code = run_and_report(lambda: campaigns.discover(loaded, **how))
+    print_result(verdict.as_dict() | {"out": str(folder)}, json, f"{verdict}\n  report in {folder}/report.html")
     return code
 
 
@@ -91,9 +91,9 @@ def plan(
     from flashtemp.api import campaigns
 
     loaded = campaigns.open_campaign(campaign, planned=True, trust=trust, limit=limit)
-    outlook = campaigns.plan(loaded, out=out, workers=workers, scheduler=scheduler, say=teller(json))
-    emit(outlook.as_dict(), json, str(outlook))
-    return DONE
+    outlook = campaigns.plan(loaded, out=out, workers=workers, scheduler=scheduler, say=message_printer(json))
+    print_result(outlook.as_dict(), json, str(outlook))
+    return EXIT_DONE
 
 
 def twin(
@@ -147,9 +147,9 @@ def twin(
         conditions=conditions,
         views=[view.strip() for view in views.split(",")],
         nuisance=nuisance,
-        points=inputs.points(points),
+        points=inputs.parse_points(points),
         camera=camera,
-        say=teller(json),
+        say=message_printer(json),
     )
-    emit(made.as_dict(), json, str(made))
-    return DONE
+    print_result(made.as_dict(), json, str(made))
+    return EXIT_DONE

@@ -12,19 +12,19 @@ from flashtemp.cli import camera, campaigns, effects, friction, laboratory, road
 from flashtemp.cli.words import refuse_odd_words
 from flashtemp.physics import units
 
-__all__ = ["COMMANDS", "NAMES", "CycloptsError", "app", "plain"]
+__all__ = ["COMMAND_FUNCTIONS", "COMMAND_NAMES", "CycloptsError", "app", "strip_units"]
 
-OPTIONS = Group("Options", sort_key=100)  # after the groups of commands
+OPTIONS_GROUP = Group("Options", sort_key=100)  # after the groups of commands
 
 app = App(
     name="flashtemp",
-    group_commands=OPTIONS,
+    group_commands=OPTIONS_GROUP,
     help="Where the heat of a sliding rubber block goes, and what your model of it is missing.",
     help_epilogue="Any command with --debug shows where in the program a fault arose; with --log FILE everything that"
     " it says goes to that file too.",
     suppress_keyboard_interrupt=False,  # told below
 )
-GROUPS: dict[str, tuple[Any, ...]] = {  # as the help shows them: by task, in the order of use
+COMMAND_GROUPS: dict[str, tuple[Any, ...]] = {  # as the help shows them: by task, in the order of use
     "Simulate": (starting.new, simulate.check, simulate.run, simulate.view, simulate.draw, laboratory.lab),
     "Study a case": (
         studies.sweep, studies.converge, studies.sensitivity, studies.repetitions, studies.wait, effects.effects,
@@ -34,7 +34,7 @@ GROUPS: dict[str, tuple[Any, ...]] = {  # as the help shows them: by task, in th
     ),
     "Rubber and road": (friction.friction, friction.loads, road.spots, road.spectrum, tyre.tread, tyre.tyre),
 }  # fmt: skip
-COMMANDS: tuple[Any, ...] = tuple(command for commands in GROUPS.values() for command in commands)
+COMMAND_FUNCTIONS: tuple[Any, ...] = tuple(command for commands in COMMAND_GROUPS.values() for command in commands)
 SECOND_SPELLINGS = {  # the standard term of the field, where the name of a command is another
     "wait": "min-wait",
     "loads": "load-dependence",
@@ -42,8 +42,8 @@ SECOND_SPELLINGS = {  # the standard term of the field, where the name of a comm
     "spectrum": "power-spectrum",
     "twin": "synthetic-campaign",
 }
-UNITS: dict[str, Mapping[str, str]] = {  # of a command's options
-    "import": import_options.UNITS,
+OPTION_UNITS: dict[str, Mapping[str, str]] = {  # of a command's options
+    "import": import_options.IMPORT_OPTION_UNITS,
     "view": {"time": "s"},
     "wait": {"below": "degC"},
     "repetitions": {"distance": "m"},
@@ -52,23 +52,23 @@ UNITS: dict[str, Mapping[str, str]] = {  # of a command's options
     | {"pressure": "Pa", "modulus": "Pa"},
     "spectrum": {"highpass": "m", "pixel": "m"},
 }
-NAMES = tuple(command.__name__.rstrip("_") for command in COMMANDS)
+COMMAND_NAMES = tuple(command.__name__.rstrip("_") for command in COMMAND_FUNCTIONS)
 CANONICAL_NAMES = {second: name for name, second in SECOND_SPELLINGS.items()}
-for _number, (_title, _commands) in enumerate(GROUPS.items()):
+for _number, (_title, _commands) in enumerate(COMMAND_GROUPS.items()):
     _group = Group(_title, sort_key=_number)
     for _command in _commands:
         _name = _command.__name__.rstrip("_")
-        app.command(_command, name=_name, alias=SECOND_SPELLINGS.get(_name), group=_group, sort_key=NAMES.index(_name))
+        app.command(_command, name=_name, alias=SECOND_SPELLINGS.get(_name), group=_group, sort_key=COMMAND_NAMES.index(_name))
 
 
-def plain(words: list[str]) -> list[str]:
+def strip_units(words: list[str]) -> list[str]:
     """A command line as it is parsed: numbers of options without their units.  Raises BadInput."""
     refuse_odd_words(words)
     return (
-        words[:1] + units.convert_options(words[1:], UNITS.get(CANONICAL_NAMES.get(words[0], words[0]), {}))
+        words[:1] + units.convert_options(words[1:], OPTION_UNITS.get(CANONICAL_NAMES.get(words[0], words[0]), {}))
         if words
         else words
     )
 
 
-app.register_install_completion_command(group=OPTIONS)
+app.register_install_completion_command(group=OPTIONS_GROUP)

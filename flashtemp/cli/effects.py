@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from flashtemp.cli.terminal import BAD, DONE, Json, Switch, emit
+from flashtemp.cli.terminal import EXIT_BAD_INPUT, EXIT_DONE, Json, Switch, print_result
 from flashtemp.errors import BadInput
 
 
@@ -26,10 +26,10 @@ def effects(name: str | None = None, *values: str, check: Annotated[bool, Switch
         if values:
             raise BadInput(f"effects: {values[0]}: one name at a time; key=value goes with --check")
         found = api.effects(name)
-        emit(list(found.entries), json, str(found))
-        return DONE
+        print_result(list(found.entries), json, str(found))
+        return EXIT_DONE
     if name is None:
         raise BadInput("effects --check: give a FILE.py with an effect, or a name that `flashtemp effects` prints")
     checked = api.check_effect(name, list(values))
-    emit(checked.as_dict(), json, str(checked))
-    return DONE if checked.ok else BAD
+    print_result(checked.as_dict(), json, str(checked))
+    return EXIT_DONE if checked.ok else EXIT_BAD_INPUT

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from flashtemp.cli.terminal import DONE, Json, Trust, counter, emit, result_folder
+from flashtemp.cli.terminal import EXIT_DONE, Json, Trust, progress_counter, print_result, result_folder
 from flashtemp.errors import BadInput
 
 
@@ -42,13 +42,13 @@ def friction(
     loaded = inputs.load(case, list(overrides), trust=trust)
     if area:
         folder = result_folder(out, f"{loaded.name}-area")
-        study = api.area(loaded, out=folder)
-        emit(study.as_dict() | {"out": str(folder)}, json, f"{study}\n  results in {folder}/")
-        return DONE
+        study = api.compute_contact_area(loaded, out=folder)
+        print_result(study.as_dict() | {"out": str(folder)}, json, f"{study}\n  results in {folder}/")
+        return EXIT_DONE
     folder = result_folder(out, f"{loaded.name}-friction")
     found = api.friction(loaded, slowest=slowest, fastest=fastest, out=folder)
-    emit(found.as_dict() | {"out": str(folder)}, json, f"{found}\n  results in {folder}/")
-    return DONE
+    print_result(found.as_dict() | {"out": str(folder)}, json, f"{found}\n  results in {folder}/")
+    return EXIT_DONE
 
 
 def loads(
@@ -88,23 +88,23 @@ def loads(
     from flashtemp.api import inputs
 
     loaded = inputs.load(case, list(overrides), trust=trust)
-    p, v = _numbers("--pressures", pressures, 2), _numbers("--speeds", speeds, 1)
+    p, v = _parse_numbers("--pressures", pressures, 2), _parse_numbers("--speeds", speeds, 1)
     folder = result_folder(out, f"{loaded.name}-loads")
-    with counter(loaded.name) as watch:
+    with progress_counter(loaded.name) as watch:
         found = api.loads(
             loaded, pressures=p, speeds=v, skewness_cutoff=skewness_cutoff, out=folder, workers=workers, watch=watch
         )
-    emit(found.as_dict() | {"out": str(folder)}, json, f"{found}\n  results in {folder}/")
-    return DONE
+    print_result(found.as_dict() | {"out": str(folder)}, json, f"{found}\n  results in {folder}/")
+    return EXIT_DONE
 
 
-def _numbers(option: str, given: str, fewest: int) -> tuple[float, ...]:
+def _parse_numbers(option: str, text: str, fewest: int) -> tuple[float, ...]:
     """Rising positive numbers between commas."""
     from flashtemp.runs.load_dependence import refuse_values
 
     try:
-        values = tuple(float(v) for v in given.split(","))
+        values = tuple(float(v) for v in text.split(","))
     except ValueError as fault:
-        raise BadInput(f"{option}: {given}; give numbers between commas") from fault
-    refuse_values(option, values, fewest, given)
+        raise BadInput(f"{option}: {text}; give numbers between commas") from fault
+    refuse_values(option, values, fewest, text)
     return values

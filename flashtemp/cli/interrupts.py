@@ -14,9 +14,9 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-from flashtemp.runs.processes import ENDS
+from flashtemp.runs.processes import STOP_SIGNALS
 
-SOON = 0.02  # s until a signal that has to wait is looked at again
+RETRY_DELAY_S = 0.02  # s until a signal that has to wait is looked at again
 ALARM = getattr(signal, "SIGALRM", None)  # Windows has none
 
 
@@ -24,35 +24,35 @@ class Interrupts:
     """Whether a signal has asked for the end: what fails afterwards fails for that reason."""
 
     def __init__(self) -> None:
-        self.seen, self.waiting = False, signal.SIGINT
+        self.is_requested, self.pending_signal = False, signal.SIGINT
 
-    def handle(self, number: int, frame: FrameType | None) -> None:
+    def handle_signal(self, number: int, frame: FrameType | None) -> None:
         """Raise KeyboardInterrupt, or wait while a module is being loaded."""
-        self.seen, self.waiting = True, signal.Signals(number)
-        if _loading(frame):
-            self._later()
+        self.is_requested, self.pending_signal = True, signal.Signals(number)
+        if _is_loading(frame):
+            self._repeat_later()
         else:
             raise KeyboardInterrupt
 
-    def again(self, number: int, frame: FrameType | None) -> None:
+    def repeat_signal(self, number: int, frame: FrameType | None) -> None:
         """A signal that had to wait, for whoever answers Ctrl-C by now."""
-        signal.raise_signal(self.waiting)
+        signal.raise_signal(self.pending_signal)
 
-    def _later(self) -> None:
+    def _repeat_later(self) -> None:
         if ALARM is not None:
-            signal.setitimer(signal.ITIMER_REAL, SOON)
+            signal.setitimer(signal.ITIMER_REAL, RETRY_DELAY_S)
         else:
-            threading.Timer(SOON, signal.raise_signal, (self.waiting,)).start()
+            threading.Timer(RETRY_DELAY_S, signal.raise_signal, (self.pending_signal,)).start()
 
-    def dropped(self, what: Any) -> None:
+    def handle_unraisable(self, what: Any) -> None:
         """An exception that Python could not raise; Ctrl-C among them comes again."""
         if what.exc_type is KeyboardInterrupt:
-            self._later()
+            self._repeat_later()
         else:
             sys.__unraisablehook__(what)
 
 
-def _loading(frame: FrameType | None) -> bool:
+def _is_loading(frame: FrameType | None) -> bool:
     while frame is not None:
         if frame.f_code.co_filename.startswith("<frozen importlib"):
             return True
@@ -61,7 +61,7 @@ def _loading(frame: FrameType | None) -> bool:
 
 
 @contextmanager
-def interruptible(last: bool = False) -> Iterator[Interrupts]:
+def answer_interrupts(last: bool = False) -> Iterator[Interrupts]:
     """Ctrl-C and SIGTERM raise KeyboardInterrupt where it arrives; as before afterwards.
 
     After the `last` that a process does they are let pass: its exit code is known, and Python ends within moments.
@@ -70,9 +70,9 @@ def interruptible(last: bool = False) -> Iterator[Interrupts]:
     if threading.current_thread() is not threading.main_thread():
         yield state
         return
-    mine = dict.fromkeys(ENDS, state.handle) | ({} if ALARM is None else {ALARM: state.again})
+    mine = dict.fromkeys(STOP_SIGNALS, state.handle_signal) | ({} if ALARM is None else {ALARM: state.repeat_signal})
     old = {s: signal.signal(s, h) for s, h in mine.items() if signal.getsignal(s) is not signal.SIG_IGN}
-    hook, sys.unraisablehook = sys.unraisablehook, state.dropped
+    hook, sys.unraisablehook = sys.unraisablehook, state.handle_unraisable
     try:
         yield state
     finally:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from flashtemp.cli.terminal import DONE, tell
+from flashtemp.cli.terminal import EXIT_DONE, print_message
 
 
 def lab(
@@ -25,9 +25,9 @@ def lab(
     """
     from flashtemp.lab.server import serve
 
-    def told(address: str) -> None:
-        tell("Ctrl-C ends it; whatever runs then leaves what it has")
+    def print_address(address: str) -> None:
+        print_message("Ctrl-C ends it; whatever runs then leaves what it has")
         print(address, flush=True)
 
-    serve(folder, browser, told)
-    return DONE
+    serve(folder, browser, print_address)
+    return EXIT_DONE

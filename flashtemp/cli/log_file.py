@@ -12,10 +12,10 @@ from typing import IO, Any
 from flashtemp.cli.words import refuse_odd_words, refuse_unwritable
 from flashtemp.errors import BadInput
 
-OPTION = "--log"
+LOG_OPTION = "--log"
 
 
-class Both:
+class TeeStream:
     """A stream that writes into two; no terminal, so that progress comes as lines."""
 
     def __init__(self, first: Any, log: IO[str]):
@@ -39,33 +39,33 @@ class Both:
         return getattr(self.first, name)
 
 
-def split(words: list[str]) -> tuple[list[str], str | None]:
+def split_log_option(words: list[str]) -> tuple[list[str], str | None]:
     """The words without `--log FILE`, and the file.  Raises BadInput.
 
     >>> split(["run", "case", "--log", "a.log"]), split(["run", "--log=a.log"]), split(["run"])
     ((['run', 'case'], 'a.log'), (['run'], 'a.log'), (['run'], None))
     """
     for k, word in enumerate(words):
-        if word.startswith(f"{OPTION}="):
-            return words[:k] + words[k + 1 :], word.removeprefix(f"{OPTION}=")
-        if word == OPTION:
+        if word.startswith(f"{LOG_OPTION}="):
+            return words[:k] + words[k + 1 :], word.removeprefix(f"{LOG_OPTION}=")
+        if word == LOG_OPTION:
             if k + 1 == len(words):
-                raise BadInput(f"{OPTION}: missing; give the name of a file")
+                raise BadInput(f"{LOG_OPTION}: missing; give the name of a file")
             return words[:k] + words[k + 2 :], words[k + 1]
     return words, None
 
 
 @contextmanager
-def logged(file: str | None, words: list[str]) -> Iterator[None]:
+def log_to_file(file: str | None, words: list[str]) -> Iterator[None]:
     """While it lasts, stdout and stderr go to the end of a file as well.  Raises BadInput and OSError."""
     if file is None:
         yield
         return
     refuse_odd_words([file])
-    refuse_unwritable(file, OPTION)
+    refuse_unwritable(file, LOG_OPTION)
     with ExitStack() as open_:
         log = open_.enter_context(open(file, "a", encoding="utf-8", buffering=1))
         log.write(f"# {time.strftime('%Y-%m-%d %H:%M:%S')} flashtemp {shlex.join(words)}\n")
-        open_.enter_context(redirect_stdout(Both(sys.stdout, log)))
-        open_.enter_context(redirect_stderr(Both(sys.stderr, log)))
+        open_.enter_context(redirect_stdout(TeeStream(sys.stdout, log)))
+        open_.enter_context(redirect_stderr(TeeStream(sys.stderr, log)))
         yield

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from flashtemp.cli.terminal import DONE, Json, Switch, emit, tell
+from flashtemp.cli.terminal import EXIT_DONE, Json, Switch, print_result, print_message
 from flashtemp.errors import BadInput
 
 
@@ -57,8 +57,8 @@ def spots(
         file, cutoff=cutoff, pressure=pressure, modulus=modulus, length=length, width=width, pixel=pixel, hurst=hurst,
         rms=rms, rolloff=rolloff, seed=seed, out=out,
     )  # fmt: skip
-    emit(found.as_dict() | {"out": str(out)}, json, f"{found}\n  resolved_spots.contact_map: {out}")
-    return DONE
+    print_result(found.as_dict() | {"out": str(out)}, json, f"{found}\n  resolved_spots.contact_map: {out}")
+    return EXIT_DONE
 
 
 def spectrum(
@@ -91,8 +91,8 @@ def spectrum(
 
     found = friction.spectrum(file, profile=profile, highpass=highpass, pixel=pixel, out=out)
     for note in found.notes:
-        tell(note)
+        print_message(note)
     picture = str(out.with_suffix(".png"))
     text = f"{found}\n  persson_friction.spectrum: {out}\n  picture: {picture}"
-    emit(found.as_dict() | {"out": str(out), "picture": picture}, json, text)
-    return DONE
+    print_result(found.as_dict() | {"out": str(out), "picture": picture}, json, text)
+    return EXIT_DONE

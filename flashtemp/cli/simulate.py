@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from flashtemp.cli.terminal import DONE, Json, Switch, Trust, emit, finished, progress_bar, result_folder, tell, teller
+from flashtemp.cli.terminal import EXIT_DONE, Json, Switch, Trust, print_result, run_and_report, progress_bar, result_folder, print_message, message_printer
 from flashtemp.errors import BadInput
 
 
@@ -41,21 +41,21 @@ def run(
 
     if (case is None) == (resume is None):
         raise BadInput("run: give one CASE, or --resume DIR to go on with an interrupted run")
-    say = teller(json)
+    say = message_printer(json)
     if resume is not None:
         for given, what in ((overrides, "key=value"), (out, "--out: it ends in the folder it was begun for")):
             if given:
                 raise BadInput(f"--resume: an interrupted run goes on as it was; leave out {what}")
-        folder = simulation.resumed_as(resume)
+        folder = simulation.find_resumed_folder(resume)
         with progress_bar("resuming") as watch:
-            result, code = finished(lambda: simulation.resume(resume, pvd=pvd, watch=watch, say=say, trust=trust))
+            result, code = run_and_report(lambda: simulation.resume(resume, pvd=pvd, watch=watch, say=say, trust=trust))
     elif case is not None:
         loaded = inputs.load(case, list(overrides), trust=trust)
         folder = result_folder(out, loaded.name)
         with progress_bar(loaded.name) as watch:
             how: dict[str, Any] = {"out": folder, "overwrite": overwrite, "pvd": pvd, "watch": watch, "say": say}
-            result, code = finished(lambda: simulation.simulate(loaded, **how))
-    emit(result.summary | {"out": str(folder)}, json, f"{result}\n  results in {folder}/")
+            result, code = run_and_report(lambda: simulation.simulate(loaded, **how))
+    print_result(result.summary | {"out": str(folder)}, json, f"{result}\n  results in {folder}/")
     return code
 
 
@@ -73,9 +73,9 @@ def view(folder: Path, /, *, screenshot: Path | None = None, time: float | None 
     """
     from flashtemp.api import simulation
 
-    seen = simulation.view(folder, screenshot=screenshot, time=time, say=tell)
-    emit(seen.as_dict(), json, str(seen))
-    return DONE
+    seen = simulation.view(folder, screenshot=screenshot, time=time, say=print_message)
+    print_result(seen.as_dict(), json, str(seen))
+    return EXIT_DONE
 
 
 def draw(
@@ -100,8 +100,8 @@ def draw(
     """
     from flashtemp.api import drawing
 
-    drawn, code = finished(lambda: drawing.draw(folder, format=format, pvd=pvd, trust=trust, say=teller(json)))
-    emit(drawn.as_dict(), json, str(drawn))
+    drawn, code = run_and_report(lambda: drawing.draw(folder, format=format, pvd=pvd, trust=trust, say=message_printer(json)))
+    print_result(drawn.as_dict(), json, str(drawn))
     return code
 
 
@@ -119,7 +119,7 @@ def check(file: Path, /, *overrides: str, trust: Trust = False, json: Json = Fal
     from flashtemp.runs import inert, mesh_error
 
     case = simulation.check(inputs.load(file, list(overrides), trust=trust))
-    cells, remarks = case.scene.mesh.n_cells, inert.remarks(case) + mesh_error.remarks(case)
+    cells, remarks = case.scene.mesh.n_cells, inert.describe_inactive_effects(case) + mesh_error.warn_of_coarse_mesh(case)
     answer = {"ok": True, "case": case.name, "effects": list(case.effects), "cells": cells, "remarks": remarks}
-    emit(answer, json, "\n".join([str(case), *(f"  {remark}" for remark in remarks), "ok"]))
-    return DONE
+    print_result(answer, json, "\n".join([str(case), *(f"  {remark}" for remark in remarks), "ok"]))
+    return EXIT_DONE

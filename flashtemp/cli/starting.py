@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from flashtemp.cli.terminal import DONE, Json, emit
+from flashtemp.cli.terminal import EXIT_DONE, Json, print_result
 
 
 def new(kind: str, file: Path | None = None, /, *, json: Json = False) -> int:
@@ -20,5 +20,5 @@ def new(kind: str, file: Path | None = None, /, *, json: Json = False) -> int:
     from flashtemp.api import starting
 
     made = starting.new(kind, out=file or Path(f"{kind}.toml"))
-    emit(made.as_dict(), json, str(made))
-    return DONE
+    print_result(made.as_dict(), json, str(made))
+    return EXIT_DONE

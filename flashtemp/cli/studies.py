@@ -6,16 +6,16 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from flashtemp.cli.terminal import (
-    DONE,
-    FAILED,
+    EXIT_DONE,
+    EXIT_FAILED,
     Json,
     Switch,
     Trust,
-    counter,
-    emit,
-    finished,
+    progress_counter,
+    print_result,
+    run_and_report,
     result_folder,
-    teller,
+    message_printer,
 )
 
 
@@ -49,13 +49,13 @@ def sweep(
     from flashtemp.api import studies
     from flashtemp.runs import sweep as sweeps
 
-    asked = sweeps.plan(case, *sweeps.parsed(list(values)), trust)
+    asked = sweeps.plan_sweep(case, *sweeps.parse_axes(list(values)), trust)
     folder = out or Path("results") / f"{asked.case.name}-sweep"
-    with counter(asked.case.name) as watch:
+    with progress_counter(asked.case.name) as watch:
         how: dict[str, Any] = {"out": folder, "workers": workers, "scheduler": scheduler, "watch": watch}
-        found, code = finished(lambda: studies.sweep(asked, **how))
-    emit({"out": str(folder), **found.as_dict()}, json, f"{found}\n  results in {folder}/")
-    return FAILED if found.failed else code
+        found, code = run_and_report(lambda: studies.sweep(asked, **how))
+    print_result({"out": str(folder), **found.as_dict()}, json, f"{found}\n  results in {folder}/")
+    return EXIT_FAILED if found.failed else code
 
 
 def converge(case: str, /, *overrides: str, trust: Trust = False, json: Json = False) -> int:
@@ -70,9 +70,9 @@ def converge(case: str, /, *overrides: str, trust: Trust = False, json: Json = F
     """
     from flashtemp.api import inputs, studies
 
-    result = studies.converge(inputs.load(case, list(overrides), trust=trust), say=teller(json))
-    emit(result.as_dict(), json, str(result))
-    return DONE
+    result = studies.converge(inputs.load(case, list(overrides), trust=trust), say=message_printer(json))
+    print_result(result.as_dict(), json, str(result))
+    return EXIT_DONE
 
 
 def repetitions(
@@ -100,8 +100,8 @@ def repetitions(
     from flashtemp.api import studies
 
     result = studies.repetitions(source, within=within, distance=distance, of=of)
-    emit(result.as_dict(), json, str(result))
-    return DONE
+    print_result(result.as_dict(), json, str(result))
+    return EXIT_DONE
 
 
 def wait(
@@ -128,9 +128,9 @@ def wait(
     """
     from flashtemp.api import inputs, studies
 
-    result = studies.wait(inputs.load(case, list(overrides), trust=trust), below=below, of=of, say=teller(json))
-    emit(result.as_dict(), json, str(result))
-    return DONE
+    result = studies.wait(inputs.load(case, list(overrides), trust=trust), below=below, of=of, say=message_printer(json))
+    print_result(result.as_dict(), json, str(result))
+    return EXIT_DONE
 
 
 def sensitivity(
@@ -171,10 +171,10 @@ def sensitivity(
     changes, chosen = [k for k in keys if "=" in k], [k for k in keys if "=" not in k]
     loaded = inputs.load(case, changes, trust=trust)
     folder = result_folder(out, f"{loaded.name}-sensitivity", go_on=True)
-    with counter(loaded.name) as watch:
+    with progress_counter(loaded.name) as watch:
         found = studies.sensitivity(
             loaded, chosen or None, samples=samples, linear=linear, out=folder, workers=workers, scheduler=scheduler,
-            watch=watch, say=teller(json),
+            watch=watch, say=message_printer(json),
         )  # fmt: skip
-    emit(found.as_dict() | {"out": str(folder)}, json, f"{found}\n  results in {folder}/")
-    return DONE
+    print_result(found.as_dict() | {"out": str(folder)}, json, f"{found}\n  results in {folder}/")
+    return EXIT_DONE

@@ -6,9 +6,9 @@ import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from flashtemp.cli.ending import tell
+from flashtemp.cli.ending import print_message
 from flashtemp.errors import BadInput
-from flashtemp.physics.interpolation import LOGGER
+from flashtemp.physics.interpolation import TABLE_LOGGER
 
 
 class _Collector(logging.Handler):
@@ -26,7 +26,7 @@ class _Collector(logging.Handler):
 @contextmanager
 def table_notes() -> Iterator[None]:
     """Notes on the tables read while it lasts, on stderr at its end; none where the input is refused."""
-    logger = logging.getLogger(LOGGER)
+    logger = logging.getLogger(TABLE_LOGGER)
     handler, level = _Collector(), logger.level
     logger.addHandler(handler)
     logger.setLevel(logging.INFO)
@@ -40,4 +40,4 @@ def table_notes() -> Iterator[None]:
         logger.removeHandler(handler)
         logger.setLevel(level)
         for message in () if is_refused else handler.messages:
-            tell(message)
+            print_message(message)

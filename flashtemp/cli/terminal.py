@@ -12,16 +12,16 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from flashtemp.cli.ending import BAD, DONE, FAILED, plain, tell
-from flashtemp.errors import Incomplete
+from flashtemp.cli.ending import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAILED, escape_controls, print_message
+from flashtemp.errors import IncompleteResult
 from flashtemp.showing import to_json
 
-__all__ = ["BAD", "DONE", "FAILED", "plain", "tell"]  # and what stands below
+__all__ = ["EXIT_BAD_INPUT", "EXIT_DONE", "EXIT_FAILED", "escape_controls", "print_message"]  # and what stands below
 
-LINE_EVERY, FIRST_LINE = 60.0, 0.1  # s between lines of progress; of it until the first
+LINE_PERIOD_S, FIRST_LINE_FRACTION = 60.0, 0.1  # s between lines of progress; of it until the first
 SAMPLES_GROW = 1.05  # from one sample of progress to the next, in time: a hundred say what happened in an hour
 MAX_LEFT_RATIO = 1e5  # of time left over time so far: beyond it all that was done is the first, tiny steps
-SPEED_PERIOD = 300.0  # s over which a bar takes the pace: one step of a large 3D problem may last half a minute
+SPEED_PERIOD_S = 300.0  # s over which a bar takes the pace: one step of a large 3D problem may last half a minute
 
 Json = Annotated[
     bool, Parameter(name="--json", negative=(), help="Print the result as JSON on stdout, nothing else there.")
@@ -36,38 +36,38 @@ Trust = Annotated[
 ]
 
 
-def teller(as_json: bool) -> Callable[[str], None]:
+def message_printer(as_json: bool) -> Callable[[str], None]:
     """Who is told what is being done: the person, or nobody beside JSON."""
-    return (lambda text: None) if as_json else tell
+    return (lambda text: None) if as_json else print_message
 
 
-def finished(call: Callable[[], Any]) -> tuple[Any, int]:
+def run_and_report(call: Callable[[], Any]) -> tuple[Any, int]:
     """What a call returns and the exit code; where something is missing beside a result, that is told."""
     try:
-        return call(), DONE
-    except Incomplete as fault:
+        return call(), EXIT_DONE
+    except IncompleteResult as fault:
         if fault.result is None:
             raise
-        tell(str(fault))
-        return fault.result, FAILED
+        print_message(str(fault))
+        return fault.result, EXIT_FAILED
 
 
 def result_folder(out: Path | None, name: str, go_on: bool = False) -> Path:
     """The folder asked for, or a free one of that name in results/; one that was begun only to `go_on`."""
-    from flashtemp.runs.folders import free_name
+    from flashtemp.runs.folders import find_free_name
 
-    return out or free_name(Path("results") / name, go_on)
+    return out or find_free_name(Path("results") / name, go_on)
 
 
 @contextmanager
 def progress_bar(label: str):
     """Progress with time left on stderr, told watch(march, end)."""
-    with counter(label) as bar:
+    with progress_counter(label) as bar:
         yield lambda now, end: bar(now.t, end)
 
 
 @contextmanager
-def counter(label: str):
+def progress_counter(label: str):
     """Progress with time left on stderr, told watch(done, total): a bar, or lines where stderr is no terminal."""
     from rich.console import Console
     from rich.markup import escape
@@ -75,7 +75,7 @@ def counter(label: str):
 
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield Lines(label)
+        yield ProgressLines(label)
         return
     columns = (
         TextColumn("{task.description}"),
@@ -85,19 +85,19 @@ def counter(label: str):
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=console, transient=True, speed_estimate_period=SPEED_PERIOD) as bar:
-        task, shown = bar.add_task(escape(plain(label)), total=None), 0.0
+    with Progress(*columns, console=console, transient=True, speed_estimate_period=SPEED_PERIOD_S) as bar:
+        task, shown = bar.add_task(escape(escape_controls(label)), total=None), 0.0
 
-        def watch(done: float, total: float) -> None:
+        def update_bar(done: float, total: float) -> None:
             nonlocal shown
             if time.monotonic() - shown > 0.1:
                 shown = time.monotonic()
                 bar.update(task, completed=done, total=total)
 
-        yield watch
+        yield update_bar
 
 
-class Lines:
+class ProgressLines:
     """Progress as lines for a log: told (done, total), one after six seconds, then one a minute.
 
     Time left follows from the pace of the second half of the time so far: the first steps of an integration are short.
@@ -105,7 +105,7 @@ class Lines:
 
     def __init__(self, label: str):
         self.label, self.began, self.told = label, time.monotonic(), 0
-        self.pace = float(os.environ.get("FLASHTEMP_PROGRESS", LINE_EVERY))  # s; a page asks for more
+        self.pace = float(os.environ.get("FLASHTEMP_PROGRESS", LINE_PERIOD_S))  # s; a page asks for more
         self.samples = [(0.0, 0.0)]  # (s, done): the last before half of the time, and what came after it
 
     def __call__(self, done: float, total: float) -> None:
@@ -114,11 +114,11 @@ class Lines:
             self.samples.append((gone, done))
         while len(self.samples) > 2 and self.samples[1][0] <= 0.5 * gone:
             del self.samples[0]
-        if gone > self.pace * (self.told + FIRST_LINE) and 0 < done < total:
+        if gone > self.pace * (self.told + FIRST_LINE_FRACTION) and 0 < done < total:
             self.told = int(gone / self.pace) + 1
-            tell(f"{self.label}: {100 * done / total:.0f} %{self._left(gone, done, total)}")
+            print_message(f"{self.label}: {100 * done / total:.0f} %{self._time_left(gone, done, total)}")
 
-    def _left(self, gone: float, done: float, total: float) -> str:
+    def _time_left(self, gone: float, done: float, total: float) -> str:
         """How long the rest takes, in words; nothing where little has moved lately."""
         since, before = self.samples[0]
         if done <= before:
@@ -127,8 +127,8 @@ class Lines:
         return f", about {left:.0f} s left" if left < MAX_LEFT_RATIO * gone else ""
 
 
-def emit(data: Any, as_json: bool, text: str) -> None:
+def print_result(data: Any, as_json: bool, text: str) -> None:
     """The result on stdout, once, in the form asked for."""
     if as_json:  # the same characters are escaped, as JSON has it
         text = "".join(c if c.isprintable() or c == "\n" else json.dumps(c)[1:-1] for c in to_json(data))
-    print(text if as_json else plain(text))
+    print(text if as_json else escape_controls(text))

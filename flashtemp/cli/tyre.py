@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from flashtemp.cli.terminal import DONE, Json, Trust, counter, emit, result_folder
+from flashtemp.cli.terminal import EXIT_DONE, Json, Trust, progress_counter, print_result, result_folder
 
 
 def tread(case: str, /, *overrides: str, out: Path | None = None, trust: Trust = False, json: Json = False) -> int:
@@ -23,10 +23,10 @@ def tread(case: str, /, *overrides: str, out: Path | None = None, trust: Trust =
 
     loaded = inputs.load(case, list(overrides), trust=trust)
     folder = result_folder(out, f"{loaded.name}-tread")
-    with counter(loaded.name) as watch:
+    with progress_counter(loaded.name) as watch:
         found = friction.tread(loaded, out=folder, watch=watch)
-    emit(found.as_dict() | {"out": str(folder)}, json, f"{found}\n  results in {folder}/")
-    return DONE
+    print_result(found.as_dict() | {"out": str(folder)}, json, f"{found}\n  results in {folder}/")
+    return EXIT_DONE
 
 
 def tyre(case: str, /, *overrides: str, out: Path | None = None, trust: Trust = False, json: Json = False) -> int:
@@ -45,7 +45,7 @@ def tyre(case: str, /, *overrides: str, out: Path | None = None, trust: Trust = 
 
     loaded = inputs.load(case, list(overrides), trust=trust)
     folder = result_folder(out, f"{loaded.name}-tyre")
-    with counter(loaded.name) as watch:
+    with progress_counter(loaded.name) as watch:
         found = friction.tyre(loaded, out=folder, watch=watch)
-    emit(found.as_dict() | {"out": str(folder)}, json, f"{found}\n  results in {folder}/")
-    return DONE
+    print_result(found.as_dict() | {"out": str(folder)}, json, f"{found}\n  results in {folder}/")
+    return EXIT_DONE

@@ -7,7 +7,7 @@ import stat
 from collections.abc import Iterable
 from pathlib import Path
 
-from flashtemp.errors import BadInput, short
+from flashtemp.errors import BadInput, shorten_text
 
 LINE_SIGNS = "\n\t"  # values in TOML may go over several lines
 MAX_NAME_BYTES, MAX_PATH_BYTES = 255, 4095  # of common file systems
@@ -25,8 +25,8 @@ def refuse_odd_words(words: Iterable[str]) -> None:
     flashtemp.errors.BadInput: 'a\\x1b[31m' (command line): holds a control character; give another name or value
     """
     for word in words:
-        name, value = _parts(word)
-        shown = short(ascii(word))
+        name, value = _split_word(word)
+        shown = shorten_text(ascii(word))
         if not word:
             raise BadInput("'' (command line): an empty word; give a name or a value, or leave it out")
         if any(_is_control(c) for c in name) or any(_is_control(c) and c not in LINE_SIGNS for c in value):
@@ -37,7 +37,7 @@ def refuse_odd_words(words: Iterable[str]) -> None:
 
 def refuse_unwritable(file: str, option: str) -> None:
     """Raises BadInput for the name of a file to write that is too long, or a device, pipe or folder."""
-    name = short(file)
+    name = shorten_text(file)
     if len(os.fsencode(file)) > MAX_PATH_BYTES or any(len(os.fsencode(p)) > MAX_NAME_BYTES for p in file.split("/")):
         raise BadInput(f"{option}: {name}: File name too long; give a shorter one")
     try:
@@ -51,7 +51,7 @@ def refuse_unwritable(file: str, option: str) -> None:
         raise BadInput(f"{option}: {name}: is {what}; give the name of a file")
 
 
-def _parts(word: str) -> tuple[str, str]:
+def _split_word(word: str) -> tuple[str, str]:
     """The key and the value of key=value or --option=value; all of another word is its name."""
     name, equals, value = word.partition("=")
     return (name, value) if equals else (word, "")

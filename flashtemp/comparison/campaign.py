@@ -12,33 +12,33 @@ import numpy as np
 
 from flashtemp.camera import recording, synthetic, thermocouple_files
 from flashtemp.camera.camera_classes import CAMERA_CLASSES, UNCOOLED
-from flashtemp.camera.points import of_rows
+from flashtemp.camera.points import positions_from_rows
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.known_inputs import StatedUncertainty, read_known
-from flashtemp.comparison.means import Means
-from flashtemp.errors import BadInput, nearest
+from flashtemp.comparison.means import AveragedFrames
+from flashtemp.errors import BadInput, suggest_name
 from flashtemp.model import case as cases
 from flashtemp.model import case_file, kinds, schema
 from flashtemp.physics import units
-from flashtemp.physics.interpolation import pairs
+from flashtemp.physics.interpolation import read_xy_pairs
 from flashtemp.physics.tables.wanted import FRICTION, TIME
-from flashtemp.showing import Sheet, Shown
+from flashtemp.showing import DisplayTable, DisplayMixin
 
-NETD = 0.05  # K, of a camera that is imagined
-READ = 40  # times that imagined thermocouples are read per repetition
-MOST = 3.0  # relative standard deviation of a free key: a factor of 20
-TOP = {"title", "case", "free", "known", "candidates", "recording", "force"}
-ENTRY = {
+PLANNED_NETD_K = 0.05  # K, of a camera that is imagined
+PLANNED_READINGS = 40  # times that imagined thermocouples are read per repetition
+MAX_FREE_SD = 3.0  # relative standard deviation of a free key: a factor of 20
+TOP_KEYS = {"title", "case", "free", "known", "candidates", "recording", "force"}
+ENTRY_KEYS = {
     "recording": {"file", "view", "points", "with", "sigma_K", "held_out", "camera"},
     "force": {"file", "with", "sigma", "held_out"},
 }
 
 
-Under = Callable[..., cases.Case]  # the case under overrides
+CaseLoader = Callable[..., cases.Case]  # the case under overrides
 
 
 @dataclass(frozen=True)
-class View:
+class RecordingEntry:
     """A recording of a campaign: `given` overrides of the case, `sigma_K` noise of one pixel of one frame.
 
     `means`: of which of the camera's frames each frame is the mean, None where it is one of them.
@@ -49,11 +49,11 @@ class View:
     given: dict[str, Any] = field(default_factory=dict)
     sigma_K: float | None = None
     held_out: bool = False
-    means: Means | None = None
+    means: AveragedFrames | None = None
 
 
 @dataclass(frozen=True)
-class Force:
+class LoadCellEntry:
     """A load-cell trace: `time` (n,) s, `mu` (n,), `sigma` of one reading."""
 
     file: str
@@ -69,20 +69,20 @@ class Condition:
     """What was measured under the same overrides `given` of the case, so that it is simulated once."""
 
     given: dict[str, Any]
-    views: tuple[View, ...]
-    forces: tuple[Force, ...]
+    views: tuple[RecordingEntry, ...]
+    forces: tuple[LoadCellEntry, ...]
 
     @property
-    def entries(self) -> tuple[View | Force, ...]:
+    def entries(self) -> tuple[RecordingEntry | LoadCellEntry, ...]:
         return (*self.views, *self.forces)
 
     @property
     def words(self) -> str:
-        return told(self.given)
+        return describe_overrides(self.given)
 
 
 @dataclass(frozen=True, repr=False)
-class Campaign(Shown):
+class Campaign(DisplayMixin):
     """`case` file, names of `free` nuisance parameters, views and forces; `folder` where files are looked up.
 
     `trust`: effect files of the case run whose ever they are; `priors` {free key: relative standard deviation} that
@@ -92,8 +92,8 @@ class Campaign(Shown):
     title: str
     case: Path
     free: tuple[str, ...]
-    views: tuple[View, ...]
-    forces: tuple[Force, ...]
+    views: tuple[RecordingEntry, ...]
+    forces: tuple[LoadCellEntry, ...]
     folder: Path
     candidates: tuple[str, ...] | None = None
     trust: bool = False
@@ -101,7 +101,7 @@ class Campaign(Shown):
     known: dict[str, StatedUncertainty] = field(default_factory=dict)
 
     @property
-    def entries(self) -> tuple[View | Force, ...]:
+    def entries(self) -> tuple[RecordingEntry | LoadCellEntry, ...]:
         return (*self.views, *self.forces)
 
     @property
@@ -111,7 +111,7 @@ class Campaign(Shown):
         for entry in self.entries:
             key = repr(sorted((k, _as_float(v)) for k, v in entry.given.items()))
             now = groups.get(key, Condition(entry.given, (), ()))
-            if isinstance(entry, View):
+            if isinstance(entry, RecordingEntry):
                 groups[key] = replace(now, views=(*now.views, entry))
             else:
                 groups[key] = replace(now, forces=(*now.forces, entry))
@@ -119,21 +119,21 @@ class Campaign(Shown):
 
     def load(self, given: dict[str, Any]) -> cases.Case:
         """The case under the conditions of one entry."""
-        return cases.load(self.case, given, trust=self.trust)
+        return cases.load_case(self.case, given, trust=self.trust)
 
-    def sheet(self) -> Sheet:
+    def to_table(self) -> DisplayTable:
         head = ("file", "condition", "held out")
-        rows = [(entry.file, told(entry.given), entry.held_out) for entry in self.entries]
-        return Sheet(f"Campaign '{self.title}'", rows, head, [f"case {self.case}", f"free: {', '.join(self.free)}"])
+        rows = [(entry.file, describe_overrides(entry.given), entry.held_out) for entry in self.entries]
+        return DisplayTable(f"Campaign '{self.title}'", rows, head, [f"case {self.case}", f"free: {', '.join(self.free)}"])
 
     def __str__(self) -> str:
         lines = [f"Campaign '{self.title}': {len(self.views)} recordings, {len(self.forces)} load-cell traces"]
         for entry in self.entries:
-            lines.append(f"  {entry.file}: {told(entry.given)}{' (held out)' if entry.held_out else ''}")
+            lines.append(f"  {entry.file}: {describe_overrides(entry.given)}{' (held out)' if entry.held_out else ''}")
         return "\n".join(lines)
 
 
-def told(given: dict[str, Any]) -> str:
+def describe_overrides(given: dict[str, Any]) -> str:
     """A condition in words.
 
     >>> told({"schedule.speed": 0.1}), told({})
@@ -152,28 +152,28 @@ def load(path: str | Path, planned: bool = False, trust: bool = False, limit: fl
     path = Path(path)
     file = path / "campaign.toml" if path.is_dir() else path
     if not file.is_file():
-        raise BadInput(case_file.absent(path, kinds.CAMPAIGN))
+        raise BadInput(case_file.describe_missing_file(path, kinds.CAMPAIGN_KIND))
     text, raw = case_file.read_toml(file)
-    kinds.expect(kinds.CAMPAIGN, raw, file, file.name)
-    reader = _Reader(case_file.Places(str(file), text), file.parent, planned, limit)
-    for key in raw.keys() - TOP:
-        reader.fault(key, f"unknown key{nearest(key, sorted(TOP))}")
-    case = reader.case(raw)
-    believed = reader.believed(case, trust)
-    under = None if case is None or believed is None else partial(cases.load, case, trust=trust)
-    entries = {kind: reader.entries(raw, kind) for kind in ENTRY}
-    views = {n: v for n, e in enumerate(entries["recording"], 1) if (v := reader.view(e, n, under))}
-    forces = {n: f for n, e in enumerate(entries["force"], 1) if (f := reader.force(e, n, under))}
+    kinds.require_kind(kinds.CAMPAIGN_KIND, raw, file, file.name)
+    reader = _CampaignReader(case_file.KeyLocations(str(file), text), file.parent, planned, limit)
+    for key in raw.keys() - TOP_KEYS:
+        reader.add_fault(key, f"unknown key{suggest_name(key, sorted(TOP_KEYS))}")
+    case = reader.read_case(raw)
+    believed = reader.load_believed(case, trust)
+    under = None if case is None or believed is None else partial(cases.load_case, case, trust=trust)
+    entries = {kind: reader.read_entries(raw, kind) for kind in ENTRY_KEYS}
+    views = {n: v for n, e in enumerate(entries["recording"], 1) if (v := reader.read_recording(e, n, under))}
+    forces = {n: f for n, e in enumerate(entries["force"], 1) if (f := reader.read_load_cell(e, n, under))}
     reader.refuse_repeated("recording", {n: v for n, v in views.items() if "file" in entries["recording"][n - 1]})
     reader.refuse_repeated("force", forces)
     if not reader.faults and not views and not forces:
         reader.faults.append(f"{file}: holds no [[recording]] and no [[force]]; add at least one")
-    priors = reader.priors(raw)
-    free = reader.free(tuple(priors) if priors is not None else reader.names(raw, "free"), believed)
-    known = reader.known(raw, believed, free)
-    candidates = reader.candidates(raw, believed)
-    if said := case_file.title_fault(raw.get("title", "")):
-        reader.fault("title", said)
+    priors = reader.read_priors(raw)
+    free = reader.read_free_keys(tuple(priors) if priors is not None else reader.read_names(raw, "free"), believed)
+    known = reader.read_uncertainties(raw, believed, free)
+    candidates = reader.read_candidates(raw, believed)
+    if said := case_file.find_title_fault(raw.get("title", "")):
+        reader.add_fault("title", said)
     if reader.faults or case is None or believed is None:
         raise BadInput(*reader.faults)
     title = raw.get("title", file.resolve().parent.name)
@@ -182,59 +182,59 @@ def load(path: str | Path, planned: bool = False, trust: bool = False, limit: fl
 
 
 @dataclass(frozen=True)
-class _Reader:
+class _CampaignReader:
     """A campaign file being read: `where` its keys stand, its `folder`, and the `faults` found so far."""
 
-    where: case_file.Places
+    where: case_file.KeyLocations
     folder: Path
     planned: bool
     limit: float | None
     faults: list[str] = field(default_factory=list)
 
-    def fault(self, key: str, text: str, nth: int = 1) -> None:
+    def add_fault(self, key: str, text: str, nth: int = 1) -> None:
         """Keep a fault of a key, or of the `nth` table of that name."""
         self.faults.append(f"{self.where(key, nth)}: {text}")
 
-    def case(self, raw: dict[str, Any]) -> Path | None:
+    def read_case(self, raw: dict[str, Any]) -> Path | None:
         """The case file that is believed."""
         name = raw.get("case", "case.toml")
         if not isinstance(name, str):
-            self.fault("case", f"{name!r}; give the name of a case file in quotes")
+            self.add_fault("case", f"{name!r}; give the name of a case file in quotes")
             return None
         path = self.folder / name
-        if not _exists(path):
-            self.fault("case", f"no file '{name}' in {self.folder}; give the case that is believed")
+        if not _path_exists(path):
+            self.add_fault("case", f"no file '{name}' in {self.folder}; give the case that is believed")
             return None
         return path
 
-    def believed(self, case: Path | None, trust: bool) -> cases.Case | None:
+    def load_believed(self, case: Path | None, trust: bool) -> cases.Case | None:
         """The case as it stands; None, and its faults told once, when it cannot be loaded."""
         try:
-            return None if case is None else cases.load(case, trust=trust)
+            return None if case is None else cases.load_case(case, trust=trust)
         except BadInput as fault:
             self.faults.extend(fault.lines)
             return None
 
-    def entries(self, raw: dict[str, Any], kind: str) -> list[dict[str, Any]]:
+    def read_entries(self, raw: dict[str, Any], kind: str) -> list[dict[str, Any]]:
         """Tables [[recording]] or [[force]], with known keys only."""
         entries = raw.get(kind, [])
         if not isinstance(entries, list) or not all(isinstance(e, dict) for e in entries):
-            self.fault(kind, f"write [[{kind}]] and its keys below it")
+            self.add_fault(kind, f"write [[{kind}]] and its keys below it")
             return []
         for number, entry in enumerate(entries, 1):
-            for key in entry.keys() - ENTRY[kind]:
-                self.fault(kind, f"{kind} {number}: {key}: unknown key{nearest(key, sorted(ENTRY[kind]))}", number)
+            for key in entry.keys() - ENTRY_KEYS[kind]:
+                self.add_fault(kind, f"{kind} {number}: {key}: unknown key{suggest_name(key, sorted(ENTRY_KEYS[kind]))}", number)
         return entries
 
-    def names(self, raw: dict[str, Any], key: str) -> tuple[str, ...] | None:
+    def read_names(self, raw: dict[str, Any], key: str) -> tuple[str, ...] | None:
         """A list of names, None where it is not given."""
         value = raw.get(key, [])
         if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-            self.fault(key, f"{value!r}; give a list of names in quotes")
+            self.add_fault(key, f"{value!r}; give a list of names in quotes")
             return None
         return tuple(value) if key in raw else None
 
-    def priors(self, raw: dict[str, Any]) -> dict[str, float] | None:
+    def read_priors(self, raw: dict[str, Any]) -> dict[str, float] | None:
         """Free keys with the relative standard deviation of what is known of them; None where `free` is a list."""
         given = raw.get("free")
         if not isinstance(given, dict):
@@ -243,13 +243,13 @@ class _Reader:
         for key in flat.keys() & given.keys():
             table, _, name = key.rpartition(".")
             if name in (inside if isinstance(inside := given.get(table), dict) else {}):
-                self.fault("free", f"'{key}' is listed twice; once is enough")
+                self.add_fault("free", f"'{key}' is listed twice; once is enough")
         for key, sd in flat.items():
-            if isinstance(sd, bool) or not isinstance(sd, (int, float)) or not 0.0 < sd <= MOST:
-                self.fault("free", f"{key}: {sd!r}; give its relative standard deviation, a number > 0 and <= {MOST:g}")
+            if isinstance(sd, bool) or not isinstance(sd, (int, float)) or not 0.0 < sd <= MAX_FREE_SD:
+                self.add_fault("free", f"{key}: {sd!r}; give its relative standard deviation, a number > 0 and <= {MAX_FREE_SD:g}")
         return flat
 
-    def known(
+    def read_uncertainties(
         self, raw: dict[str, Any], believed: cases.Case | None, free: tuple[str, ...]
     ) -> dict[str, StatedUncertainty]:
         """How well stated numbers are known, by key."""
@@ -257,35 +257,35 @@ class _Reader:
             return {}
         found, faults = read_known(raw["known"], believed, free)
         for said in faults:
-            self.fault("known", said)
+            self.add_fault("known", said)
         return found
 
-    def candidates(self, raw: dict[str, Any], believed: cases.Case | None) -> tuple[str, ...] | None:
+    def read_candidates(self, raw: dict[str, Any], believed: cases.Case | None) -> tuple[str, ...] | None:
         """Effects that may be missing, all of them known to the case."""
-        found = self.names(raw, "candidates")
-        known = cases.known() if believed is None else believed.known
+        found = self.read_names(raw, "candidates")
+        known = cases.collect_effects() if believed is None else believed.known_effects
         for name in dict.fromkeys(n for n in found or () if (found or ()).count(n) > 1):
-            self.fault("candidates", f"effect '{name}' is listed twice; once is enough")
+            self.add_fault("candidates", f"effect '{name}' is listed twice; once is enough")
         for name in found or ():
             if name not in known:
                 own = name.endswith(".py")
-                what = "; a file of your own belongs into the case, its candidates" if own else nearest(name, known)
-                self.fault("candidates", f"effect '{name}' is not in the catalogue{what}")
+                what = "; a file of your own belongs into the case, its candidates" if own else suggest_name(name, known)
+                self.add_fault("candidates", f"effect '{name}' is not in the catalogue{what}")
         return found
 
-    def free(self, given: tuple[str, ...] | None, believed: cases.Case | None) -> tuple[str, ...]:
+    def read_free_keys(self, given: tuple[str, ...] | None, believed: cases.Case | None) -> tuple[str, ...]:
         """Free keys, those of the case unless given; each a number of its physics, named once."""
         if believed is None:
             return ()
         free = believed.free if given is None else given
         for n, key in enumerate(free):
-            if said := schema.free_fault(key, believed.values, believed.known):
-                self.fault("free", said)
+            if said := schema.find_free_key_fault(key, believed.values, believed.known_effects):
+                self.add_fault("free", said)
             elif key in free[:n]:
-                self.fault("free", f"'{key}' is listed twice; once is enough")
+                self.add_fault("free", f"'{key}' is listed twice; once is enough")
         return free
 
-    def refuse_repeated(self, kind: str, entries: Mapping[int, View] | Mapping[int, Force]) -> None:
+    def refuse_repeated(self, kind: str, entries: Mapping[int, RecordingEntry] | Mapping[int, LoadCellEntry]) -> None:
         """Note entries, by number, that are an earlier one again: a measurement counts once."""
         for number, entry in entries.items():
             for earlier, other in entries.items():
@@ -293,28 +293,28 @@ class _Reader:
                     break
                 if _is_same_measurement(entry, other, self.folder):
                     what = f"'{entry.file}' holds the same measurement as {kind} {earlier}, '{other.file}'"
-                    self.fault(kind, f"{kind} {number}: file: {what}; list it once", number)
+                    self.add_fault(kind, f"{kind} {number}: file: {what}; list it once", number)
                     break
 
-    def view(self, entry: dict[str, Any], number: int, under: Under | None) -> View | None:
+    def read_recording(self, entry: dict[str, Any], number: int, under: CaseLoader | None) -> RecordingEntry | None:
         imagined = self.planned and "view" in entry and "file" not in entry
-        if imagined and entry["view"] not in synthetic.FACES and not ("points" in entry and entry["view"] == "points"):
-            known = ", ".join(synthetic.FACES) + ", or points with their places"
-            self.fault("recording", f"recording {number}: view: {entry['view']!r}; give {known}", number)
+        if imagined and entry["view"] not in synthetic.VIEW_GEOMETRY and not ("points" in entry and entry["view"] == "points"):
+            known = ", ".join(synthetic.VIEW_GEOMETRY) + ", or points with their places"
+            self.add_fault("recording", f"recording {number}: view: {entry['view']!r}; give {known}", number)
             return None
-        sound = self._file(entry, "recording", number) if not imagined else True
-        if not (self._shared(entry, "recording", number, under) and sound):
+        sound = self._has_file(entry, "recording", number) if not imagined else True
+        if not (self._has_valid_keys(entry, "recording", number, under) and sound):
             return None
-        given, sigma, held = _conditions(entry, under), entry.get("sigma_K"), entry.get("held_out", False)
+        given, sigma, held = _read_overrides(entry, under), entry.get("sigma_K"), entry.get("held_out", False)
         if imagined:
             if under is None:
                 return None
             try:
-                taken = _imagined(entry, under(given), f"recording {number}")
+                taken = _planned_recording(entry, under(given), f"recording {number}")
             except BadInput as fault:
                 self.faults.extend(f"{self.where('recording', number)}: {line}" for line in fault.lines)
                 return None
-            return View(f"planned {number} {entry['view']}", _of_class(taken, entry), given, sigma, held)
+            return RecordingEntry(f"planned {number} {entry['view']}", _with_camera_class(taken, entry), given, sigma, held)
         try:
             if "points" not in entry:
                 taken = recording.load(self.folder / entry["file"], self.limit)
@@ -324,46 +324,46 @@ class _Reader:
                 taken = thermocouple_files.read_campaign_points(
                     entry, self.folder, under(given).scene.schedule, f"recording {number}"
                 )
-            return View(entry["file"], _of_class(taken, entry), given, sigma, held)
+            return RecordingEntry(entry["file"], _with_camera_class(taken, entry), given, sigma, held)
         except BadInput as fault:
             own = "points" in entry
             self.faults.extend(f"{self.where('recording', number)}: {line}" if own else line for line in fault.lines)
             return None
 
-    def force(self, entry: dict[str, Any], number: int, under: Under | None) -> Force | None:
-        sound = self._file(entry, "force", number)
-        if not (self._shared(entry, "force", number, under) and sound):
+    def read_load_cell(self, entry: dict[str, Any], number: int, under: CaseLoader | None) -> LoadCellEntry | None:
+        sound = self._has_file(entry, "force", number)
+        if not (self._has_valid_keys(entry, "force", number, under) and sound):
             return None
         try:
-            time, mu = pairs(entry["file"], self.folder, "file", columns=(TIME, FRICTION))
+            time, mu = read_xy_pairs(entry["file"], self.folder, "file", columns=(TIME, FRICTION))
         except BadInput as fault:
             self.faults.extend(f"{self.where('force', number)}: force {number}: {line}" for line in fault.lines)
             return None
-        given, sigma, held = _conditions(entry, under), entry.get("sigma"), entry.get("held_out", False)
-        return Force(entry["file"], time, mu, given, sigma, held)
+        given, sigma, held = _read_overrides(entry, under), entry.get("sigma"), entry.get("held_out", False)
+        return LoadCellEntry(entry["file"], time, mu, given, sigma, held)
 
-    def _file(self, entry: dict[str, Any], kind: str, number: int) -> bool:
+    def _has_file(self, entry: dict[str, Any], kind: str, number: int) -> bool:
         """Whether the file of an entry is there."""
         file = entry.get("file")
         if not isinstance(file, str):
             more = "; a view without a file is for flashtemp plan" if "view" in entry else ""
-            self.fault(kind, f"{kind} {number}: file: {file!r}; give the name of a file in quotes{more}", number)
+            self.add_fault(kind, f"{kind} {number}: file: {file!r}; give the name of a file in quotes{more}", number)
             return False
-        if not _exists(self.folder / file) or not (self.folder / file).is_file():
-            self.fault(kind, f"{kind} {number}: file: no file '{file}' in {self.folder}", number)
+        if not _path_exists(self.folder / file) or not (self.folder / file).is_file():
+            self.add_fault(kind, f"{kind} {number}: file: no file '{file}' in {self.folder}", number)
             return False
         return True
 
-    def _shared(self, entry: dict[str, Any], kind: str, number: int, under: Under | None) -> bool:
+    def _has_valid_keys(self, entry: dict[str, Any], kind: str, number: int, under: CaseLoader | None) -> bool:
         """Whether the keys that recordings and forces share can be used."""
         before, place = len(self.faults), f"{kind} {number}"
         given, held = entry.get("with", {}), entry.get("held_out", False)
         if not isinstance(held, bool):
-            self.fault(kind, f"{place}: held_out: {held!r}; give true or false", number)
+            self.add_fault(kind, f"{place}: held_out: {held!r}; give true or false", number)
         if not isinstance(given, dict):
-            self.fault(kind, f'{place}: with: {given!r}; write with = {{ "contact.pressure" = 1.5e5 }}', number)
+            self.add_fault(kind, f'{place}: with: {given!r}; write with = {{ "contact.pressure" = 1.5e5 }}', number)
         elif campaign_wide := sorted({"title", "free", "known", "candidates"} & given.keys()):
-            self.fault(kind, f"{place}: with: '{campaign_wide[0]}' holds for all; write it at the top", number)
+            self.add_fault(kind, f"{place}: with: '{campaign_wide[0]}' holds for all; write it at the top", number)
         elif under is not None:
             try:
                 under(given, by="with")
@@ -372,19 +372,19 @@ class _Reader:
         camera = entry.get("camera", UNCOOLED)
         if not isinstance(camera, str) or camera not in CAMERA_CLASSES:
             known = " or ".join(f'"{name}"' for name in CAMERA_CLASSES)
-            self.fault(kind, f"{place}: camera: {camera!r}; give {known}{nearest(str(camera), CAMERA_CLASSES)}", number)
+            self.add_fault(kind, f"{place}: camera: {camera!r}; give {known}{suggest_name(str(camera), CAMERA_CLASSES)}", number)
         name = "sigma_K" if kind == "recording" else "sigma"
         sigma = entry.get(name)
         if sigma is not None and (
             isinstance(sigma, bool) or not isinstance(sigma, (int, float)) or not 0 < sigma < 1e3
         ):
-            self.fault(
+            self.add_fault(
                 kind, f"{place}: {name}: {sigma!r}; give a number > 0, or leave it out to have it estimated", number
             )
         return len(self.faults) == before
 
 
-def _conditions(entry: dict[str, Any], under: Under | None) -> dict[str, Any]:
+def _read_overrides(entry: dict[str, Any], under: CaseLoader | None) -> dict[str, Any]:
     """What an entry says of its condition, {"table.key": value}, numbers without their units."""
     given = case_file.flatten_tables(entry.get("with", {}))
     with_units = [key for key, value in given.items() if units.looks_like_quantity(value)]
@@ -394,7 +394,7 @@ def _conditions(entry: dict[str, Any], under: Under | None) -> dict[str, Any]:
     return given | {key: case[key] for key in with_units}
 
 
-def _exists(path: Path) -> bool:
+def _path_exists(path: Path) -> bool:
     """Whether there is something of that name; there is nothing of a name that no file can have."""
     try:
         return path.exists()
@@ -402,16 +402,16 @@ def _exists(path: Path) -> bool:
         return False
 
 
-def _is_same_measurement(one: View | Force, other: View | Force, folder: Path) -> bool:
+def _is_same_measurement(one: RecordingEntry | LoadCellEntry, other: RecordingEntry | LoadCellEntry, folder: Path) -> bool:
     """Whether two entries hold the same values at the same times, or are one file.
 
     Two columns of one logger's table are two measurements.  A constant trace may have been typed twice.
     """
-    if isinstance(one, View) and isinstance(other, View):
+    if isinstance(one, RecordingEntry) and isinstance(other, RecordingEntry):
         a, b = one.recording, other.recording
         same_shape = a.temperature.shape == b.temperature.shape and np.array_equal(a.time, b.time)
         return same_shape and np.array_equal(a.temperature, b.temperature, equal_nan=True)
-    if isinstance(one, Force) and isinstance(other, Force):
+    if isinstance(one, LoadCellEntry) and isinstance(other, LoadCellEntry):
         copied = (one.time, one.mu) == (other.time, other.mu) and len(set(one.mu)) > 1
         return copied or (folder / one.file).samefile(folder / other.file)
     return False
@@ -422,15 +422,15 @@ def _as_float(value: Any) -> Any:
     return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
-def _of_class(taken: Recording, entry: dict[str, Any]) -> Recording:
+def _with_camera_class(taken: Recording, entry: dict[str, Any]) -> Recording:
     """A recording with the class of its camera as the campaign states it."""
     return replace(taken, camera=entry["camera"]) if "camera" in entry else taken
 
 
-def _imagined(entry: dict[str, Any], case: cases.Case, key: str) -> Recording:
+def _planned_recording(entry: dict[str, Any], case: cases.Case, key: str) -> Recording:
     """What a camera would take of a condition: four frames of every sliding, one of every wait; of points, more."""
     scene = case.scene
     if entry["view"] == "points":
-        places = of_rows(entry["points"], f"{key}: points")
-        return synthetic.blank_points(places, scene, *synthetic.moments(scene.schedule, READ, 4), NETD)
-    return synthetic.blank(entry["view"], scene, *synthetic.moments(scene.schedule, 4, 1), NETD)
+        places = positions_from_rows(entry["points"], f"{key}: points")
+        return synthetic.empty_sensor_recording(places, scene, *synthetic.frame_schedule(scene.schedule, PLANNED_READINGS, 4), PLANNED_NETD_K)
+    return synthetic.empty_recording(entry["view"], scene, *synthetic.frame_schedule(scene.schedule, 4, 1), PLANNED_NETD_K)

@@ -5,18 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from flashtemp.camera.recording import VIEWS
-from flashtemp.errors import BadInput, nearest, short
+from flashtemp.camera.recording import VIEW_DESCRIPTIONS
+from flashtemp.errors import BadInput, suggest_name, shorten_text
 from flashtemp.model.case import Case
 from flashtemp.model.case_file import flatten_tables
-from flashtemp.model.priors import with_materials
+from flashtemp.model.priors import expand_materials
 from flashtemp.model.schema import is_physical_number
 from flashtemp.physics import units
 
 MAX_RELATIVE_SD = 3.0  # a factor of 20
 VIEW_KEYS = {"emissivity": "1", "reflected_temperature": "degC"}  # that every recording of a view shares, with unit
 PERCENT = "%"
-HOW = 'give a relative standard deviation, such as 0.02, or one with its unit, such as "0.3 K"'
+SD_REMEDY = 'give a relative standard deviation, such as 0.02, or one with its unit, such as "0.3 K"'
 
 
 @dataclass(frozen=True)
@@ -33,14 +33,14 @@ class StatedUncertainty:
 
 def known_keys(case: Case) -> dict[str, str]:
     """Keys whose uncertainty a campaign may state, with their units: numbers of the physics, and of its cameras."""
-    full = with_materials(case)
+    full = expand_materials(case)
     out = {
         f"{table}.{name}": param.unit
         for table in full.values
         for name, param in full.declared(table).items()
         if name in full.values[table] and is_physical_number(table, param)
     }
-    return out | {f"{view}.{name}": unit for view in VIEWS if view != "points" for name, unit in VIEW_KEYS.items()}
+    return out | {f"{view}.{name}": unit for view in VIEW_DESCRIPTIONS if view != "points" for name, unit in VIEW_KEYS.items()}
 
 
 def read_known(given: Any, case: Case, free: tuple[str, ...]) -> tuple[dict[str, StatedUncertainty], tuple[str, ...]]:
@@ -49,27 +49,27 @@ def read_known(given: Any, case: Case, free: tuple[str, ...]) -> tuple[dict[str,
     A key that is `free` states there how well it is known.
     """
     if not isinstance(given, dict):
-        return {}, (f'{short(repr(given))}; write known = {{ "contact.pressure" = 0.02 }}',)
+        return {}, (f'{shorten_text(repr(given))}; write known = {{ "contact.pressure" = 0.02 }}',)
     found: dict[str, StatedUncertainty] = {}
     faults = []
     for key, value in flatten_tables(given).items():
         try:
-            found[key] = _uncertainty(key, value, case, free)
+            found[key] = _read_uncertainty(key, value, case, free)
         except BadInput as fault:
             faults.append(f"{key}: {fault}")
     return found, tuple(faults)
 
 
-def _uncertainty(key: str, value: Any, case: Case, free: tuple[str, ...]) -> StatedUncertainty:
+def _read_uncertainty(key: str, value: Any, case: Case, free: tuple[str, ...]) -> StatedUncertainty:
     """What a value says of a key.  Raises BadInput."""
     keys = known_keys(case)
     if key not in keys:
-        raise BadInput(f"is no number of this case or its cameras{nearest(key, keys)}")
+        raise BadInput(f"is no number of this case or its cameras{suggest_name(key, keys)}")
     if key in free:
         raise BadInput(f'is free; say there how well it is known: free = {{ "{key}" = 0.1 }}')
     out = _read_sd(value, keys[key])
     if not out.sd > 0 or (out.relative and out.sd > MAX_RELATIVE_SD):
-        raise BadInput(f"{value!r}; {HOW}, above 0 and at most {MAX_RELATIVE_SD:g} of the value")
+        raise BadInput(f"{value!r}; {SD_REMEDY}, above 0 and at most {MAX_RELATIVE_SD:g} of the value")
     if out.relative and keys[key] == "degC":
         raise BadInput(f'{value!r}; a share of a temperature in degC means nothing: give it with its unit, "0.5 K"')
     return out
@@ -80,7 +80,7 @@ def _read_sd(value: Any, unit: str) -> StatedUncertainty:
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         return StatedUncertainty(float(value), True)
     if not units.looks_like_quantity(value):
-        raise BadInput(f"{short(repr(value))}; {HOW}")
+        raise BadInput(f"{shorten_text(repr(value))}; {SD_REMEDY}")
     if value.strip().endswith(PERCENT):
         return StatedUncertainty(units.to_unit(value, "1"), True)
     return StatedUncertainty(units.to_unit(value, unit, difference=True), False)

@@ -12,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
-MAD = 1.482602218505602  # standard deviation over median absolute deviation of a normal distribution
-EFFICIENCY = 0.37  # of the MAD (Rousseeuw & Croux 1993)
-DIFFERENCES = {2: np.array([1.0, -2.0, 1.0]), 4: np.array([1.0, -4.0, 6.0, -4.0, 1.0])}  # second and fourth
-ENOUGH, LEAST = 9, 4  # lines for fourth differences, and differences of which a scale is taken
-SURE = 3.09  # one of a thousand: standard deviations beyond which a component is more than chance
+MAD_TO_SD = 1.482602218505602  # standard deviation over median absolute deviation of a normal distribution
+MAD_EFFICIENCY = 0.37  # of the MAD (Rousseeuw & Croux 1993)
+DIFFERENCE_WEIGHTS = {2: np.array([1.0, -2.0, 1.0]), 4: np.array([1.0, -4.0, 6.0, -4.0, 1.0])}  # second and fourth
+MIN_LINES_FOURTH_ORDER, MIN_DIFFERENCES = 9, 4  # lines for fourth differences, and differences of which a scale is taken
+CHANCE_LIMIT_SDS = 3.09  # one of a thousand: standard deviations beyond which a component is more than chance
 
 
 @dataclass(frozen=True)
@@ -49,44 +49,44 @@ def estimate_line_noise(residual: Array, white: float, pattern: float) -> LineNo
     count = known.sum(axis=0)
     mean = np.where(count > 0, np.sum(residual, axis=0, where=known) / np.maximum(count, 1), np.nan)[None]
     for axis, name in ((2, "rows"), (1, "columns")):
-        own = _excess(steps, axis, white**2, 0.0) if len(steps) else 0.0
-        stays = _excess(mean, axis, white**2 / frames + pattern**2, own / frames)
+        own = _excess_variance(steps, axis, white**2, 0.0) if len(steps) else 0.0
+        stays = _excess_variance(mean, axis, white**2 / frames + pattern**2, own / frames)
         found |= {f"frame_{name}": float(np.sqrt(own)), name: float(np.sqrt(stays))}
     return LineNoise(**found)
 
 
-def _excess(images: Array, axis: int, pixel: float, line: float) -> float:
+def _excess_variance(images: Array, axis: int, pixel: float, line: float) -> float:
     """Variance (K^2) of the means along an `axis` of images beyond what variances of a pixel and of a line explain."""
     known = np.isfinite(images)
     count = known.sum(axis=axis)
     lines = np.where(count > 1, np.sum(images, axis=axis, where=known) / np.maximum(count, 1), np.nan)
-    weights = DIFFERENCES[4 if lines.shape[1] >= ENOUGH else 2]
+    weights = DIFFERENCE_WEIGHTS[4 if lines.shape[1] >= MIN_LINES_FOURTH_ORDER else 2]
     if lines.shape[1] <= len(weights):
         return 0.0
-    usual = line + pixel * _combined(1.0 / np.maximum(count, 1), weights**2) / np.sum(weights**2)
-    ratio = _combined(lines, weights) / np.sqrt(np.sum(weights**2) * usual)
+    usual = line + pixel * _combine_lines(1.0 / np.maximum(count, 1), weights**2) / np.sum(weights**2)
+    ratio = _combine_lines(lines, weights) / np.sqrt(np.sum(weights**2) * usual)
     known = ratio[np.isfinite(ratio)]
-    chance = SURE * np.sqrt(2.0 / (EFFICIENCY * max(len(known), 1) / (0.5 * len(weights))))  # differences overlap
-    if len(known) < LEAST or _variance(known) < 1.0 + chance:
+    chance = CHANCE_LIMIT_SDS * np.sqrt(2.0 / (MAD_EFFICIENCY * max(len(known), 1) / (0.5 * len(weights))))  # differences overlap
+    if len(known) < MIN_DIFFERENCES or _robust_variance(known) < 1.0 + chance:
         return 0.0
-    beyond = max(min(map(_variance, _halves(ratio))) - 1.0, 0.0)
+    beyond = max(min(map(_robust_variance, _split_halves(ratio))) - 1.0, 0.0)
     return beyond * float(np.nanmedian(usual))
 
 
-def _halves(ratio: Array) -> list[Array]:
+def _split_halves(ratio: Array) -> list[Array]:
     """Halves of neighbouring lines, where each has enough of them: noise of lines is the same in both, what a model
     misses lies near the contact or an edge."""
     known = np.flatnonzero(np.isfinite(ratio).any(axis=0))
-    parts = [ratio[:, part] for part in np.array_split(known, 2 if len(known) >= 2 * LEAST else 1)]
+    parts = [ratio[:, part] for part in np.array_split(known, 2 if len(known) >= 2 * MIN_DIFFERENCES else 1)]
     return [part[np.isfinite(part)] for part in parts]
 
 
-def _variance(ratio: Array) -> float:
+def _robust_variance(ratio: Array) -> float:
     """Robust variance about zero."""
-    return (MAD * float(np.median(np.abs(ratio)))) ** 2
+    return (MAD_TO_SD * float(np.median(np.abs(ratio)))) ** 2
 
 
-def _combined(lines: Array, weights: Array) -> Array:
+def _combine_lines(lines: Array, weights: Array) -> Array:
     """Sums (images, n) of neighbouring lines with some weights."""
     out: Array = np.lib.stride_tricks.sliding_window_view(lines, len(weights), axis=1) @ weights
     return out
@@ -107,7 +107,7 @@ class LineWhitening:
     variances: tuple[tuple[int, float, float], ...]
 
     @classmethod
-    def of(cls, values: Array, weight: Array | float, white: float, pattern: float, lines: LineNoise) -> LineWhitening:
+    def from_values(cls, values: Array, weight: Array | float, white: float, pattern: float, lines: LineNoise) -> LineWhitening:
         """For values NaN where unknown, `weight` frames of the camera in each, with noise of pixels `white` and
         `pattern`, K."""
         known = np.isfinite(values)
@@ -124,25 +124,25 @@ class LineWhitening:
     def __call__(self, values: Array) -> Array:
         """White ones."""
         fresh = np.where(self.known, values, 0.0)
-        for axis, times in self._fresh():
-            fresh = _scaled(fresh, self.known, axis, times)
-        return self._moved(fresh, self._still())
+        for axis, times in self._frame_factors():
+            fresh = _scale_line_means(fresh, self.known, axis, times)
+        return self._scale_static_part(fresh, self._static_factors())
 
     def inverse(self, whitened: Array) -> Array:
         """What gave white ones."""
-        values = self._moved(np.where(self.known, whitened, 0.0), [(a, 1.0 / t) for a, t in self._still()[::-1]])
-        for axis, times in self._fresh()[::-1]:
-            values = _scaled(values, self.known, axis, 1.0 / times)
+        values = self._scale_static_part(np.where(self.known, whitened, 0.0), [(a, 1.0 / t) for a, t in self._static_factors()[::-1]])
+        for axis, times in self._frame_factors()[::-1]:
+            values = _scale_line_means(values, self.known, axis, 1.0 / times)
         return np.where(self.known, values, np.nan)
 
-    def _fresh(self) -> list[tuple[int, Array]]:
+    def _frame_factors(self) -> list[tuple[int, Array]]:
         """Factors on the means of lines of each frame, by the axis along which these are taken."""
         return [
             (axis, 1.0 / np.sqrt(1.0 + now * self.known.sum(axis=axis, keepdims=True)))
             for axis, now, _ in self.variances
         ]
 
-    def _still(self) -> list[tuple[int, Array]]:
+    def _static_factors(self) -> list[tuple[int, Array]]:
         """The same of what stays, which `_fresh` has made smaller already."""
         some = np.any(self.known, axis=0, keepdims=True)
         counts = [some.sum(axis=axis, keepdims=True) for axis, _, _ in self.variances]
@@ -151,17 +151,17 @@ class LineWhitening:
             for count, (axis, now, still) in zip(counts, self.variances, strict=True)
         ]
 
-    def _moved(self, values: Array, factors: list[tuple[int, Array]]) -> Array:
+    def _scale_static_part(self, values: Array, factors: list[tuple[int, Array]]) -> Array:
         """Values with the means of lines of their part that stays times some factors."""
         some = np.any(self.known, axis=0, keepdims=True)
         still = np.sum(self.along * values, axis=0)[None]
         new = still
         for axis, times in factors:
-            new = _scaled(new, some, axis, times)
+            new = _scale_line_means(new, some, axis, times)
         return np.where(self.known, values + self.along * (new - still), np.nan)
 
 
-def _scaled(x: Array, known: npt.NDArray[np.bool_], axis: int, times: Array) -> Array:
+def _scale_line_means(x: Array, known: npt.NDArray[np.bool_], axis: int, times: Array) -> Array:
     """Values whose mean over known ones along an axis is `times` as large, all else as it was."""
     count = np.maximum(known.sum(axis=axis, keepdims=True), 1)
     mean = np.sum(x, axis=axis, keepdims=True, where=known) / count

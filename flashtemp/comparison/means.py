@@ -11,7 +11,7 @@ Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Means:
+class AveragedFrames:
     """Per image: how many `frames` of the camera it is the mean of, the standard deviation `spread` of their times (s),
     and the number of the `part` between two events that they lie in."""
 
@@ -19,7 +19,7 @@ class Means:
     spread: tuple[float, ...]
     part: tuple[int, ...]
 
-    def of(self, time: Array, images: Array) -> Array:
+    def time_mean(self, time: Array, images: Array) -> Array:
         """Means over frames of what is known in their middles: `time` (images,) s, `images` (images, ...).
 
         T(t) + spread^2 T''(t)/2, the curvature from three images of the same part; exact where T is a parabola.

@@ -6,17 +6,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flashtemp.comparison.line_noise import EFFICIENCY, NO_LINES, SURE, LineNoise, LineWhitening, estimate_line_noise
+from flashtemp.comparison.line_noise import MAD_EFFICIENCY, NO_LINES, CHANCE_LIMIT_SDS, LineNoise, LineWhitening, estimate_line_noise
 
-FRAMES = 256  # that are worked on at a time
-OVERLAP = 18.0  # values that differences along three axes share
-RAISED = "white above the stated one"
-DIGITS = 20_000  # values of which the step between digits is taken
-MAD = 1.482602218505602  # standard deviation over median absolute deviation of a normal distribution
+FRAMES_PER_BATCH = 256  # that are worked on at a time
+DIFFERENCE_OVERLAP = 18.0  # values that differences along three axes share
+RAISED_WHITE = "white above the stated one"
+MAX_DIGIT_VALUES = 20_000  # values of which the step between digits is taken
+MAD_TO_SD = 1.482602218505602  # standard deviation over median absolute deviation of a normal distribution
 
 
 @dataclass(frozen=True)
-class Noise:
+class NoiseLevels:
     """`white` of one pixel of one frame, `pattern` between pixels that stays in all frames; K.
 
     `estimated`: the names of those that the data themselves had to give.  `averaged`: how many frames of the camera
@@ -29,15 +29,15 @@ class Noise:
     averaged: tuple[int, ...] | None = None
     lines: LineNoise = NO_LINES
 
-    def weight(self) -> np.ndarray | float:
+    def frame_weights(self) -> np.ndarray | float:
         """Frames of the camera in each frame, to multiply images (frames, nv, nu)."""
         return 1.0 if self.averaged is None else np.array(self.averaged, float)[:, None, None]
 
 
-def noise(
+def estimate_noise(
     residual: np.ndarray, white: float | None, pattern: float | None, averaged: tuple[int, ...] | None = None,
     rest: np.ndarray | None = None,
-) -> Noise:  # fmt: skip
+) -> NoiseLevels:  # fmt: skip
     """Noise of residuals (frames, nv, nu) K, NaN where masked; what is not given is estimated.
 
     White noise from differences of successive frames, the fixed pattern from differences between
@@ -52,20 +52,20 @@ def noise(
             step = np.diff(residual, axis=0) / np.sqrt(1.0 / each[1:] + 1.0 / each[:-1])[:, None, None]
         else:
             step = np.diff(residual, n=2, axis=-1) * np.sqrt(each / 6.0)[:, None, None]
-        white = _spread(step)
+        white = _robust_sd(step)
     if pattern is None:
         estimated.append("pattern")
-        mean = over_frames(residual)
+        mean = frame_mean(residual)
         steps = [np.diff(mean, n=2, axis=a).ravel() / np.sqrt(6.0) for a in (0, 1) if mean.shape[a] > 2]
-        total = _spread(np.concatenate(steps)) if steps else 0.0
+        total = _robust_sd(np.concatenate(steps)) if steps else 0.0
         frames = n if averaged is None else sum(averaged)
         pattern = float(np.sqrt(max(total**2 - white**2 / max(frames, 1), 0.0)))
     white, pattern = max(float(white), 1e-6), float(pattern)
     lines = estimate_line_noise(residual if rest is None else rest, white, pattern)
-    return _apart(Noise(white, pattern, tuple(estimated), averaged, lines), residual)
+    return _without_line_noise(NoiseLevels(white, pattern, tuple(estimated), averaged, lines), residual)
 
 
-def beyond_stated(found: Noise, recording, residual: np.ndarray) -> Noise:
+def raise_stated_noise(found: NoiseLevels, recording, residual: np.ndarray) -> NoiseLevels:
     """Noise of which the stated white part is raised to what frames show: coarse digits add step^2/12 (Sheppard 1898),
     and a data sheet's NETD may be too low for the camera at hand.
 
@@ -77,16 +77,16 @@ def beyond_stated(found: Noise, recording, residual: np.ndarray) -> Noise:
     white = float(np.hypot(found.white, quantisation_step(recording.temperature) / np.sqrt(12.0)))
     if len(residual) > 2 and min(residual.shape[1:]) > 2:
         steps = np.diff(np.diff(np.diff(residual, axis=0), n=2, axis=1), n=2, axis=2)
-        count = int(np.isfinite(steps).sum()) / OVERLAP
-        shown = _spread(steps) / np.sqrt(72.0)
-        if count > 1 and shown > white * (1.0 + SURE / np.sqrt(2.0 * EFFICIENCY * count)):
-            return replace(found, white=shown, estimated=(*found.estimated, RAISED))
+        count = int(np.isfinite(steps).sum()) / DIFFERENCE_OVERLAP
+        shown = _robust_sd(steps) / np.sqrt(72.0)
+        if count > 1 and shown > white * (1.0 + CHANCE_LIMIT_SDS / np.sqrt(2.0 * MAD_EFFICIENCY * count)):
+            return replace(found, white=shown, estimated=(*found.estimated, RAISED_WHITE))
     return replace(found, white=white)
 
 
 def quantisation_step(temperature: np.ndarray) -> float:
     """Step (K) of which all differences between values are multiples, 0 where there is none or it is below 1 mK."""
-    values = temperature[np.isfinite(temperature)][:DIGITS]
+    values = temperature[np.isfinite(temperature)][:MAX_DIGIT_VALUES]
     different = np.unique(values)
     steps = np.diff(different)
     steps = steps[steps > 1e-6]  # else of rounding
@@ -95,7 +95,7 @@ def quantisation_step(temperature: np.ndarray) -> float:
     return step if np.all(np.abs(steps / step - np.round(steps / step)) < 0.01) else 0.0
 
 
-def _apart(found: Noise, residual: np.ndarray) -> Noise:
+def _without_line_noise(found: NoiseLevels, residual: np.ndarray) -> NoiseLevels:
     """Noise whose estimates for single pixels do not count that of lines once more."""
     if found.lines.is_none or min(residual.shape[1:]) < 3:
         return found
@@ -104,32 +104,32 @@ def _apart(found: Noise, residual: np.ndarray) -> Noise:
     if "white" in found.estimated and n > 2:
         white = np.sqrt(max(white**2 - lines.frame_rows**2 - lines.frame_columns**2, (0.5 * white) ** 2))
     if "pattern" in found.estimated:  # second differences along both axes, in which no line shows
-        total = _spread(np.diff(np.diff(over_frames(residual), n=2, axis=0), n=2, axis=1)) / 6.0
+        total = _robust_sd(np.diff(np.diff(frame_mean(residual), n=2, axis=0), n=2, axis=1)) / 6.0
         frames = n if found.averaged is None else sum(found.averaged)
         pattern = np.sqrt(max(total**2 - white**2 / max(frames, 1), 0.0))
     return replace(found, white=float(white), pattern=float(pattern))
 
 
-def _spread(values: np.ndarray) -> float:
+def _robust_sd(values: np.ndarray) -> float:
     """Robust standard deviation of differences."""
     values = values[np.isfinite(values)]
-    return MAD * float(np.median(np.abs(values - np.median(values)))) if len(values) else 0.0
+    return MAD_TO_SD * float(np.median(np.abs(values - np.median(values)))) if len(values) else 0.0
 
 
-def over_frames(residual: np.ndarray) -> np.ndarray:
+def frame_mean(residual: np.ndarray) -> np.ndarray:
     """Mean over frames (nv, nu), NaN where no frame has a value."""
     known = np.isfinite(residual)
     n = known.sum(axis=0)
     return np.where(n > 0, np.sum(residual, axis=0, where=known) / np.maximum(n, 1), np.nan)
 
 
-def whiten(residual: np.ndarray, noise: Noise) -> np.ndarray:
+def whiten(residual: np.ndarray, noise: NoiseLevels) -> np.ndarray:
     """Residuals (frames, nv, nu) in sigma: independent and of unit variance where only `noise` is in them.
 
     Per pixel with n frames of the camera, w in each frame: sqrt(w) (y - c mean(y))/sigma, mean weighted by w,
     c = 1 - (1 + n pattern^2/sigma^2)^(-1/2).
     """
-    w = noise.weight()
+    w = noise.frame_weights()
     even = noise.averaged is None
     known = np.isfinite(residual)
     n = known.sum(axis=0) if even else (known * w).sum(axis=0)
@@ -138,18 +138,18 @@ def whiten(residual: np.ndarray, noise: Noise) -> np.ndarray:
     c = 1.0 - 1.0 / np.sqrt(1.0 + n * (noise.pattern / noise.white) ** 2)
     out: np.ndarray = residual - c * mean
     out *= np.sqrt(w) / noise.white
-    return out if noise.lines.is_none else _lines(residual, noise)(out)
+    return out if noise.lines.is_none else _line_whitening(residual, noise)(out)
 
 
-def _lines(values: np.ndarray, noise: Noise) -> LineWhitening:
-    return LineWhitening.of(values, noise.weight(), noise.white, noise.pattern, noise.lines)
+def _line_whitening(values: np.ndarray, noise: NoiseLevels) -> LineWhitening:
+    return LineWhitening.from_values(values, noise.frame_weights(), noise.white, noise.pattern, noise.lines)
 
 
-def unwhiten(whitened: np.ndarray, noise: Noise) -> np.ndarray:
+def unwhiten(whitened: np.ndarray, noise: NoiseLevels) -> np.ndarray:
     """Kelvin (frames, nv, nu) of what `whiten` made of it, NaN where that is NaN."""
     if not noise.lines.is_none:
-        whitened = _lines(whitened, noise).inverse(whitened)
-    w = noise.weight()
+        whitened = _line_whitening(whitened, noise).inverse(whitened)
+    w = noise.frame_weights()
     known = np.isfinite(whitened)
     n = (known * w).sum(axis=0)
     out = whitened * (noise.white / np.sqrt(w))
@@ -158,14 +158,14 @@ def unwhiten(whitened: np.ndarray, noise: Noise) -> np.ndarray:
     return out
 
 
-def lag_one(whitened: np.ndarray, axis: int) -> tuple[float, float]:
+def lag1_autocorrelation(whitened: np.ndarray, axis: int) -> tuple[float, float]:
     """Correlation of neighbours along an axis, and in units of its standard error for white noise."""
     count, product, kept, power = 0, 0.0, 0, 0.0
-    for begin in range(0, len(whitened), FRAMES):
-        part = whitened[begin : begin + FRAMES]
+    for begin in range(0, len(whitened), FRAMES_PER_BATCH):
+        part = whitened[begin : begin + FRAMES_PER_BATCH]
         known = part[np.isfinite(part)]
         kept, power = kept + known.size, power + float(known @ known)
-        a = np.moveaxis(whitened[begin : begin + FRAMES + 1] if axis == 0 else part, axis, 0)
+        a = np.moveaxis(whitened[begin : begin + FRAMES_PER_BATCH + 1] if axis == 0 else part, axis, 0)
         both = a[:-1] * a[1:]
         both = both[np.isfinite(both)]
         count, product = count + both.size, product + float(both.sum())
@@ -176,7 +176,7 @@ def lag_one(whitened: np.ndarray, axis: int) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class Place:
+class ResidualPeak:
     """Where a residual is largest: `K` and in `sigma`, at `u`, `v` (m), `time` (s) and `repetition`."""
 
     K: float
@@ -187,12 +187,12 @@ class Place:
     repetition: int
 
 
-def structured(residual: np.ndarray, noise: Noise, recording, size: int = 5) -> Place | None:
+def largest_structured_residual(residual: np.ndarray, noise: NoiseLevels, recording, size: int = 5) -> ResidualPeak | None:
     """The largest residual that is wider than a pixel: of means over `size` x `size` pixels of one frame."""
     axes = [a for a in (1, 2) if residual.shape[a] >= size and getattr(recording, "places", None) is None]
     best, where = (-1.0, 0.0), (0, 0, 0)  # points are no neighbours
-    for begin in range(0, len(residual), FRAMES):
-        mean, error, known = _means(residual[begin : begin + FRAMES], noise, axes, size)
+    for begin in range(0, len(residual), FRAMES_PER_BATCH):
+        mean, error, known = _box_means(residual[begin : begin + FRAMES_PER_BATCH], noise, axes, size)
         if known.any():
             k, j, i = map(int, np.unravel_index(int(np.argmax(np.abs(mean) / error)), mean.shape))
             far = abs(mean[k, j, i]) / error[k, j, i]
@@ -201,13 +201,13 @@ def structured(residual: np.ndarray, noise: Noise, recording, size: int = 5) -> 
     if best[0] < 0.0:
         return None
     (far, K), (k, j, i) = best, where
-    return Place(
+    return ResidualPeak(
         K, float(np.copysign(far, K)), float(recording.u[i]), float(recording.v[j]), float(recording.time[k]),
         int(recording.repetition[k]),
     )  # fmt: skip
 
 
-def _means(residual: np.ndarray, noise: Noise, axes: list[int], size: int):
+def _box_means(residual: np.ndarray, noise: NoiseLevels, axes: list[int], size: int):
     """Means (frames, nv, nu) over `size` pixels along `axes`, their standard errors, and what is known at all."""
     from scipy.ndimage import uniform_filter1d
 

@@ -13,7 +13,7 @@ from flashtemp.discovery.criteria import CRITERIA, Criteria
 
 
 @dataclass(frozen=True)
-class Alternative:
+class AlternativeCause:
     """Another explanation of the same size: its `effects`, the ln Bayes factor by which the accepted one exceeds it,
     and whether its fit came to its best point."""
 
@@ -53,7 +53,7 @@ class AdequacyTest:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class VerdictEvidence:
     """All that a verdict rests on.
 
     `causes` that were accepted or, where `is_hint`, the best one that was not, with `ln_bayes` of all of them against
@@ -73,7 +73,7 @@ class Evidence:
     ln_bayes_discrepancy: float = 0.0
     heldout_gain: float | None = None
     size: EffectSize | None = None
-    alternatives: tuple[Alternative, ...] = ()
+    alternatives: tuple[AlternativeCause, ...] = ()
     unresolved: Mapping[str, float] = field(default_factory=dict)
     adequacy: tuple[AdequacyTest, ...] = ()
     setup_errors: tuple[str, ...] = ()
@@ -85,7 +85,7 @@ class Evidence:
 
 
 @dataclass(frozen=True)
-class Rule:
+class VerdictRule:
     """One comparison on the way to a verdict: what was asked, `value` against `limit`, whether it `passed`, and what
     follows where it did not."""
 
@@ -101,7 +101,7 @@ class Decision:
     """A `kind` of verdict with all `rules` that were asked; `group` of effects that cannot be told apart."""
 
     kind: str
-    rules: tuple[Rule, ...]
+    rules: tuple[VerdictRule, ...]
     group: tuple[str, ...] = ()
 
     @property
@@ -110,7 +110,7 @@ class Decision:
         return tuple(r.consequence for r in self.rules if not r.passed)
 
 
-def decide(e: Evidence, criteria: Criteria = CRITERIA) -> Decision:
+def decide(evidence: VerdictEvidence, criteria: Criteria = CRITERIA) -> Decision:
     """The verdict on some evidence.
 
     | asked in this order                                              | if not                          |
@@ -122,115 +122,115 @@ def decide(e: Evidence, criteria: Criteria = CRITERIA) -> Decision:
     | is it worth its parameters, visible, and not refuted?            | weak, or none_needed            |
     | is it told apart from every alternative?                         | group                           |
     """
-    rules: list[Rule] = []
-    law = _judge_law(e, criteria, rules)
+    rules: list[VerdictRule] = []
+    law = _decide_law(evidence, criteria, rules)
     if law:
         return Decision(law, tuple(rules))
-    if not e.is_converged:
-        kind = "unexplained" if e.base_certainly_misfits else "no_verdict"
-        rules.append(Rule("the fit converged", 0.0, 1.0, False, "the fit of the final model did not converge"))
+    if not evidence.is_converged:
+        kind = "unexplained" if evidence.base_certainly_misfits else "no_verdict"
+        rules.append(VerdictRule("the fit converged", 0.0, 1.0, False, "the fit of the final model did not converge"))
         return Decision(kind, tuple(rules))
-    for test in e.adequacy:
+    for test in evidence.adequacy:
         rules.append(
-            Rule(test.name, test.value, test.limit, test.passed, f"{test.name}: {test.value:.3g}, limit {test.limit:g}")
+            VerdictRule(test.name, test.value, test.limit, test.passed, f"{test.name}: {test.value:.3g}, limit {test.limit:g}")
         )
-    if not all(test.passed for test in e.adequacy):
+    if not all(test.passed for test in evidence.adequacy):
         return Decision("unexplained", tuple(rules))
-    for names, gain in e.unresolved.items():
+    for names, gain in evidence.unresolved.items():
         rules.append(
-            Rule(f"{names} was judged", gain, criteria.ln_bayes_named, False,
+            VerdictRule(f"{names} was judged", gain, criteria.ln_bayes_named, False,
                  f"{names} (ln Bayes factor {gain:.0f}) could not be fitted to an end")
         )  # fmt: skip
-    if e.unresolved:
+    if evidence.unresolved:
         return Decision("no_verdict", tuple(rules))
-    found_otherwise = _without_cause(e)
-    if not e.causes:
-        return _decide_setup(e, found_otherwise, rules)
-    rules += _rules_of_a_cause(e, criteria)
-    if e.is_hint or not all(r.passed for r in rules):
-        small = e.size is not None and _largest(e.size) < criteria.hint_fraction
-        faint = e.ln_bayes_discrepancy < criteria.ln_bayes_hint * len(e.causes)
+    found_otherwise = _kind_without_cause(evidence)
+    if not evidence.causes:
+        return _decide_setup(evidence, found_otherwise, rules)
+    rules += _cause_rules(evidence, criteria)
+    if evidence.is_hint or not all(r.passed for r in rules):
+        small = evidence.size is not None and _largest_fraction(evidence.size) < criteria.hint_fraction
+        faint = evidence.ln_bayes_discrepancy < criteria.ln_bayes_hint * len(evidence.causes)
         hidden = small or faint or found_otherwise != "none_needed"
         return Decision(found_otherwise if hidden else "weak", tuple(rules))
-    group = _group(e, criteria, rules)
+    group = _indistinguishable_effects(evidence, criteria, rules)
     return Decision("group" if group else "named", tuple(rules), group)
 
 
-def _judge_law(e: Evidence, criteria: Criteria, rules: list[Rule]) -> str:
+def _decide_law(evidence: VerdictEvidence, criteria: Criteria, rules: list[VerdictRule]) -> str:
     """`learned` where a law was identified that predicts; empty where there is none, or it does not."""
-    if not e.learned_law or e.law_excess_left is None:
+    if not evidence.learned_law or evidence.law_excess_left is None:
         return ""
-    predicts = e.law_excess_left <= criteria.law_excess_left
+    predicts = evidence.law_excess_left <= criteria.law_excess_left
     rules.append(
-        Rule("the law predicts left-out data", e.law_excess_left, criteria.law_excess_left, predicts,
-             f"the law leaves {100 * e.law_excess_left:.0f} % of the excess misfit of left-out data")
+        VerdictRule("the law predicts left-out data", evidence.law_excess_left, criteria.law_excess_left, predicts,
+             f"the law leaves {100 * evidence.law_excess_left:.0f} % of the excess misfit of left-out data")
     )  # fmt: skip
-    sound = e.is_converged and all(t.passed for t in e.adequacy)
+    sound = evidence.is_converged and all(t.passed for t in evidence.adequacy)
     return "learned" if predicts and sound else "unexplained"
 
 
-def _decide_setup(e: Evidence, kind: str, rules: list[Rule]) -> Decision:
+def _decide_setup(evidence: VerdictEvidence, kind: str, rules: list[VerdictRule]) -> Decision:
     """The verdict where no effect is missing: errors of set-up or inputs that share an effect are told together."""
-    first = (*e.setup_errors, *filter(None, (e.contradicted_input,)))[:1]
-    others = tuple(name for name in e.setup_alternatives if name not in first)
-    if kind in ("named", "held_key") and first and others and not e.recording_errors:
+    first = (*evidence.setup_errors, *filter(None, (evidence.contradicted_input,)))[:1]
+    others = tuple(name for name in evidence.setup_alternatives if name not in first)
+    if kind in ("named", "held_key") and first and others and not evidence.recording_errors:
         return Decision("group", tuple(rules), (*first, *others))
     return Decision(kind, tuple(rules))
 
 
-def _without_cause(e: Evidence) -> str:
+def _kind_without_cause(evidence: VerdictEvidence) -> str:
     """What a verdict is where no effect is missing: errors of set-up and recordings are causes of their own."""
-    if e.setup_errors or e.recording_errors:
+    if evidence.setup_errors or evidence.recording_errors:
         return "named"
-    return "held_key" if e.contradicted_input else "none_needed"
+    return "held_key" if evidence.contradicted_input else "none_needed"
 
 
-def _rules_of_a_cause(e: Evidence, criteria: Criteria) -> Iterator[Rule]:
+def _cause_rules(evidence: VerdictEvidence, criteria: Criteria) -> Iterator[VerdictRule]:
     """What a cause must pass to be named."""
-    needed = criteria.ln_bayes_named * len(e.causes)
-    names = " and ".join(e.causes)
-    yield Rule(
-        "the evidence is strong", e.ln_bayes, needed, e.ln_bayes > needed,
-        f"the ln Bayes factor of {names} is {e.ln_bayes:.1f}; {needed:g} names it",
+    needed = criteria.ln_bayes_named * len(evidence.causes)
+    names = " and ".join(evidence.causes)
+    yield VerdictRule(
+        "the evidence is strong", evidence.ln_bayes, needed, evidence.ln_bayes > needed,
+        f"the ln Bayes factor of {names} is {evidence.ln_bayes:.1f}; {needed:g} names it",
     )  # fmt: skip
-    yield Rule(
-        "no smooth error of the model explains it as well", e.ln_bayes_discrepancy, needed,
-        e.ln_bayes_discrepancy > needed,
-        f"a smooth error of the model would leave {names} a ln Bayes factor of {e.ln_bayes_discrepancy:.1f}",
+    yield VerdictRule(
+        "no smooth error of the model explains it as well", evidence.ln_bayes_discrepancy, needed,
+        evidence.ln_bayes_discrepancy > needed,
+        f"a smooth error of the model would leave {names} a ln Bayes factor of {evidence.ln_bayes_discrepancy:.1f}",
     )  # fmt: skip
-    if e.heldout_gain is not None:
-        yield Rule(
-            "left-out data do not speak against it", e.heldout_gain, criteria.heldout_against,
-            e.heldout_gain > criteria.heldout_against,
-            f"left-out data are less probable with it (ln {e.heldout_gain:.1f})",
+    if evidence.heldout_gain is not None:
+        yield VerdictRule(
+            "left-out data do not speak against it", evidence.heldout_gain, criteria.heldout_against,
+            evidence.heldout_gain > criteria.heldout_against,
+            f"left-out data are less probable with it (ln {evidence.heldout_gain:.1f})",
         )  # fmt: skip
-    if e.size is not None:
-        seen = _largest(e.size)
-        yield Rule(
+    if evidence.size is not None:
+        seen = _largest_fraction(evidence.size)
+        yield VerdictRule(
             "it can be seen", seen, criteria.visible_fraction, seen >= criteria.visible_fraction,
             f"calibrated again it changes no recording by more than {100 * seen:.2g} % of the rise",
         )  # fmt: skip
-        apart = max(e.size.friction_fraction, e.size.camera_fraction)  # of what no mesh has a say in
-        fine = e.size.change_K >= e.size.mesh_error_K or apart >= criteria.visible_fraction
-        yield Rule(
-            "the mesh resolves it", e.size.change_K, e.size.mesh_error_K, fine,
-            f"it changes {1e3 * e.size.change_K:.2g} mK rms, the mesh may err by {1e3 * e.size.mesh_error_K:.2g} mK: "
+        apart = max(evidence.size.friction_fraction, evidence.size.camera_fraction)  # of what no mesh has a say in
+        fine = evidence.size.change_K >= evidence.size.mesh_error_K or apart >= criteria.visible_fraction
+        yield VerdictRule(
+            "the mesh resolves it", evidence.size.change_K, evidence.size.mesh_error_K, fine,
+            f"it changes {1e3 * evidence.size.change_K:.2g} mK rms, the mesh may err by {1e3 * evidence.size.mesh_error_K:.2g} mK: "
             "take a finer one (numerics.mesh)",
         )  # fmt: skip
 
 
-def _largest(size: EffectSize) -> float:
+def _largest_fraction(size: EffectSize) -> float:
     return max(size.rise_fraction, size.friction_fraction, size.camera_fraction)
 
 
-def _group(e: Evidence, criteria: Criteria, rules: list[Rule]) -> tuple[str, ...]:
+def _indistinguishable_effects(evidence: VerdictEvidence, criteria: Criteria, rules: list[VerdictRule]) -> tuple[str, ...]:
     """Effects that explain the data as well as an accepted one; empty where there are none."""
-    accepted, out = frozenset(e.causes), list[str]()
-    for a in e.alternatives:
+    accepted, out = frozenset(evidence.causes), list[str]()
+    for a in evidence.alternatives:
         apart = a.deficit > criteria.ln_bayes_distinct
         other = " with ".join(sorted(a.effects))
         rules.append(
-            Rule(f"it is told from {other}", a.deficit, criteria.ln_bayes_distinct, apart,
+            VerdictRule(f"it is told from {other}", a.deficit, criteria.ln_bayes_distinct, apart,
                  f"{other} explains the data as well (ln Bayes factor {a.deficit:.1f} apart)")
         )  # fmt: skip
         if not apart:

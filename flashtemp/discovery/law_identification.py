@@ -14,20 +14,20 @@ import numpy as np
 
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.diagnostics.cross_validation import cross_validate
-from flashtemp.discovery.estimation.fitting import Hypothesis, Watch, fit_hypothesis, run_fits
-from flashtemp.discovery.estimation.hyperparameters import Estimated, Hyperparameters, at_hyperparameters
+from flashtemp.discovery.estimation.fitting import Hypothesis, ProgressCallback, fit_hypothesis, run_fits
+from flashtemp.discovery.estimation.hyperparameters import EvidenceMaximum, Hyperparameters, priors_at_hyperparameters
 from flashtemp.discovery.estimation.image_alignment import Linearisation
-from flashtemp.discovery.estimation.linear_gaussian import Array, System
-from flashtemp.discovery.estimation.linearised_fit import Fit
-from flashtemp.discovery.estimation.whitening import Data
-from flashtemp.discovery.hypotheses.candidates import Candidate, candidates
+from flashtemp.discovery.estimation.linear_gaussian import Array, LinearSystem
+from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
+from flashtemp.discovery.estimation.whitening import WhitenedData
+from flashtemp.discovery.hypotheses.candidates import CandidateEffect, find_candidates
 from flashtemp.discovery.hypotheses.formula_fit import fit_simplest_formula, variable_legend
-from flashtemp.discovery.hypotheses.piecewise_linear_law import EFFECT_NAME, PiecewiseLinearLaw, candidate_laws
+from flashtemp.discovery.hypotheses.piecewise_linear_law import LEARNED_LAW_NAME, PiecewiseLinearLaw, candidate_laws
 from flashtemp.discovery.parameters import Kind, ParameterId
-from flashtemp.discovery.prediction.prediction import Derivatives, Prediction
+from flashtemp.discovery.prediction.prediction import DerivativeRequest, Prediction
 from flashtemp.discovery.prediction.problem import Problem
-from flashtemp.discovery.selection.forward_selection import Search, settle, with_candidates
-from flashtemp.discovery.selection.scores import scores, worth_another_look
+from flashtemp.discovery.selection.forward_selection import EffectSearch, finish_fit, refit_with_candidates
+from flashtemp.discovery.selection.scores import score_candidates, select_for_rescoring
 from flashtemp.discovery.verdict import LearnedLaw
 from flashtemp.errors import SolverFailure
 
@@ -64,7 +64,7 @@ class FittedLaw:
 
     scored: ScoredLaw
     problem: Problem
-    fit: Fit
+    fit: LinearisedFit
 
     @property
     def law(self) -> PiecewiseLinearLaw:
@@ -80,13 +80,13 @@ class IdentifiedLaw:
 
     law: PiecewiseLinearLaw
     covariance: Array
-    search: Search
+    search: EffectSearch
     scored: tuple[ScoredLaw, ...]
 
     @property
     def ln_bayes(self) -> float:
         """ln Bayes factor against the calibrated base, less ln of the number of laws that were compared."""
-        return self.search.best.ln_evidence - self.search.base.ln_evidence - price_of_choice(self.scored)
+        return self.search.best.ln_evidence - self.search.base.ln_evidence - ln_choice_odds(self.scored)
 
     @property
     def alternatives(self) -> dict[str, float]:
@@ -130,38 +130,38 @@ class IdentifiedLaw:
         )
 
 
-def price_of_choice(laws: Sequence[object]) -> float:
+def ln_choice_odds(laws: Sequence[object]) -> float:
     """ln of the prior odds against any one of the laws that are compared."""
     return float(np.log(len(laws)))
 
 
-def identify_law(search: Search, watch: Watch) -> IdentifiedLaw | None:
+def identify_law(search: EffectSearch, watch: ProgressCallback) -> IdentifiedLaw | None:
     """The law that explains what the catalogue does not; None where no law is worth its choice among all of them.
 
     A law must gain as much against the base as names a cause, and more than the best fit of the catalogue gains, ln of
     the number of laws beyond that.  Raises SolverFailure.
     """
-    laws = [] if EFFECT_NAME in search.problem.case.effects else list(laws_of(search))
+    laws = [] if LEARNED_LAW_NAME in search.problem.case.effects else list(list_possible_laws(search))
     if not laws:
         return None
     watch(f"looking for a law: {len(laws)} are scored")
     scored = score_laws(search, laws)
-    known = max((f.ln_evidence for f in search.fits.values() if f.usable), default=search.base.ln_evidence)
+    known = max((f.ln_evidence for f in search.fits.values() if f.is_comparable), default=search.base.ln_evidence)
     gain = known - search.base.ln_evidence
     score = search.ranking[0][0].ln_bayes if search.ranking and search.ranking[0] else 0.0
-    fitted = _fit_laws(search, shortlist(scored, min(gain, score)), watch)
+    fitted = _fit_laws(search, shortlist_laws(scored, min(gain, score)), watch)
     if not fitted:
         return None
     best = max(fitted, key=lambda f: f.fit.ln_evidence)
-    least = max(CRITERIA.ln_bayes_named, gain) + price_of_choice(laws)
+    least = max(CRITERIA.ln_bayes_named, gain) + ln_choice_odds(laws)
     if best.fit.ln_evidence - search.base.ln_evidence < least:
         return None
     gains = {f.law.name: f.fit.ln_evidence - search.base.ln_evidence for f in fitted}
     scored = tuple(replace(s, fitted_ln_bayes=gains.get(s.law.name)) for s in scored)
-    return _finalise(search, _refine_nodes(search, best, watch), scored, watch)
+    return _finish_law(search, _refine_nodes(search, best, watch), scored, watch)
 
 
-def heldout_excess(search: Search) -> tuple[float, float]:
+def heldout_excess(search: EffectSearch) -> tuple[float, float]:
     """chi2 less the number of data left out, as predicted by the base and by the best fit of a search.
 
     Recordings marked held out, else every condition predicted from the others; what is unknown of the cameras of data
@@ -171,10 +171,10 @@ def heldout_excess(search: Search) -> tuple[float, float]:
     return before, after
 
 
-def laws_of(search: Search) -> Iterator[PiecewiseLinearLaw]:
+def list_possible_laws(search: EffectSearch) -> Iterator[PiecewiseLinearLaw]:
     """All pairs of a quantity and a regressor that varies among the conditions that are fitted."""
     problem, runs, scenes = search.problem, [], []
-    for condition, pins, prediction in zip(problem.conditions, problem.pins, search.base.predictions, strict=True):
+    for condition, pins, prediction in zip(problem.conditions, problem.mesh_overrides, search.base.predictions, strict=True):
         if any(not entry.held_out for entry in condition.entries):
             runs.append(prediction.run)
             scenes.append(problem.case.with_values(condition.given | pins).scene)
@@ -182,7 +182,7 @@ def laws_of(search: Search) -> Iterator[PiecewiseLinearLaw]:
 
 
 # --- scores -----------------------------------------------------------------------------------------------------
-def score_laws(search: Search, laws: Sequence[PiecewiseLinearLaw]) -> tuple[ScoredLaw, ...]:
+def score_laws(search: EffectSearch, laws: Sequence[PiecewiseLinearLaw]) -> tuple[ScoredLaw, ...]:
     """All laws by the sensitivities of their nodes at the calibrated base, best first.  Raises SolverFailure."""
     out: list[ScoredLaw] = []
     size = batch_size(laws, sum(b.count for b in search.base.blocks))
@@ -190,7 +190,7 @@ def score_laws(search: Search, laws: Sequence[PiecewiseLinearLaw]) -> tuple[Scor
         batch = {law.name: law for law in laws[first : first + size]}
         problem, _, found = _with_laws(search.problem, search.data, batch)
         fit = _with_sensitivities(problem, search, tuple(found.values()))
-        plain = fit.solved(problem, _own_effects(fit), fit.equations).solution.ln_evidence
+        plain = fit.solve_with(problem, _free_effect_priors(fit), fit.equations).solution.ln_evidence
         out += [_score_law(problem, fit, plain, batch[name], c) for name, c in found.items()]
     return tuple(sorted(out, key=lambda s: -s.ln_bayes))
 
@@ -202,50 +202,50 @@ def batch_size(laws: Sequence[PiecewiseLinearLaw], data: int) -> int:
     return -(-len(laws) // -(-len(laws) // most))
 
 
-def _score_law(problem: Problem, fit: Fit, plain: float, law: PiecewiseLinearLaw, c: Candidate) -> ScoredLaw:
+def _score_law(problem: Problem, fit: LinearisedFit, plain: float, law: PiecewiseLinearLaw, c: CandidateEffect) -> ScoredLaw:
     """A law at that width of its prior which has the largest evidence, given the other hyperparameters."""
-    columns = [p for p in c.columns() if p in fit.system.index]
+    columns = [p for p in c.strength_columns() if p in fit.system.index]
     nodes, found = _solve_within_bounds(problem, fit, law, columns, 1.0)
     width = _likeliest_width(problem, fit, law, nodes, found.hyper)
     nodes, found = _solve_within_bounds(problem, fit, law, columns, width)
     gain = found.solution.ln_evidence - plain - np.log(len(RELATIVE_WIDTHS))
-    values = tuple(found.solution[p] if p in nodes else 0.0 for p in c.columns())
+    values = tuple(found.solution[p] if p in nodes else 0.0 for p in c.strength_columns())
     return ScoredLaw(law, width, float(gain), values)
 
 
 def _likeliest_width(
-    problem: Problem, fit: Fit, law: PiecewiseLinearLaw, nodes: Sequence[ParameterId], hyper: Hyperparameters
+    problem: Problem, fit: LinearisedFit, law: PiecewiseLinearLaw, nodes: Sequence[ParameterId], hyper: Hyperparameters
 ) -> float:
     """The relative width of the prior of some nodes that has the largest evidence at given hyperparameters."""
-    own = _own_effects(fit)
+    own = _free_effect_priors(fit)
 
-    def evidence(width: float) -> float:
+    def evidence_at(width: float) -> float:
         more = own | {p: (0.0, width * law.quantity.typical_size) for p in nodes}
-        priors = at_hyperparameters(problem, fit.system, fit.model, hyper, more)
+        priors = priors_at_hyperparameters(problem, fit.system, fit.model, hyper, more)
         return fit.system.solve(priors, fit.equations).ln_evidence
 
-    return max(RELATIVE_WIDTHS, key=evidence)
+    return max(RELATIVE_WIDTHS, key=evidence_at)
 
 
 def _solve_within_bounds(
-    problem: Problem, fit: Fit, law: PiecewiseLinearLaw, columns: Sequence[ParameterId], width: float
-) -> tuple[list[ParameterId], Estimated]:
+    problem: Problem, fit: LinearisedFit, law: PiecewiseLinearLaw, columns: Sequence[ParameterId], width: float
+) -> tuple[list[ParameterId], EvidenceMaximum]:
     """The linearised fit with those nodes of a law free whose values are possible; others stay off."""
     low, high = law.quantity.lower_bound, law.quantity.upper_bound
     nodes = list(columns)
     while True:
         priors = {p: (0.0, width * law.quantity.typical_size) for p in nodes}
-        found = fit.solved(problem, _own_effects(fit) | priors, fit.equations)
+        found = fit.solve_with(problem, _free_effect_priors(fit) | priors, fit.equations)
         outside = [p for p in nodes if not low <= found.solution[p] <= high]
         if not outside:
             return nodes, found
         nodes.remove(max(outside, key=lambda p: abs(found.solution[p])))
 
 
-def shortlist(scored: Sequence[ScoredLaw], known: float = 0.0) -> list[ScoredLaw]:
+def shortlist_laws(scored: Sequence[ScoredLaw], known: float = 0.0) -> list[ScoredLaw]:
     """Laws that are fitted in full: worth their choice, and not far behind the best of them and of the catalogue, whose
     ln Bayes factor is `known`: a law must exceed it in the end; best first."""
-    likely = [s for s in scored if s.ln_bayes > CRITERIA.ln_bayes_named + price_of_choice(scored)]
+    likely = [s for s in scored if s.ln_bayes > CRITERIA.ln_bayes_named + ln_choice_odds(scored)]
     if not likely:
         return []
     best = max(likely[0].ln_bayes, known)
@@ -254,7 +254,7 @@ def shortlist(scored: Sequence[ScoredLaw], known: float = 0.0) -> list[ScoredLaw
 
 
 # --- full fits --------------------------------------------------------------------------------------------------
-def _fit_laws(search: Search, likely: Sequence[ScoredLaw], watch: Watch) -> list[FittedLaw]:
+def _fit_laws(search: EffectSearch, likely: Sequence[ScoredLaw], watch: ProgressCallback) -> list[FittedLaw]:
     """Laws at their best points, side by side, so that one which others outrun goes no further."""
     if not likely:
         return []
@@ -264,12 +264,12 @@ def _fit_laws(search: Search, likely: Sequence[ScoredLaw], watch: Watch) -> list
         problem, data, candidate = _with_law(search, s)
         parent = _with_sensitivities(problem, search, (candidate,))
         problems[s.law.name] = problem
-        fittings[s.law.name] = fit_hypothesis(Hypothesis.extending(problem, data, parent, [candidate]))
+        fittings[s.law.name] = fit_hypothesis(Hypothesis.from_parent(problem, data, parent, [candidate]))
     found = run_fits(search.problem, fittings, watch)
     return [FittedLaw(s, problems[s.law.name], found.fits[s.law.name]) for s in likely if s.law.name in found.fits]
 
 
-def _refine_nodes(search: Search, found: FittedLaw, watch: Watch) -> FittedLaw:
+def _refine_nodes(search: EffectSearch, found: FittedLaw, watch: ProgressCallback) -> FittedLaw:
     """A law with nodes between its nodes, while the evidence asks for them."""
     while len(nodes := found.scored.law.refined_nodes) > len(found.scored.law.nodes):
         watch(f"{len(nodes)} nodes in place of {len(found.scored.law.nodes)}")
@@ -283,62 +283,62 @@ def _refine_nodes(search: Search, found: FittedLaw, watch: Watch) -> FittedLaw:
     return found
 
 
-def _fit_refined(search: Search, found: FittedLaw, nodes: tuple[float, ...], watch: Watch) -> FittedLaw:
+def _fit_refined(search: EffectSearch, found: FittedLaw, nodes: tuple[float, ...], watch: ProgressCallback) -> FittedLaw:
     """A law with more nodes, fitted from where it stands.  Raises SolverFailure.
 
     The finer line is the coarser one at first, so that the point and all other derivatives are those of the last fit.
     """
     fit, law = found.fit, found.scored.law
-    stands = [fit.model.value(ParameterId.of_effect(EFFECT_NAME, f"at_{k + 1}")) for k in range(len(law.nodes))]
+    stands = [fit.model.effect_value(ParameterId.of_effect(LEARNED_LAW_NAME, f"at_{k + 1}")) for k in range(len(law.nodes))]
     values = law.hat_functions(np.array(nodes)) @ np.array(stands)
     scored = replace(found.scored, law=replace(law, nodes=nodes, values=tuple(values.tolist())))
     problem, data, candidate = _with_law(search, scored)
-    model = fit.model.with_effect(EFFECT_NAME, dict(zip(candidate.strengths, values.tolist(), strict=True)))
+    model = fit.model.with_effect(LEARNED_LAW_NAME, dict(zip(candidate.strengths, values.tolist(), strict=True)))
     own = tuple(c for c in problem.candidates if c.effect in model.effects)
-    tasks = problem.tasks(model, Derivatives(own=tuple(candidate.columns())))
-    predictions = problem.predictions(tasks)
-    system = _joined(data, predictions, fit, own)
+    tasks = problem.make_tasks(model, DerivativeRequest(model_parameters=tuple(candidate.strength_columns())))
+    predictions = problem.predict(tasks)
+    system = _join_columns(data, predictions, fit, own)
     first = Linearisation(model, tuple(tasks), tuple(predictions), system)
-    return FittedLaw(scored, problem, settle(Hypothesis(problem, data, model, own), first, watch))
+    return FittedLaw(scored, problem, finish_fit(Hypothesis(problem, data, model, own), first, watch))
 
 
-def _finalise(search: Search, found: FittedLaw, scored: tuple[ScoredLaw, ...], watch: Watch) -> IdentifiedLaw:
+def _finish_law(search: EffectSearch, found: FittedLaw, scored: tuple[ScoredLaw, ...], watch: ProgressCallback) -> IdentifiedLaw:
     """The law with exact derivatives at its best point, and what of the catalogue may still matter beside it."""
     problem, data = found.problem, replace(search.data, problem=found.problem)
-    before = search.ranking[0] if search.ranking else scores(search.problem, search.base, search.problem.candidates)
-    more = worth_another_look(search.problem, search.base, found.fit, before)
+    before = search.ranking[0] if search.ranking else score_candidates(search.problem, search.base, search.problem.candidates)
+    more = select_for_rescoring(search.problem, search.base, found.fit, before)
     watch(f"candidates beside {found.law.description}")
-    best = with_candidates(problem, data, found.fit, more, watch)
+    best = refit_with_candidates(problem, data, found.fit, more, watch)
     law = _with_fitted_values(found.scored.law, best)
-    own = tuple(law.as_effect() if o.name == EFFECT_NAME else o for o in problem.case.own)
+    own = tuple(law.as_effect() if o.name == LEARNED_LAW_NAME else o for o in problem.case.own)
     problem = replace(problem, case=replace(problem.case, own=own))  # its file holds what was found
     after = replace(
         search, problem=problem, data=replace(data, problem=problem), best=best,
         fits=search.fits | {frozenset(best.model.effects): best},
-        ranking=(before, scores(problem, best, problem.candidates)),
+        ranking=(before, score_candidates(problem, best, problem.candidates)),
     )  # fmt: skip
-    return IdentifiedLaw(*_centre(law, node_covariance(best, len(law.nodes))), after, scored)
+    return IdentifiedLaw(*_centre_pressure(law, node_covariance(best, len(law.nodes))), after, scored)
 
 
-def _with_fitted_values(law: PiecewiseLinearLaw, fit: Fit) -> PiecewiseLinearLaw:
+def _with_fitted_values(law: PiecewiseLinearLaw, fit: LinearisedFit) -> PiecewiseLinearLaw:
     """A law with the values that a fit gives its nodes, last linear step included."""
     values = []
     for k in range(len(law.nodes)):
-        p = ParameterId.of_effect(EFFECT_NAME, f"at_{k + 1}")
-        values.append(fit.model.value(p) + (fit.solution[p] if p in fit.solution.names else 0.0))
+        p = ParameterId.of_effect(LEARNED_LAW_NAME, f"at_{k + 1}")
+        values.append(fit.model.effect_value(p) + (fit.solution[p] if p in fit.solution.names else 0.0))
     return replace(law, values=tuple(map(float, values)))
 
 
-def node_covariance(fit: Fit, count: int) -> Array:
+def node_covariance(fit: LinearisedFit, count: int) -> Array:
     """Covariance (count, count) of the values at the nodes of a law; 0 of one that lies on a bound."""
     out = np.zeros((count, count))
-    at = {int(p.name.removeprefix("at_")) - 1: i for i, p in enumerate(fit.solution.names) if p.effect == EFFECT_NAME}
+    at = {int(p.name.removeprefix("at_")) - 1: i for i, p in enumerate(fit.solution.names) if p.effect == LEARNED_LAW_NAME}
     nodes, columns = list(at), list(at.values())
     out[np.ix_(nodes, nodes)] = fit.solution.covariance[np.ix_(columns, columns)]
     return out
 
 
-def _centre(law: PiecewiseLinearLaw, covariance: Array) -> tuple[PiecewiseLinearLaw, Array]:
+def _centre_pressure(law: PiecewiseLinearLaw, covariance: Array) -> tuple[PiecewiseLinearLaw, Array]:
     """A law without what has no effect: only the shape of a pressure counts, for its mean follows from the load."""
     if law.quantity.name != "pressure":
         return law, covariance
@@ -354,49 +354,49 @@ def _centre(law: PiecewiseLinearLaw, covariance: Array) -> tuple[PiecewiseLinear
 
 # --- problems and fits that know a law --------------------------------------------------------------------------
 def _with_laws(
-    problem: Problem, data: Data, laws: dict[str, PiecewiseLinearLaw]
-) -> tuple[Problem, Data, dict[str, Candidate]]:
+    problem: Problem, data: WhitenedData, laws: dict[str, PiecewiseLinearLaw]
+) -> tuple[Problem, WhitenedData, dict[str, CandidateEffect]]:
     """The problem with laws as further candidates, by the names of their effect files."""
     own = tuple(law.as_effect(name) for name, law in laws.items())
     case = replace(problem.case, own=(*(o for o in problem.case.own if o.name not in laws), *own))
-    found = {c.effect: c for c in candidates(case, tuple(laws))[0]}
+    found = {c.effect: c for c in find_candidates(case, tuple(laws))[0]}
     every = (*(c for c in problem.candidates if c.effect not in laws), *found.values())
     wider = replace(problem, case=case, candidates=every)
     return wider, replace(data, problem=wider), found
 
 
-def _with_law(search: Search, scored: ScoredLaw) -> tuple[Problem, Data, Candidate]:
+def _with_law(search: EffectSearch, scored: ScoredLaw) -> tuple[Problem, WhitenedData, CandidateEffect]:
     """The problem with one law under the name that a verdict uses, its prior as wide as its score wants it."""
     law = replace(scored.law, values=(scored.prior_sd,) * len(scored.law.nodes))
-    problem, data, found = _with_laws(search.problem, search.data, {EFFECT_NAME: law})
-    return problem, data, found[EFFECT_NAME]
+    problem, data, found = _with_laws(search.problem, search.data, {LEARNED_LAW_NAME: law})
+    return problem, data, found[LEARNED_LAW_NAME]
 
 
-def _with_sensitivities(problem: Problem, search: Search, laws: tuple[Candidate, ...]) -> Fit:
+def _with_sensitivities(problem: Problem, search: EffectSearch, laws: tuple[CandidateEffect, ...]) -> LinearisedFit:
     """The calibrated base with sensitivities of laws in place of those of the catalogue.  Raises SolverFailure."""
     fit, data = search.base, replace(search.data, problem=problem)
     own = tuple(c for c in problem.candidates if c.effect in fit.model.effects)
-    predictions = problem.predictions(problem.tasks(fit.model, Derivatives(candidates=laws)))
-    return replace(fit, system=_joined(data, predictions, fit, own))
+    predictions = problem.predict(problem.make_tasks(fit.model, DerivativeRequest(candidates=laws)))
+    return replace(fit, system=_join_columns(data, predictions, fit, own))
 
 
-def _joined(data: Data, predictions: Sequence[Prediction], fit: Fit, own: Sequence[Candidate]) -> System:
+def _join_columns(data: WhitenedData, predictions: Sequence[Prediction], fit: LinearisedFit, own: Sequence[CandidateEffect]) -> LinearSystem:
     """Columns of predictions at the point of a fit, and those that the fit has of all else but other candidates.
 
     Residuals are those of the fit: what is compared differs in nothing else.
     """
     effects = {c.effect for c in own}
 
-    def borrowed(p: ParameterId) -> bool:
+    def is_borrowed(p: ParameterId) -> bool:
         return p.kind is not Kind.INPUT and (p.kind is not Kind.EFFECT or p.effect in effects)
 
     blocks = [
-        new.joined(old, borrowed).with_residual(old.r)
-        for new, old in zip(data.blocks(predictions), fit.blocks, strict=True)
+        new.with_columns_of(old, is_borrowed).with_residual(old.r)
+        for new, old in zip(data.make_blocks(predictions), fit.blocks, strict=True)
     ]
-    return System(blocks)
+    return LinearSystem(blocks)
 
 
-def _own_effects(fit: Fit) -> dict[ParameterId, tuple[float, float]]:
+def _free_effect_priors(fit: LinearisedFit) -> dict[ParameterId, tuple[float, float]]:
     """Priors of the parameters of effects that a fit holds, but for those on a bound."""
-    return {p: v for p, v in fit.effects.items() if p not in fit.bound}
+    return {p: v for p, v in fit.effect_priors.items() if p not in fit.bound}

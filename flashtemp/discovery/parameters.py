@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-ALL = -1  # conditions: what they share
+ALL_CONDITIONS = -1  # conditions: what they share
 
 
 class Kind(StrEnum):
@@ -40,14 +40,14 @@ class Kind(StrEnum):
     INPUT = "input"  # stated number of case or camera, the same in all conditions: ln of the factor on it, or its unit
 
 
-SHIFTS = (Kind.SHIFT_U, Kind.SHIFT_V)
-PLACED = (Kind.SCALE, Kind.TURN, Kind.CLOCK)
-OF_THE_LABORATORY = (*PLACED, Kind.SIZE)
-BEADS = (Kind.PLACE, Kind.LAG)
-OF_A_POINT = (*BEADS, Kind.SENSOR)
-OF_THE_CAMERA = (Kind.OFFSET, Kind.STATIC, Kind.OPTICS)
-OF_A_RECORDING = frozenset({*SHIFTS, *PLACED, Kind.GAIN, Kind.SPREAD, Kind.MAP, Kind.WALL, Kind.FLOOR, *OF_THE_CAMERA})
-OF_A_CONDITION = frozenset({Kind.SCATTER, Kind.LEVEL, Kind.TREND, Kind.FLUX, Kind.MESH})
+SHIFT_KINDS = (Kind.SHIFT_U, Kind.SHIFT_V)
+PLACEMENT_KINDS = (Kind.SCALE, Kind.TURN, Kind.CLOCK)
+SETUP_KINDS = (*PLACEMENT_KINDS, Kind.SIZE)
+BEAD_KINDS = (Kind.PLACE, Kind.LAG)
+POINT_KINDS = (*BEAD_KINDS, Kind.SENSOR)
+CAMERA_ERROR_KINDS = (Kind.OFFSET, Kind.STATIC, Kind.OPTICS)
+RECORDING_KINDS = frozenset({*SHIFT_KINDS, *PLACEMENT_KINDS, Kind.GAIN, Kind.SPREAD, Kind.MAP, Kind.WALL, Kind.FLOOR, *CAMERA_ERROR_KINDS})
+CONDITION_KINDS = frozenset({Kind.SCATTER, Kind.LEVEL, Kind.TREND, Kind.FLUX, Kind.MESH})
 
 
 @dataclass(frozen=True, order=True, slots=True)
@@ -67,7 +67,7 @@ class ParameterId:
     effect: str = ""
     name: str = ""
     file: str = ""
-    condition: int = ALL
+    condition: int = ALL_CONDITIONS
 
     @classmethod
     def of_key(cls, key: str) -> ParameterId:
@@ -84,19 +84,19 @@ class ParameterId:
         """A parameter of an effect; its trace with the shapes of a `variant` beyond the first."""
         return cls(Kind.EFFECT, (variant,) if variant else (), effect, name)
 
-    def within(self, condition: int, file: str) -> ParameterId:
+    def with_scope(self, condition: int, file: str) -> ParameterId:
         """The same where it belongs: to a recording, to a condition, or to all."""
-        if self.kind in OF_A_RECORDING or (self.kind in OF_A_POINT and not self.name):
+        if self.kind in RECORDING_KINDS or (self.kind in POINT_KINDS and not self.name):
             return replace(self, file=file)
-        return replace(self, condition=condition) if self.kind in OF_A_CONDITION else self
+        return replace(self, condition=condition) if self.kind in CONDITION_KINDS else self
 
     @property
-    def everywhere(self) -> bool:
+    def is_shared(self) -> bool:
         """Whether all conditions and recordings share it."""
-        return not self.file and self.condition == ALL
+        return not self.file and self.condition == ALL_CONDITIONS
 
     @property
-    def axis(self) -> int:
+    def shift_axis(self) -> int:
         """0 for a shift along u, 1 along v."""
         return int(self.kind is Kind.SHIFT_V)
 
@@ -105,7 +105,7 @@ class ParameterId:
             return self.name
         if self.kind is Kind.EFFECT:
             return f"{self.effect}.{self.name}" + "".join(f"@{n}" for n in self.index)
-        where = self.file or self.name or (str(self.condition) if self.condition != ALL else "")
+        where = self.file or self.name or (str(self.condition) if self.condition != ALL_CONDITIONS else "")
         return ":".join([self.kind, *map(str, self.index)]) + (f"|{where}" if where else "")
 
 

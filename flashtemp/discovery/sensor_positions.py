@@ -7,14 +7,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from flashtemp.camera import synthetic
-from flashtemp.camera.points import Places, of_arrays
-from flashtemp.comparison.campaign import View
+from flashtemp.camera.points import SensorPositions, positions_from_arrays
+from flashtemp.comparison.campaign import RecordingEntry
 from flashtemp.discovery.prediction.problem import Problem
 
-UP, ALONG = (0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.98), (0.1, 0.5, 0.9)  # of height and length
+HEIGHT_FRACTIONS, LENGTH_FRACTIONS = (0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.98), (0.1, 0.5, 0.9)  # of height and length
 
 
-def candidate_sensor_recordings(problem: Problem) -> list[View]:
+def candidate_sensor_recordings(problem: Problem) -> list[RecordingEntry]:
     """One blank recording for every place, named after it; none where the campaign has no thermocouples.
 
     Each is read, and its place known, like the first recording of points of the first condition.
@@ -23,20 +23,20 @@ def candidate_sensor_recordings(problem: Problem) -> list[View]:
     like = next((v for v in first.views if v.recording.places is not None), None)
     if like is None or like.recording.places is None:
         return []
-    scene, r = problem.campaign.load(first.given | problem.pins[0]).scene, like.recording
+    scene, r = problem.campaign.load(first.given | problem.mesh_overrides[0]).scene, like.recording
     out = []
-    for words, places in _grid(scene.length, scene.height, like.recording.places):
-        blank = synthetic.blank_points(places, scene, r.time, r.repetition, r.netd_K or 0.05)
-        out.append(View(words, blank, first.given, like.sigma_K))
+    for words, places in _iter_positions(scene.length, scene.height, like.recording.places):
+        blank = synthetic.empty_sensor_recording(places, scene, r.time, r.repetition, r.netd_K or 0.05)
+        out.append(RecordingEntry(words, blank, first.given, like.sigma_K))
     return out
 
 
-def _grid(length: float, height: float, like: Places) -> Iterator[tuple[str, Places]]:
+def _iter_positions(length: float, height: float, like: SensorPositions) -> Iterator[tuple[str, SensorPositions]]:
     """Words and place of every node; one column where all thermocouples that there are stand at one x."""
     alone = np.ptp(like.x) == 0.0
-    for x in (float(like.x[0]),) if alone else tuple(length * a for a in ALONG):
-        for z in (height * u for u in UP):
+    for x in (float(like.x[0]),) if alone else tuple(length * a for a in LENGTH_FRACTIONS):
+        for z in (height * u for u in HEIGHT_FRACTIONS):
             alike = ("lag_s", "lag_sigma_s", "place_sigma_m", "depth_sigma_m", "gain_sigma")
             known = {k: [float(getattr(like, k).max())] for k in alike}
             words = f"at x = {1e3 * x:.3g} mm, z = {1e3 * z:.3g} mm"
-            yield words, of_arrays((words,), {"x": [x], "z": [z]} | known)
+            yield words, positions_from_arrays((words,), {"x": [x], "z": [z]} | known)

@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from flashtemp.camera.recording import VIEWS
-from flashtemp.comparison.compare import Pulling, Seeing
-from flashtemp.showing import Sheet, Shown
+from flashtemp.camera.recording import VIEW_DESCRIPTIONS
+from flashtemp.comparison.compare import ForceComparison, RecordingComparison
+from flashtemp.showing import DisplayTable, DisplayMixin
 
 Array = npt.NDArray[np.float64]
-SCHEMA = "flashtemp.verdict/1"
-KINDS = ("named", "learned", "held_key", "weak", "group", "none_needed", "unexplained", "no_verdict")
+VERDICT_SCHEMA = "flashtemp.verdict/1"
+VERDICT_KINDS = ("named", "learned", "held_key", "weak", "group", "none_needed", "unexplained", "no_verdict")
 MAX_NAMED_INPUTS = 6  # inputs that the data cannot check, named in the text; more are only counted
-DOUBTED = 0.01  # probability of so much scatter between conditions, below which a cause's law is not taken as told
+DOUBTFUL_PROBABILITY = 0.01  # probability of so much scatter between conditions, below which a cause's law is not taken as told
 
 
 @dataclass(frozen=True)
-class Estimate:
+class ParameterEstimate:
     """A fitted parameter in its own `unit`, with standard error and 95 % interval; `bound`: it lies on a bound."""
 
     name: str
@@ -32,7 +32,7 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class OwnValue:
+class ConditionEstimate:
     """A parameter as one condition alone would have it; the condition in words."""
 
     condition: str
@@ -51,25 +51,25 @@ class Cause:
 
     effect: str
     words: str
-    parameters: tuple[Estimate, ...]
+    parameters: tuple[ParameterEstimate, ...]
     delta_chi2: float
     held_out_gain: float
     distinctness: float
     ln_bayes: float = 0.0
     z: float = 0.0
     raw_share: float = 0.0
-    per_condition: tuple[OwnValue, ...] = ()
+    per_condition: tuple[ConditionEstimate, ...] = ()
     consistent: float = 1.0
     laboratory: bool = False
 
     @property
-    def doubted(self) -> bool:
+    def is_doubtful(self) -> bool:
         """Whether its law need not be the one of its name: conditions would have it rather different in strength."""
-        return self.consistent < DOUBTED and bool(self.parameters)
+        return self.consistent < DOUBTFUL_PROBABILITY and bool(self.parameters)
 
 
 @dataclass(frozen=True)
-class Rival:
+class CandidateReport:
     """A candidate that was tried: `score` its ln Bayes factor, `amplitude` it would need (and `stderr`) in `unit`.
 
     `left`: ln Bayes factor that the accepted causes still have beside it; `detectable` the amplitude that
@@ -94,7 +94,7 @@ class Rival:
 
 
 @dataclass(frozen=True)
-class Found:
+class SetupErrorReport:
     """An error of the laboratory that calibration found: `value` with `stderr` in `unit`, `pull` in standard deviations
     of what is usual; `words` for people."""
 
@@ -107,7 +107,7 @@ class Found:
 
 
 @dataclass(frozen=True)
-class Held:
+class InputCorrection:
     """A stated number that explains what a cause would: `told` by case or recording, `value` with `stderr` that the
     data want, `ln_bayes` of freeing it; `calibrated` values of the free keys with the number corrected."""
 
@@ -123,7 +123,7 @@ class Held:
     @property
     def is_of_case(self) -> bool:
         """Whether it is a key of the case, not what a recording states of its camera."""
-        return self.key.partition(".")[0] not in VIEWS
+        return self.key.partition(".")[0] not in VIEW_DESCRIPTIONS
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ class LearnedLaw:
 
 
 @dataclass(frozen=True)
-class Fitness:
+class FitMetrics:
     """How well a model does: over all that was fitted, over what was left out, and on means over frames (K).
 
     Of an extended model `rmse_change_error_K` and `held_out_z_change_error` are the standard errors of what `rmse_K`
@@ -180,7 +180,7 @@ class Fitness:
 
 
 @dataclass(frozen=True)
-class Test:
+class StructureTest:
     """A test for structure in what is left: `p` the share of simulated noise-only campaigns beyond `statistic`."""
 
     name: str
@@ -191,7 +191,7 @@ class Test:
 
 
 @dataclass(frozen=True)
-class Missing:
+class MissingHeatFlux:
     """What the model lacks along the contact, without any catalogue, of one condition.
 
     `x` (n,) m; `flux` (repetitions, n) W/m2 of nominal area that measured exceeds computed, with its standard
@@ -247,7 +247,7 @@ class InputResult:
 
 
 @dataclass(frozen=True)
-class Pull:
+class NormalisedDeviation:
     """A calibrated nuisance: value and its distance from what was known beforehand, in standard deviations."""
 
     name: str
@@ -258,7 +258,7 @@ class Pull:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Verdict(Shown):
+class Verdict(DisplayMixin):
     """The whole answer.  `kind` is one of KINDS; `says` one or more sentences for people.
 
     `separability`: names and matrix (n, n) of correlations between projected signatures; `before`, `after`:
@@ -275,17 +275,17 @@ class Verdict(Shown):
     causes: tuple[Cause, ...] = ()
     group: tuple[str, ...] = ()
     next_experiment: str = ""
-    base: Fitness | None = None
-    extended: Fitness | None = None
-    rivals: tuple[Rival, ...] = ()
-    nuisance: tuple[Pull, ...] = ()
-    tests: tuple[Test, ...] = ()
-    missing: tuple[Missing, ...] = ()
+    base: FitMetrics | None = None
+    extended: FitMetrics | None = None
+    rivals: tuple[CandidateReport, ...] = ()
+    nuisance: tuple[NormalisedDeviation, ...] = ()
+    tests: tuple[StructureTest, ...] = ()
+    missing: tuple[MissingHeatFlux, ...] = ()
     separability: tuple[tuple[str, ...], Array] | None = None
     shifts: tuple[tuple[str, float, float, float], ...] = ()  # free parameter, before, after, standard error
-    before: tuple[Seeing, ...] = ()
-    after: tuple[Seeing, ...] = ()
-    pulled: tuple[tuple[Pulling, ...], tuple[Pulling, ...]] = ((), ())
+    before: tuple[RecordingComparison, ...] = ()
+    after: tuple[RecordingComparison, ...] = ()
+    pulled: tuple[tuple[ForceComparison, ...], tuple[ForceComparison, ...]] = ((), ())
     gates: dict[str, tuple[float, float]] = field(default_factory=dict)
     certificate: dict[str, Any] = field(default_factory=dict)
     assumed: dict[str, float] = field(default_factory=dict)
@@ -294,40 +294,40 @@ class Verdict(Shown):
     gain: dict[str, Any] | None = None  # what the extension changes, in kelvin
     not_named: tuple[str, ...] = ()  # why a cause that the evidence asks for is not named
     certain: tuple[str, ...] = ()
-    laboratory: tuple[Found, ...] = ()
-    held_key: Held | None = None
+    laboratory: tuple[SetupErrorReport, ...] = ()
+    held_key: InputCorrection | None = None
     law: LearnedLaw | None = None
     rules: tuple[RuleResult, ...] = ()
     inputs: tuple[InputResult, ...] = ()
     inputs_told_together: tuple[tuple[str, ...], ...] = ()
 
     @property
-    def corrected_key(self) -> Held | None:
+    def corrected_key(self) -> InputCorrection | None:
         """The key of the case that is corrected where a stated number is all that is wrong."""
         held = self.held_key
         return held if held is not None and self.kind == "held_key" and held.is_of_case else None
 
     @property
-    def extends(self) -> bool:
+    def has_extension(self) -> bool:
         """Whether there is an extended case: a cause that is physics, or a key to correct."""
         return any(not c.laboratory for c in self.causes) or self.corrected_key is not None
 
     def as_dict(self) -> dict[str, Any]:
         """The content of verdict.json."""
 
-        def fitness(f: Fitness | None) -> dict[str, Any] | None:
+        def metrics_dict(f: FitMetrics | None) -> dict[str, Any] | None:
             return None if f is None else asdict(f)
 
         return {
-            "schema": SCHEMA,
+            "schema": VERDICT_SCHEMA,
             "title": self.title,
             "verdict": self.kind,
             "says": list(self.says),
-            "causes": [_cause(c) for c in self.causes],
+            "causes": [_cause_dict(c) for c in self.causes],
             "group": list(self.group),
             "next_experiment": self.next_experiment,
-            "base": fitness(self.base),
-            "extended": fitness(self.extended),
+            "base": metrics_dict(self.base),
+            "extended": metrics_dict(self.extended),
             "candidates": [asdict(r) for r in self.rivals],
             "nuisance": {
                 p.name: {"value": p.value, "stderr": p.stderr, "pull": p.pull, "unit": p.unit} for p in self.nuisance
@@ -341,7 +341,7 @@ class Verdict(Shown):
             "gain": self.gain,
             "warnings": list(self.warnings),
             "report": "report.html",
-            "extended_case": "extended.toml" if self.extends else None,
+            "extended_case": "extended.toml" if self.has_extension else None,
             "certain": list(self.certain),
             "laboratory": [asdict(f) for f in self.laboratory],
             "held_key": None if self.held_key is None else asdict(self.held_key),
@@ -352,38 +352,38 @@ class Verdict(Shown):
             "seconds": self.seconds,
         }
 
-    def sheet(self) -> Sheet:
+    def to_table(self) -> DisplayTable:
         head = ("cause", "parameter", "value", "95 %", "unit", "ln Bayes factor")
         causes = [
             (c.effect, p.name, p.value, p.ci95, p.unit, c.ln_bayes) for c in self.causes for p in c.parameters
         ]  # fmt: skip
         rivals = [(r.effect, r.score, r.amplitude, r.stderr, r.unit, r.reason) for r in self.rivals]
-        tried = Sheet("Candidates", rivals, ("effect", "ln Bayes factor", "would need", "+-", "unit", ""))
-        gates = Sheet("Gates", [(k, v, limit) for k, (v, limit) in self.gates.items()], ("", "value", "limit"))
+        tried = DisplayTable("Candidates", rivals, ("effect", "ln Bayes factor", "would need", "+-", "unit", ""))
+        gates = DisplayTable("Gates", [(k, v, limit) for k, (v, limit) in self.gates.items()], ("", "value", "limit"))
         pulls = [(p.name, p.value, p.stderr, p.unit, p.pull) for p in self.nuisance]
-        calibrated = Sheet("Calibrated", pulls, ("", "value", "+-", "unit", "pull"))
+        calibrated = DisplayTable("Calibrated", pulls, ("", "value", "+-", "unit", "pull"))
         rules = [(r.name, r.value, r.limit, "passed" if r.passed else r.consequence) for r in self.rules]
-        why = (Sheet("Why this verdict", rules, ("", "value", "limit", "result")),) if rules else ()
+        why = (DisplayTable("Why this verdict", rules, ("", "value", "limit", "result")),) if rules else ()
         against = [(i.key, i.stated, i.estimate, i.stderr, i.unit, i.pull, i.ln_bayes, i.verdict) for i in self.inputs]
         columns = ("", "stated", "data alone", "+-", "unit", "deviation", "ln Bayes factor", "verdict")
-        inputs = (Sheet("Stated inputs against the data", against, columns),) if against else ()
-        notes = (*self.says, *self._following(), *self.warnings)
+        inputs = (DisplayTable("Stated inputs against the data", against, columns),) if against else ()
+        notes = (*self.says, *self._closing_lines(), *self.warnings)
         parts = (*why, *inputs, tried, calibrated, gates)
-        return Sheet(f"Verdict on '{self.title}': {self.kind}", causes, head, notes, parts)
+        return DisplayTable(f"Verdict on '{self.title}': {self.kind}", causes, head, notes, parts)
 
     def __str__(self) -> str:
         lines = [f"Verdict on '{self.title}': {self.kind}", *(f"  {line}" for line in self.says)]
-        lines += [f"  {line}" for line in self._following()]
+        lines += [f"  {line}" for line in self._closing_lines()]
         return "\n".join([*lines, *(f"  note: {warning}" for warning in self.warnings)])
 
-    def _following(self) -> list[str]:
+    def _closing_lines(self) -> list[str]:
         """What follows the sentences: the next experiment, unless they say it, and a line about the stated inputs."""
         is_new = self.next_experiment and not any(self.next_experiment in line for line in self.says)
         out = [f"next: {self.next_experiment}"] if is_new else []
-        return [*out, f"inputs: {_input_summary(self.inputs)}"] if self.inputs else out
+        return [*out, f"inputs: {_summarise_inputs(self.inputs)}"] if self.inputs else out
 
 
-def _input_summary(inputs: tuple[InputResult, ...]) -> str:
+def _summarise_inputs(inputs: tuple[InputResult, ...]) -> str:
     """Which stated inputs the data contradict, and how many they cannot check, in one line."""
     contradicted = [f"{i.key} ({abs(i.pull):.1f} standard deviations)" for i in inputs if i.verdict == "contradicted"]
     unchecked = [i.key for i in inputs if i.verdict == "not checkable"]
@@ -394,7 +394,7 @@ def _input_summary(inputs: tuple[InputResult, ...]) -> str:
     )
 
 
-def _cause(c: Cause) -> dict[str, Any]:
+def _cause_dict(c: Cause) -> dict[str, Any]:
     out = asdict(c)
     out["parameters"] = {
         p.name: {"value": p.value, "stderr": p.stderr, "ci95": list(p.ci95), "unit": p.unit, "at_bound": p.bound}

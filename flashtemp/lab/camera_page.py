@@ -13,15 +13,15 @@ import tomli_w
 from nicegui import events, run, ui
 
 from flashtemp.api.camera import import_recording
-from flashtemp.camera.import_options import Facts, load
-from flashtemp.camera.import_request import Request, found
-from flashtemp.camera.importing import Imported
+from flashtemp.camera.import_options import ImportOptions, load_template
+from flashtemp.camera.import_request import ImportRequest, expand_patterns
+from flashtemp.camera.importing import ImportResult
 from flashtemp.errors import BadInput
-from flashtemp.lab.folder import CAMERA, escape_control, free_name, inside, listing
-from flashtemp.lab.images import Opened, opened
-from flashtemp.lab.jobs import shown
+from flashtemp.lab.folder import CAMERA_SUFFIXES, escape_control, free_name, resolve_inside, list_folder
+from flashtemp.lab.images import OpenedFrames, open_frames
+from flashtemp.lab.jobs import command_text
 from flashtemp.lab.marked_image import MarkedImage
-from flashtemp.lab.marks import onsets
+from flashtemp.lab.marks import find_onsets
 from flashtemp.lab.saving import (
     MAX_UPLOAD_BYTES,
     MAX_UPLOAD_FILES,
@@ -33,19 +33,19 @@ from flashtemp.lab.saving import (
     write_upload,
 )
 from flashtemp.lab.shared import (
-    ask,
-    command_line,
+    ask_consent,
+    show_command,
     escape_lines,
     file_address,
-    link,
+    page_address,
     refuse_damaged,
     relative_names,
     show_errors,
 )
 
-SAID = {"emissivity": "", "reflected": "°C", "fps": "1/s", "start": "s, of the first frame", "netd": "K"}
-VIEWS = ("sidewall", "wake", "profile")
-DROPPED = "camera"  # folder of files that were dropped on the page together
+STATED_VALUE_UNITS = {"emissivity": "", "reflected": "°C", "fps": "1/s", "start": "s, of the first frame", "netd": "K"}
+RECORDING_VIEWS = ("sidewall", "wake", "profile")
+UPLOAD_FOLDER = "camera"  # folder of files that were dropped on the page together
 
 
 class CameraPage:
@@ -55,101 +55,101 @@ class CameraPage:
         self.folder = folder
         self.names: list[str] = []
         self.starts: list[float] = []
-        self.inherited = Facts()
+        self.inherited = ImportOptions()
         self.saved: dict[Path, TextVersion] = {}  # recordings that this page wrote, with their templates
 
     async def show(self, name: str, template: str) -> None:
         """The page for a camera file, a folder of them, or a recording template with its own."""
         with ui.row().classes("w-full items-end"):
-            self.choice = ui.select(self._choices(name), value=name or None, label="camera files", with_input=True)
-            self.choice.classes("w-96").on_value_change(lambda: ui.navigate.to(link("camera", open=self.choice.value)))
-            like = [str(p) for p in listing(self.folder).templates]
+            self.choice = ui.select(self._file_choices(name), value=name or None, label="camera files", with_input=True)
+            self.choice.classes("w-96").on_value_change(lambda: ui.navigate.to(page_address("camera", open=self.choice.value)))
+            like = [str(p) for p in list_folder(self.folder).templates]
             if name and like:
-                self.like = ui.select(like, label="marked like", on_change=lambda: self._like(name)).classes("w-72")
+                self.like = ui.select(like, label="marked like", on_change=lambda: self._open_with_template(name)).classes("w-72")
             drop = ui.upload(
                 label="or drop them here", multiple=True, auto_upload=True, on_multi_upload=self._store_uploads,
                 max_total_size=MAX_UPLOAD_BYTES, max_files=MAX_UPLOAD_FILES,
             ).on_rejected(_notify_rejected)  # fmt: skip
-            drop.props["accept"] = ",".join(sorted(CAMERA))
+            drop.props["accept"] = ",".join(sorted(CAMERA_SUFFIXES))
         body = ui.column().classes("w-full")
         with body:
             waiting = ui.spinner(size="lg")
         await ui.context.client.connected()
-        seen: Opened | None = None
+        seen: OpenedFrames | None = None
         with body, show_errors(self.folder):
             if template:
                 read_text(self.folder, template)  # a short regular file, before it is read in earnest
-                names, _, self.inherited = load(inside(self.folder, template))
+                names, _, self.inherited = load_template(resolve_inside(self.folder, template))
                 self.names = [name] if name else [str(Path(template).parent / n) for n in names]
             elif name:
                 self.names = [name]
             if self.names:
                 files = self._find_files()
                 with refuse_damaged(files[0]):
-                    seen = await run.io_bound(lambda: opened(files, self.inherited))
+                    seen = await run.io_bound(lambda: open_frames(files, self.inherited))
         waiting.delete()
         if seen is not None:
             with body:
-                self._lay_out(seen)
+                self._build_page(seen)
 
-    def _choices(self, name: str) -> list[str]:
-        seen = listing(self.folder)
-        names = [*map(str, seen.series), *map(str, seen.images), *map(str, seen.recordings)]
+    def _file_choices(self, name: str) -> list[str]:
+        seen = list_folder(self.folder)
+        names = [*map(str, seen.image_series), *map(str, seen.images), *map(str, seen.recordings)]
         return list(dict.fromkeys([*([name] if name else []), *names]))
 
-    def _like(self, name: str) -> None:
+    def _open_with_template(self, name: str) -> None:
         """The same files with the marks and words of a template."""
-        ui.navigate.to(link("camera", open=name, template=self.like.value))
+        ui.navigate.to(page_address("camera", open=name, template=self.like.value))
 
     def _find_files(self) -> list[Path]:
         """Camera files that the page was opened with; links must not lead out of the folder.  Raises BadInput."""
-        files = found([str(inside(self.folder, name)) for name in self.names])
+        files = expand_patterns([str(resolve_inside(self.folder, name)) for name in self.names])
         for file in files:
             name = str(file.relative_to(self.folder.resolve()))
-            if (path := inside(self.folder, name)).exists() and not path.is_file():
+            if (path := resolve_inside(self.folder, name)).exists() and not path.is_file():
                 raise BadInput(f"{escape_control(name)}: neither a file nor a folder of files; give a camera file")
         return files
 
     async def _store_uploads(self, event: events.MultiUploadEventArguments) -> None:
         """Files dropped on the page are put into the folder and opened: one alone under its own name, several in a new
         folder of theirs."""
-        files = [f for f in event.files if Path(f.name).suffix.lower() in CAMERA]
+        files = [f for f in event.files if Path(f.name).suffix.lower() in CAMERA_SUFFIXES]
         with show_errors(self.folder):
             names = [check_upload_name(file.name) for file in files]
             place = path = self.folder
             if len(files) > 1:
-                place = path = self.folder / free_name(self.folder, DROPPED)
+                place = path = self.folder / free_name(self.folder, UPLOAD_FOLDER)
                 place.mkdir()
             for name, file in zip(names, files, strict=True):
                 path = await write_upload(place, free_name(place, name), file.iterate())
             if files:
-                ui.navigate.to(link("camera", open=str((path if len(files) == 1 else place).relative_to(self.folder))))
+                ui.navigate.to(page_address("camera", open=str((path if len(files) == 1 else place).relative_to(self.folder))))
 
     # --- what is seen ------------------------------------------------------------------------------------
-    def _lay_out(self, seen: Opened) -> None:
+    def _build_page(self, seen: OpenedFrames) -> None:
         self.seen, self.starts = seen, [t - (self.inherited.start or 0.0) for t in self.inherited.starts or ()]
         self.marked = MarkedImage(seen, self.inherited, self._show_command)
         with ui.row().classes("w-full items-start no-wrap max-xl:flex-wrap"):
             with ui.column().classes("grow min-w-0 gap-1 max-xl:w-full"):
                 self.marked.show()
-                self._charts()
+                self._add_charts()
             with ui.column().classes("w-full xl:w-[28rem] xl:shrink-0 gap-2"):
                 self.marked.show_controls()
-                self._saying()
+                self._add_option_inputs()
         self.report = ui.column().classes("w-full")
-        self.marked.drawn()
+        self.marked.update_image()
         self._show_command()
 
-    def _charts(self) -> None:
+    def _add_charts(self) -> None:
         """Mean over time, on which starts of sliding are clicked, and the histogram."""
-        look, title = self.seen.seen, {"fontSize": 12}
+        look, title = self.seen.preview, {"fontSize": 12}
         with ui.row().classes("w-full no-wrap max-lg:flex-wrap"):
             self.trace = ui.echart({
                 "animation": False, "grid": {"top": 28, "bottom": 36}, "tooltip": {"trigger": "axis"},
                 "title": {"text": "mean of the image (°C); click a start of sliding", "textStyle": title},
-                "xAxis": {"type": "value", "name": "s" if self.seen.timed else "frame"},
+                "xAxis": {"type": "value", "name": "s" if self.seen.has_times else "frame"},
                 "yAxis": {"type": "value", "scale": True},
-                "series": [{"type": "line", "symbolSize": 7, "data": _pairs(self.seen.time, self.seen.mean)}],
+                "series": [{"type": "line", "symbolSize": 7, "data": _finite_pairs(self.seen.time, self.seen.mean)}],
             }, on_point_click=lambda e: self._start_clicked(float(e.data[0]))).classes("grow h-52 min-w-0")  # fmt: skip
             middle = 0.5 * (look.edges[1:] + look.edges[:-1])
             ui.echart({
@@ -158,34 +158,34 @@ class CameraPage:
                 "xAxis": {"type": "value", "scale": True},
                 "yAxis": {"type": "log", "axisLabel": {":formatter": "v => v < 1000 ? v : '1e' + Math.log10(v)"}},
                 "series": [{"type": "line", "step": "middle", "showSymbol": False, "areaStyle": {},
-                            "data": [p for p in _pairs(middle, look.counts) if p[1] > 0]}],
+                            "data": [p for p in _finite_pairs(middle, look.counts) if p[1] > 0]}],
             }).classes("w-80 h-52")  # fmt: skip
-        for key, words in look.rows_of():
+        for key, words in look.describe_rows():
             ui.label(escape_control(f"{key}: {words}")).classes("text-xs text-gray-700")
 
     # --- what the file does not say ------------------------------------------------------------------------
-    def _saying(self) -> None:
+    def _add_option_inputs(self) -> None:
         facts = self.inherited
         ui.label("What the file does not say").classes("text-lg font-medium")
         self.view = ui.select(
-            list(VIEWS), value=facts.view or VIEWS[0], label="view", on_change=lambda: self._show_command()
+            list(RECORDING_VIEWS), value=facts.view or RECORDING_VIEWS[0], label="view", on_change=lambda: self._show_command()
         )
         self.view.classes("w-full")
         self.said: dict[str, Any] = {}
-        for key, unit in SAID.items():
+        for key, unit in STATED_VALUE_UNITS.items():
             words = f"{key}{f' ({unit})' if unit else ''}"
             self.said[key] = ui.number(words, value=getattr(facts, key), on_change=lambda: self._show_command())
             self.said[key].classes("w-full").props("dense")
-        self.starting = ui.input("starts of sliding, s after the first frame", value=_listed(self.starts))
+        self.starting = ui.input("starts of sliding, s after the first frame", value=_format_times(self.starts))
         self.starting.classes("w-full").props("dense").on("change", lambda: self._starts_typed())
         with ui.row():
             ui.button("Find starts", on_click=self._find_starts).props("outline dense no-caps")
-            ui.button("Forget marks", on_click=self.marked.forget).props("outline dense no-caps")
-        self.out = ui.input("recording", value=self._free(), on_change=lambda: self._show_command()).classes("w-full")
+            ui.button("Forget marks", on_click=self.marked.clear_marks).props("outline dense no-caps")
+        self.out = ui.input("recording", value=self._free_recording_name(), on_change=lambda: self._show_command()).classes("w-full")
         ui.button("Save recording and template", on_click=self._save).classes("w-full").props("no-caps")
         self.line = ui.column().classes("w-full")
 
-    def _free(self) -> str:
+    def _free_recording_name(self) -> str:
         """A name for the recording under which no file of its own kind nor its picture or template lies."""
         name = Path(self.names[0])
         stem = re.sub(r"[*?\[\]]", "", name.stem if name.suffix else name.name).strip(" ()_-.") or "recording"
@@ -196,21 +196,21 @@ class CameraPage:
         return free
 
     def _find_starts(self) -> None:
-        self.starts = [round(t, 4) for t in onsets(self._time(), self.seen.mean)]
-        self._started()
+        self.starts = [round(t, 4) for t in find_onsets(self._frame_times(), self.seen.mean)]
+        self._update_starts()
         if not self.starts:
             ui.notify("no steep rise is found; click on the curve")
 
-    def _time(self) -> np.ndarray:
+    def _frame_times(self) -> np.ndarray:
         """Seconds after the first frame, by the frame rate where the files do not tell."""
         rate = self.said["fps"].value
-        return self.seen.time if self.seen.timed or not rate else self.seen.time / float(rate)
+        return self.seen.time if self.seen.has_times or not rate else self.seen.time / float(rate)
 
     def _start_clicked(self, t: float) -> None:
         """A start is set where the curve is clicked, or taken away again."""
-        t = round(t / float(self.said["fps"].value or 1.0) if not self.seen.timed else t, 4)
+        t = round(t / float(self.said["fps"].value or 1.0) if not self.seen.has_times else t, 4)
         self.starts = [s for s in self.starts if s != t] if t in self.starts else sorted([*self.starts, t])
-        self._started()
+        self._update_starts()
 
     def _starts_typed(self) -> None:
         words = str(self.starting.value or "").replace(";", ",").split(",")
@@ -218,11 +218,11 @@ class CameraPage:
             self.starts = sorted(float(v) for v in words if v.strip())
         except ValueError:
             ui.notify("give times in s with commas between", type="negative")
-        self._started()
+        self._update_starts()
 
-    def _started(self) -> None:
-        self.starting.value = _listed(self.starts)
-        rate = 1.0 if self.seen.timed else float(self.said["fps"].value or 1.0)
+    def _update_starts(self) -> None:
+        self.starting.value = _format_times(self.starts)
+        rate = 1.0 if self.seen.has_times else float(self.said["fps"].value or 1.0)
         lines = [{"xAxis": t * rate} for t in self.starts]
         self.trace.options["series"][0]["markLine"] = {"symbol": "none", "data": lines, "label": {"show": False}}
         self.trace.update()
@@ -231,34 +231,34 @@ class CameraPage:
         self._show_command()
 
     # --- in words -------------------------------------------------------------------------------------------
-    def facts(self) -> Facts:
+    def collect_options(self) -> ImportOptions:
         """All that is marked and said."""
         marks = self.marked.marks
         said: dict[str, Any] = {k: float(box.value) for k, box in self.said.items() if box.value is not None}
         if self.starts:
             said["starts"] = tuple(round(t - self.starts[0], 4) for t in self.starts)
         placed = replace(self.inherited, point=None, pixel=None, second=None, at=None, mm_per_pixel=None)
-        own = Facts(view=self.view.value, block=(marks.length, marks.height), **said)
-        facts = marks.facts().over(own.over(placed))
+        own = ImportOptions(view=self.view.value, block=(marks.length, marks.height), **said)
+        facts = marks.to_options().merged_over(own.merged_over(placed))
         return facts if facts.starts or facts.case or facts.repetition else replace(facts, repetition=1)
 
-    def template(self) -> str:
+    def template_text(self) -> str:
         """The recording template that says the same."""
         here = (self.folder / self.out.value).parent
         rows: dict[str, Any] = {
-            "files": [_beside(self.folder / n, here) for n in self.names],
+            "files": [_relative_path(self.folder / n, here) for n in self.names],
             "out": Path(self.out.value).name,
         }
-        for f in fields(Facts):
-            if (value := getattr(self.facts(), f.name)) is not None:
-                rows[f.name] = str(value) if isinstance(value, Path) else _rows(value)
+        for f in fields(ImportOptions):
+            if (value := getattr(self.collect_options(), f.name)) is not None:
+                rows[f.name] = str(value) if isinstance(value, Path) else _tuples_to_lists(value)
         return tomli_w.dumps(rows)
 
     def _show_command(self) -> None:
         """The command line that does the same."""
         self.line.clear()
         with self.line:
-            command_line(shown(["import", str(Path(self.out.value or "recording.nc").with_suffix(".toml"))]))
+            show_command(command_text(["import", str(Path(self.out.value or "recording.nc").with_suffix(".toml"))]))
 
     async def _save(self) -> None:
         """Template and recording, by the very code of the command line."""
@@ -268,29 +268,29 @@ class CameraPage:
             taken = [p.name for p in (out, out.with_suffix(".png"), template) if p.exists()]
             if out not in self.saved and taken:
                 lines = [*map(escape_control, taken), "exist already, and this page has not written them."]
-                if not await ask(lines, "Replace them"):
+                if not await ask_consent(lines, "Replace them"):
                     return
             name, own = str(template.relative_to(self.folder.resolve())), self.saved.get(out)
-            self.saved[out] = write_text(self.folder, name, self.template(), own, replace=True)
+            self.saved[out] = write_text(self.folder, name, self.template_text(), own, replace=True)
             if (result := await run.io_bound(lambda: _import_template(template))) is not None:
                 self._show_saved(result)
-        self._bring()
+        self._scroll_to_report()
 
     def _claim_names(self) -> tuple[Path, Path]:
         """Where recording and template go: none of them, nor the picture, over a camera file.  Raises BadInput."""
         name = self.out.value or ""
-        out = inside(self.folder, name)
+        out = resolve_inside(self.folder, name)
         if out.suffix != ".nc":
             raise BadInput(f"{escape_control(name)}: a recording is NetCDF; give a name that ends in .nc")
         home, sources = self.folder.resolve(), [file.resolve() for file in self._find_files()]
         template, picture = (
-            inside(self.folder, str(out.with_suffix(end).relative_to(home))) for end in (".toml", ".png")
+            resolve_inside(self.folder, str(out.with_suffix(end).relative_to(home))) for end in (".toml", ".png")
         )
         if overwritten := next((p for p in (out, picture) if p in sources), None):
             raise BadInput(f"{overwritten.name}: is a camera file of this recording; give the recording another name")
         return out, template
 
-    def _show_saved(self, result: Imported) -> None:
+    def _show_saved(self, result: ImportResult) -> None:
         """What was recorded, with its picture."""
         text = escape_lines(relative_names(str(result), self.folder))
         ui.label(text).classes("whitespace-pre-wrap font-mono text-sm")
@@ -299,32 +299,32 @@ class CameraPage:
         if result.picture is not None:
             ui.image(file_address(result.picture.relative_to(self.folder))).classes("w-full max-w-4xl")
 
-    def _bring(self) -> None:
+    def _scroll_to_report(self) -> None:
         """What is told of a save stands below all else: bring it before the eye."""
         ui.run_javascript(f"getHtmlElement({self.report.id}).scrollIntoView({{block: 'nearest'}})")
 
 
-def _import_template(template: Path) -> Imported:
-    return import_recording(Request.of([str(template)], Facts()), overwrite=True)
+def _import_template(template: Path) -> ImportResult:
+    return import_recording(ImportRequest.from_files([str(template)], ImportOptions()), overwrite=True)
 
 
 def _notify_rejected() -> None:
-    ui.notify(f"only camera files are taken, {UPLOAD_LIMIT}: {' '.join(sorted(CAMERA))}", type="negative")
+    ui.notify(f"only camera files are taken, {UPLOAD_LIMIT}: {' '.join(sorted(CAMERA_SUFFIXES))}", type="negative")
 
 
-def _beside(path: Path, folder: Path) -> str:
+def _relative_path(path: Path, folder: Path) -> str:
     """A path as a file in that folder names it."""
     return str(path.relative_to(folder)) if path.is_relative_to(folder) else str(path)
 
 
-def _pairs(x: np.ndarray, y: np.ndarray) -> list[list[float]]:
+def _finite_pairs(x: np.ndarray, y: np.ndarray) -> list[list[float]]:
     return [[float(a), float(b)] for a, b in zip(x, y, strict=True) if np.isfinite(b)]
 
 
-def _listed(values: list[float]) -> str:
+def _format_times(values: list[float]) -> str:
     return ", ".join(f"{v:g}" for v in values)
 
 
-def _rows(value: Any) -> Any:
+def _tuples_to_lists(value: Any) -> Any:
     """Tuples as the lists that TOML has."""
-    return [_rows(v) for v in value] if isinstance(value, tuple) else value
+    return [_tuples_to_lists(v) for v in value] if isinstance(value, tuple) else value

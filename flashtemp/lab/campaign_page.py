@@ -10,15 +10,15 @@ from nicegui import ui
 
 from flashtemp.api.campaigns import open_campaign
 from flashtemp.errors import BadInput
-from flashtemp.lab.folder import escape_control, free_name, listing
+from flashtemp.lab.folder import escape_control, free_name, list_folder
 from flashtemp.lab.programs import AllowedPrograms, programs_of_campaign
 from flashtemp.lab.saving import TextVersion, read_text
-from flashtemp.lab.shared import ask_to_run, link, save_text, show_error, show_errors
-from flashtemp.lab.toml_text import edited
+from flashtemp.lab.shared import ask_to_run, page_address, save_text, show_error, show_errors
+from flashtemp.lab.toml_text import set_toml_key
 from flashtemp.model.case_file import parse_toml
 from flashtemp.model.toml_value import value_text
 
-BEGIN = 'title = "my campaign"\ncase = "case.toml"\nfree = ["friction.mu"]\n'
+NEW_CAMPAIGN = 'title = "my campaign"\ncase = "case.toml"\nfree = ["friction.mu"]\n'
 
 
 class CampaignPage:
@@ -31,25 +31,25 @@ class CampaignPage:
     def show(self, name: str) -> None:
         """The page for a file of the folder, or for a new campaign."""
         with show_errors(self.folder):
-            self.found = listing(self.folder)
-            text, self.opened = read_text(self.folder, name) if name else (self._begin(), None)
+            self.found = list_folder(self.folder)
+            text, self.opened = read_text(self.folder, name) if name else (self._new_text(), None)
             with ui.row().classes("w-full items-center"):
                 self.name = ui.input("file", value=name or free_name(self.folder, "campaign.toml")).classes("w-96")
                 ui.button("Save", on_click=self._save)
                 for command in ("compare", "discover", "plan"):
-                    ui.button(command, on_click=lambda c=command: self._go(c)).props("outline no-caps")
+                    ui.button(command, on_click=lambda c=command: self._open_command(c)).props("outline no-caps")
             self.faults = ui.column().classes("w-full gap-1").props("aria-live=polite")
             with ui.row().classes("w-full items-start no-wrap max-lg:flex-wrap"):
                 with ui.column().classes("w-full lg:w-1/2"):
-                    self._controls(text)
+                    self._add_controls(text)
                 self.text = ui.codemirror(text, language="TOML").classes("w-full lg:w-1/2 h-96")
 
-    def _begin(self) -> str:
+    def _new_text(self) -> str:
         """A new campaign, of the only case there is where it is one."""
         cases = [p.as_posix() for p in self.found.cases]
-        return BEGIN if "case.toml" in cases or not cases else BEGIN.replace("case.toml", cases[0])
+        return NEW_CAMPAIGN if "case.toml" in cases or not cases else NEW_CAMPAIGN.replace("case.toml", cases[0])
 
-    def _controls(self, text: str) -> None:
+    def _add_controls(self, text: str) -> None:
         cases = [str(p) for p in self.found.cases]
         try:
             believed = (self.folder / self.name.value).parent / str(parse_toml(text).get("case", ""))
@@ -58,33 +58,33 @@ class CampaignPage:
             now = None
         ui.select(
             cases, value=now, label="case that is believed",
-            on_change=lambda e: self._set("case", self._beside(e.value)),
+            on_change=lambda e: self._set_key("case", self._relative_path(e.value)),
         ).classes("w-full")  # fmt: skip
         self.free = ui.input("free keys, with commas between", value="friction.mu").classes("w-full")
-        self.free.on("change", lambda: self._set("free", [k.strip() for k in self.free.value.split(",") if k.strip()]))
+        self.free.on("change", lambda: self._set_key("free", [k.strip() for k in self.free.value.split(",") if k.strip()]))
         ui.label("Add a recording").classes("text-lg font-medium")
         recordings = [str(p) for p in self.found.recordings]
         self.file = ui.select(recordings, label="recording", with_input=True).classes("w-full")
         self.given = ui.input("what was different: contact.pressure=3e5, schedule.speed=0.2").classes("w-full")
         self.held = ui.checkbox("left out of the fit")
-        ui.button("Add", on_click=self._add).props("outline")
+        ui.button("Add", on_click=self._add_recording).props("outline")
 
-    def _beside(self, path: str) -> str:
+    def _relative_path(self, path: str) -> str:
         """A file as the campaign names it."""
         here = (self.folder / self.name.value).parent
         return os.path.relpath(self.folder / path, here)
 
-    def _set(self, key: str, value: Any) -> None:
-        self.text.value = edited(self.text.value or "", "", key, value)
+    def _set_key(self, key: str, value: Any) -> None:
+        self.text.value = set_toml_key(self.text.value or "", "", key, value)
 
-    def _add(self) -> None:
+    def _add_recording(self) -> None:
         """One more recording at the end of the text."""
         if not self.file.value:
             return
         self.faults.clear()
         with self.faults, show_errors(self.folder):
-            rows = ["", "[[recording]]", f"file = {value_text(self._beside(self.file.value))}"]
-            if given := _conditions(self.given.value or ""):
+            rows = ["", "[[recording]]", f"file = {value_text(self._relative_path(self.file.value))}"]
+            if given := _parse_conditions(self.given.value or ""):
                 rows.append(f"with = {value_text(given)}")
             if self.held.value:
                 rows.append("held_out = true")
@@ -105,12 +105,12 @@ class CampaignPage:
             return True
         return False
 
-    async def _go(self, command: str) -> None:
+    async def _open_command(self, command: str) -> None:
         if await self._save():
-            ui.navigate.to(link("work", command=command, of=self.name.value))
+            ui.navigate.to(page_address("work", command=command, of=self.name.value))
 
 
-def _conditions(typed: str) -> dict[str, Any]:
+def _parse_conditions(typed: str) -> dict[str, Any]:
     """Keys and values as typed, with commas between.  Raises BadInput.
 
     >>> _conditions("contact.pressure=3e5, schedule.speed = 0.2")

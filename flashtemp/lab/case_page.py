@@ -8,21 +8,21 @@ from typing import Any
 
 from nicegui import ui
 
-from flashtemp.api.inputs import case_of_text
+from flashtemp.api.inputs import parse_case
 from flashtemp.api.starting import new
-from flashtemp.lab.folder import escape_control, free_name, inside
-from flashtemp.lab.jobs import shown
+from flashtemp.lab.folder import escape_control, free_name, resolve_inside
+from flashtemp.lab.jobs import command_text
 from flashtemp.lab.programs import AllowedPrograms, programs_of_text
 from flashtemp.lab.saving import TextVersion, read_text
-from flashtemp.lab.shared import command_line, link, program_lines, save_text, show_error, show_errors
-from flashtemp.lab.toml_text import edited
+from flashtemp.lab.shared import show_command, page_address, program_lines, save_text, show_error, show_errors
+from flashtemp.lab.toml_text import set_toml_key
 from flashtemp.model.case import Case
 from flashtemp.model.case_file import parse_toml
-from flashtemp.model.schema import TABLES, declared
+from flashtemp.model.schema import CASE_TABLES, declared_params
 from flashtemp.model.toml_value import value_text
 from flashtemp.physics.effect import Effect, Param, catalogue
 
-HIDDEN = ("numerics", "output", "limits")  # tables folded at first
+FOLDED_TABLES = ("numerics", "output", "limits")  # tables folded at first
 
 
 class CasePage:
@@ -44,23 +44,23 @@ class CasePage:
                 self.name = ui.input("file", value=self.file).classes("w-96")
                 ui.button("Save", on_click=self._save)
                 ui.link("run it", "").bind_visibility_from(self, "case").on(
-                    "click.prevent", lambda: ui.navigate.to(link("work", command="run", of=self.name.value))
+                    "click.prevent", lambda: ui.navigate.to(page_address("work", command="run", of=self.name.value))
                 )
             self.faults = ui.column().classes("w-full gap-1").props("aria-live=polite")
             with ui.row().classes("w-full items-start no-wrap max-lg:flex-wrap"):
                 self.form = ui.column().classes("w-full lg:w-1/2 gap-1")
                 with ui.column().classes("w-full lg:w-1/2"):
-                    self.text = ui.codemirror(text, language="TOML", on_change=lambda: self._typed()).classes(
+                    self.text = ui.codemirror(text, language="TOML", on_change=lambda: self._text_changed()).classes(
                         "w-full h-96"
                     )
                     self.drawing = ui.element("img").props('alt="the case, drawn"').classes("w-full")
-            self._form()
+            self._build_form()
             self._check()
-            command_line(shown(["check", self.file]))
+            show_command(command_text(["check", self.file]))
 
     # --- the form -----------------------------------------------------------------------------------------
-    def _form(self) -> None:
-        raw = self._raw()
+    def _build_form(self) -> None:
+        raw = self._parse_text()
         self.form.clear()
         self.inputs = {}
         with self.form:
@@ -69,61 +69,61 @@ class CasePage:
             self.effects = ui.select(
                 names, multiple=True, value=chosen, label="effects", on_change=lambda: self._effects_chosen()
             ).classes("w-full").props("use-chips")  # fmt: skip
-            for table in [*TABLES, *chosen]:
-                self._table(table, raw)
+            for table in [*CASE_TABLES, *chosen]:
+                self._add_table(table, raw)
 
-    def _table(self, table: str, raw: dict[str, Any]) -> None:
-        keys = declared(table)
+    def _add_table(self, table: str, raw: dict[str, Any]) -> None:
+        keys = declared_params(table)
         effect = catalogue().get(table)
         if not keys:
             return
         given = raw.get(table) if isinstance(raw.get(table), dict) else {}
         about = f"{table}: {effect.cause}" if isinstance(effect, type) and issubclass(effect, Effect) else table
-        with ui.expansion(about, value=bool(given) and table not in HIDDEN).classes("w-full border rounded"):
+        with ui.expansion(about, value=bool(given) and table not in FOLDED_TABLES).classes("w-full border rounded"):
             for key, param in keys.items():
-                self._key(table, key, param, (given or {}).get(key))
+                self._add_field(table, key, param, (given or {}).get(key))
 
-    def _key(self, table: str, key: str, param: Param, given: Any) -> None:
+    def _add_field(self, table: str, key: str, param: Param, stated: Any) -> None:
         unit = "" if param.unit in ("", "1") else f" ({param.unit})"
-        rest = "" if param.value is None else f"default {_written(param.value)}"
-        field = ui.input(f"{key}{unit}", value="" if given is None else _written(given), placeholder=rest)
+        rest = "" if param.value is None else f"default {_format_value(param.value)}"
+        field = ui.input(f"{key}{unit}", value="" if stated is None else _format_value(stated), placeholder=rest)
         field.classes("w-full").props("dense stack-label bottom-slots")
         field.props["aria-label"] = f"{table}.{key}"
         with field.add_slot("hint"):
-            ui.label(f"{param.about}{_range(param)}").classes("text-xs")
-        field.on("change", lambda: self._entered(table, key, field.value))
+            ui.label(f"{param.about}{_describe_range(param)}").classes("text-xs")
+        field.on("change", lambda: self._field_changed(table, key, field.value))
         self.inputs[table, key] = field
 
-    def _entered(self, table: str, key: str, typed: str) -> None:
+    def _field_changed(self, table: str, key: str, typed: str) -> None:
         """A field was filled in: its key in the text follows."""
-        self._set(edited(self.text.value or "", table, key, _meant(typed)))
+        self._set_text(set_toml_key(self.text.value or "", table, key, _parse_value(typed)))
 
     def _effects_chosen(self) -> None:
         if not self.filling:
-            self._set(edited(self.text.value or "", "", "effects", list(self.effects.value)))
-            self._form()
+            self._set_text(set_toml_key(self.text.value or "", "", "effects", list(self.effects.value)))
+            self._build_form()
 
-    def _set(self, text: str) -> None:
+    def _set_text(self, text: str) -> None:
         self.text.value = text
         self._check()
 
     # --- the text -----------------------------------------------------------------------------------------
-    def _typed(self) -> None:
+    def _text_changed(self) -> None:
         """The text was changed: fields follow."""
-        raw = self._raw()
+        raw = self._parse_text()
         self.filling = True
         for (table, key), field in self.inputs.items():
             own = raw.get(table) if isinstance(raw.get(table), dict) else {}
             now = (own or {}).get(key)
-            field.value = "" if now is None else _written(now)
+            field.value = "" if now is None else _format_value(now)
         effects = raw.get("effects", [])
         if isinstance(effects, list) and set(effects) != set(self.effects.value) and set(effects) <= set(catalogue()):
             self.effects.value = effects
-            self._form()
+            self._build_form()
         self.filling = False
         self._check()
 
-    def _raw(self) -> dict[str, Any]:
+    def _parse_text(self) -> dict[str, Any]:
         try:
             return parse_toml(self.text.value or "")
         except (ValueError, RecursionError):
@@ -134,11 +134,11 @@ class CasePage:
         self.faults.clear()
         self.case, drawing = None, ""
         with self.faults, show_errors(self.folder):
-            text, path = self.text.value or "", inside(self.folder, self.name.value or "case.toml")
-            if programs := self.allowed.unconfirmed(programs_of_text(text, path.parent)):
+            text, path = self.text.value or "", resolve_inside(self.folder, self.name.value or "case.toml")
+            if programs := self.allowed.unconfirmed_files(programs_of_text(text, path.parent)):
                 self._offer_programs(programs)
             else:
-                self.case = case_of_text(text, path)
+                self.case = parse_case(text, path)
                 drawing = _drawing_address(self.case)
         self.drawing.props["src"] = drawing
         self.drawing.set_visibility(bool(drawing))
@@ -163,12 +163,12 @@ class CasePage:
             ui.notify(f"{escape_control(name)} is saved")
 
 
-def _written(value: Any) -> str:
+def _format_value(value: Any) -> str:
     """A value as TOML writes it; text without its quotes."""
     return value if isinstance(value, str) else value_text(value)
 
 
-def _meant(typed: str | None) -> Any:
+def _parse_value(typed: str | None) -> Any:
     """What was typed: a TOML value, bare words as text; None for nothing."""
     if not (typed or "").strip():
         return None
@@ -178,7 +178,7 @@ def _meant(typed: str | None) -> Any:
         return (typed or "").strip()
 
 
-def _range(param: Param) -> str:
+def _describe_range(param: Param) -> str:
     """The range of a key in words, where it has one."""
     if "number" not in param.kinds and "amount" not in param.kinds:
         return ""
@@ -188,10 +188,10 @@ def _range(param: Param) -> str:
 
 def _drawing_address(case: Case) -> str:
     """The drawing of a case as the address of an image, in which no script runs; "" where it cannot be drawn."""
-    from flashtemp.viz.case_sketch import svg
+    from flashtemp.viz.case_sketch import sketch_svg
 
     try:
-        text = svg(case)
+        text = sketch_svg(case)
     except ValueError as fault:  # a layer's name that matplotlib reads as a formula
         show_error(f"not drawn: {' '.join(str(fault).split())}")
         return ""

@@ -17,18 +17,18 @@ from flashtemp.runs import folders
 
 MAX_LISTING_DEPTH, MAX_LISTED_FILES, MAX_LISTED_FOLDERS = 4, 5000, 2000
 MAX_NAME_BYTES = 255  # NAME_MAX of the usual file systems
-CAMERA = {
+CAMERA_SUFFIXES = {
     ".jpg", ".jpeg", ".fff", ".seq", ".csq", ".irb", ".csv", ".asc", ".txt", ".tif", ".tiff", ".png", ".mat", ".h5",
     ".hdf5",
 }  # fmt: skip
-RESULTS = {  # file that a result folder holds: the command that makes it
+RESULT_COMMANDS = {  # file that a result folder holds: the command that makes it
     "run.nc": "run", "verdict.json": "discover", "compare.json": "compare", "plan.json": "plan", "sweep.nc": "sweep",
     "sensitivity.json": "sensitivity",
 }  # fmt: skip
 
 
 @dataclass
-class Listing:
+class FolderListing:
     """Paths relative to the folder, by kind; `results` with the command that made them, `begun` with their owners.
 
     `omissions` says in sentences which files are left out, and why.
@@ -40,11 +40,11 @@ class Listing:
     recordings: list[Path] = field(default_factory=list)
     images: list[Path] = field(default_factory=list)
     results: dict[Path, str] = field(default_factory=dict)
-    begun: dict[Path, folders.Owner] = field(default_factory=dict)
+    begun: dict[Path, folders.OwnerMarker] = field(default_factory=dict)
     omissions: list[str] = field(default_factory=list)
 
     @property
-    def series(self) -> dict[str, int]:
+    def image_series(self) -> dict[str, int]:
         """Camera files that belong together, as `import` takes them, and how many they are.
 
         A folder whose names differ in numbers alone is one series; of any other every such series is a pattern.
@@ -61,19 +61,19 @@ class Listing:
         return out
 
 
-def listing(folder: Path) -> Listing:
+def list_folder(folder: Path) -> FolderListing:
     """Everything in a folder that a page can open; hidden files are left out, links are not followed."""
-    out = Listing()
+    out = FolderListing()
     for path, names in _walk_folders(folder, out.omissions):
         here = path.relative_to(folder)
-        made = next((command for name, command in RESULTS.items() if name in names), None)
-        if folders.MARKER in names and (owner := read_owner(path)) is not None:
+        made = next((command for name, command in RESULT_COMMANDS.items() if name in names), None)
+        if folders.MARKER_FILE in names and (owner := read_owner(path)) is not None:
             out.begun[here] = owner
         elif made is not None:
             out.results[here] = made
         else:
             for name in sorted(names):
-                _sort(out, folder, here / name)
+                _add_file(out, folder, here / name)
     return out
 
 
@@ -83,8 +83,8 @@ def _walk_folders(folder: Path, omissions: list[str]) -> Iterator[tuple[Path, li
     for n_folders, (at, inside, names) in enumerate(os.walk(folder), 1):
         path = Path(at)
         n_undecodable += sum(not _is_utf8(n) for n in (*names, *inside))
-        names = [n for n in names if _is_utf8(n) and (not n.startswith(".") or n == folders.MARKER)]
-        closed = any(n in RESULTS or n == folders.MARKER for n in names)
+        names = [n for n in names if _is_utf8(n) and (not n.startswith(".") or n == folders.MARKER_FILE)]
+        closed = any(n in RESULT_COMMANDS or n == folders.MARKER_FILE for n in names)
         deep = len(path.relative_to(folder).parts) >= MAX_LISTING_DEPTH
         inside[:] = [] if closed or deep else sorted(n for n in inside if _is_utf8(n) and not n.startswith("."))
         yield path, names if closed else sorted(names)[: MAX_LISTED_FILES - n_files]
@@ -104,18 +104,18 @@ def _is_utf8(name: str) -> bool:
     return name.isascii() or not any("\ud800" <= c <= "\udfff" for c in name)
 
 
-def _sort(out: Listing, folder: Path, path: Path) -> None:
+def _add_file(out: FolderListing, folder: Path, path: Path) -> None:
     """Put one file where it belongs."""
     suffix = path.suffix.lower()
     if suffix == ".toml":
-        kind = {kinds.CASE: out.cases, kinds.CAMPAIGN: out.campaigns, kinds.TEMPLATE: out.templates}.get(
+        kind = {kinds.CASE_KIND: out.cases, kinds.CAMPAIGN_KIND: out.campaigns, kinds.TEMPLATE_KIND: out.templates}.get(
             kind_of(folder / path)
         )
         if kind is not None:
             kind.append(path)
     elif suffix == ".nc":
         out.recordings.append(path)
-    elif suffix in CAMERA and not path.name.endswith(".look.png") and not (folder / path.with_suffix(".nc")).exists():
+    elif suffix in CAMERA_SUFFIXES and not path.name.endswith(".look.png") and not (folder / path.with_suffix(".nc")).exists():
         out.images.append(path)
 
 
@@ -125,15 +125,15 @@ def kind_of(file: Path) -> str:
     try:
         if not _is_short_file(file):
             return ""
-        return kinds.kind(parse_toml(file.read_text(encoding="utf-8"))) or default
+        return kinds.detect_kind(parse_toml(file.read_text(encoding="utf-8"))) or default
     except (OSError, ValueError, RecursionError):
         return default
 
 
-def read_owner(folder: Path) -> folders.Owner | None:
+def read_owner(folder: Path) -> folders.OwnerMarker | None:
     """Whose working folder that is; None where no run of flashtemp made it, whatever its marker holds."""
     try:
-        return folders.owner(folder) if _is_short_file(folder / folders.MARKER) else None
+        return folders.read_marker(folder) if _is_short_file(folder / folders.MARKER_FILE) else None
     except (OSError, ValueError, RecursionError):
         return None
 
@@ -144,7 +144,7 @@ def _is_short_file(file: Path) -> bool:
     return stat.S_ISREG(state.st_mode) and state.st_size <= MAX_TOML_BYTES
 
 
-def inside(folder: Path, name: str) -> Path:
+def resolve_inside(folder: Path, name: str) -> Path:
     """The resolved path of a name in the folder: below it, links followed, no part of it hidden.  Raises BadInput."""
     try:
         path, home = (folder / name).resolve(), folder.resolve()
@@ -181,7 +181,7 @@ def escape_control(text: str) -> str:
 def free_name(folder: Path, name: str) -> str:
     """That name, or name-2, name-3... where it is taken."""
     stem, suffix, n, free = Path(name).stem, Path(name).suffix, 1, name
-    while os.path.lexists(folder / free) or folders.partials(folder / free):
+    while os.path.lexists(folder / free) or folders.list_working_folders(folder / free):
         n += 1
         free = f"{stem}-{n}{suffix}"
     return free

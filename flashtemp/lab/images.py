@@ -8,38 +8,38 @@ from pathlib import Path
 
 import numpy as np
 
-from flashtemp.camera.import_options import Facts
-from flashtemp.camera.looking import Look, looked
-from flashtemp.camera.stack import Stack
+from flashtemp.camera.import_options import ImportOptions
+from flashtemp.camera.looking import FilePreview, preview_files
+from flashtemp.camera.stack import FrameBuffer
 
-WIDEST = 960  # pixels of a picture on the page
+MAX_PICTURE_WIDTH_PX = 960  # pixels of a picture on the page
 
 
 @dataclass(frozen=True)
-class Opened:
+class OpenedFrames:
     """Camera `files` with all their `frames` (n, rows, columns) degC, their `time` (s, or numbers), and a look."""
 
     files: tuple[Path, ...]
     frames: np.ndarray
     time: np.ndarray
-    timed: bool
-    seen: Look
+    has_times: bool
+    preview: FilePreview
 
     @property
     def zoom(self) -> int:
         """How many pixels of the page one pixel of the camera takes."""
-        return max(1, WIDEST // self.frames.shape[2])
+        return max(1, MAX_PICTURE_WIDTH_PX // self.frames.shape[2])
 
     @property
     def mean(self) -> np.ndarray:
         """Mean of every frame (n,) degC."""
-        return self.seen.mean[np.argsort(self._clock(), kind="stable")] if self.timed else self.seen.mean
+        return self.preview.mean[np.argsort(self._frame_clock(), kind="stable")] if self.has_times else self.preview.mean
 
-    def _clock(self) -> np.ndarray:
-        clock = self.seen.time if self.seen.time is not None else self.seen.clock
-        return np.arange(len(self.seen.mean)) if clock is None else clock
+    def _frame_clock(self) -> np.ndarray:
+        clock = self.preview.time if self.preview.time is not None else self.preview.clock
+        return np.arange(len(self.preview.mean)) if clock is None else clock
 
-    def value(self, frame: int, column: float, row: float) -> float | None:
+    def pixel_value(self, frame: int, column: float, row: float) -> float | None:
         """Temperature (degC) of the pixel at a place, None outside the image."""
         c, r = round(column), round(row)
         rows, columns = self.frames.shape[1:]
@@ -47,27 +47,27 @@ class Opened:
 
     def describe_pixel(self, frame: int, column: float, row: float) -> str:
         """What there is to say of the pixel at a place."""
-        T = self.value(frame, column, row)
+        T = self.pixel_value(frame, column, row)
         if T is None:
             return "outside"
         if np.isfinite(T):
             return f"{T:.2f} °C"
-        return "dead in every frame" if self.seen.dead[round(row), round(column)] else "beyond the camera's range"
+        return "dead in every frame" if self.preview.dead[round(row), round(column)] else "beyond the camera's range"
 
     @property
     def legend(self) -> str:
         """What the colours of pixels without a value mean, where there are any."""
-        dead = int(self.seen.dead.sum())
+        dead = int(self.preview.dead.sum())
         words = [f"cyan: {dead} dead in every frame"] if dead else []
         missing = int(np.isnan(self.frames).sum()) - dead * len(self.frames)
         words += [f"grey: beyond the camera's range, {missing} in all frames together"] if missing else []
         return "; ".join(words)
 
-    def picture(self, frame: int, low: float, high: float) -> str:
+    def encode_frame(self, frame: int, low: float, high: float) -> str:
         """One frame as the address of a PNG picture."""
-        return _address(self.frames[frame], low, high, self.zoom, self.seen.dead)
+        return _png_address(self.frames[frame], low, high, self.zoom, self.preview.dead)
 
-    def detail(self, frame: int, column: float, row: float, low: float, high: float, half: int, zoom: int) -> str:
+    def encode_detail(self, frame: int, column: float, row: float, low: float, high: float, half: int, zoom: int) -> str:
         """What lies about a place, magnified: 2 half + 1 pixels square, grey beyond the image."""
         c, r = round(column), round(row)
         T = np.full((2 * half + 1,) * 2, np.nan)
@@ -78,24 +78,24 @@ class Opened:
         if part.size:
             there = slice(top - r + half, top - r + half + len(part)), slice(left - c + half, None)
             T[there][:, : part.shape[1]] = part
-            dead[there][:, : part.shape[1]] = self.seen.dead[top:, left:][: part.shape[0], : part.shape[1]]
-        return _address(T, low, high, zoom, dead)
+            dead[there][:, : part.shape[1]] = self.preview.dead[top:, left:][: part.shape[0], : part.shape[1]]
+        return _png_address(T, low, high, zoom, dead)
 
 
-def _address(T: np.ndarray, low: float, high: float, zoom: int, dead: np.ndarray | None = None) -> str:
-    from flashtemp.viz.raw_images import encoded
+def _png_address(T: np.ndarray, low: float, high: float, zoom: int, dead: np.ndarray | None = None) -> str:
+    from flashtemp.viz.raw_images import encode_png
 
-    return "data:image/png;base64," + b64encode(encoded(T, low, high, zoom, dead)).decode()
+    return "data:image/png;base64," + b64encode(encode_png(T, low, high, zoom, dead)).decode()
 
 
-def opened(files: list[Path], facts: Facts = Facts()) -> Opened:  # noqa: B008 (frozen)
+def open_frames(files: list[Path], facts: ImportOptions = ImportOptions()) -> OpenedFrames:  # noqa: B008 (frozen)
     """All frames of camera files, in order of time where the files tell it.  Raises BadInput."""
-    stack = Stack()
-    seen = looked(files, facts, given=stack.add)
+    stack = FrameBuffer()
+    seen = preview_files(files, facts, receive_images=stack.add)
     clock = seen.time if seen.time is not None else seen.clock
     timed = clock is not None and bool(np.isfinite(clock).all()) and (len(clock) == 1 or float(np.ptp(clock)) > 0.0)
     if clock is None or not timed:
         time = np.arange(len(seen.mean)) / (seen.fps or 1.0)
-        return Opened(seen.files, stack.images(np.arange(len(time))), time, bool(seen.fps), seen)
+        return OpenedFrames(seen.files, stack.ordered_images(np.arange(len(time))), time, bool(seen.fps), seen)
     order = np.argsort(clock, kind="stable")
-    return Opened(seen.files, stack.images(order), clock[order] - clock[order[0]], True, seen)
+    return OpenedFrames(seen.files, stack.ordered_images(order), clock[order] - clock[order[0]], True, seen)

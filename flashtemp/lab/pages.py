@@ -12,71 +12,71 @@ from nicegui import ui
 from flashtemp.lab.camera_page import CameraPage
 from flashtemp.lab.campaign_page import CampaignPage
 from flashtemp.lab.case_page import CasePage
-from flashtemp.lab.folder import escape_control, listing
+from flashtemp.lab.folder import escape_control, list_folder
 from flashtemp.lab.folder_files import FolderFiles
-from flashtemp.lab.jobs import Jobs
+from flashtemp.lab.jobs import JobList
 from flashtemp.lab.programs import AllowedPrograms
-from flashtemp.lab.result_page import result_page
-from flashtemp.lab.shared import FILES, NAMES, STANDARD, frame, link, show_errors
-from flashtemp.lab.work_page import WorkPage
+from flashtemp.lab.result_page import show_result
+from flashtemp.lab.shared import FILES_ADDRESS, MAX_NAMES_LISTED, STANDARD_FILES, page_frame, page_address, show_errors
+from flashtemp.lab.work_page import JobsPage
 
 
-def application(folder: Path) -> tuple[Any, Jobs]:
+def make_application(folder: Path) -> tuple[Any, JobList]:
     """The page of a folder, and the commands that it starts."""
-    jobs, allowed = Jobs(folder), AllowedPrograms()
+    jobs, allowed = JobList(folder), AllowedPrograms()
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    app.mount(FILES, FolderFiles(folder))
+    app.mount(FILES_ADDRESS, FolderFiles(folder))
 
     @ui.page("/")
     def files() -> None:
-        with frame("folder", folder):
-            _files(folder)
+        with page_frame("folder", folder):
+            _show_folder(folder)
 
     @ui.page("/camera")
     async def camera(open: str = "", template: str = "") -> None:  # noqa: A002 (the address says it)
-        with frame("camera", folder):
+        with page_frame("camera", folder):
             await CameraPage(folder).show(open, template)
 
     @ui.page("/case")
     def case(open: str = "") -> None:  # noqa: A002
-        with frame("case", folder):
+        with page_frame("case", folder):
             CasePage(folder, allowed).show(open)
 
     @ui.page("/campaign")
     def campaign(open: str = "") -> None:  # noqa: A002
-        with frame("campaign", folder):
+        with page_frame("campaign", folder):
             CampaignPage(folder, allowed).show(open)
 
     @ui.page("/work")
     def work(command: str = "run", of: str = "") -> None:
-        with frame("work", folder):
-            WorkPage(folder, jobs, allowed).show(command, of)
+        with page_frame("work", folder):
+            JobsPage(folder, jobs, allowed).show(command, of)
 
     @ui.page("/result")
     def result(open: str = "") -> None:  # noqa: A002
-        with frame("", folder), show_errors(folder):
-            result_page(folder, open)
+        with page_frame("", folder), show_errors(folder):
+            show_result(folder, open)
 
     ui.run_with(app, title="flashtemp", favicon="🔥", show_welcome_message=False)
     return app, jobs
 
 
-def _files(folder: Path) -> None:
+def _show_folder(folder: Path) -> None:
     """What lies in the folder, each with what can be done with it."""
-    found = listing(folder)
-    some = found.series.items()
+    found = list_folder(folder)
+    some = found.image_series.items()
 
     def judged(campaign: Path) -> list[tuple[str, str]]:
-        return [(c, _work(c, campaign)) for c in ("compare", "discover", "plan")]
+        return [(c, _work_link(c, campaign)) for c in ("compare", "discover", "plan")]
 
     groups: dict[str, Sequence[tuple[Path | str, list[tuple[str, str]]]]] = {
-        "Cases": [(p, [("open", link("case", open=p)), ("run", _work("run", p))]) for p in found.cases],
-        "Camera files": [(p, [(f"look at {n} file{'s' if n > 1 else ''}", link("camera", open=p))]) for p, n in some],
-        "Recording templates": [(p, [("open", link("camera", template=p))]) for p in found.templates],
-        "Recordings": [(p, [("look", link("camera", open=p))]) for p in found.recordings],
-        "Campaigns": [(p, [("open", link("campaign", open=p)), *judged(p)]) for p in found.campaigns],
-        "Results": [(p, [("open", link("result", open=p))]) for p in found.results],
-        "Begun": [(p, [("go on", _work(o.command, p))]) for p, o in found.begun.items()],
+        "Cases": [(p, [("open", page_address("case", open=p)), ("run", _work_link("run", p))]) for p in found.cases],
+        "Camera files": [(p, [(f"look at {n} file{'s' if n > 1 else ''}", page_address("camera", open=p))]) for p, n in some],
+        "Recording templates": [(p, [("open", page_address("camera", template=p))]) for p in found.templates],
+        "Recordings": [(p, [("look", page_address("camera", open=p))]) for p in found.recordings],
+        "Campaigns": [(p, [("open", page_address("campaign", open=p)), *judged(p)]) for p in found.campaigns],
+        "Results": [(p, [("open", page_address("result", open=p))]) for p in found.results],
+        "Begun": [(p, [("go on", _work_link(o.command, p))]) for p, o in found.begun.items()],
     }  # fmt: skip
     for sentence in found.omissions:
         ui.label(sentence).classes("text-amber-900")
@@ -85,24 +85,24 @@ def _files(folder: Path) -> None:
     with ui.row().classes("w-full gap-6 items-start"):
         for title, rows in groups.items():
             if rows:
-                _group(title, rows)
+                _show_group(title, rows)
     with ui.row():
         ui.button("New case", on_click=lambda: ui.navigate.to("/case")).props("outline")
         ui.button("New campaign", on_click=lambda: ui.navigate.to("/campaign")).props("outline")
         ui.button("Camera files", on_click=lambda: ui.navigate.to("/camera")).props("outline")
 
 
-def _work(command: str, of: Path) -> str:
-    return link("work", command=command, of=of.parent if of.name in STANDARD and of.parent != Path() else of)
+def _work_link(command: str, of: Path) -> str:
+    return page_address("work", command=command, of=of.parent if of.name in STANDARD_FILES and of.parent != Path() else of)
 
 
-def _group(title: str, rows: Sequence[tuple[Path | str, list[tuple[str, str]]]]) -> None:
+def _show_group(title: str, rows: Sequence[tuple[Path | str, list[tuple[str, str]]]]) -> None:
     with ui.card().classes("min-w-72 max-w-full"):
         ui.label(title).classes("text-lg font-medium")
-        for path, ways in rows[:NAMES]:
+        for path, ways in rows[:MAX_NAMES_LISTED]:
             with ui.row().classes("items-center gap-3 w-full no-wrap"):
                 ui.label(escape_control(str(path))).classes("break-all grow")
                 for words, target in ways:
                     ui.link(words, target)
-        if len(rows) > NAMES:
-            ui.label(f"and {len(rows) - NAMES} more")
+        if len(rows) > MAX_NAMES_LISTED:
+            ui.label(f"and {len(rows) - MAX_NAMES_LISTED} more")

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from flashtemp.errors import BadInput
-from flashtemp.lab.folder import MAX_TOML_BYTES, inside
-from flashtemp.model.case_file import flatten_tables, own_files, parse_toml
+from flashtemp.lab.folder import MAX_TOML_BYTES, resolve_inside
+from flashtemp.model.case_file import flatten_tables, list_effect_files, parse_toml
 
 CAMPAIGN_COMMANDS = ("compare", "discover", "plan")
 TRUST = "--trust"
@@ -24,11 +24,11 @@ class AllowedPrograms:
 
     def allow(self, files: Iterable[Path]) -> None:
         """The user has said that these files may run as they are now."""
-        self._allowed |= {(file, _digest(file)) for file in files}
+        self._allowed |= {(file, _file_digest(file)) for file in files}
 
-    def unconfirmed(self, files: Iterable[Path]) -> list[Path]:
+    def unconfirmed_files(self, files: Iterable[Path]) -> list[Path]:
         """Those files that the user has not been asked about, or that have changed since."""
-        return [file for file in files if (file, _digest(file)) not in self._allowed]
+        return [file for file in files if (file, _file_digest(file)) not in self._allowed]
 
 
 def has_trust(words: Sequence[str]) -> bool:
@@ -42,7 +42,7 @@ def has_trust(words: Sequence[str]) -> bool:
 
 def programs_of_text(text: str, folder: Path) -> list[Path]:
     """Effect files that a case with this text in `folder` lists; none where it is no TOML."""
-    return [_resolve(folder / name) for name in own_files(_parse(text))]
+    return [_resolve_links(folder / name) for name in list_effect_files(_parse_text(text))]
 
 
 def programs_of_campaign(text: str, folder: Path) -> list[Path]:
@@ -50,45 +50,45 @@ def programs_of_campaign(text: str, folder: Path) -> list[Path]:
 
     A condition (`with`) may change every key of the case, its effects too.  Raises BadInput.
     """
-    raw = _parse(text)
+    raw = _parse_text(text)
     name = raw.get("case", "case.toml")
     if not isinstance(name, str):
         return []
     case = folder / name
     home = case if case.is_dir() else case.parent
-    entries = [entry for kind in ("recording", "force") for entry in _tables(raw.get(kind))]
-    changed = [_resolve(home / file) for e in entries for w in _tables([e.get("with")]) for file in _listed_files(w)]
+    entries = [entry for kind in ("recording", "force") for entry in _only_tables(raw.get(kind))]
+    changed = [_resolve_links(home / file) for e in entries for w in _only_tables([e.get("with")]) for file in _listed_files(w)]
     return list(dict.fromkeys([*programs_of_case(case), *changed]))
 
 
-def _tables(value: Any) -> list[dict[str, Any]]:
+def _only_tables(value: Any) -> list[dict[str, Any]]:
     """The tables in a list; none in what is no list."""
     return [table for table in value if isinstance(table, dict)] if isinstance(value, list) else []
 
 
 def _listed_files(conditions: dict[str, Any]) -> list[str]:
     """Effect files among the conditions of one recording or load-cell trace."""
-    return own_files(flatten_tables(conditions))
+    return list_effect_files(flatten_tables(conditions))
 
 
 def programs_of_case(case: Path) -> list[Path]:
     """Effect files that a case, a folder with a case.toml or a .toml file, lists.  Raises BadInput."""
     file = case / "case.toml" if case.is_dir() else case
-    return programs_of_text(_read(file), file.parent)
+    return programs_of_text(_read_toml(file), file.parent)
 
 
 def programs_of_command(words: Sequence[str], folder: Path) -> list[Path]:
     """Effect files that `flashtemp words...` would run in `folder`.  Raises BadInput for a file outside of it."""
     if "--resume" in words:
-        return programs_of_case(inside(folder, words[words.index("--resume") + 1]))
+        return programs_of_case(resolve_inside(folder, words[words.index("--resume") + 1]))
     if len(words) < 2:
         return []
-    path = inside(folder, words[1])
+    path = resolve_inside(folder, words[1])
     if words[0] in CAMPAIGN_COMMANDS:
         file = path / "campaign.toml" if path.is_dir() else path
-        return programs_of_campaign(_read(file), file.parent)
+        return programs_of_campaign(_read_toml(file), file.parent)
     home = path if path.is_dir() else path.parent
-    changed = [_resolve(home / name) for word in words[2:] for name in _python_files(word)]
+    changed = [_resolve_links(home / name) for word in words[2:] for name in _python_files(word)]
     return list(dict.fromkeys([*programs_of_case(path), *changed]))
 
 
@@ -102,7 +102,7 @@ def _python_files(word: str) -> list[str]:
     return [name for name in re.split(r"""[\[\]"',;]+""", value) if name.strip().endswith(".py")]
 
 
-def _resolve(file: Path) -> Path:
+def _resolve_links(file: Path) -> Path:
     """A path with its links followed, as it stands where it cannot be one."""
     try:
         return file.resolve()
@@ -110,7 +110,7 @@ def _resolve(file: Path) -> Path:
         return file
 
 
-def _read(file: Path) -> str:
+def _read_toml(file: Path) -> str:
     """The text of a TOML file, "" where there is none that a command would read.  Raises BadInput."""
     try:
         if not file.is_file():
@@ -122,14 +122,14 @@ def _read(file: Path) -> str:
         return ""
 
 
-def _parse(text: str) -> dict[str, Any]:
+def _parse_text(text: str) -> dict[str, Any]:
     try:
         return parse_toml(text)
     except (ValueError, RecursionError):
         return {}
 
 
-def _digest(file: Path) -> str:
+def _file_digest(file: Path) -> str:
     """SHA-256 of a file's content, "" where it cannot be read."""
     try:
         return sha256(file.read_bytes()).hexdigest()

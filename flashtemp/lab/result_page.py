@@ -10,38 +10,38 @@ import numpy as np
 from nicegui import ui
 
 from flashtemp.errors import BadInput
-from flashtemp.lab.folder import escape_control, inside
+from flashtemp.lab.folder import escape_control, resolve_inside
 from flashtemp.lab.shared import file_address, refuse_damaged, show_errors
 
 MAX_PROFILE_BYTES = 512 * 2**20  # of arrays that the page loads at once
 MAX_JSON_BYTES = 32 * 2**20
 MAX_PICTURES = 200
-PICTURES = (".png", ".gif", ".svg")
-CURVES = {"T_spot": "in the contact spots", "T_block": "block, averaged across y", "T_road": "road"}
+PICTURE_SUFFIXES = (".png", ".gif", ".svg")
+CURVE_LABELS = {"T_spot": "in the contact spots", "T_block": "block, averaged across y", "T_road": "road"}
 
 
-def result_page(folder: Path, name: str) -> None:
+def show_result(folder: Path, name: str) -> None:
     """What a result folder, or a recording, holds.  Raises BadInput."""
-    path = inside(folder, name)
+    path = resolve_inside(folder, name)
     if not path.is_dir():
         raise BadInput(f"{escape_control(name)}: no such result; choose one on the page of the folder")
     here = path.relative_to(folder.resolve())
     ui.label(escape_control(str(here))).classes("text-xl")
     with show_errors(folder):
         if (file := _own_file(folder, here / "run.nc")) is not None:
-            _profiles(file)
-            _in_space(folder, here)
+            _show_profiles(file)
+            _show_in_space(folder, here)
     if _own_file(folder, here / "report.html") is not None:
         _show_report(file_address(here / "report.html"))
     with show_errors(folder):
-        _numbers(folder, here)
+        _show_numbers(folder, here)
     _show_pictures(folder, path, here)
 
 
 def _own_file(folder: Path, name: Path) -> Path | None:
     """A regular file of the folder by its path there; None where there is none or a link leads out of the folder."""
     try:
-        path = inside(folder, str(name))
+        path = resolve_inside(folder, str(name))
         return path if path.is_file() else None
     except BadInput:
         return None
@@ -56,7 +56,7 @@ def _show_report(address: str) -> None:
 
 
 def _show_pictures(folder: Path, path: Path, here: Path) -> None:
-    names = sorted(p.name for p in path.iterdir() if p.suffix in PICTURES and escape_control(p.name) == p.name)
+    names = sorted(p.name for p in path.iterdir() if p.suffix in PICTURE_SUFFIXES and escape_control(p.name) == p.name)
     pictures = [name for name in names[:MAX_PICTURES] if _own_file(folder, here / name) is not None]
     with ui.row().classes("w-full gap-4"):
         for name in pictures:
@@ -67,12 +67,12 @@ def _show_pictures(folder: Path, path: Path, here: Path) -> None:
         ui.label(f"and {len(names) - MAX_PICTURES} more pictures in {escape_control(str(here))}")
 
 
-def _profiles(file: Path) -> None:
+def _show_profiles(file: Path) -> None:
     """T(x) of the kept moments, with a slider over time."""
     import xarray
 
     with refuse_damaged(file), xarray.open_dataset(file) as run:
-        names = [k for k in CURVES if k in run]
+        names = [k for k in CURVE_LABELS if k in run]
         n_bytes = sum(run[k].nbytes for k in ("time", "x", *names))
         if n_bytes > MAX_PROFILE_BYTES:
             raise BadInput(f"{file}: holds {n_bytes / 2**20:.0f} MiB of profiles; look at it with xarray")
@@ -86,7 +86,7 @@ def _profiles(file: Path) -> None:
         "animation": False, "tooltip": {"trigger": "axis"}, "legend": {},
         "xAxis": {"type": "value", "name": "x (mm)", "nameLocation": "middle", "nameGap": 28},
         "yAxis": {"type": "value", "name": "temperature (°C)", "min": round(ambient, 1), "max": round(warmest, 1)},
-        "series": [{"type": "line", "name": CURVES[k], "showSymbol": False, "data": []} for k in curves],
+        "series": [{"type": "line", "name": CURVE_LABELS[k], "showSymbol": False, "data": []} for k in curves],
     }).classes("w-full h-80")  # fmt: skip
     label = ui.label()
 
@@ -101,16 +101,16 @@ def _profiles(file: Path) -> None:
     at(len(time) - 1)
 
 
-def _in_space(folder: Path, here: Path) -> None:
+def _show_in_space(folder: Path, here: Path) -> None:
     """Cell centres of the last field in their colours, to be turned with the mouse."""
     from flashtemp.api.simulation import open_fields
-    from flashtemp.viz.space_points import points
+    from flashtemp.viz.space_points import surface_points
 
     if (file := _own_file(folder, here / "fields.vtkhdf")) is None:
         return
     try:
         with refuse_damaged(file):
-            where, colours = points(open_fields(file.parent))
+            where, colours = surface_points(open_fields(file.parent))
     except BadInput:
         return
     with ui.expansion("in space").classes("w-full"), ui.scene(width=900, height=480, grid=False) as scene:
@@ -118,7 +118,7 @@ def _in_space(folder: Path, here: Path) -> None:
         scene.move_camera(x=0.0, y=-14.0, z=8.0, look_at_x=0.0, look_at_y=0.0, look_at_z=0.0)
 
 
-def _numbers(folder: Path, here: Path) -> None:
+def _show_numbers(folder: Path, here: Path) -> None:
     """The numbers of the result.  Raises BadInput for a damaged file."""
     files = (_own_file(folder, here / n) for n in ("summary.json", "verdict.json", "compare.json"))
     if (file := next(filter(None, files), None)) is None:
@@ -130,11 +130,11 @@ def _numbers(folder: Path, here: Path) -> None:
     rows = [
         {"key": escape_control(k), "value": f"{v:.6g}" if isinstance(v, float) else escape_control(str(v))}
         for k, v in numbers.items()
-        if _short(v)
+        if _is_short(v)
     ]
     with ui.expansion("numbers").classes("w-full"):
         ui.table(rows=rows, columns=[{"name": k, "label": k, "field": k, "align": "left"} for k in ("key", "value")])
 
 
-def _short(value: Any) -> bool:
+def _is_short(value: Any) -> bool:
     return isinstance(value, (int, float, str)) and len(str(value)) < 200

@@ -11,7 +11,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from flashtemp.errors import BadInput
-from flashtemp.lab.folder import CAMERA, MAX_NAME_BYTES, MAX_TOML_BYTES, escape_control, inside
+from flashtemp.lab.folder import CAMERA_SUFFIXES, MAX_NAME_BYTES, MAX_TOML_BYTES, escape_control, resolve_inside
 
 MAX_UPLOAD_BYTES = 2 * 2**30  # of all files dropped on the page at once
 MAX_UPLOAD_FILES = 1000  # parts that the form parser takes in one request
@@ -59,7 +59,7 @@ def write_text(
         if not path.is_file():
             raise BadInput(f"{label}: not a file; save under another name")
         own = opened is not None and opened.path == path
-        if own and opened is not None and _digest(path) != opened.digest:
+        if own and opened is not None and _file_digest(path) != opened.digest:
             raise BadInput(f"{label}: changed on disk since it was opened; reload the page or save under another name")
         if not own and not replace:
             raise ReplacesFile(f"{label}: exists already; replace it, or save under another name")
@@ -102,14 +102,14 @@ def check_upload_name(name: str) -> str:
         raise BadInput(f"{label!r}: not a plain file name; rename the file")
     if name.startswith("."):
         raise BadInput(f"{label}: a hidden name; rename the file")
-    if Path(name).suffix.lower() not in CAMERA:
-        raise BadInput(f"{label}: no camera file; these are: {' '.join(sorted(CAMERA))}")
+    if Path(name).suffix.lower() not in CAMERA_SUFFIXES:
+        raise BadInput(f"{label}: no camera file; these are: {' '.join(sorted(CAMERA_SUFFIXES))}")
     return name
 
 
 def _toml_path(folder: Path, name: str) -> Path:
     """Where a TOML file of the folder lies.  Raises BadInput for every other name."""
-    path = inside(folder, name)
+    path = resolve_inside(folder, name)
     if path.suffix != ".toml" or not name.endswith(".toml"):
         raise BadInput(f"{escape_control(name)}: the page opens and saves TOML files; give a name that ends in .toml")
     return path
@@ -125,7 +125,7 @@ def _encode_text(text: str, label: str) -> bytes:
     return data
 
 
-def _digest(path: Path) -> str:
+def _file_digest(path: Path) -> str:
     return sha256(path.read_bytes()).hexdigest()
 
 

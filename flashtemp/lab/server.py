@@ -51,7 +51,7 @@ def host_names(port: int) -> tuple[str, str]:
 
 
 @dataclass(frozen=True)
-class Guard:
+class TokenGuard:
     """Lets through who brings the `token`, in the address once and as a cookie from then on, to this `port` itself.
 
     Host and Origin are compared with the server's own names, against DNS rebinding and requests of other sites; of
@@ -73,9 +73,9 @@ class Guard:
         elif kind == "websocket":
             await self.app(scope, receive, send)
         else:
-            await self._answer(scope, receive, _with_headers(send, page_policy(self.port)))
+            await self._answer_request(scope, receive, _with_headers(send, page_policy(self.port)))
 
-    async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def _answer_request(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One request of HTTP."""
         if self._is_known(scope):
             status, text = _body_refusal(scope)
@@ -83,57 +83,57 @@ class Guard:
                 await _send_answer(send, status, [("connection", "close")], text)
             else:
                 await self.app(scope, receive, send)
-        elif self._is_here(scope) and self._is_token(_query(scope).get("token", [""])[0]):
-            await _send_answer(send, 303, [("location", _without_token(scope)), ("set-cookie", self._cookie())])
+        elif self._is_here(scope) and self._is_token(_parse_query(scope).get("token", [""])[0]):
+            await _send_answer(send, 303, [("location", _without_token(scope)), ("set-cookie", self._cookie_header())])
         else:
             await _send_answer(send, 403, [], "open the address that `flashtemp lab` printed, with its token\n")
 
     def _is_known(self, scope: Scope) -> bool:
-        origin = _header(scope, b"origin")
+        origin = _header_value(scope, b"origin")
         foreign = origin and origin.removeprefix("http://") not in host_names(self.port)
-        cookies = _cookies(scope, f"{COOKIE}_{self.port}")
+        cookies = _cookie_values(scope, f"{COOKIE}_{self.port}")
         return self._is_here(scope) and not foreign and not _is_embedded(scope) and any(map(self._is_token, cookies))
 
     def _is_here(self, scope: Scope) -> bool:
-        return _header(scope, b"host") in host_names(self.port)
+        return _header_value(scope, b"host") in host_names(self.port)
 
     def _is_token(self, token: str) -> bool:
         return hmac.compare_digest(token.encode("utf-8", "replace"), self.token.encode())
 
-    def _cookie(self) -> str:
+    def _cookie_header(self) -> str:
         return f"{COOKIE}_{self.port}={self.token}; HttpOnly; SameSite=Strict; Path=/"
 
 
 def _is_embedded(scope: Scope) -> bool:
     """Whether another site or port asks for more than to show a whole page (W3C Fetch Metadata Request Headers)."""
-    site, mode, dest = (_header(scope, b"sec-fetch-" + name) for name in (b"site", b"mode", b"dest"))
+    site, mode, dest = (_header_value(scope, b"sec-fetch-" + name) for name in (b"site", b"mode", b"dest"))
     return site in ("same-site", "cross-site") and (mode, dest) != ("navigate", "document")
 
 
 def _body_refusal(scope: Scope) -> tuple[int, str]:
     """Status and text for a request whose body is too large or of unknown length; 0 for one that may be read."""
-    length = _header(scope, b"content-length")
+    length = _header_value(scope, b"content-length")
     if length.isascii() and length.isdigit():
         return (
             (413, f"{UPLOAD_LIMIT}; copy the files into the folder instead\n")
             if int(length) > MAX_BODY_BYTES
             else (0, "")
         )
-    has_body = scope["method"] in BODY_METHODS or _header(scope, b"transfer-encoding") or length
+    has_body = scope["method"] in BODY_METHODS or _header_value(scope, b"transfer-encoding") or length
     return (411, "say the length of what is sent\n") if has_body else (0, "")
 
 
-def _header(scope: Scope, name: bytes) -> str:
+def _header_value(scope: Scope, name: bytes) -> str:
     return next((value.decode("latin-1") for key, value in scope["headers"] if key == name), "")
 
 
-def _cookies(scope: Scope, name: str) -> list[str]:
+def _cookie_values(scope: Scope, name: str) -> list[str]:
     """Values of the cookies of that name; cookies of other servers on this computer may be of any kind."""
-    pairs = (part.strip().partition("=") for part in _header(scope, b"cookie").split(";"))
+    pairs = (part.strip().partition("=") for part in _header_value(scope, b"cookie").split(";"))
     return [value for key, _, value in pairs if key == name]
 
 
-def _query(scope: Scope) -> dict[str, list[str]]:
+def _parse_query(scope: Scope) -> dict[str, list[str]]:
     try:
         return parse_qs(scope["query_string"].decode("latin-1"))
     except ValueError:  # more fields than a query may have
@@ -142,7 +142,7 @@ def _query(scope: Scope) -> dict[str, list[str]]:
 
 def _without_token(scope: Scope) -> str:
     """The same address on this host without the token, whatever the path holds."""
-    rest = [(k, v) for k, values in _query(scope).items() for v in values if k != "token"]
+    rest = [(k, v) for k, values in _parse_query(scope).items() for v in values if k != "token"]
     return "/" + quote(scope["path"].lstrip("/\\")) + ("?" + urlencode(rest) if rest else "")
 
 
@@ -169,7 +169,7 @@ async def _send_answer(send: Send, status: int, headers: list[tuple[str, str]], 
     await send({"type": "http.response.body", "body": text.encode()})
 
 
-def serve(folder: Path, browser: bool = True, told: Callable[[str], Any] = print) -> None:
+def serve(folder: Path, browser: bool = True, announce: Callable[[str], Any] = print) -> None:
     """Serve the page of a folder until Ctrl-C; `told` is given its address.  Raises BadInput."""
     if not folder.is_dir():
         raise BadInput(f"{folder}: no such folder; give the folder of your case and camera files")
@@ -178,16 +178,16 @@ def serve(folder: Path, browser: bool = True, told: Callable[[str], Any] = print
     try:
         import uvicorn
 
-        from flashtemp.lab.pages import application
+        from flashtemp.lab.pages import make_application
     except ModuleNotFoundError as fault:
         raise BadInput(f"lab: {fault.name} is not installed; pip install 'flashtemp[lab]'") from fault
     token = secrets.token_urlsafe(24)
     with socket.create_server((HOST, 0)) as listening:
         port = listening.getsockname()[1]
-        app, jobs = application(folder.resolve())
-        server = uvicorn.Server(uvicorn.Config(Guard(app, token, port), log_level="error", ws_max_size=2**26))
+        app, jobs = make_application(folder.resolve())
+        server = uvicorn.Server(uvicorn.Config(TokenGuard(app, token, port), log_level="error", ws_max_size=2**26))
         address = f"http://{HOST}:{port}/?token={token}"
-        told(address)
+        announce(address)
         if browser:
             import webbrowser
 

@@ -16,21 +16,21 @@ from flashtemp.lab.folder import escape_control
 from flashtemp.lab.programs import AllowedPrograms
 from flashtemp.lab.saving import ReplacesFile, TextVersion, write_text
 
-FILES = "/files"  # address of the folder
-NAMES = 40  # that a list shows
-STANDARD = ("case.toml", "campaign.toml")  # a folder is named by them
-PAGES = {"folder": "/", "camera": "/camera", "case": "/case", "campaign": "/campaign", "work": "/work"}
+FILES_ADDRESS = "/files"  # address of the folder
+MAX_NAMES_LISTED = 40  # that a list shows
+STANDARD_FILES = ("case.toml", "campaign.toml")  # a folder is named by them
+PAGE_ADDRESSES = {"folder": "/", "camera": "/camera", "case": "/case", "campaign": "/campaign", "work": "/work"}
 
 
 @contextmanager
-def frame(here: str, folder: Path) -> Iterator[None]:
+def page_frame(here: str, folder: Path) -> Iterator[None]:
     """The head of a page with the ways to the others; below it what follows."""
     ui.colors(primary="#8C2D04")
     ui.add_css("svg { max-width: 100%; height: auto }")
     ui.page_title("flashtemp")
     with ui.header().classes("items-center gap-6 py-2"):
         ui.label("flashtemp").classes("text-xl font-semibold")
-        for name, target in PAGES.items():
+        for name, target in PAGE_ADDRESSES.items():
             ui.link(name, target).classes(f"text-white no-underline {'font-bold underline' if name == here else ''}")
         ui.space()
         ui.label(escape_control(folder.name)).classes("text-sm opacity-80 break-all").tooltip(
@@ -40,17 +40,17 @@ def frame(here: str, folder: Path) -> Iterator[None]:
         yield
 
 
-def link(page: str, **asked: Any) -> str:
+def page_address(page: str, **asked: Any) -> str:
     """The address of a page with what it is to open."""
-    return f"{PAGES.get(page, '/' + page)}?{urlencode({k: str(v) for k, v in asked.items()})}"
+    return f"{PAGE_ADDRESSES.get(page, '/' + page)}?{urlencode({k: str(v) for k, v in asked.items()})}"
 
 
 def file_address(path: Path) -> str:
     """The address of a file in the folder, by its path there."""
-    return f"{FILES}/{quote(path.as_posix())}"
+    return f"{FILES_ADDRESS}/{quote(path.as_posix())}"
 
 
-def command_line(words: str) -> None:
+def show_command(words: str) -> None:
     """The command line that does the same."""
     with ui.row().classes("w-full items-center bg-gray-100 rounded px-3 py-1"):
         ui.label(escape_control(words)).classes("font-mono text-sm break-all").props('data-is="command"')
@@ -62,12 +62,12 @@ async def save_text(folder: Path, name: str, text: str, opened: TextVersion | No
         return write_text(folder, name, text, opened)
     except ReplacesFile:
         question = f"{escape_control(name)} exists already, and this page has not opened it."
-        if not await ask([question], "Replace it"):
+        if not await ask_consent([question], "Replace it"):
             return None
         return write_text(folder, name, text, opened, replace=True)
 
 
-async def ask(lines: Sequence[str], consent: str) -> bool:
+async def ask_consent(lines: Sequence[str], consent: str) -> bool:
     """A question in a window of its own: True only by a click on the button that says `consent`."""
     with ui.dialog() as dialog, ui.card().props("role=alertdialog"):
         for line in lines:
@@ -82,10 +82,10 @@ async def ask(lines: Sequence[str], consent: str) -> bool:
 
 async def ask_to_run(programs: Sequence[Path], allowed: AllowedPrograms, trust: bool = False) -> bool:
     """Whether effect files may run: asked about those that are new or changed, and about all with `--trust`."""
-    asked = list(programs) if trust else allowed.unconfirmed(programs)
+    asked = list(programs) if trust else allowed.unconfirmed_files(programs)
     if not asked and not trust:
         return True
-    if not await ask(program_lines(asked, trust), "Run as a program" if len(asked) < 2 else "Run these programs"):
+    if not await ask_consent(program_lines(asked, trust), "Run as a program" if len(asked) < 2 else "Run these programs"):
         return False
     allowed.allow(asked)
     return True

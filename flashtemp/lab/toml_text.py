@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from flashtemp.model.case_file import Places
+from flashtemp.model.case_file import KeyLocations
 from flashtemp.model.toml_value import value_text
 
 
-def edited(text: str, table: str, key: str, value: Any) -> str:
+def set_toml_key(text: str, table: str, key: str, value: Any) -> str:
     """The text with table.key = value, or without it where value is None; `table` "" is what stands before all tables.
 
     >>> print(edited("[block]\\nlength = 0.02  # m\\n", "block", "length", 0.03))
@@ -22,18 +22,18 @@ def edited(text: str, table: str, key: str, value: Any) -> str:
     <BLANKLINE>
     """
     lines = text.splitlines()
-    found = Places("", text).line(f"{table}.{key}" if table else key)
+    found = KeyLocations("", text).find_line(f"{table}.{key}" if table else key)
     written = None if value is None else f"{key} = {value_text(value)}"
     if found is not None:
-        first, last = found - 1, _last(lines, found - 1)
-        comment = _comment(lines[first]) if first == last else ""
+        first, last = found - 1, _last_line(lines, found - 1)
+        comment = _trailing_comment(lines[first]) if first == last else ""
         lines[first : last + 1] = [] if written is None else [written + comment]
     elif written is not None:
-        _put(lines, table, written)
+        _insert_line(lines, table, written)
     return "\n".join(lines) + "\n"
 
 
-def _last(lines: list[str], first: int) -> int:
+def _last_line(lines: list[str], first: int) -> int:
     """The line on which a value ends that begins on line `first`: where its brackets are closed."""
     depth = 0
     for k in range(first, len(lines)):
@@ -44,13 +44,13 @@ def _last(lines: list[str], first: int) -> int:
     return first
 
 
-def _comment(line: str) -> str:
+def _trailing_comment(line: str) -> str:
     """The comment at the end of a line, with the space before it."""
     bare = re.sub(r'"[^"]*"|\'[^\']*\'', lambda m: "_" * len(m[0]), line)
     return line[len(bare.split("#", 1)[0].rstrip()) :] if "#" in bare else ""
 
 
-def _put(lines: list[str], table: str, written: str) -> None:
+def _insert_line(lines: list[str], table: str, written: str) -> None:
     """Add a line to its table, which is made where there is none."""
     headers = [k for k, line in enumerate(lines) if re.match(r"\s*\[", line)]
     if not table:

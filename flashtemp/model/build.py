@@ -15,44 +15,44 @@ from flashtemp.errors import BadInput
 from flashtemp.meshes import block_on_road
 from flashtemp.meshes.mesh import Mesh
 from flashtemp.model import layers
-from flashtemp.model.laws import Laws, laws_mean, moves_pressure
-from flashtemp.model.scene import Acting, Outline, Scene
-from flashtemp.model.schedule import Course, Schedule, Series
-from flashtemp.model.schema import TABLES, refinement
+from flashtemp.model.laws import EffectLaws, mean_over_columns, has_pressure_shift
+from flashtemp.model.scene import ActiveEffect, SceneOutline, Scene
+from flashtemp.model.schedule import SpeedProfile, Schedule, TimeSeries
+from flashtemp.model.schema import CASE_TABLES, refinement_factor
 from flashtemp.physics import contributions
 from flashtemp.physics.effect import Deposit, Effect, Term
 from flashtemp.physics.elastic_block import count_unknowns
-from flashtemp.physics.interpolation import pairs
+from flashtemp.physics.interpolation import read_xy_pairs
 from flashtemp.physics.material import Material
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.physics.tables.wanted import PRESSURE, SPEED, TIME
 
-MOST_UNKNOWNS = 200_000  # displacements of an elastic block: 176,000 took 110 s and 4.2 GB
-LAYER = 0.0285  # first cell over the depth to which heat gets: 3 um of road at 1 m/s
+MAX_ELASTIC_UNKNOWNS = 200_000  # displacements of an elastic block: 176,000 took 110 s and 4.2 GB
+FIRST_CELL_RATIO = 0.0285  # first cell over the depth to which heat gets: 3 um of road at 1 m/s
 
 Values = Mapping[str, Mapping[str, Any]]
-Known = Mapping[str, type[Effect]]
+EffectsByName = Mapping[str, type[Effect]]
 
 
-def scene(values: Values, effects: Known, folder: Path) -> Scene:
+def build_scene(values: Values, effects: EffectsByName, folder: Path) -> Scene:
     """The scene of checked values {table: {key: value}} under the effects that act, by name.
 
     `folder` is where file names are looked up.  Raises BadInput for values that do not go together.
     """
-    v = SimpleNamespace(**{t: SimpleNamespace(**d) for t, d in values.items() if t in TABLES})
-    acting = _acting(values, effects, folder)
-    course, pressure = _course(values, folder), _series(values, "contact.pressure", folder)
+    v = SimpleNamespace(**{t: SimpleNamespace(**d) for t, d in values.items() if t in CASE_TABLES})
+    acting = _make_active_effects(values, effects, folder)
+    course, pressure = _read_speed_profile(values, folder), _read_series(values, "contact.pressure", folder)
     plan = Schedule(
         course.speed, pressure, v.schedule.distance, v.schedule.repetitions, v.schedule.wait, v.schedule.lifted,
         heading=course.heading, turns=course.turns, turn=v.schedule.turn,
         alone=v.schedule.alone or 0.0,
     )  # fmt: skip
-    outline = _outline(values, v, plan)
+    outline = _make_outline(values, v, plan)
     said = [(part, a.p) for a in acting for part in a.contributions(outline)]
-    depths = _depths([part for part, _ in said if isinstance(part, Deposit)])
-    remembers = _remembers(said)
-    schedule = _with_laps(plan, v, remembers)
-    mesh = _mesh(v, outline, schedule, remembers, depths, _resolves(said))
+    depths = _deposit_depths([part for part, _ in said if isinstance(part, Deposit)])
+    remembers = _has_track_memory(said)
+    schedule = _add_lap_events(plan, v, remembers)
+    mesh = _build_mesh(v, outline, schedule, remembers, depths, _has_resolved_spots(said))
     if remembers and v.road.track_length <= mesh.x[-1] - mesh.x[0]:
         raise BadInput(
             f"road.track_length: {v.road.track_length:g} m is shorter than the road around the block "
@@ -60,14 +60,14 @@ def scene(values: Values, effects: Known, folder: Path) -> Scene:
         )
     kept = {f.name: getattr(outline, f.name) for f in fields(Scene) if hasattr(outline, f.name)}
     built = Scene(**kept | {"mesh": mesh, "schedule": schedule, "acting": acting})
-    _check(built)
+    _check_scene(built)
     return built
 
 
-def _outline(values: Values, v: Any, plan: Schedule) -> Outline:
+def _make_outline(values: Values, v: Any, plan: Schedule) -> SceneOutline:
     """What the mesh is made for."""
-    materials = {side: layers.material(values, f"{side}.material") for side in ("block", "road")}
-    return Outline(
+    materials = {side: layers.find_material(values, f"{side}.material") for side in ("block", "road")}
+    return SceneOutline(
         **materials,
         schedule=plan,
         ambient=v.ambient.temperature + KELVIN,
@@ -83,46 +83,46 @@ def _outline(values: Values, v: Any, plan: Schedule) -> Outline:
         stiffness=v.block.stiffness,
         elastic_3d=v.numerics.elastic_3d,
         resolved=v.numerics.across > 1,
-        layers=layers.stack(values),
+        layers=layers.build_layers(values),
     )
 
 
-class Theorised(Protocol):
+class TheoryCase(Protocol):
     """What `theory_of` asks of a case."""
 
     @property
     def scene(self) -> Scene: ...
     @property
-    def known(self) -> Known: ...
+    def known_effects(self) -> EffectsByName: ...
     @property
     def effects(self) -> tuple[str, ...]: ...
     @property
     def name(self) -> str: ...
 
 
-def theory_of(case: Theorised) -> tuple[Scene, Acting]:
+def find_theory(case: TheoryCase) -> tuple[Scene, ActiveEffect]:
     """The scene of a case, and the effect of it whose `p.theory` computes friction.  Raises BadInput without one."""
     for acting in case.scene.acting:
         if hasattr(acting.p, "theory"):
             return case.scene, acting
-    able = " or ".join(f'"{name}"' for name, effect in case.known.items() if "master_curve" in effect.params())
+    able = " or ".join(f'"{name}"' for name, effect in case.known_effects.items() if "master_curve" in effect.params())
     said = f"{case.name}: effects: {list(case.effects)}; none computes friction from a spectrum and a master curve"
     raise BadInput(f"{said}, add {able}")
 
 
 # --- effects -----------------------------------------------------------------------------------------
-def _acting(values: Values, effects: Known, folder: Path) -> tuple[Acting, ...]:
+def _make_active_effects(values: Values, effects: EffectsByName, folder: Path) -> tuple[ActiveEffect, ...]:
     """Every effect with its parameters, tables read; what it yields on the camera is checked."""
     acting = []
     for name, effect in effects.items():
         section = values[str(effect.section) if effect.base else name]
         given = effect.prepare({k: section[k] for k in effect.params()}, folder)
-        acting.append(Acting(name, effect(), SimpleNamespace(**given)))
-        contributions.of_camera(name, acting[-1].effect, acting[-1].p)
+        acting.append(ActiveEffect(name, effect(), SimpleNamespace(**given)))
+        contributions.check_camera_contributions(name, acting[-1].effect, acting[-1].p)
     return tuple(acting)
 
 
-def _depths(deposits: list[Deposit]) -> list[float]:
+def _deposit_depths(deposits: list[Deposit]) -> list[float]:
     """Depths (m) at which heat is released; BadInput when it is more than there is."""
     total = sum(d.share for d in deposits)
     if total > 1 + 1e-12:
@@ -132,51 +132,51 @@ def _depths(deposits: list[Deposit]) -> list[float]:
     return [d.depth for d in deposits if d.share > 0]
 
 
-def _remembers(said: list[tuple[Any, Any]]) -> bool:
+def _has_track_memory(contributions: list[tuple[Any, Any]]) -> bool:
     """Whether any effect lets heat on the track come round: tried with one kelvin."""
     probe = SimpleNamespace(carried=1.0)
-    inflow = [(part, p) for part, p in said if isinstance(part, Term) and part.target == "road.inflow"]
+    inflow = [(part, p) for part, p in contributions if isinstance(part, Term) and part.target == "road.inflow"]
     return any(part.law(None, probe, p) != 0 for part, p in inflow)
 
 
-def _resolves(said: list[Any]) -> bool:
+def _has_resolved_spots(contributions: list[Any]) -> bool:
     """Whether any effect resolves spots that move with the road."""
-    terms = [(part, p) for part, p in said if isinstance(part, Term) and part.target == "contact.resolved"]
+    terms = [(part, p) for part, p in contributions if isinstance(part, Term) and part.target == "contact.resolved"]
     return any(part.law(None, None, p) > 0 for part, p in terms)
 
 
 # --- schedule -------------------------------------------------------------------------------------------
-def _series(values: Values, key: str, folder: Path) -> Series:
+def _read_series(values: Values, key: str, folder: Path) -> TimeSeries:
     """A number, or a file of time against value, as a function of time."""
-    x, y = _rows(values, key, folder, 0.0)
+    x, y = _read_time_rows(values, key, folder, 0.0)
     if max(y) <= 0:
         raise BadInput(f"{key}: is zero throughout; give values > 0")
-    return Series(x, y)
+    return TimeSeries(x, y)
 
 
-def _course(values: Values, folder: Path) -> Course:
+def _read_speed_profile(values: Values, folder: Path) -> SpeedProfile:
     """The sliding speed, which may be negative, as a function of time."""
     key = "schedule.speed"
-    x, y = _rows(values, key, folder, -TABLES["schedule"]["speed"].high)
+    x, y = _read_time_rows(values, key, folder, -CASE_TABLES["schedule"]["speed"].high)
     if not any(y):
         raise BadInput(f"{key}: is zero throughout; give values > 0, or < 0 for sliding back")
-    return Course.of(x, y)
+    return SpeedProfile.from_signed_speeds(x, y)
 
 
-def _rows(values: Values, key: str, folder: Path, low: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _read_time_rows(values: Values, key: str, folder: Path, low: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """A number as one row, or the rows of a file of time against value."""
     table, last = key.split(".")
     value = values[table][last]
     if isinstance(value, (int, float)):
         return (0.0,), (float(value),)
     wanted = SPEED if key == "schedule.speed" else PRESSURE
-    x, y = pairs(value, folder, key, low, TABLES[table][last].high, (TIME, wanted))
+    x, y = read_xy_pairs(value, folder, key, low, CASE_TABLES[table][last].high, (TIME, wanted))
     if x[0] < 0:
         raise BadInput(f"{key}: time starts at {x[0]:g} s; count from the start of the repetition, t >= 0")
     return x, y
 
 
-def _with_laps(plan: Schedule, v: Any, remembers: bool) -> Schedule:
+def _add_lap_events(plan: Schedule, v: Any, remembers: bool) -> Schedule:
     """The schedule, whose laps are events where the track is remembered; BadInput when its distance is never slid."""
     schedule = replace(plan, lap=v.road.track_length if remembers else None)
     if not math.isfinite(schedule.slide_time):
@@ -188,16 +188,16 @@ def _with_laps(plan: Schedule, v: Any, remembers: bool) -> Schedule:
 
 
 # --- mesh --------------------------------------------------------------------------------------------
-def _mesh(v: Any, outline: Outline, schedule: Schedule, remembers: bool, depths: list[float], even: bool) -> Mesh:
+def _build_mesh(v: Any, outline: SceneOutline, schedule: Schedule, remembers: bool, depths: list[float], uniform_along: bool) -> Mesh:
     """The mesh, fine enough for the shallowest of the `depths` (m) at which heat is released, and for the speed.
 
     `even`: along the road all cells are as long.
     """
-    level, block, road = refinement(v.numerics.mesh), outline.block, outline.road
+    level, block, road = refinement_factor(v.numerics.mesh), outline.block, outline.road
     refine = tuple(level * f for f in v.numerics.finer)
-    first = _first_cell(v, refine[1], depths, _first_block(v.numerics.first_block, block, schedule, depths))
-    first_road = _first_road(v.numerics.first_road, road, v.block.length, schedule)
-    _check_cells(v, level, refine)
+    first = _check_first_cell(v, refine[1], depths, _first_block_cell(v.numerics.first_block, block, schedule, depths))
+    first_road = _first_road_cell(v.numerics.first_road, road, v.block.length, schedule)
+    _check_cell_counts(v, level, refine)
     return block_on_road.build(
         length=v.block.length,
         height=v.block.height,
@@ -217,7 +217,7 @@ def _mesh(v: Any, outline: Outline, schedule: Schedule, remembers: bool, depths:
         first_y=v.numerics.first_y,
         refine_y=level,
         both=len(schedule.directions) > 1,
-        even=even and len(schedule.directions) == 1,
+        even=uniform_along and len(schedule.directions) == 1,
         layers=tuple((layer.thickness, layer.cells) for layer in outline.layers),
     )
 
@@ -229,29 +229,29 @@ def first_cells(built: Scene, numerics: Mapping[str, Any]) -> dict[str, Any]:
     with them the cells of every layer.
     """
     said = [part for acting in built.acting for part in acting.contributions(built)]
-    depths = _depths([part for part in said if isinstance(part, Deposit)])
+    depths = _deposit_depths([part for part in said if isinstance(part, Deposit)])
     return {
-        "numerics.first_block": _first_block(numerics["first_block"], built.block, built.schedule, depths),
-        "numerics.first_road": _first_road(numerics["first_road"], built.road, built.length, built.schedule),
-    } | layers.cells(built, numerics)
+        "numerics.first_block": _first_block_cell(numerics["first_block"], built.block, built.schedule, depths),
+        "numerics.first_road": _first_road_cell(numerics["first_road"], built.road, built.length, built.schedule),
+    } | layers.layer_cells(built, numerics)
 
 
-def _first_block(given: float | None, block: Material, schedule: Schedule, depths: list[float]) -> float:
+def _first_block_cell(given: float | None, block: Material, schedule: Schedule, depths: list[float]) -> float:
     """First cell (m) of the block at the interface; where not given, within the depths and the heated layer."""
     if given is not None:
         return given
-    layer = LAYER * math.sqrt(block.diffusivity * schedule.slide_time)
+    layer = FIRST_CELL_RATIO * math.sqrt(block.diffusivity * schedule.slide_time)
     return float(max(2e-7, min([4e-6, layer] + [d / 2 for d in depths])))
 
 
-def _first_road(given: float | None, road: Material, length: float, schedule: Schedule) -> float:
+def _first_road_cell(given: float | None, road: Material, length: float, schedule: Schedule) -> float:
     """First cell (m) of the road at the interface; where not given, within the layer heated during a passage."""
     if given is not None:
         return given
-    return float(min(3e-6, LAYER * math.sqrt(road.diffusivity * length / max(schedule.speed.value))))
+    return float(min(3e-6, FIRST_CELL_RATIO * math.sqrt(road.diffusivity * length / max(schedule.speed.value))))
 
 
-def _first_cell(v: Any, refine: float, depths: list[float], first: float) -> float:
+def _check_first_cell(v: Any, refine: float, depths: list[float], first: float) -> float:
     """The first cell (m) of the block at the interface, if it is fine enough for the depths and the block."""
     if depths and first / max(refine, 1e-9) > 4 * min(depths):
         raise BadInput(
@@ -265,7 +265,7 @@ def _first_cell(v: Any, refine: float, depths: list[float], first: float) -> flo
     return float(first)
 
 
-def _check_cells(v: Any, level: float, refine: tuple[float, ...]) -> None:
+def _check_cell_counts(v: Any, level: float, refine: tuple[float, ...]) -> None:
     """BadInput for more cells than a run can have, and for end cells that do not fit."""
     along, up, down = (n * f for n, f in zip(v.numerics.cells, refine, strict=True))
     across = 1 if v.numerics.across == 1 else v.numerics.across * level
@@ -287,7 +287,7 @@ def _road_depth(v: Any, road: Material, schedule: Schedule, remembers: bool, fir
     depth = v.road.depth
     if depth is None:
         v0 = min(s for s in schedule.speed.value if s > 0)
-        rest = schedule.end if remembers or schedule.returns or not schedule.lifted else schedule.wait
+        rest = schedule.end_time if remembers or schedule.has_return_pass or not schedule.lifted else schedule.wait
         depth = 6 * math.sqrt(road.diffusivity * ((v.block.length + v.road.downstream) / v0 + rest))
         depth = np.clip(depth, 1e-3, 0.2)
     if first > depth / 4:
@@ -301,20 +301,20 @@ def _check_elastic_block(built: Scene) -> None:
     """BadInput for an elastic block that needs too many elements."""
     mesh, whole = built.mesh, built.elastic_3d and built.resolved
     unknowns = count_unknowns(mesh.x[mesh.first : mesh.last + 1], mesh.height, mesh.y if whole else None)
-    if unknowns > MOST_UNKNOWNS:
+    if unknowns > MAX_ELASTIC_UNKNOWNS:
         key = "numerics.elastic_3d: this block" if whole else "block.height: a block of these proportions"
         remedy = "leave it out: then each plane is in plane strain" if whole else "give block.stiffness for springs"
-        raise BadInput(f"{key} needs {unknowns} displacements, at most {MOST_UNKNOWNS} are solved for; {remedy}")
+        raise BadInput(f"{key} needs {unknowns} displacements, at most {MAX_ELASTIC_UNKNOWNS} are solved for; {remedy}")
 
 
 # --- what only the whole scene can tell --------------------------------------------------------------
-def _check(built: Scene) -> None:
+def _check_scene(built: Scene) -> None:
     """BadInput where block, spots and pressure of a scene cannot be."""
     for acting in built.acting if built.layers else ():
         if acting.effect.uniform:
             raise BadInput(f"effects: '{acting.name}' takes the block for one material; leave it out, or the layers")
-    laws, now, mesh = Laws(built), built.moment(built.schedule.phases[0], 0.0), built.mesh
-    worn = laws_mean(laws, "block.worn", mesh, now, 0.0, bent=True).max()
+    laws, now, mesh = EffectLaws(built), built.law_context(built.schedule.phases[0], 0.0), built.mesh
+    worn = mean_over_columns(laws, "block.worn", mesh, now, 0.0, has_kinks=True).max()
     key, most = ("block.height", built.height)
     if built.layers:
         key, most = f"layers.{built.layers[0].name}.thickness", built.layers[0].thickness
@@ -322,13 +322,13 @@ def _check(built: Scene) -> None:
         raise BadInput(
             f"{key}: {most:g} m is not more than the {worn:g} m worn off its face at the start; give that profile in m"
         )
-    if built.stiffness is None and moves_pressure(laws):
+    if built.stiffness is None and has_pressure_shift(laws):
         _check_elastic_block(built)
     for target in ("contact.flat_face", "contact.shear_traction") if built.stiffness is not None else ():
         for _, _, name in laws.terms.get(target, ()):
             raise BadInput(f"block.stiffness: a block on springs knows nothing of '{name}'; leave out one of the two")
     laws("contact.cover", 0.0, None, now)  # where spots cannot be placed, say so before anything runs
-    mean = laws_mean(laws, "contact.pressure", mesh, now) @ mesh.column_area / built.length
+    mean = mean_over_columns(laws, "contact.pressure", mesh, now) @ mesh.column_area / built.length
     if not mean > 0:
         raise BadInput(
             f"contact.pressure: its profile is {mean:g} on average under the block; give a profile > 0 on average"

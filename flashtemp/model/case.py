@@ -11,21 +11,21 @@ from typing import Any
 
 from flashtemp.errors import BadInput
 from flashtemp.model import build, case_file, kinds, layers, numerics, schema
-from flashtemp.model.case_file import Places, Reader
-from flashtemp.model.numerics import Settings
+from flashtemp.model.case_file import KeyLocations, CaseReader
+from flashtemp.model.numerics import SolverSettings
 from flashtemp.model.scene import Scene
-from flashtemp.model.trust import refusal
+from flashtemp.model.trust import find_refusal
 from flashtemp.physics import own_effects
 from flashtemp.physics.effect import Effect, Param, catalogue
-from flashtemp.physics.own_effects import OwnEffect, installed
-from flashtemp.showing import Sheet, Shown
+from flashtemp.physics.own_effects import UserEffect, find_installed_effects
+from flashtemp.showing import DisplayTable, DisplayMixin
 
 # for questions about block and schedule alone
 NO_EFFECTS: dict[str, Any] = {"effects": [], "candidates": [], "free": []}
 
 
 @dataclass(frozen=True, repr=False)
-class Case(Shown):
+class Case(DisplayMixin):
     """A validated case: `values` {table: {key: value}} with every default, and where it came from.
 
     `folder` is where relative file names are looked up; `own` are effects from files of the case's own, and `trust`
@@ -39,25 +39,25 @@ class Case(Shown):
     name: str = "case"
     candidates: tuple[str, ...] | None = None
     free: tuple[str, ...] = ("friction.mu",)
-    own: tuple[OwnEffect, ...] = ()
+    own: tuple[UserEffect, ...] = ()
     trust: bool = False
     priors: dict[str, float] = field(default_factory=dict)
 
     @cached_property
-    def known(self) -> Mapping[str, type[Effect]]:
+    def known_effects(self) -> Mapping[str, type[Effect]]:
         """Effects by name that this case may use, whether it does or not: catalogue, installed packages, own files."""
-        return known(self.own)
+        return collect_effects(self.own)
 
     @cached_property
     def scene(self) -> Scene:
         """Mesh, materials, schedule and acting effects.  Raises BadInput for values that do not go together."""
-        acting = {n: effect for n, effect in self.known.items() if effect.base or n in self.effects}
-        return build.scene(self.values, acting, self.folder)
+        acting = {n: effect for n, effect in self.known_effects.items() if effect.base or n in self.effects}
+        return build.build_scene(self.values, acting, self.folder)
 
     @property
-    def settings(self) -> Settings:
+    def settings(self) -> SolverSettings:
         """Numerics; BadInput when the CVODE binding is not installed."""
-        return numerics.settings(self.values)
+        return numerics.read_settings(self.values)
 
     def __getstate__(self) -> dict[str, Any]:
         """What another process needs: the scene is built there anew."""
@@ -68,22 +68,22 @@ class Case(Shown):
         table, key = dotted.rsplit(".", 1)
         return self.values[table][key]
 
-    def declared(self, table: str) -> dict[str, Param]:
+    def declared_params(self, table: str) -> dict[str, Param]:
         """All keys that a table may have, with their declarations."""
-        return schema.declared(table, self.known)
+        return schema.declared_params(table, self.known_effects)
 
     def with_values(self, changed: Mapping[str, Any]) -> Case:
         """The case with other values {"table.key": value} of some keys, checked anew.  Raises BadInput."""
         given = case_file.flatten_tables(changed)
-        return assemble(self._raw(), given, Places(self.name), self.folder, self.name, self.trust, self.own)
+        return assemble_case(self._to_tables(), given, KeyLocations(self.name), self.folder, self.name, self.trust, self.own)
 
-    def files(self) -> dict[str, str]:
+    def named_files(self) -> dict[str, str]:
         """Dotted keys whose value is the name of a file, with that name."""
         return {
             f"{t}.{k}": v
             for t, table in self.values.items()
             for k, v in table.items()
-            if isinstance(v, str) and "text" in self.declared(t).get(k, schema.NOTHING).kinds
+            if isinstance(v, str) and "text" in self.declared_params(t).get(k, schema.UNDECLARED_PARAM).kinds
         }
 
     def copy_files(self, folder: Path) -> dict[str, str]:
@@ -92,11 +92,11 @@ class Case(Shown):
         Effect files keep their names, which are the effects', and are written as they were read.
         """
         renamed: dict[str, str] = {}
-        for key, name in self.files().items():
+        for key, name in self.named_files().items():
             renamed[key] = f"inputs/{key}{Path(name).suffix}"
             (folder / "inputs").mkdir(exist_ok=True)
             shutil.copyfile(self.folder / name, folder / renamed[key])
-        for own in self._listed():
+        for own in self._listed_effects():
             renamed[own.name] = f"inputs/{own.name}.py"
             (folder / "inputs").mkdir(exist_ok=True)
             (folder / renamed[own.name]).write_text(own.source, encoding="utf-8")
@@ -104,9 +104,9 @@ class Case(Shown):
 
     def own_effects(self) -> dict[str, dict[str, str]]:
         """Where a result keeps each effect file of the case, and the digest of its content."""
-        return {o.name: {"file": f"inputs/{o.name}.py", "sha256": o.sha256} for o in self._listed()}
+        return {o.name: {"file": f"inputs/{o.name}.py", "sha256": o.sha256} for o in self._listed_effects()}
 
-    def _listed(self) -> list[OwnEffect]:
+    def _listed_effects(self) -> list[UserEffect]:
         """Own effects that the case lists."""
         return [o for o in self.own if o.name in (*self.effects, *(self.candidates or ()))]
 
@@ -114,9 +114,9 @@ class Case(Shown):
         """The effective case as TOML that gives the same run again."""
         import tomli_w
 
-        return tomli_w.dumps(self._raw(rename))
+        return tomli_w.dumps(self._to_tables(rename))
 
-    def _raw(self, rename: Mapping[str, str] | None = None) -> dict[str, Any]:
+    def _to_tables(self, rename: Mapping[str, str] | None = None) -> dict[str, Any]:
         """The effective case as the tables of a file, files under their new names."""
         paths = {o.name: (rename or {}).get(o.name, o.path) for o in self.own}
         out: dict[str, Any] = {
@@ -126,12 +126,12 @@ class Case(Shown):
             out["candidates"] = [paths.get(n, n) for n in self.candidates]
         for table, values in self.values.items():
             kept = {k: (rename or {}).get(f"{table}.{k}", v) for k, v in values.items() if v is not None}
-            if table == "block" and layers.names(self.values):
-                kept = {k: v for k, v in kept.items() if k not in layers.FOLLOW}
+            if table == "block" and layers.layer_names(self.values):
+                kept = {k: v for k, v in kept.items() if k not in layers.LAYER_DERIVED_KEYS}
             kept |= {
                 k: {"value": v, "sd": self.priors[n]} for k, v in kept.items() if (n := f"{table}.{k}") in self.priors
             }
-            if kind := schema.named(table):
+            if kind := schema.named_table_kind(table):
                 out.setdefault(kind, {})[table.split(".", 1)[1]] = kept
             elif kept:
                 out[table] = kept
@@ -140,22 +140,22 @@ class Case(Shown):
     def __str__(self) -> str:
         return f"Case '{self.title}' ({self.name})\n  effects: {', '.join(self.effects) or 'bare base'}\n{self.scene}"
 
-    def sheet(self) -> Sheet:
+    def to_table(self) -> DisplayTable:
         """For a notebook: effects and scene, with every table of the case to unfold."""
         rows = [("effects", ", ".join(self.effects) or "bare base"), ("cells", self.scene.mesh.n_cells)]
         parts = []
         for table, values in self.values.items():
-            units = {k: p.unit for k, p in self.declared(table).items()}
-            parts.append(Sheet(f"[{table}]", [(k, v, units.get(k, "")) for k, v in values.items()]))
-        return Sheet(f"Case '{self.title}' ({self.name})", rows, parts=parts)
+            units = {k: p.unit for k, p in self.declared_params(table).items()}
+            parts.append(DisplayTable(f"[{table}]", [(k, v, units.get(k, "")) for k, v in values.items()]))
+        return DisplayTable(f"Case '{self.title}' ({self.name})", rows, parts=parts)
 
 
-def known(own: Iterable[OwnEffect] = ()) -> dict[str, type[Effect]]:
+def collect_effects(own: Iterable[UserEffect] = ()) -> dict[str, type[Effect]]:
     """Effects by name: the catalogue, base effects first, those of installed packages, and a case's own."""
-    return dict(catalogue()) | installed() | {o.name: o.effect for o in own}
+    return dict(catalogue()) | find_installed_effects() | {o.name: o.effect for o in own}
 
 
-def load(
+def load_case(
     path: str | Path,
     overrides: Mapping[str, Any] | Iterable[str] | None = None,
     by: str = "command line",
@@ -169,69 +169,69 @@ def load(
     path = Path(path)
     file = path / "case.toml" if path.is_dir() else path
     if not file.is_file():
-        raise BadInput(case_file.absent(path, kinds.CASE))
+        raise BadInput(case_file.describe_missing_file(path, kinds.CASE_KIND))
     text, raw = case_file.read_toml(file)
-    kinds.expect(kinds.CASE, raw, file, file.name)
+    kinds.require_kind(kinds.CASE_KIND, raw, file, file.name)
     given = case_file.parse_overrides(overrides)
     real = file.resolve()
     name = real.parent.name if real.name == "case.toml" else real.stem
-    return assemble(raw, given, Places(str(file), text, set(given), by), file.parent, name, trust)
+    return assemble_case(raw, given, KeyLocations(str(file), text, set(given), by), file.parent, name, trust)
 
 
-def assemble(
+def assemble_case(
     raw: dict[str, Any],
-    given: dict[str, Any],
-    where: Places,
+    overrides: dict[str, Any],
+    locations: KeyLocations,
     folder: Path,
     name: str,
     trust: bool = False,
-    held: tuple[OwnEffect, ...] = (),
+    effects_read: tuple[UserEffect, ...] = (),
 ) -> Case:
     """Check raw tables and overrides against the declared keys, fill in the defaults and build the scene.
 
     `held` are effect files that are read already.  Raises BadInput with all faults.
     """
-    before, raw = case_file.own_files(raw), case_file.merge(raw, given, where.by)
-    own = _own(raw, where, folder, trust, held)
-    able = known(own)
-    reader = Reader(able, where)
-    effects = reader.names(raw, "effects", [n for n, e in able.items() if not e.base]) or ()
-    candidates = reader.names(raw, "candidates", able)
+    before, raw = case_file.list_effect_files(raw), case_file.merge_overrides(raw, overrides, locations.by)
+    own = _read_user_effects(raw, locations, folder, trust, effects_read)
+    able = collect_effects(own)
+    reader = CaseReader(able, locations)
+    effects = reader.read_effect_names(raw, "effects", [n for n, e in able.items() if not e.base]) or ()
+    candidates = reader.read_effect_names(raw, "candidates", able)
     # effects chosen on the command line: the file's tables of other effects rest
-    asked = {g.split(".")[0] for g in given if "." in g}
-    resting = {*able, *(Path(f).stem for f in before)} - asked if "effects" in given else set()
-    values = reader.values(raw, effects, resting)
-    free, title = reader.free(raw, values), reader.title(raw, name)
+    asked = {g.split(".")[0] for g in overrides if "." in g}
+    resting = {*able, *(Path(f).stem for f in before)} - asked if "effects" in overrides else set()
+    values = reader.read_values(raw, effects, resting)
+    free, title = reader.read_free_keys(raw, values), reader.read_title(raw, name)
     if reader.faults:
         raise BadInput(*reader.faults)
     case = Case(title, values, effects, folder, name, candidates, free, own, trust, reader.priors)
     try:
         _ = case.scene, case.settings
     except BadInput as fault:
-        raise BadInput(*(where.prefix(line) for line in fault.lines)) from fault
+        raise BadInput(*(locations.add_location(line) for line in fault.lines)) from fault
     return case
 
 
-def _own(
-    raw: dict[str, Any], where: Places, folder: Path, trust: bool, held: tuple[OwnEffect, ...]
-) -> tuple[OwnEffect, ...]:
+def _read_user_effects(
+    raw: dict[str, Any], locations: KeyLocations, folder: Path, trust: bool, effects_read: tuple[UserEffect, ...]
+) -> tuple[UserEffect, ...]:
     """Effects of the files that a case lists, after those that are read already.  Raises BadInput."""
-    found, faults = {o.path: o for o in held}, []
-    for path in case_file.own_files(raw):
+    found, faults = {o.path: o for o in effects_read}, []
+    for path in case_file.list_effect_files(raw):
         if path in found:
             continue
-        key = "effects" if path in (case_file.listed(raw.get("effects", [])) or ()) else "candidates"
+        key = "effects" if path in (case_file.split_names(raw.get("effects", [])) or ()) else "candidates"
         file, name = folder / path, Path(path).stem
-        if name in (*schema.TABLES, *schema.APART, *case_file.LISTS, *schema.NAMED):
-            faults.append(f"{where(key)}: {path!r}: '{name}' is a key of every case; give the file another name")
+        if name in (*schema.CASE_TABLES, *schema.COMMAND_TABLES, *case_file.TOP_LEVEL_KEYS, *schema.NAMED_TABLES):
+            faults.append(f"{locations(key)}: {path!r}: '{name}' is a key of every case; give the file another name")
         elif twin := next((o.path for o in found.values() if o.name == name), None):
-            faults.append(f"{where(key)}: {path!r} and {twin!r} are both named '{name}'; give one another name")
+            faults.append(f"{locations(key)}: {path!r} and {twin!r} are both named '{name}'; give one another name")
         elif not file.is_file():
-            faults.append(f"{where(key)}: {path!r}: no such file in {folder}; give a Python file with one effect")
-        elif not trust and (why := refusal(Path(where.file), folder, file)):
-            faults.append(f"{where(key)}: {why}")
+            faults.append(f"{locations(key)}: {path!r}: no such file in {folder}; give a Python file with one effect")
+        elif not trust and (why := find_refusal(Path(locations.file), folder, file)):
+            faults.append(f"{locations(key)}: {why}")
         else:
-            found[path] = own_effects.own(path, folder)
+            found[path] = own_effects.read_user_effect(path, folder)
     if faults:
         raise BadInput(*faults)
     return tuple(found.values())

@@ -13,22 +13,22 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from flashtemp.errors import BadInput, nearest, short
+from flashtemp.errors import BadInput, suggest_name, shorten_text
 from flashtemp.model import layers, priors
-from flashtemp.model.schema import APART, NAMED, NEEDED, TABLES, declared, fault, free_fault, named
+from flashtemp.model.schema import COMMAND_TABLES, NAMED_TABLES, REQUIRED_PARAMS, CASE_TABLES, declared_params, find_value_fault, find_free_key_fault, named_table_kind
 from flashtemp.physics import units
 from flashtemp.physics.effect import Effect, Param
 
 Table = dict[str, Any]
-Known = Mapping[str, type[Effect]]
-UNREADABLE = (ValueError, RecursionError)  # what `parse_toml` raises: also numbers and brackets beyond its limits
-MANY_PARTS = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){64}""")
+EffectsByName = Mapping[str, type[Effect]]
+TOML_ERRORS = (ValueError, RecursionError)  # what `parse_toml` raises: also numbers and brackets beyond its limits
+OVERLONG_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){64}""")
 LARGEST_INTEGER = 2**63 - 1
 MAX_TOML_BYTES = 2 * 2**20  # the largest case of the gallery has 4 kB
-LISTS = ("title", "effects", "candidates", "free")  # keys that stand before the tables
+TOP_LEVEL_KEYS = ("title", "effects", "candidates", "free")  # keys that stand before the tables
 
 
-def _whole(key: str, tables: Mapping[str, Mapping[str, Param]]) -> str:
+def _suggest_key(key: str, tables: Mapping[str, Mapping[str, Param]]) -> str:
     """What would be right instead of an unknown key that stands in no table; keys whose table was left out first."""
     top, inside = [*tables, "title", "effects", "free"], dict[str, list[str]]()
     for table, keys in tables.items():
@@ -37,11 +37,11 @@ def _whole(key: str, tables: Mapping[str, Mapping[str, Param]]) -> str:
     match = [key] if key in inside else get_close_matches(key, [*top, *inside], 1, 0.5)
     if match and match[0] not in top:
         return f"; did you mean {' or '.join(inside[match[0]][:3])}?"
-    return nearest(key, top)
+    return suggest_name(key, top)
 
 
 @dataclass(frozen=True)
-class Places:
+class KeyLocations:
     """Where a key stands: file and line, or what overrode it."""
 
     file: str
@@ -52,10 +52,10 @@ class Places:
     def __call__(self, dotted: str, nth: int = 1) -> str:
         if any(dotted == o or o.startswith(dotted + ".") for o in self.overridden):
             return f"{dotted} ({self.by})"
-        line = self.line(dotted, nth)
+        line = self.find_line(dotted, nth)
         return f"{self.file}:{line}: {dotted}" if line else f"{self.file}: {dotted}"
 
-    def line(self, dotted: str, nth: int = 1) -> int | None:
+    def find_line(self, dotted: str, nth: int = 1) -> int | None:
         """1-based line of a dotted key, of tables of that name the `nth`, or None for one that is not written there."""
         for number, is_table in _index_lines(self.text).get(dotted, ()):
             nth -= is_table
@@ -63,10 +63,10 @@ class Places:
                 return number
         return None
 
-    def prefix(self, line: str) -> str:
+    def add_location(self, message: str) -> str:
         """An error line that begins with its key, completed by where the key stands."""
-        key = line.split(":", 1)[0]
-        return self(key) + line[len(key) :] if re.fullmatch(r"[\w.]+", key) else f"{self.file}: {line}"
+        key = message.split(":", 1)[0]
+        return self(key) + message[len(key) :] if re.fullmatch(r"[\w.]+", key) else f"{self.file}: {message}"
 
 
 @lru_cache(maxsize=8)
@@ -98,7 +98,7 @@ def parse_toml(text: str) -> Table:
         ...
     ValueError: an integer has more than 64 bits
     """
-    if MANY_PARTS.search(text):  # for which the library takes time as their square
+    if OVERLONG_KEY.search(text):  # for which the library takes time as their square
         raise ValueError("a key has more than 64 parts")
     tables = tomllib.loads(text)
     left: list[Any] = [tables]
@@ -124,11 +124,11 @@ def read_toml(file: Path) -> tuple[str, Table]:
         raise BadInput(f"{file}: {fault.strerror}; give a file that can be read") from fault
     except UnicodeDecodeError as fault:
         raise BadInput(f"{file}: no text in UTF-8, so no TOML; give a .toml file") from fault
-    except UNREADABLE as fault:
-        raise BadInput(f"{file}: not valid TOML: {_said(fault)}; repair that place") from fault
+    except TOML_ERRORS as fault:
+        raise BadInput(f"{file}: not valid TOML: {_describe_parse_error(fault)}; repair that place") from fault
 
 
-def absent(path: Path, kind: str) -> str:
+def describe_missing_file(path: Path, kind: str) -> str:
     """That there is no case or no campaign, and what is there instead."""
     wanted = f"{kind}.toml"
     there = "in it" if path.is_dir() else ""
@@ -137,7 +137,7 @@ def absent(path: Path, kind: str) -> str:
     return f"{path}: {what}; give a folder with a {wanted} or a .toml file"
 
 
-def _said(fault: Exception) -> str:
+def _describe_parse_error(fault: Exception) -> str:
     """What was wrong with a text, without what only a programmer can do about it."""
     return (
         "brackets are nested too deep"
@@ -163,8 +163,8 @@ def parse_overrides(overrides: Mapping[str, Any] | Iterable[str] | None) -> Tabl
             out[key.strip()] = parse_toml(f"v = {text}")["v"]
         except tomllib.TOMLDecodeError:
             out[key.strip()] = text.strip()
-        except UNREADABLE as fault:
-            raise BadInput(f"{key.strip()} (command line): {_said(fault)}; give a shorter value") from fault
+        except TOML_ERRORS as fault:
+            raise BadInput(f"{key.strip()} (command line): {_describe_parse_error(fault)}; give a shorter value") from fault
     return flatten_tables(out)
 
 
@@ -176,7 +176,7 @@ def flatten_tables(overrides: Mapping[str, Any]) -> Table:
     """
     out: Table = {}
     for key, value in overrides.items():
-        is_table = "." not in key or (named(key) and key.count(".") == 1)
+        is_table = "." not in key or (named_table_kind(key) and key.count(".") == 1)
         if is_table and isinstance(value, dict) and value:
             out |= flatten_tables({f"{key}.{name}": inside for name, inside in value.items()})
         else:
@@ -184,10 +184,10 @@ def flatten_tables(overrides: Mapping[str, Any]) -> Table:
     return out
 
 
-def merge(raw: Table, given: Table, by: str) -> Table:
+def merge_overrides(raw: Table, given: Table, by: str) -> Table:
     """Overrides, given `by` somebody, laid over the tables of a file; neither is changed.  Raises BadInput."""
     out = {k: dict(v) if isinstance(v, dict) else v for k, v in raw.items()}
-    for kind in NAMED:
+    for kind in NAMED_TABLES:
         if isinstance(out.get(kind), dict):
             out[kind] = {k: dict(v) if isinstance(v, dict) else v for k, v in out[kind].items()}
     for dotted, value in given.items():
@@ -199,163 +199,163 @@ def merge(raw: Table, given: Table, by: str) -> Table:
                 raise BadInput(f"{dotted} ({by}): '{step}' is not a table")
         held = at.get(last)  # another value is known as well as the one that it replaces
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        at[last] = held | {"value": value} if number and isinstance(held, dict) and priors.stated(held) else value
+        at[last] = held | {"value": value} if number and isinstance(held, dict) and priors.has_stated_sd(held) else value
     return out
 
 
-def own_files(raw: Table) -> list[str]:
+def list_effect_files(raw: Table) -> list[str]:
     """Names of the files that a case lists among its effects and candidates, each once.
 
     >>> own_files({"effects": ["wear", "./fan.py"], "candidates": ["./fan.py"]})
     ['./fan.py']
     """
-    named = [v for key in ("effects", "candidates") for v in listed(raw.get(key, [])) or ()]
+    named = [v for key in ("effects", "candidates") for v in split_names(raw.get(key, [])) or ()]
     return [v for v in dict.fromkeys(named) if v.endswith(".py")]
 
 
 @dataclass(frozen=True)
-class Reader:
+class CaseReader:
     """What a case is checked against: effects `known` by name, where keys stand, and the `faults` found so far.
 
     `priors`: standard deviations that the case states, by key.
     """
 
-    known: Known
-    where: Places
+    known: EffectsByName
+    where: KeyLocations
     faults: list[str] = field(default_factory=list)
     priors: dict[str, float] = field(default_factory=dict)
 
-    def fault(self, key: str, said: str) -> None:
+    def add_fault(self, key: str, text: str) -> None:
         """Note what is wrong with a key, after the place where it stands."""
-        self.faults.append(f"{self.where(key)}: {said}")
+        self.faults.append(f"{self.where(key)}: {text}")
 
-    def names(self, raw: Table, key: str, allowed: Collection[str]) -> tuple[str, ...] | None:
+    def read_effect_names(self, raw: Table, key: str, allowed: Collection[str]) -> tuple[str, ...] | None:
         """A list of effect names, each checked against those known; None when not given."""
         if key not in raw:
             return None
-        value = listed(raw[key])
+        value = split_names(raw[key])
         if value is None:
-            self.fault(key, f"{raw[key]!r}; give a list of names that `flashtemp effects` prints")
+            self.add_fault(key, f"{raw[key]!r}; give a list of names that `flashtemp effects` prints")
             return ()
         value = [Path(v).stem if v.endswith(".py") else v for v in value]
         for name in value:
             if name not in allowed:
                 always = name in self.known
-                why = "always acts; leave it out" if always else f"is not in the catalogue{nearest(name, allowed)}"
-                self.fault(key, f"effect '{name}' {why}")
+                why = "always acts; leave it out" if always else f"is not in the catalogue{suggest_name(name, allowed)}"
+                self.add_fault(key, f"effect '{name}' {why}")
         for name in {v for v in value if value.count(v) > 1}:
-            self.fault(key, f"effect '{name}' is listed twice; once is enough")
+            self.add_fault(key, f"effect '{name}' is listed twice; once is enough")
         return tuple(v for v in value if v in allowed)
 
-    def values(self, raw: Table, effects: Collection[str], resting: Collection[str]) -> dict[str, Table]:
+    def read_values(self, raw: Table, effects: Collection[str], unused_effects: Collection[str]) -> dict[str, Table]:
         """Every table that this case may have, with its defaults; tables of `resting` effects may stand unused."""
-        raw, tables = self._tables(raw, effects)
+        raw, tables = self._declared_tables(raw, effects)
         for table in raw:
-            if table in tables or table in LISTS or table in resting:
+            if table in tables or table in TOP_LEVEL_KEYS or table in unused_effects:
                 continue
             if table in self.known and not self.known[table].base:
-                self.fault(table, f'table of an effect that is not listed; add "{table}" to effects')
+                self.add_fault(table, f'table of an effect that is not listed; add "{table}" to effects')
             else:
-                self.fault(table, f"unknown key{_whole(table, tables)}")
-        values = {t: self._table(t, keys, raw.get(t, {})) for t, keys in tables.items()}
-        for key, said in layers.settle(values, raw.get("block", {})):
-            self.fault(key, said)
+                self.add_fault(table, f"unknown key{_suggest_key(table, tables)}")
+        values = {t: self._read_table(t, keys, raw.get(t, {})) for t, keys in tables.items()}
+        for key, said in layers.derive_block_keys(values, raw.get("block", {})):
+            self.add_fault(key, said)
         return values
 
-    def _tables(self, raw: Table, effects: Collection[str]) -> tuple[Table, dict[str, dict[str, Param]]]:
+    def _declared_tables(self, raw: Table, effects: Collection[str]) -> tuple[Table, dict[str, dict[str, Param]]]:
         """Raw tables with every material one of its own, and the declared keys of all that this case may have."""
-        flat, names = {k: v for k, v in raw.items() if k not in NAMED}, []
-        for kind in NAMED:
+        flat, names = {k: v for k, v in raw.items() if k not in NAMED_TABLES}, []
+        for kind in NAMED_TABLES:
             own = raw.get(kind, {})
             if not isinstance(own, dict):
-                self.fault(kind, f"{short(repr(own))}; write [{kind}.NAME] and its keys below it")
+                self.add_fault(kind, f"{shorten_text(repr(own))}; write [{kind}.NAME] and its keys below it")
                 own = {}
             names += [f"{kind}.{n}" for n in own]
             flat |= {f"{kind}.{n}": v for n, v in own.items()}
-        apart = [t for t in APART if t in raw]
-        return flat, {t: declared(t, self.known) for t in [*TABLES, *apart, *names, *effects]}
+        apart = [t for t in COMMAND_TABLES if t in raw]
+        return flat, {t: declared_params(t, self.known) for t in [*CASE_TABLES, *apart, *names, *effects]}
 
-    def _table(self, table: str, keys: dict[str, Param], given: Any) -> Table:
+    def _read_table(self, table: str, keys: dict[str, Param], given: Any) -> Table:
         """Values of one table with its defaults."""
         if not isinstance(given, dict):
-            self.fault(table, f"{given!r} is not a table; write [{table}] and its keys below it")
+            self.add_fault(table, f"{given!r} is not a table; write [{table}] and its keys below it")
             return {}
         for key in given:
             if key not in keys:
-                self.fault(f"{table}.{key}", f"unknown key{nearest(key, keys)}")
+                self.add_fault(f"{table}.{key}", f"unknown key{suggest_name(key, keys)}")
         out = {}
         for key, param in keys.items():
             if key not in given:
                 out[key] = param.value
-                if param in NEEDED:
-                    self.fault(table, f"{key} is missing; give it{f' in {param.unit}' if param.unit else ''}")
+                if param in REQUIRED_PARAMS:
+                    self.add_fault(table, f"{key} is missing; give it{f' in {param.unit}' if param.unit else ''}")
                 continue
-            value = self._in_unit(table, key, param, self._plain(table, key, param, given[key]))
+            value = self._convert_unit(table, key, param, self._take_prior(table, key, param, given[key]))
             if value == "inf" and param.high == float("inf") and "number" in param.kinds:
                 value = float("inf")
-            if said := fault(param, value):
-                self.fault(f"{table}.{key}", f"{short(repr(value))}; {said}")
+            if said := find_value_fault(param, value):
+                self.add_fault(f"{table}.{key}", f"{shorten_text(repr(value))}; {said}")
             out[key] = value
         return out
 
-    def _plain(self, table: str, key: str, param: Param, given: Any) -> Any:
+    def _take_prior(self, table: str, key: str, param: Param, given: Any) -> Any:
         """The value itself of what a case gives as { value, sd }, whose sd is noted."""
-        if not priors.stated(given):
+        if not priors.has_stated_sd(given):
             return given
-        sd = self._in_unit(table, key, param, given["sd"], difference=True)
-        given = given | {"sd": sd, "value": self._in_unit(table, key, param, given.get("value"))}
-        if said := priors.fault(param, table, given):
-            self.fault(f"{table}.{key}", said)
+        sd = self._convert_unit(table, key, param, given["sd"], difference=True)
+        given = given | {"sd": sd, "value": self._convert_unit(table, key, param, given.get("value"))}
+        if said := priors.find_sd_fault(param, table, given):
+            self.add_fault(f"{table}.{key}", said)
             return param.value
         self.priors[f"{table}.{key}"] = float(given["sd"])
         return given["value"]
 
-    def _in_unit(self, table: str, key: str, param: Param, value: Any, difference: bool = False) -> Any:
+    def _convert_unit(self, table: str, key: str, param: Param, value: Any, difference: bool = False) -> Any:
         """A number of a text with its unit, and of all in a list; other values as they are."""
         if isinstance(value, list) and "amounts" in param.kinds:
-            return [self._in_unit(table, key, param, v) for v in value]
+            return [self._convert_unit(table, key, param, v) for v in value]
         if not units.looks_like_quantity(value) or not {"number", "amount", "amounts"} & set(param.kinds):
             return value
         try:
             return units.to_unit(value, param.unit, difference)
         except BadInput as fault:
-            self.fault(f"{table}.{key}", str(fault))
+            self.add_fault(f"{table}.{key}", str(fault))
             return param.value
 
-    def free(self, raw: Table, values: Mapping[str, Table]) -> tuple[str, ...]:
+    def read_free_keys(self, raw: Table, values: Mapping[str, Table]) -> tuple[str, ...]:
         """The keys that a fit may move; friction.mu where the case does not say."""
         free = raw.get("free", ["friction.mu"])
         if not isinstance(free, list):
-            self.fault("free", f'{free!r}; give a list, for example ["friction.mu"]')
+            self.add_fault("free", f'{free!r}; give a list, for example ["friction.mu"]')
             return ()
         for n, key in enumerate(free):
-            if said := free_fault(key, values, self.known):
-                self.fault("free", said)
+            if said := find_free_key_fault(key, values, self.known):
+                self.add_fault("free", said)
             elif key in free[:n]:
-                self.fault("free", f"'{key}' is listed twice; once is enough")
+                self.add_fault("free", f"'{key}' is listed twice; once is enough")
         return tuple(free)
 
-    def title(self, raw: Table, otherwise: str) -> str:
+    def read_title(self, raw: Table, default: str) -> str:
         """The title, or what stands for it."""
-        title = raw.get("title", otherwise)
-        if said := title_fault(title):
-            self.fault("title", said)
+        title = raw.get("title", default)
+        if said := find_title_fault(title):
+            self.add_fault("title", said)
         return str(title)
 
 
-def title_fault(title: Any) -> str | None:
+def find_title_fault(title: Any) -> str | None:
     r"""What is wrong with a title or name, or None: neither files nor pictures hold control characters.
 
     >>> title_fault("run-in, 0.1 m/s"), title_fault("a\x00b")
     (None, "'a\\x00b' holds a control character; leave it out")
     """
     if not isinstance(title, str):
-        return f"{short(repr(title))}; give text in quotes"
+        return f"{shorten_text(repr(title))}; give text in quotes"
     odd = any(not c.isprintable() and c not in "\n\t" and unicodedata.category(c) in ("Cc", "Cs") for c in title)
-    return f"{short(ascii(title))} holds a control character; leave it out" if odd else None
+    return f"{shorten_text(ascii(title))} holds a control character; leave it out" if odd else None
 
 
-def listed(value: Any) -> list[str] | None:
+def split_names(value: Any) -> list[str] | None:
     """Names in a list, or in one text between commas; None for anything else.
 
     >>> listed("wear, edge_pressure"), listed(["wear"]), listed(3)

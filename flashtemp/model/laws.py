@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from flashtemp.meshes.mesh import Mesh
-from flashtemp.model.scene import Moment, Scene, gauss_mean
+from flashtemp.model.scene import LawContext, Scene, gauss_mean
 from flashtemp.physics.arrays import Array, Value
 from flashtemp.physics.effect import Deposit, Factor, Heat, Term
 
-STEP = 1e-30  # complex step: exact derivative to rounding
+COMPLEX_STEP = 1e-30  # complex step: exact derivative to rounding
 
 
-class Laws:
+class EffectLaws:
     """Contributions of all acting effects, sorted by quantity; no effect is known by name."""
 
     def __init__(self, scene: Scene):
@@ -24,16 +24,16 @@ class Laws:
         self.patches: list[tuple[Heat, Any, str]] = []
         self.zones: list[tuple[Heat, Any, str]] = []
         self.deposits: list[Deposit] = []
-        self.restless = False  # an effect's word about the contact changes: ask it at every moment
-        self.calm_contact = True  # all that is said of it is the base's, but for the shape of the pressure
-        self.calm_films = True  # all films are the base's: they change with whether the block touches, and with the air
+        self.contact_varies = False  # an effect's word about the contact changes: ask it at every moment
+        self.base_contact_only = True  # all that is said of it is the base's, but for the shape of the pressure
+        self.base_films_only = True  # all films are the base's: they change with whether the block touches, and with the air
         for acting in scene.acting:
             for part in acting.contributions(scene):
                 target = getattr(part, "target", "")
                 kind = acting.effect
                 touching = not kind.base and target.startswith(("contact.", "road.lane"))
-                self.restless |= touching and not kind.steady
-                self.calm_contact &= not touching or target in ("contact.pressure", "contact.flat_face")
+                self.contact_varies |= touching and not kind.steady
+                self.base_contact_only &= not touching or target in ("contact.pressure", "contact.flat_face")
                 if isinstance(part, Term):
                     self.terms.setdefault(part.target, []).append((part, acting.p, acting.name))
                 elif isinstance(part, Factor):
@@ -41,25 +41,25 @@ class Laws:
                 elif isinstance(part, Deposit):
                     self.deposits.append(part)
                 elif part.kind == "film":
-                    self.calm_films &= kind.base
+                    self.base_films_only &= kind.base
                     self.films.setdefault(part.site, []).append((part, acting.p, acting.name))
                 else:
                     (self.patches if part.kind == "patch" else self.zones).append((part, acting.p, acting.name))
 
-    def has(self, target: str) -> bool:
+    def has_law(self, target: str) -> bool:
         """Whether any effect speaks about this quantity."""
         return target in self.terms or target in self.factors
 
-    def __call__(self, target: str, base: Value, T: Value, now: Moment | None, *args: Any) -> Value:
+    def __call__(self, target: str, base: Value, T: Value, now: LawContext | None, *args: Any) -> Value:
         """(base + sum of terms) times product of factors."""
         value = base
         for part, p, _ in self.terms.get(target, ()):
             value = value + part.law(T, now, p, *args)
         for factor, p, _ in self.factors.get(target, ()):
-            value = value * factor.law(T, now.seeing(base=value) if now is not None else now, p, *args)
+            value = value * factor.law(T, now.with_fields(base=value) if now is not None else now, p, *args)
         return value
 
-    def contributors(self, T: Value, now: Moment) -> dict[str, float]:
+    def heat_by_effect(self, T: Value, now: LawContext) -> dict[str, float]:
         """Size of each effect's heat at a state, to name the largest one when a solve fails."""
         sizes = {}
         laws = (*self.terms.get("friction.mu", ()), *self.factors.get("friction.mu", ()))
@@ -73,22 +73,22 @@ class Laws:
         return sizes
 
 
-def laws_mean(laws: Laws, target: str, mesh: Mesh, now: Moment, base: float = 1.0, bent: bool = False) -> Array:
+def mean_over_columns(laws: EffectLaws, target: str, mesh: Mesh, now: LawContext, base: float = 1.0, has_kinks: bool = False) -> Array:
     """Means over the columns under the block of a quantity whose laws depend on x and y; `base` where no law speaks.
 
     In 2D laws are asked on the centre line.  Those that are `bent` may have a kink in the middle of a column, as the
     worn profile of a result has.
     """
-    if not laws.has(target):
+    if not laws.has_law(target):
         return np.full(len(mesh.column_x), base)
     edges = mesh.x[mesh.first : mesh.last + 1]
 
     def along(y: Value) -> Array:
         def law(x: Value) -> Value:
-            at = now.at(mesh, x[:, None], y)
+            at = now.at_position(mesh, x[:, None], y)
             return laws(target, base, None, at) + 0.0 * (at.x + y)
 
-        if not bent:
+        if not has_kinks:
             return gauss_mean(law, edges)
         halves = gauss_mean(law, np.sort(np.concatenate([edges, 0.5 * (edges[1:] + edges[:-1])])))
         return 0.5 * (halves[::2] + halves[1::2])
@@ -97,10 +97,10 @@ def laws_mean(laws: Laws, target: str, mesh: Mesh, now: Moment, base: float = 1.
     return means.ravel()
 
 
-def moves_pressure(laws: Laws) -> bool:
+def has_pressure_shift(laws: EffectLaws) -> bool:
     """Whether anything moves the pressure away from the shape that laws prescribe."""
     told = (
         "block.abrasion", "block.worn", "block.expansion", "holder.compliance", "contact.flat_face",
         "contact.shear_traction",
     )  # fmt: skip
-    return any(map(laws.has, told))
+    return any(map(laws.has_law, told))

@@ -6,19 +6,19 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from flashtemp.errors import BadInput, nearest
+from flashtemp.errors import BadInput, suggest_name
 from flashtemp.meshes.grading import LEAST
-from flashtemp.model.schema import refinement
+from flashtemp.model.schema import refinement_factor
 from flashtemp.physics.material import LIBRARY, Layer, Material
 
 if TYPE_CHECKING:
     from flashtemp.model.scene import Scene
 
 Values = Mapping[str, Mapping[str, Any]]
-FOLLOW = ("height", "material")  # keys of the block that layers give
+LAYER_DERIVED_KEYS = ("height", "material")  # keys of the block that layers give
 
 
-def names(values: Mapping[str, Any]) -> list[str]:
+def layer_names(values: Mapping[str, Any]) -> list[str]:
     """Names of the layers from the face upwards.
 
     >>> names({"block": {}, "layers.disc": {}, "layers.board": {}})
@@ -27,20 +27,20 @@ def names(values: Mapping[str, Any]) -> list[str]:
     return [table.split(".", 1)[1] for table in values if table.startswith("layers.")]
 
 
-def settle(values: dict[str, dict[str, Any]], told: Any) -> Iterator[tuple[str, str]]:
+def derive_block_keys(values: dict[str, dict[str, Any]], block_table: Any) -> Iterator[tuple[str, str]]:
     """Let height (m) and material of the block follow from its layers; yields keys and what is wrong with them.
 
     `told` is the table of the block as the case gives it.
     """
-    stack = [(name, values[f"layers.{name}"]) for name in names(values)]
+    stack = [(name, values[f"layers.{name}"]) for name in layer_names(values)]
     if not stack or any(layer.get(k) is None for _, layer in stack for k in ("material", "thickness")):
         return
     if not all(isinstance(layer["thickness"], (int, float)) for _, layer in stack):
         return
     block, total = values["block"], math.fsum(layer["thickness"] for _, layer in stack)
-    if "height" in told and not math.isclose(block["height"], total, rel_tol=1e-9):
+    if "height" in block_table and not math.isclose(block["height"], total, rel_tol=1e-9):
         yield "block.height", f"{block['height']:g} m, but the layers are {total:g} m together; leave it out"
-    if "material" in told and block["material"] != stack[0][1]["material"]:
+    if "material" in block_table and block["material"] != stack[0][1]["material"]:
         yield "block.material", f"{block['material']!r} beside layers; leave it out, each layer names its own"
     if not 1e-4 <= total <= 1.0:
         yield f"layers.{stack[0][0]}.thickness", f"all layers are {total:g} m together; give 0.0001 to 1 m in all"
@@ -53,7 +53,7 @@ def settle(values: dict[str, dict[str, Any]], told: Any) -> Iterator[tuple[str, 
     block["height"], block["material"] = total, stack[0][1]["material"]
 
 
-def material(values: Values, key: str) -> Material:
+def find_material(values: Values, key: str) -> Material:
     """The material that a key names: one of the case's own, or of the library.  Raises BadInput."""
     table, last = key.rsplit(".", 1)
     name = values[table][last]
@@ -62,16 +62,16 @@ def material(values: Values, key: str) -> Material:
         return Material(**{k: own[name][k] for k in ("conductivity", "density", "heat_capacity")})
     if name in LIBRARY:
         return LIBRARY[name]
-    raise BadInput(f"{key}: no material '{name}'{nearest(name, [*own, *LIBRARY])}; or add [materials.{name}]")
+    raise BadInput(f"{key}: no material '{name}'{suggest_name(name, [*own, *LIBRARY])}; or add [materials.{name}]")
 
 
-def stack(values: Values) -> tuple[Layer, ...]:
+def build_layers(values: Values) -> tuple[Layer, ...]:
     """Layers of the block from the face upwards, none where it is one material.  Raises BadInput."""
-    own = {name: values[f"layers.{name}"] for name in names(values)}
+    own = {name: values[f"layers.{name}"] for name in layer_names(values)}
     return tuple(
         Layer(
             name,
-            material(values, f"layers.{name}.material"),
+            find_material(values, f"layers.{name}.material"),
             float(d["thickness"]),
             float(d["contact_resistance"]),
             d["cells"],
@@ -80,8 +80,8 @@ def stack(values: Values) -> tuple[Layer, ...]:
     )
 
 
-def cells(built: Scene, numerics: Mapping[str, Any]) -> dict[str, int]:
+def layer_cells(built: Scene, numerics: Mapping[str, Any]) -> dict[str, int]:
     """Cells of every layer at mesh = 1, as keys of a case; none where the block is one material."""
-    refine = refinement(numerics["mesh"]) * numerics["finer"][1]
+    refine = refinement_factor(numerics["mesh"]) * numerics["finer"][1]
     has = {layer.name: own.stop - own.start for layer, own in zip(built.layers, built.mesh.layers, strict=False)}
     return {f"layers.{name}.cells": max(LEAST, round(n / refine)) for name, n in has.items()}

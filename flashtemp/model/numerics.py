@@ -14,7 +14,7 @@ BINDINGS = {"scikits-odes": "scikits_odes_sundials", "scikit-sundae": "sksundae"
 
 
 @dataclass(frozen=True)
-class Settings:
+class SolverSettings:
     """Numerics: CVODE `binding`, `rtol`, `atol` (K), BDF `order`; records per repetition and wait.
 
     `times` (s): moments at which profiles and fields are kept besides; `hottest` (K): hotter is a failure.
@@ -30,14 +30,14 @@ class Settings:
     hottest: float = 600.0 + KELVIN
 
 
-def available() -> list[str]:
+def installed_bindings() -> list[str]:
     """Bindings installed on this machine, the preferred one first."""
     return [name for name, module in BINDINGS.items() if find_spec(module)]
 
 
-def choose(name: str | None) -> str:
+def choose_binding(name: str | None) -> str:
     """The binding to use; BadInput when the one asked for is not installed."""
-    have = available()
+    have = installed_bindings()
     if name in (None, "auto"):
         if not have:
             raise BadInput("numerics.integrator: no CVODE binding is installed; pip install scikit-sundae")
@@ -48,10 +48,10 @@ def choose(name: str | None) -> str:
     return name
 
 
-def settings(values: Mapping[str, Mapping[str, Any]]) -> Settings:
+def read_settings(values: Mapping[str, Mapping[str, Any]]) -> SolverSettings:
     """Numerics of a case's values {table: {key: value}}; BadInput when its CVODE binding is not installed."""
     n, out = values["numerics"], values["output"]
     hottest = values["limits"]["temperature"] + KELVIN
-    return Settings(
-        choose(n["integrator"]), n["rtol"], n["atol"], n["order"], out["profiles"], out["fields"], hottest=hottest
+    return SolverSettings(
+        choose_binding(n["integrator"]), n["rtol"], n["atol"], n["order"], out["profiles"], out["fields"], hottest=hottest
     )

@@ -10,19 +10,19 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from flashtemp.errors import BadInput, nearest
+from flashtemp.errors import BadInput, suggest_name
 from flashtemp.model import layers
-from flashtemp.model.schema import is_physical_number, named
+from flashtemp.model.schema import is_physical_number, named_table_kind
 from flashtemp.physics.effect import Param
 from flashtemp.physics.material import LIBRARY
 
 Array = npt.NDArray[np.float64]
 RELATIVE, ABSOLUTE = True, False
-CALIPER = "soft rubber under a caliper"
-USUAL: dict[str, tuple[float, bool, str]] = {  # sd, whether of the value, reason
-    "block.length": (2e-4, ABSOLUTE, CALIPER),
-    "block.width": (2e-4, ABSOLUTE, CALIPER),
-    "block.height": (2e-4, ABSOLUTE, CALIPER),
+CALIPER_REASON = "soft rubber under a caliper"
+USUAL_SD: dict[str, tuple[float, bool, str]] = {  # sd, whether of the value, reason
+    "block.length": (2e-4, ABSOLUTE, CALIPER_REASON),
+    "block.width": (2e-4, ABSOLUTE, CALIPER_REASON),
+    "block.height": (2e-4, ABSOLUTE, CALIPER_REASON),
     "block.modulus": (0.1, RELATIVE, "modulus of a compound from batch to batch"),
     "block.modulus_slope": (0.003, ABSOLUTE, "tread rubber: -0.003 to -0.01/K"),
     "block.poisson": (0.005, ABSOLUTE, "rubber between 0.485 and 0.4995"),
@@ -43,19 +43,19 @@ USUAL: dict[str, tuple[float, bool, str]] = {  # sd, whether of the value, reaso
     "persson_friction.activation": (0.1, ABSOLUTE, "fits to the shift of the shear stress"),
     "persson_friction.gamma": (0.1, ABSOLUTE, "0.4 to 0.6 in comparisons with exact contact"),
 }
-OF_MATERIALS: dict[str, tuple[float, bool, str]] = {
+USUAL_MATERIAL_SD: dict[str, tuple[float, bool, str]] = {
     "conductivity": (0.1, RELATIVE, "compounds and mixes of one kind differ so (asphalt: Carlson 2010)"),
     "density": (0.02, RELATIVE, "weighed samples"),
     "heat_capacity": (0.05, RELATIVE, "calorimetry of compounds of one kind"),
 }
-OF_LAYERS: dict[str, tuple[float, bool, str]] = {
+USUAL_LAYER_SD: dict[str, tuple[float, bool, str]] = {
     "thickness": (0.01, RELATIVE, "gauge of sheets and boards"),
     "contact_resistance": (0.3, RELATIVE, "like contacts differ so with pressure and finish"),
 }
-OF_NAMED = {"materials": OF_MATERIALS, "layers": OF_LAYERS}
+USUAL_NAMED_TABLE_SD = {"materials": USUAL_MATERIAL_SD, "layers": USUAL_LAYER_SD}
 
 
-class Stated(Protocol):
+class PriorSource(Protocol):
     """What `inputs` asks of a case."""
 
     @property
@@ -64,11 +64,11 @@ class Stated(Protocol):
     def priors(self) -> Mapping[str, float]: ...
     @property
     def name(self) -> str: ...
-    def declared(self, table: str) -> dict[str, Param]: ...
+    def declared_params(self, table: str) -> dict[str, Param]: ...
 
 
 @dataclass(frozen=True)
-class Input:
+class UncertainInput:
     """An input that is known as `value` +- `sd`: normal, cut off where its key ends (`low`, `high`).
 
     `reason`: the case, or why the catalogue says so.
@@ -83,76 +83,76 @@ class Input:
     reason: str
 
     @property
-    def at_bound(self) -> bool:
+    def is_near_bound(self) -> bool:
         """Whether a bound of the key lies within 1.5 sd: then the prior is lopsided."""
         return min(self.value - self.low, self.high - self.value) < 1.5 * self.sd
 
-    def at(self, z: Array | float) -> Any:
+    def value_at(self, z: Array | float) -> Any:
         """Values at quantiles, given as places z of the standard normal distribution."""
         from scipy.special import ndtr, ndtri
 
         a, b = ndtr((self.low - self.value) / self.sd), ndtr((self.high - self.value) / self.sd)
-        inside = ndtri(a + (b - a) * ndtr(z)) if self.at_bound or b - a < 1.0 else z
+        inside = ndtri(a + (b - a) * ndtr(z)) if self.is_near_bound or b - a < 1.0 else z
         return np.clip(self.value + self.sd * inside, self.low, self.high)
 
 
-def with_materials(case: Any) -> Any:
+def expand_materials(case: Any) -> Any:
     """The case with ready materials written out, so that their numbers are keys like others."""
     written: dict[str, float] = {}
-    stack = [case[f"layers.{n}.material"] for n in layers.names(case.values)]
+    stack = [case[f"layers.{n}.material"] for n in layers.layer_names(case.values)]
     for name in dict.fromkeys([case["block.material"], case["road.material"], *stack]):
         if f"materials.{name}" not in case.values:
-            written |= {f"materials.{name}.{k}": getattr(LIBRARY[name], k) for k in OF_MATERIALS}
+            written |= {f"materials.{name}.{k}": getattr(LIBRARY[name], k) for k in USUAL_MATERIAL_SD}
     return case.with_values(written) if written else case
 
 
-def inputs(case: Stated, keys: tuple[str, ...] | None = None) -> tuple[tuple[Input, ...], tuple[str, ...]]:
+def find_uncertain_inputs(case: PriorSource, keys: tuple[str, ...] | None = None) -> tuple[tuple[UncertainInput, ...], tuple[str, ...]]:
     """Inputs of a case that are uncertain, and numbers of it that are left out since nobody says how sure they are.
 
     `keys`: these alone, each stated in the case or usual.  Raises BadInput for a key of which nothing is known.
     """
-    numbers = {f"{t}.{k}": v for t, k, v in _numbers(case)}
+    numbers = {f"{t}.{k}": v for t, k, v in _physical_numbers(case)}
     if keys is not None:
         for n, key in enumerate(keys):
-            _refuse(case, key, numbers, keys[:n])
-    found = {key: _input(case, key, value) for key, value in numbers.items() if keys is None or key in keys}
+            _check_key(case, key, numbers, keys[:n])
+    found = {key: _make_input(case, key, value) for key, value in numbers.items() if keys is None or key in keys}
     known = tuple(i for i in found.values() if i is not None)
     if not known:
         raise BadInput(f"{case.name}: no input has a standard deviation; write key = {{ value = ..., sd = ... }}")
     return known, tuple(key for key, i in found.items() if i is None)
 
 
-def _numbers(case: Stated) -> list[tuple[str, str, float]]:
+def _physical_numbers(case: PriorSource) -> list[tuple[str, str, float]]:
     """Table, key and value of all that is a number and describes the physics."""
     out = []
     for table, values in case.values.items():
-        declared = case.declared(table)
+        declared = case.declared_params(table)
         for key, param in declared.items():
             value = values.get(key)
             if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
                 continue
-            follows = table == "block" and key in layers.FOLLOW and bool(layers.names(case.values))
+            follows = table == "block" and key in layers.LAYER_DERIVED_KEYS and bool(layers.layer_names(case.values))
             if is_physical_number(table, param) and not follows:
                 out.append((table, key, float(value)))
     return out
 
 
-def _refuse(case: Stated, key: str, numbers: Mapping[str, float], before: tuple[str, ...]) -> None:
+def _check_key(case: PriorSource, key: str, numbers: Mapping[str, float], earlier_keys: tuple[str, ...]) -> None:
     if key not in numbers:
-        raise BadInput(f"{key} (command line): no number of this case{nearest(key, numbers)}")
-    if key in before:
+        raise BadInput(f"{key} (command line): no number of this case{suggest_name(key, numbers)}")
+    if key in earlier_keys:
         raise BadInput(f"{key} (command line): named twice; once is enough")
-    if _input(case, key, numbers[key]) is None:
+    if _make_input(case, key, numbers[key]) is None:
         said = "nobody says how sure it is" if numbers[key] else "is 0, and nobody says how sure that is"
         raise BadInput(f"{key} (command line): {said}; give {key}='{{ value = {numbers[key]:g}, sd = ... }}'")
 
 
-def _input(case: Stated, key: str, value: float) -> Input | None:
+def _make_input(case: PriorSource, key: str, value: float) -> UncertainInput | None:
     """The prior of a key, None where there is none."""
     table, name = key.rsplit(".", 1)
-    param = case.declared(table)[name]
+    param = case.declared_params(table)[name]
     stated = case.priors.get(key)
-    usual = OF_NAMED[kind].get(name) if (kind := named(table)) else USUAL.get(key)
+    usual = USUAL_NAMED_TABLE_SD[kind].get(name) if (kind := named_table_kind(table)) else USUAL_SD.get(key)
     if stated is None and usual is None:
         return None
     sd, reason = (stated, "the case") if stated is not None else (0.0, "")
@@ -163,21 +163,21 @@ def _input(case: Stated, key: str, value: float) -> Input | None:
     low, high = math.nextafter(param.low, math.inf) if param.open_low else param.low, param.high
     if param.signed and value < 0:  # what turns it does so for certain
         low, high = -high, -low
-    return Input(key, value, float(sd), param.unit, low, high, reason) if sd else None
+    return UncertainInput(key, value, float(sd), param.unit, low, high, reason) if sd else None
 
 
-def stated(value: Any) -> bool:
+def has_stated_sd(value: Any) -> bool:
     """Whether a value of a case is meant as { value, sd }."""
     return isinstance(value, dict) and "sd" in value
 
 
-def fault(param: Param, table: str, given: Mapping[str, Any]) -> str | None:
+def find_sd_fault(param: Param, table: str, stated_value: Mapping[str, Any]) -> str | None:
     """What is wrong with { value, sd } of a key, but for the value itself; None when it is right."""
     if not is_physical_number(table, param):
         return "has no sd; only numbers of block, road, contact and test can be uncertain: give the value alone"
-    if set(given) != {"value", "sd"}:
+    if set(stated_value) != {"value", "sd"}:
         return "give { value = ..., sd = ... }"
-    value, sd = given["value"], given["sd"]
+    value, sd = stated_value["value"], stated_value["sd"]
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return "only a number has an sd; give the value alone"
     if isinstance(sd, bool) or not isinstance(sd, (int, float)) or not 0 < sd < math.inf:

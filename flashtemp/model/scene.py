@@ -16,10 +16,10 @@ from flashtemp.physics.arrays import Array, Value
 from flashtemp.physics.effect import Effect
 from flashtemp.physics.material import Layer, Material
 
-GAUSS = np.polynomial.legendre.leggauss(3)
+GAUSS_RULE = np.polynomial.legendre.leggauss(3)
 
 
-class Moment(NamedTuple):
+class LawContext(NamedTuple):
     """The moment at which laws are evaluated; SI units, temperatures in K, arrays along x."""
 
     t: float  # s from the first start of sliding
@@ -49,28 +49,28 @@ class Moment(NamedTuple):
     high: Any = None
     leg: float = 0.0  # m since this repetition started or last turned round
 
-    def at(self, mesh: Mesh, lead: Value, y: Value, **seen: Any) -> Moment:
+    def at_position(self, mesh: Mesh, lead: Value, y: Value, **seen: Any) -> LawContext:
         """The moment as laws see it `lead` (m) behind the leading edge, with what else they see there."""
         x = lead if self.direction > 0 else mesh.x[mesh.last] - lead
-        return self.seeing(x=x, lead=lead, y=y, **seen)
+        return self.with_fields(x=x, lead=lead, y=y, **seen)
 
-    def seeing(self, **seen: Any) -> Moment:
+    def with_fields(self, **seen: Any) -> LawContext:
         """The moment as laws see it that see this besides: `_replace` at half the cost, since every step asks often."""
         fields = list(self)
         for name, value in seen.items():
-            fields[FIELD[name]] = value
-        return Moment._make(fields)
+            fields[LAW_CONTEXT_INDEX[name]] = value
+        return LawContext._make(fields)
 
-    def under(self, mesh: Mesh, **seen: Any) -> Moment:
+    def under_block(self, mesh: Mesh, **seen: Any) -> LawContext:
         """The moment as laws see it at all columns under the block."""
-        return self.at(mesh, mesh.column_x, mesh.column_y, **seen)
+        return self.at_position(mesh, mesh.column_x, mesh.column_y, **seen)
 
 
-FIELD = {name: i for i, name in enumerate(Moment._fields)}  # where each stands in the tuple
+LAW_CONTEXT_INDEX = {name: i for i, name in enumerate(LawContext._fields)}  # where each stands in the tuple
 
 
 @dataclass(frozen=True)
-class Outline:
+class SceneOutline:
     """A scene before it has a mesh: what `heat()` is asked on first.
 
     The mesh follows from what effects say (how deep heat is released, whether the track is remembered), so effects are
@@ -107,16 +107,16 @@ class Outline:
 
 
 @dataclass(frozen=True)
-class Acting:
+class ActiveEffect:
     """An effect with the values of its parameters."""
 
     name: str
     effect: Effect
     p: SimpleNamespace
 
-    def contributions(self, scene: Scene | Outline) -> contributions.Parts:
+    def contributions(self, scene: Scene | SceneOutline) -> contributions.Contributions:
         """What the effect yields on a scene.  Raises BadInput when it names what is not there."""
-        return contributions.of_balance(self.name, self.effect, scene, self.p)
+        return contributions.check_balance_contributions(self.name, self.effect, scene, self.p)
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ class Scene:
     block: Material
     road: Material
     schedule: Schedule
-    acting: tuple[Acting, ...]
+    acting: tuple[ActiveEffect, ...]
     ambient: float
     length: float
     height: float
@@ -168,7 +168,7 @@ class Scene:
         """Whether there are cells across: 3D."""
         return bool(self.mesh.n_across > 1)
 
-    def of_block(self, name: str) -> Any:
+    def block_property(self, name: str) -> Any:
         """A property of the block's material by its name: a number, or with layers one for each cell (n_block,)."""
         if not self.layers:
             return getattr(self.block, name)
@@ -182,21 +182,21 @@ class Scene:
             inside[cells] = layer.name == name
         return inside
 
-    def moment(self, phase: Phase, t: float) -> Moment:
+    def law_context(self, phase: Phase, t: float) -> LawContext:
         """The schedule at time t within a phase."""
         s = self.schedule
-        since, slid, passed = t - phase.start, s.slid(phase, t), s.passed(phase, t)
+        since, slid, passed = t - phase.start, s.slid_distance(phase, t), s.total_slid_distance(phase, t)
         if s.alone:
-            return Moment(
+            return LawContext(
                 t, 0.0, s.pressure(since), 0.0, since, 0.0, 0.0, False, self.ambient, phase.repetition, passed=passed
             )
         if phase.sliding:
             v = s.speed(since)
-            return Moment(
+            return LawContext(
                 t, v, s.pressure(since), slid, since, 0.0, v, True, self.ambient, phase.repetition,
                 passed=passed, direction=phase.direction, leg=slid - phase.leg_before,
             )  # fmt: skip
-        return Moment(
+        return LawContext(
             t, 0.0, s.pressure(s.slide_time), slid, since, t - phase.begin, s.last_speed(),
             not s.lifted, self.ambient, phase.repetition,
             passed=passed, direction=phase.direction, leg=slid - phase.leg_before,
@@ -204,11 +204,11 @@ class Scene:
 
     def __str__(self) -> str:
         names = ", ".join(a.name for a in self.acting)
-        stack = "".join(f"\n  {line}" for line in layer_lines(self.layers))
+        stack = "".join(f"\n  {line}" for line in describe_layers(self.layers))
         return f"Scene\n  {self.mesh}{stack}\n  {self.schedule}\n  effects: {names}"
 
 
-def layer_lines(layers: tuple[Layer, ...]) -> list[str]:
+def describe_layers(layers: tuple[Layer, ...]) -> list[str]:
     """The layers of a block in words, one line each from the face upwards."""
     last = len(layers) - 1
     return [
@@ -220,7 +220,7 @@ def layer_lines(layers: tuple[Layer, ...]) -> list[str]:
 
 def gauss_mean(law: Callable[..., Value], edges: Array, *args: Any) -> Array:
     """Cell means of a pointwise law of x by three Gauss points per cell."""
-    nodes, weights = GAUSS
+    nodes, weights = GAUSS_RULE
     mid, half = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
     values = [np.asarray(law(mid + half * s, *args)) for s in nodes]
     return np.asarray(sum(w * v for w, v in zip(weights, values, strict=True)) / 2)

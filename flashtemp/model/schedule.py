@@ -13,7 +13,7 @@ from flashtemp.physics.arrays import Array, Value
 
 
 @dataclass(frozen=True)
-class Series:
+class TimeSeries:
     """A quantity against time since the start of a repetition, linear between rows, held outside.
 
     >>> s = Series((0.0, 2.0), (1.0, 3.0))
@@ -49,7 +49,7 @@ class Series:
         k = int(np.searchsorted(times, t)) - 1
         return float(area[k] + 0.5 * (values[k] + self(t)) * (t - times[k]))
 
-    def reach(self, area: Value) -> Value:
+    def time_at_integral(self, area: Value) -> Value:
         """Time at which the integral first equals `area` (number or array); inf when it never does."""
         wanted = np.asarray(area, dtype=float)
         t, v, sums = self._arrays
@@ -69,32 +69,32 @@ class Series:
         found = np.where(wanted <= 0, 0.0, found)
         return found if np.ndim(area) else float(found)
 
-    def ago(self, t: float, x: Value) -> Value:
+    def travel_time(self, t: float, x: Value) -> Value:
         """How long before t the road now at x (m, number or array) was at 0; t for road not there yet."""
         if len(self.value) == 1:
             return np.minimum(x / self.value[0], t)
-        return t - self.reach(self.integral(t) - x)
+        return t - self.time_at_integral(self.integral(t) - x)
 
 
-def constant(value: float) -> Series:
+def constant_series(value: float) -> TimeSeries:
     """A quantity that does not change."""
-    return Series((0.0,), (float(value),))
+    return TimeSeries((0.0,), (float(value),))
 
 
 @dataclass(frozen=True)
-class Course:
+class SpeedProfile:
     """Sliding speed without its sign, which way the block slides at first (1, or -1: back), and when that turns (s).
 
     >>> Course.of((0.0, 2.0, 4.0), (0.1, 0.1, -0.1))
     Course(speed=Series(time=(0.0, 2.0, 3.0, 4.0), value=(0.1, 0.1, 0.0, 0.1)), heading=1, turns=(3.0,))
     """
 
-    speed: Series
+    speed: TimeSeries
     heading: int = 1
     turns: tuple[float, ...] = ()
 
     @classmethod
-    def of(cls, time: Sequence[float], value: Sequence[float]) -> Course:
+    def from_signed_speeds(cls, time: Sequence[float], value: Sequence[float]) -> SpeedProfile:
         """The course of signed speeds (m/s) at times (s), not all of them zero."""
         rows: list[tuple[float, float]] = []
         turns, sign = [], 0.0
@@ -108,7 +108,7 @@ class Course:
             sign = sign if v == 0 else v
             rows.append((t, abs(v)))
         first = next(v for v in value if v)
-        return cls(Series(*zip(*rows, strict=True)), 1 if first > 0 else -1, tuple(turns))
+        return cls(TimeSeries(*zip(*rows, strict=True)), 1 if first > 0 else -1, tuple(turns))
 
 
 @dataclass(frozen=True)
@@ -140,8 +140,8 @@ class Schedule:
     [(1, True, 0.0, 35.0), (1, False, 35.0, 45.0), (2, True, 45.0, 80.0)]
     """
 
-    speed: Series
-    pressure: Series
+    speed: TimeSeries
+    pressure: TimeSeries
     distance: float
     repetitions: int = 1
     wait: float = 0.0
@@ -155,15 +155,15 @@ class Schedule:
     @cached_property
     def slide_time(self) -> float:
         """Duration of one repetition of sliding, or of the block by itself, s."""
-        return self.alone or float(self.speed.reach(self.distance))
+        return self.alone or float(self.speed.time_at_integral(self.distance))
 
     @cached_property
-    def _turns(self) -> tuple[float, ...]:
+    def _turn_times(self) -> tuple[float, ...]:
         """Times (s) within a repetition at which sliding turns round."""
         tiny = 1e-9 * self.slide_time
         return tuple(t for t in self.turns if tiny < t < self.slide_time - tiny)
 
-    def _heading(self, repetition: int) -> int:
+    def _initial_direction(self, repetition: int) -> int:
         """Which way a repetition (1-based) begins to slide."""
         legs = (repetition - 1) // self.turn if self.turn else 0
         return -self.heading if legs % 2 else self.heading
@@ -171,27 +171,27 @@ class Schedule:
     @property
     def directions(self) -> frozenset[int]:
         """Ways in which the block slides: 1, -1 or both."""
-        headings = {self._heading(r + 1) for r in range(min(self.repetitions, 2 * self.turn or 1))}
-        return frozenset(headings | {-h for h in headings} if self._turns else headings)
+        headings = {self._initial_direction(r + 1) for r in range(min(self.repetitions, 2 * self.turn or 1))}
+        return frozenset(headings | {-h for h in headings} if self._turn_times else headings)
 
     @property
-    def returns(self) -> bool:
+    def has_return_pass(self) -> bool:
         """Whether the block slides back over its own road without leaving it: that road is still hot."""
-        return bool(self._turns) or (not self.lifted and len(self.directions) > 1)
+        return bool(self._turn_times) or (not self.lifted and len(self.directions) > 1)
 
-    def _cuts(self, before: float) -> list[float]:
+    def _event_times(self, slid_before: float) -> list[float]:
         """Times (s) of events within a repetition, `before` which that distance (m) was slid."""
         events: set[float] = set()
         for series in (self.speed, self.pressure):
             if 1 < len(series.time) <= 40:
                 events |= {k for k in series.time if 0 < k < self.slide_time}
         if self.lap:
-            laps = range(int(before / self.lap) + 1, int((before + self.distance) / self.lap) + 1)
-            events |= {self.speed.reach(n * self.lap - before) for n in laps}
+            laps = range(int(slid_before / self.lap) + 1, int((slid_before + self.distance) / self.lap) + 1)
+            events |= {self.speed.time_at_integral(n * self.lap - slid_before) for n in laps}
         tiny = 1e-9 * self.slide_time
         inner = sorted(c for c in events if tiny < c < self.slide_time - tiny)
-        if self._turns:
-            inner = sorted([*self._turns, *(c for c in inner if min(abs(c - t) for t in self._turns) > tiny)])
+        if self._turn_times:
+            inner = sorted([*self._turn_times, *(c for c in inner if min(abs(c - t) for t in self._turn_times) > tiny)])
         return [0.0, *(c for k, c in enumerate(inner) if k == 0 or c - inner[k - 1] > tiny), self.slide_time]
 
     @cached_property
@@ -200,13 +200,13 @@ class Schedule:
         out: list[Phase] = []
         t, turned = 0.0, -np.inf
         for r in range(self.repetitions):
-            before, leg, direction = r * self.distance, 0.0, self._heading(r + 1)
+            before, leg, direction = r * self.distance, 0.0, self._initial_direction(r + 1)
             if self.lifted:
                 turned = -np.inf
             elif out and out[-1].direction != direction:
                 turned = t
-            for a, b in pairwise(self._cuts(before)):
-                if a in self._turns:
+            for a, b in pairwise(self._event_times(before)):
+                if a in self._turn_times:
                     direction, leg, turned = -direction, self.speed.integral(a), t + a
                 out.append(Phase(r + 1, True, t + a, t + b, t, before, direction, leg, turned))
             begin = t
@@ -216,25 +216,25 @@ class Schedule:
                 t += self.wait
         return tuple(out)
 
-    def phase(self, t: float) -> Phase:
+    def phase_at(self, t: float) -> Phase:
         """The phase at a time (s): an event belongs to the one that it ends; the outermost are held."""
         k = int(np.searchsorted([p.end for p in self.phases], t))
         return self.phases[min(k, len(self.phases) - 1)]
 
     @property
-    def end(self) -> float:
+    def end_time(self) -> float:
         """Total time, s."""
         return self.phases[-1].end
 
-    def slid(self, phase: Phase, t: float) -> float:
+    def slid_distance(self, phase: Phase, t: float) -> float:
         """Distance slid since the start of the repetition, m."""
         if self.alone:
             return 0.0
         return self.speed.integral(t - phase.start) if phase.sliding else self.distance
 
-    def passed(self, phase: Phase, t: float) -> float:
+    def total_slid_distance(self, phase: Phase, t: float) -> float:
         """Distance slid since the first start of all repetitions, m."""
-        return phase.slid_before + self.slid(phase, t)
+        return phase.slid_before + self.slid_distance(phase, t)
 
     def last_speed(self) -> float:
         """Speed just before a stop, m/s."""
@@ -251,5 +251,5 @@ class Schedule:
             speed = f"+-{speed}" if len(v.value) == 1 else f"+-({speed})"
         return (
             f"Schedule {self.repetitions} x {self.distance:g} m at {speed} m/s, wait {self.wait:g} s, "
-            f"block {'lifted' if self.lifted else 'in contact'} while waiting, {self.end:g} s in all"
+            f"block {'lifted' if self.lifted else 'in contact'} while waiting, {self.end_time:g} s in all"
         )

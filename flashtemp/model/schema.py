@@ -8,19 +8,19 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from flashtemp.errors import nearest, short
+from flashtemp.errors import suggest_name, shorten_text
 from flashtemp.physics.effect import Effect, Param, catalogue
 
-LEVELS = {"coarse": 0.5, "medium": 1.0, "fine": 2.0}
-NOTHING = Param(None, "", "")
-TEXT, CURVE, FLAG = ("name",), ("number", "text", "table"), ("flag",)
-AMOUNT, AMOUNTS = ("amount",), ("amounts",)  # a number, or a list of them, that no fit moves
-TABLES: dict[str, dict[str, Param]] = {
+MESH_LEVEL_FACTORS = {"coarse": 0.5, "medium": 1.0, "fine": 2.0}
+UNDECLARED_PARAM = Param(None, "", "")
+NAME_KINDS, CURVE_KINDS, FLAG_KINDS = ("name",), ("number", "text", "table"), ("flag",)
+AMOUNT_KINDS, AMOUNT_LIST_KINDS = ("amount",), ("amounts",)  # a number, or a list of them, that no fit moves
+CASE_TABLES: dict[str, dict[str, Param]] = {
     "block": {
         "length": Param(0.025, "m", "length in the direction of sliding", low=1e-4, high=1.0),
         "width": Param(0.05, "m", "width across the direction of sliding", low=1e-4, high=10.0),
         "height": Param(0.007, "m", "height from the face to the holder", low=1e-4, high=1.0),
-        "material": Param("tread_rubber", "", "name of a material", kinds=TEXT),
+        "material": Param("tread_rubber", "", "name of a material", kinds=NAME_KINDS),
         "modulus": Param(5e6, "Pa", "Young's modulus of the rubber, by which it bears on the road", low=1e3, high=1e12),
         "modulus_slope": Param(
             0.0, "1/K", "relative slope of the modulus with the block's mean temperature; rubber: -0.003 to -0.01",
@@ -33,7 +33,7 @@ TABLES: dict[str, dict[str, Param]] = {
         ),
     },
     "road": {
-        "material": Param("asphalt", "", "name of a material", kinds=TEXT),
+        "material": Param("asphalt", "", "name of a material", kinds=NAME_KINDS),
         "track_length": Param(3.5, "m", "length of one lap of the circular track", low=0.01, high=1e5),
         "depth": Param(None, "m", "depth of road simulated; from the heat's reach if not given", low=1e-5, high=10.0),
         "upstream": Param(0.003, "m", "road shown before the block", low=0.0, high=10.0),
@@ -42,14 +42,14 @@ TABLES: dict[str, dict[str, Param]] = {
     "contact": {
         "pressure": Param(
             1.5e5, "Pa", "nominal contact pressure, mean; or a file of time against value",
-            low=0.0, open_low=True, high=1e9, kinds=CURVE,
+            low=0.0, open_low=True, high=1e9, kinds=CURVE_KINDS,
         ),
     },
     "friction": {},
     "schedule": {
         "speed": Param(
             0.1, "m/s", "sliding speed, < 0 for sliding back: the edge at x = L leads; or a file of time against value",
-            low=0.0, open_low=True, high=1000.0, signed=True, kinds=CURVE,
+            low=0.0, open_low=True, high=1000.0, signed=True, kinds=CURVE_KINDS,
         ),
         "distance": Param(3.5, "m", "distance slid in one repetition", low=1e-6, high=1e7),
         "repetitions": Param(1, "1", "number of repetitions", low=1, high=100000, kinds=("whole",)),
@@ -59,16 +59,16 @@ TABLES: dict[str, dict[str, Param]] = {
         "wait": Param(0.0, "s", "waiting time between repetitions", low=0.0, high=1e7),
         "alone": Param(
             None, "s", "time that the block is by itself, off the road, instead of sliding",
-            low=1e-6, high=1e9, kinds=AMOUNT,
+            low=1e-6, high=1e9, kinds=AMOUNT_KINDS,
         ),
-        "lifted": Param(True, "", "block lifted off the road while waiting", kinds=FLAG),
+        "lifted": Param(True, "", "block lifted off the road while waiting", kinds=FLAG_KINDS),
     },
     "ambient": {
         "temperature": Param(20.0, "degC", "air, initial and road temperature", low=-100.0, high=500.0),
     },
     "limits": {
         "temperature": Param(
-            600.0, "degC", "a run that gets hotter fails; rubber chars above 300", low=-100.0, high=1e5, kinds=AMOUNT
+            600.0, "degC", "a run that gets hotter fails; rubber chars above 300", low=-100.0, high=1e5, kinds=AMOUNT_KINDS
         ),
     },
     "numerics": {
@@ -106,7 +106,7 @@ TABLES: dict[str, dict[str, Param]] = {
         ),
         "elastic_3d": Param(
             False, "", "with cells across: the elastic block in three dimensions, not plane strain in each plane; "
-            "takes minutes once for each shape", kinds=FLAG,
+            "takes minutes once for each shape", kinds=FLAG_KINDS,
         ),
         "rtol": Param(1e-4, "1", "relative tolerance of the time integration", low=1e-10, high=0.05),
         "atol": Param(None, "K", "absolute tolerance; 10 rtol kelvin if not given", low=1e-12, high=10.0),
@@ -116,57 +116,57 @@ TABLES: dict[str, dict[str, Param]] = {
     "output": {
         "profiles": Param(40, "1", "profiles kept per repetition", low=2, high=100000, kinds=("whole",)),
         "fields": Param(6, "1", "cell fields kept per repetition", low=2, high=10000, kinds=("whole",)),
-        "pictures": Param(True, "", "draw pictures", kinds=FLAG),
-        "animation": Param(True, "", "animate several repetitions or resolved spots, with the pictures", kinds=FLAG),
-        "vtk": Param(True, "", "write the VTK file", kinds=FLAG),
+        "pictures": Param(True, "", "draw pictures", kinds=FLAG_KINDS),
+        "animation": Param(True, "", "animate several repetitions or resolved spots, with the pictures", kinds=FLAG_KINDS),
+        "vtk": Param(True, "", "write the VTK file", kinds=FLAG_KINDS),
     },
 }  # fmt: skip
-BRISTLES = {
-    "speed": Param(27.0, "m/s", "rolling speed", low=0.1, high=200.0, kinds=AMOUNT),
+BRISTLE_KEYS = {
+    "speed": Param(27.0, "m/s", "rolling speed", low=0.1, high=200.0, kinds=AMOUNT_KINDS),
     "stiffness": Param(
         1.5e8, "Pa/m", "shear stress of the tread per sideways shift, G/height",
-        low=1e3, high=1e13, kinds=AMOUNT,
+        low=1e3, high=1e13, kinds=AMOUNT_KINDS,
     ),
     "mass": Param(
         0.1, "kg/m2", "mass per area that a bristle moves; much more rings and is seen in the friction",
-        low=0.0, open_low=True, high=1e3, kinds=AMOUNT,
+        low=0.0, open_low=True, high=1e3, kinds=AMOUNT_KINDS,
     ),
     "memory": Param(
         None, "1", "distance r0 between cold and hot friction over contact.spot_diameter; fitted to the kernel theory "
-        "if not given", low=0.0, open_low=True, high=10.0, kinds=AMOUNT,
+        "if not given", low=0.0, open_low=True, high=10.0, kinds=AMOUNT_KINDS,
     ),
-    "road_heat": Param(True, "", "the road takes heat from the spots, and adhesive friction heats too", kinds=FLAG),
+    "road_heat": Param(True, "", "the road takes heat from the spots, and adhesive friction heats too", kinds=FLAG_KINDS),
     "fraction": Param(
         None, "1", "contact fraction of the spots; P(2 pi/spot_diameter) by theory if not given",
-        low=0.0, open_low=True, high=1.0, kinds=AMOUNT,
+        low=0.0, open_low=True, high=1.0, kinds=AMOUNT_KINDS,
     ),
 }  # fmt: skip
-ANGLES = "0.1 0.14 0.2 0.28 0.4 0.5 0.6 0.7 0.85 1 1.2 1.4 1.7 2 2.4 2.8 3.3 4 4.7 5.5 6.5 7.7 9 10.5 12.5 15"
-APART: dict[str, dict[str, Param]] = {  # tables that a case has only where it names them, for commands of their own
-    "tread": BRISTLES | {
+SLIP_ANGLES_DEG = "0.1 0.14 0.2 0.28 0.4 0.5 0.6 0.7 0.85 1 1.2 1.4 1.7 2 2.4 2.8 3.3 4 4.7 5.5 6.5 7.7 9 10.5 12.5 15"
+COMMAND_TABLES: dict[str, dict[str, Param]] = {  # tables that a case has only where it names them, for commands of their own
+    "tread": BRISTLE_KEYS | {
         "slip": Param(
             [0.005, 0.0075, 0.01, 0.03, 0.05, 0.07, 0.09], "1", "slips of the wheel",
-            low=0.0, open_low=True, high=1.0, kinds=AMOUNTS,
+            low=0.0, open_low=True, high=1.0, kinds=AMOUNT_LIST_KINDS,
         ),
-        "footprint": Param(0.1, "m", "length of the footprint", low=1e-3, high=10.0, kinds=AMOUNT),
-        "mass": replace(BRISTLES["mass"], value=0.02),
+        "footprint": Param(0.1, "m", "length of the footprint", low=1e-3, high=10.0, kinds=AMOUNT_KINDS),
+        "mass": replace(BRISTLE_KEYS["mass"], value=0.02),
     },
-    "tyre": BRISTLES | {
-        "loads": Param([3e3, 5e3, 7e3], "N", "wheel loads", low=0.0, open_low=True, high=1e7, kinds=AMOUNTS),
-        "width": Param(0.14, "m", "width of the elliptic footprint", low=1e-3, high=10.0, kinds=AMOUNT),
+    "tyre": BRISTLE_KEYS | {
+        "loads": Param([3e3, 5e3, 7e3], "N", "wheel loads", low=0.0, open_low=True, high=1e7, kinds=AMOUNT_LIST_KINDS),
+        "width": Param(0.14, "m", "width of the elliptic footprint", low=1e-3, high=10.0, kinds=AMOUNT_KINDS),
         "angles": Param(
-            [float(a) for a in ANGLES.split()], "deg", "slip angles", low=0.0, open_low=True, high=45.0, kinds=AMOUNTS
+            [float(a) for a in SLIP_ANGLES_DEG.split()], "deg", "slip angles", low=0.0, open_low=True, high=45.0, kinds=AMOUNT_LIST_KINDS
         ),
     },
 }  # fmt: skip
-MATERIAL = {
+MATERIAL_KEYS = {
     "conductivity": Param(None, "W/mK", "thermal conductivity", low=0.0, high=1e4, open_low=True),
     "density": Param(None, "kg/m3", "density", low=0.0, high=1e5, open_low=True),
     "heat_capacity": Param(None, "J/kgK", "specific heat capacity", low=0.0, high=1e6, open_low=True),
 }
 
-LAYER = {
-    "material": Param(None, "", "name of a material", kinds=TEXT),
+LAYER_KEYS = {
+    "material": Param(None, "", "name of a material", kinds=NAME_KINDS),
     "thickness": Param(None, "m", "thickness; all together are block.height", low=1e-6, high=1.0),
     "contact_resistance": Param(
         0.0, "m2K/W", "of the contact with the layer above, away from the face", low=0.0, high=1e3
@@ -176,19 +176,19 @@ LAYER = {
         low=3, high=5000, kinds=("whole",),
     ),
 }  # fmt: skip
-NAMED = {"materials": MATERIAL, "layers": LAYER}  # tables of many: [materials.NAME]
-COMPUTATION = ("numerics", "output", "limits")  # tables that describe how a run is computed and kept
-NEEDED = (*MATERIAL.values(), LAYER["material"], LAYER["thickness"])  # have no default that would do
+NAMED_TABLES = {"materials": MATERIAL_KEYS, "layers": LAYER_KEYS}  # tables of many: [materials.NAME]
+COMPUTATION_TABLES = ("numerics", "output", "limits")  # tables that describe how a run is computed and kept
+REQUIRED_PARAMS = (*MATERIAL_KEYS.values(), LAYER_KEYS["material"], LAYER_KEYS["thickness"])  # have no default that would do
 
 
-def named(table: str) -> str:
+def named_table_kind(table: str) -> str:
     """Which of NAMED a table belongs to, "" where to none.
 
     >>> named("layers.copper"), named("block")
     ('layers', '')
     """
     kind, dot, _ = table.partition(".")
-    return kind if dot and kind in NAMED else ""
+    return kind if dot and kind in NAMED_TABLES else ""
 
 
 def is_physical_number(table: str, param: Param) -> bool:
@@ -196,15 +196,15 @@ def is_physical_number(table: str, param: Param) -> bool:
 
     Keys of the computation, of commands of their own, choices, texts and whole numbers are none.
     """
-    return "number" in param.kinds and table not in COMPUTATION and table not in APART
+    return "number" in param.kinds and table not in COMPUTATION_TABLES and table not in COMMAND_TABLES
 
 
-def free_fault(key: Any, values: Mapping[str, Mapping[str, Any]], known: Mapping[str, type[Effect]]) -> str | None:
+def find_free_key_fault(key: Any, values: Mapping[str, Mapping[str, Any]], known: Mapping[str, type[Effect]]) -> str | None:
     """What is wrong with a key of `free` in a case with `values` by table, or None."""
-    params = {f"{table}.{name}": (table, p) for table in values for name, p in declared(table, known).items()}
+    params = {f"{table}.{name}": (table, p) for table in values for name, p in declared_params(table, known).items()}
     fittable = [name for name, (table, p) in params.items() if is_physical_number(table, p)]
     if not isinstance(key, str) or key not in params:
-        return f"{short(repr(key))} is not a parameter of this case{nearest(str(key), fittable)}"
+        return f"{shorten_text(repr(key))} is not a parameter of this case{suggest_name(str(key), fittable)}"
     if key in fittable:
         return None
     table, param = params[key]
@@ -212,16 +212,16 @@ def free_fault(key: Any, values: Mapping[str, Mapping[str, Any]], known: Mapping
     return f"{key!r} {why}, so no fit can move it; leave it out, or name a number of block, road, contact or an effect"
 
 
-def refinement(level: str | float) -> float:
+def refinement_factor(level: str | float) -> float:
     """Factor on the number of cells per direction of a numerics.mesh."""
-    return LEVELS[level] if isinstance(level, str) else level
+    return MESH_LEVEL_FACTORS[level] if isinstance(level, str) else level
 
 
-def declared(table: str, known: Mapping[str, type[Effect]] | None = None) -> dict[str, Param]:
+def declared_params(table: str, known: Mapping[str, type[Effect]] | None = None) -> dict[str, Param]:
     """All keys of a table of a case with their declarations; effects are looked up in `known`, or the catalogue."""
-    if kind := named(table):
-        return NAMED[kind]
-    out = dict(TABLES.get(table) or APART.get(table, {}))
+    if kind := named_table_kind(table):
+        return NAMED_TABLES[kind]
+    out = dict(CASE_TABLES.get(table) or COMMAND_TABLES.get(table, {}))
     for name, effect in (catalogue() if known is None else known).items():
         if (effect.section if effect.base else name) == table:
             out |= effect.params()
@@ -230,103 +230,103 @@ def declared(table: str, known: Mapping[str, type[Effect]] | None = None) -> dic
 
 # --- kinds of values --------------------------------------------------------------------------------
 @dataclass(frozen=True)
-class Kind:
+class ValueKind:
     """A kind of value: which values are `meant` as it, and the `fault` of one, None when it is right."""
 
-    meant: Callable[[Any], bool]
-    fault: Callable[[Param, Any], str | None]
+    is_meant: Callable[[Any], bool]
+    find_fault: Callable[[Param, Any], str | None]
 
 
-def _any(value: Any) -> bool:
+def _is_anything(value: Any) -> bool:
     return True
 
 
-def _text(value: Any) -> bool:
+def _is_text(value: Any) -> bool:
     return isinstance(value, str)
 
 
-def _rows(value: Any) -> bool:
+def _is_table(value: Any) -> bool:
     return isinstance(value, (list, dict))
 
 
-def _number(value: Any) -> bool:
+def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
-def _three(value: Any, good: Callable[[Any], bool]) -> bool:
-    return isinstance(value, list) and len(value) == 3 and all(good(v) for v in value)
+def _is_triple(value: Any, is_entry: Callable[[Any], bool]) -> bool:
+    return isinstance(value, list) and len(value) == 3 and all(is_entry(v) for v in value)
 
 
-def _whole(param: Param, value: Any) -> str | None:
+def _find_whole_number_fault(param: Param, value: Any) -> str | None:
     if isinstance(value, int) and not isinstance(value, bool):
-        return param.fault(value)
+        return param.find_fault(value)
     return f"give a whole number >= {param.low:g}"
 
 
-def _cells(param: Param, value: Any) -> str | None:
-    good = _three(value, lambda v: isinstance(v, int) and 3 <= v <= 5000)
+def _find_cells_fault(param: Param, value: Any) -> str | None:
+    good = _is_triple(value, lambda v: isinstance(v, int) and 3 <= v <= 5000)
     return None if good else "give three whole numbers from 3 to 5000: along the block, up the block, down the road"
 
 
-def _factors(param: Param, value: Any) -> str | None:
-    good = _three(value, lambda v: _number(v) and 0.1 <= v <= 10)
+def _find_factors_fault(param: Param, value: Any) -> str | None:
+    good = _is_triple(value, lambda v: _is_number(v) and 0.1 <= v <= 10)
     return None if good else "give three factors from 0.1 to 10: along the block, up the block, down the road"
 
 
-def _amounts(param: Param, value: Any) -> str | None:
+def _find_amounts_fault(param: Param, value: Any) -> str | None:
     if not isinstance(value, list) or not value:
         return f"give a list of numbers ({param.unit}), at least one"
-    fault = next((f for f in map(param.fault, value) if f), None)
+    fault = next((f for f in map(param.find_fault, value) if f), None)
     if fault is None and len(set(value)) < len(value):
         return "give every number once"
     return fault and fault.replace("a number", "numbers", 1)
 
 
-def _file(param: Param, value: str) -> str | None:
+def _find_file_name_fault(param: Param, value: str) -> str | None:
     longest = max(len(os.fsencode(part)) for part in value.split("/"))
     return None if value and longest < 256 and "\0" not in value else "give a file name, of at most 255 letters"
 
 
-def _beyond(value: Any) -> str | None:
+def _find_overflow_fault(value: Any) -> str | None:
     """What is wrong with rows of numbers that no computer number holds."""
     inside = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
     if isinstance(value, int) and abs(value) > sys.float_info.max:
         return f"give numbers of at most {sys.float_info.max:.2g}"
-    return next((said for said in map(_beyond, inside) if said), None)
+    return next((said for said in map(_find_overflow_fault, inside) if said), None)
 
 
-def _one_of(names: tuple[str, ...], said: str) -> Callable[[Param, Any], str | None]:
-    return lambda param, value: None if value in names else said
+def _choice_check(names: tuple[str, ...], remedy: str) -> Callable[[Param, Any], str | None]:
+    return lambda param, value: None if value in names else remedy
 
 
-KINDS: dict[str, Kind] = {  # where a key may be of several kinds, the first that a value is meant as judges it
-    "flag": Kind(_any, lambda param, value: None if isinstance(value, bool) else "give true or false"),
-    "whole": Kind(_any, _whole),
-    "name": Kind(_text, lambda param, value: None if value else "give a name in quotes"),
-    "binding": Kind(
-        _any,
-        _one_of(("auto", "scikits-odes", "scikit-sundae"), 'give "auto", "scikits-odes" or "scikit-sundae"'),
+VALUE_KINDS: dict[str, ValueKind] = {  # where a key may be of several kinds, the first that a value is meant as judges it
+    "flag": ValueKind(_is_anything, lambda param, value: None if isinstance(value, bool) else "give true or false"),
+    "whole": ValueKind(_is_anything, _find_whole_number_fault),
+    "name": ValueKind(_is_text, lambda param, value: None if value else "give a name in quotes"),
+    "binding": ValueKind(
+        _is_anything,
+        _choice_check(("auto", "scikits-odes", "scikit-sundae"), 'give "auto", "scikits-odes" or "scikit-sundae"'),
     ),
-    "level": Kind(_text, _one_of(tuple(LEVELS), 'give "coarse", "medium", "fine" or a number')),
-    "cells": Kind(_any, _cells),
-    "factors": Kind(_any, _factors),
-    "amounts": Kind(_any, _amounts),
-    "text": Kind(_text, _file),
-    "table": Kind(_rows, lambda param, value: "give at least one row" if not value else _beyond(value)),
+    "level": ValueKind(_is_text, _choice_check(tuple(MESH_LEVEL_FACTORS), 'give "coarse", "medium", "fine" or a number')),
+    "cells": ValueKind(_is_anything, _find_cells_fault),
+    "factors": ValueKind(_is_anything, _find_factors_fault),
+    "amounts": ValueKind(_is_anything, _find_amounts_fault),
+    "text": ValueKind(_is_text, _find_file_name_fault),
+    "table": ValueKind(_is_table, lambda param, value: "give at least one row" if not value else _find_overflow_fault(value)),
 }
 
 
-SAID = {
+VALUE_KIND_REMEDIES = {
     "name": "give a name in quotes",
     "text": "give the name of a file in quotes",
     "table": "give a list of numbers or rows",
 }
 
 
-def fault(param: Param, value: Any) -> str | None:
+def find_value_fault(param: Param, value: Any) -> str | None:
     """What is wrong with a value under its declaration, or None."""
-    kinds = (kind for name, kind in KINDS.items() if name in param.kinds)
-    judge = next((kind.fault for kind in kinds if kind.meant(value)), None)
+    kinds = (kind for name, kind in VALUE_KINDS.items() if name in param.kinds)
+    judge = next((kind.find_fault for kind in kinds if kind.is_meant(value)), None)
     if judge is None and not {"number", "amount"} & set(param.kinds):
-        return " or ".join(SAID[name] for name in param.kinds)
-    return (judge or Param.fault)(param, value)
+        return " or ".join(VALUE_KIND_REMEDIES[name] for name in param.kinds)
+    return (judge or Param.find_fault)(param, value)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from flashtemp.model.schema import NAMED, TABLES, declared
+from flashtemp.model.schema import NAMED_TABLES, CASE_TABLES, declared_params
 from flashtemp.model.toml_value import value_text
 from flashtemp.physics.effect import Param
 
-HEAD = """\
+CASE_TEMPLATE_HEAD = """\
 # A case of flashtemp: `flashtemp check FILE`, `flashtemp run FILE`.  SI units, temperatures in degC; or "25 mm".
 # Every key stands here with its default.  Take the # away to change one; what is not given keeps its default.
 title = "my case"
@@ -14,29 +14,29 @@ title = "my case"
 # effects = ["track_memory", "friction_softening"]   # `flashtemp effects` tells all
 # free = ["friction.mu"]                             # what a fit to measured data may move
 """
-MANY = {  # what tables of a name are, for people
+NAMED_TABLE_MEANINGS = {  # what tables of a name are, for people
     "materials": "a material of your own",
     "layers": "the block in layers, in this order from its face upwards",
 }
-LAST = ("numerics", "output", "limits")  # tables that most do without
+RARE_TABLES = ("numerics", "output", "limits")  # tables that most do without
 
 
 def case_text() -> str:
     """The commented case."""
-    ordered = [t for t in TABLES if t not in LAST] + [t for t in TABLES if t in LAST]
-    out = HEAD + "".join(f"\n[{table}]\n{_keys(declared(table))}" for table in ordered)
-    return out + "".join(f"\n# [{kind}.NAME]   # {MANY[kind]}\n{_keys(keys)}" for kind, keys in NAMED.items())
+    ordered = [t for t in CASE_TABLES if t not in RARE_TABLES] + [t for t in CASE_TABLES if t in RARE_TABLES]
+    out = CASE_TEMPLATE_HEAD + "".join(f"\n[{table}]\n{_key_lines(declared_params(table))}" for table in ordered)
+    return out + "".join(f"\n# [{kind}.NAME]   # {NAMED_TABLE_MEANINGS[kind]}\n{_key_lines(keys)}" for kind, keys in NAMED_TABLES.items())
 
 
-def _keys(keys: dict[str, Param]) -> str:
-    return "".join(f"# {example(name, param)}  # {about(param)}\n" for name, param in keys.items())
+def _key_lines(keys: dict[str, Param]) -> str:
+    return "".join(f"# {example_line(name, param)}  # {describe_param(param)}\n" for name, param in keys.items())
 
 
-def example(name: str, param: Param) -> str:
+def example_line(name: str, param: Param) -> str:
     return f"{name} = {value_text(param.value)}" if param.value is not None else f"{name} ="
 
 
-def about(param: Param) -> str:
+def describe_param(param: Param) -> str:
     """Meaning, unit and range of a key in words.
 
     >>> about(Param(0.02, "m", "length", low=1e-4, high=1.0))

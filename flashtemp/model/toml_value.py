@@ -17,7 +17,7 @@ def value_text(value: Any) -> str:
     if isinstance(value, list):
         return f"[{', '.join(map(value_text, value))}]"
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{_key(k)} = {value_text(v)}" for k, v in value.items()) + " }"
+        return "{ " + ", ".join(f"{_quote_key(k)} = {value_text(v)}" for k, v in value.items()) + " }"
     if isinstance(value, float) and math.isfinite(value) and abs(value) >= 1e5:
         short = f"{value:e}".split("e")
         mantissa, power = short[0].rstrip("0").rstrip("."), int(short[1])
@@ -26,6 +26,6 @@ def value_text(value: Any) -> str:
     return tomli_w.dumps({"v": value}).removeprefix("v = ").strip()
 
 
-def _key(name: str) -> str:
+def _quote_key(name: str) -> str:
     """A key of a table, in quotes where it needs them."""
     return name if name.replace("_", "").replace("-", "").isalnum() else f'"{name}"'

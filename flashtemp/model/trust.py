@@ -7,10 +7,10 @@ from pathlib import Path
 
 from flashtemp.physics.permissions import describe_other_writer
 
-REMEDY = "read that file; then add --trust, or copy case and file into a folder of your own"
+TRUST_REMEDY = "read that file; then add --trust, or copy case and file into a folder of your own"
 
 
-def refusal(case_file: Path, folder: Path, file: Path) -> str | None:
+def find_refusal(case_file: Path, folder: Path, file: Path) -> str | None:
     """Why an effect file of a case may not run without the user's word, or None.
 
     It may when nobody else can have written it or put it there, by the rule of OpenSSH's StrictModes:
@@ -25,13 +25,13 @@ def refusal(case_file: Path, folder: Path, file: Path) -> str | None:
     """
     home, real = folder.resolve(), file.resolve()
     if not real.is_relative_to(home):
-        return f"{file} would run as a program and lies outside the folder of the case; {REMEDY}"
+        return f"{file} would run as a program and lies outside the folder of the case; {TRUST_REMEDY}"
     if not hasattr(os, "geteuid"):
-        return f"{file} would run as a program, and this system does not tell whose it is; {REMEDY}"
+        return f"{file} would run as a program, and this system does not tell whose it is; {TRUST_REMEDY}"
     checked = [(file, home)]
     if case_file.is_file():  # a case may have been made in Python
         checked.append((case_file, case_file.resolve()))
     for path, own_from in checked:
         if why := describe_other_writer(path, own_from):
-            return f"{file} would run as a program, and {why}; {REMEDY}"
+            return f"{file} would run as a program, and {why}; {TRUST_REMEDY}"
     return None

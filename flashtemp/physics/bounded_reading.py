@@ -6,62 +6,62 @@ import math
 import re
 from pathlib import Path
 
-from flashtemp.errors import BadInput, short
+from flashtemp.errors import BadInput, shorten_text
 
-MOST_TEXT = 100 * 10**6  # bytes of a table: its numbers take ten times that
-LONGEST_LINE = 10**6  # characters
-LONGEST_NUMBER = 100  # characters
-NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
+MAX_TABLE_BYTES = 100 * 10**6  # bytes of a table: its numbers take ten times that
+MAX_LINE_LETTERS = 10**6  # characters
+MAX_PLAIN_NUMBER_LETTERS = 100  # characters
+PLAIN_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
 UNDEFINED = ("nan", "inf", "infinity")
-MISTYPED = frozenset("0123456789OoIlS.,eEdD+-−")  # what a damaged or mistyped number is made of
+LETTERS_OF_MISTYPED_NUMBERS = frozenset("0123456789OoIlS.,eEdD+-−")  # what a damaged or mistyped number is made of
 
 
-def raw(path: Path, where: str) -> bytes:
+def read_bounded_bytes(path: Path, where: str) -> bytes:
     """The bytes of a text file.  Raises BadInput, beginning with `where`, for what is too large or cannot be read."""
     try:
-        if (size := path.stat().st_size) > MOST_TEXT:
+        if (size := path.stat().st_size) > MAX_TABLE_BYTES:
             raise BadInput(
-                f"{where}: {size / 1e6:.0f} MB; a table may have {MOST_TEXT / 1e6:.0f} MB: give the part that counts"
+                f"{where}: {size / 1e6:.0f} MB; a table may have {MAX_TABLE_BYTES / 1e6:.0f} MB: give the part that counts"
             )
         return path.read_bytes()
     except OSError as fault:
         raise BadInput(f"{where}: cannot be read ({fault.strerror}); give a file that can") from fault
 
 
-def lines(text: str, where: str) -> list[str]:
+def split_bounded_lines(text: str, where: str) -> list[str]:
     """The lines of a text.  Raises BadInput for one that is longer than any row of numbers."""
     found = text.splitlines()
     for number, line in enumerate(found, 1):
-        if len(line) > LONGEST_LINE:
+        if len(line) > MAX_LINE_LETTERS:
             raise BadInput(
                 f"{where}:{number}: a line of {len(line)} characters; give one row of numbers per line, no line longer"
-                f" than {LONGEST_LINE}"
+                f" than {MAX_LINE_LETTERS}"
             )
     return found
 
 
-def number(cell: str) -> float | None:
+def parse_plain_number(cell: str) -> float | None:
     """The number that a cell is, decimal point; None for anything else.
 
     >>> number("1e3"), number("O.1"), number("1_0"), number("nan")
     (1000.0, None, None, nan)
     """
-    if len(cell) > LONGEST_NUMBER:
+    if len(cell) > MAX_PLAIN_NUMBER_LETTERS:
         return None
-    if NUMBER.fullmatch(cell):
+    if PLAIN_NUMBER.fullmatch(cell):
         return float(cell)
     return math.nan if cell.lower().lstrip("+-") in UNDEFINED else None
 
 
-def mistyped(cell: str) -> bool:
+def is_mistyped_number(cell: str) -> bool:
     """Whether a cell that is no number was meant as one: a letter O for a zero, a second point.
 
     >>> mistyped("O.1"), mistyped("1.2.3"), mistyped("speed"), mistyped("Oil")
     (True, True, False, False)
     """
-    return any(c.isdigit() or c == "." for c in cell) and set(cell) <= MISTYPED
+    return any(c.isdigit() or c == "." for c in cell) and set(cell) <= LETTERS_OF_MISTYPED_NUMBERS
 
 
-def told(cells: list[str]) -> str:
+def format_cells(cells: list[str]) -> str:
     """A row of cells for a message."""
-    return short(repr(cells))
+    return shorten_text(repr(cells))

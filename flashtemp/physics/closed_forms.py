@@ -23,7 +23,7 @@ from flashtemp.physics.arrays import Value
 from flashtemp.physics.material import Material
 
 ROOT_PI = np.sqrt(np.pi)
-OVERLAP = float(4 / np.pi * beta(0.75, 1.5))  # I of V10: integral of w^-1/2 h(w) from 0 to 1
+SPOT_OVERLAP_INTEGRAL = float(4 / np.pi * beta(0.75, 1.5))  # I of V10: integral of w^-1/2 h(w) from 0 to 1
 
 
 def ierfc(x: Value) -> Value:
@@ -70,11 +70,11 @@ def persson_kernel(a: float, b: float, diffusivity: float, tau: Value) -> Value:
 def persson_step(a: float, b: float, diffusivity: float, t: Value) -> Value:
     """V4: step response, the integral of the kernel from 0 to t, s/m (a != b)."""
 
-    def part(c: Value) -> Value:
+    def step_term(c: Value) -> Value:
         y = c * np.sqrt(diffusivity * t)
         return (erfcx(y) - 1 + 2 * y / ROOT_PI) / (c * c * diffusivity)
 
-    return a * b / (b * b - a * a) * (b * part(a) - a * part(b))
+    return a * b / (b * b - a * a) * (b * step_term(a) - a * step_term(b))
 
 
 # --- two half-spaces in contact ---------------------------------------------------------------------
@@ -152,7 +152,7 @@ def road_rise_exponential(road: Material, speed: float, flux: float, decay: floa
     return scale * dawsn(np.sqrt(x / decay))
 
 
-def road_rise_any(road: Material, speed: float, flux: Callable[..., Value], x: float) -> float:
+def road_rise_by_quadrature(road: Material, speed: float, flux: Callable[..., Value], x: float) -> float:
     """V8: any flux law (W/m2 at x), by quadrature in sqrt(x - x') so that nothing is singular."""
     value, _ = quad(lambda u: 2 * flux(x - u * u), 0.0, np.sqrt(x), epsabs=0.0, epsrel=1e-12, limit=200)
     found: float = value / (road.effusivity * np.sqrt(np.pi * speed))
@@ -170,27 +170,27 @@ def wall_conductance(road: Material, speed: float, length: float) -> float:
     return found
 
 
-def jaeger(peclet: float, X: Value) -> Value:
+def jaeger_strip(peclet: float, X: Value) -> Value:
     """V9: theta = pi k V T/(2 D q) of a strip source of half-length b moving towards +X = x/b, Pe = V b/(2 D)."""
 
-    def part(u: Value) -> Value:  # integral of exp(-u) K0|u| from 0 to u, DLMF 10.43(i)
+    def bessel_integral(u: Value) -> Value:  # integral of exp(-u) K0|u| from 0 to u, DLMF 10.43(i)
         a = np.maximum(np.abs(u), 1e-300)
         ahead = 1 + a * np.exp(-2 * a) * (k0e(a) - k1e(a))
         behind = 1 - a * (k0e(a) + k1e(a))
         return np.where(u == 0, 0.0, np.where(u > 0, ahead, behind))
 
     X = np.asarray(X, dtype=float)
-    return part(peclet * (X + 1)) - part(peclet * (X - 1))
+    return bessel_integral(peclet * (X + 1)) - bessel_integral(peclet * (X - 1))
 
 
-def jaeger_peak(peclet: float) -> float:
+def jaeger_strip_peak(peclet: float) -> float:
     """V9: place X of the highest temperature under the strip."""
 
-    def slope(X: Value) -> Value:
+    def rise_slope(X: Value) -> Value:
         ahead, behind = peclet * (X + 1), peclet * (1 - X)
         return np.exp(-2 * ahead) * k0e(ahead) - k0e(behind)  # exp(-u) K0|u| at both ends
 
-    return float(brentq(slope, -1 + 1e-9, 0.0, xtol=1e-14))
+    return float(brentq(rise_slope, -1 + 1e-9, 0.0, xtol=1e-14))
 
 
 # --- flash temperature in the spots -----------------------------------------------------------------
@@ -205,12 +205,12 @@ def spot_overlap(w: Value) -> Value:
 def flash_build_up(r: Value) -> Value:
     """V10: F(r), share of the full flash after sliding r spot diameters; by parts, an incomplete beta function."""
     r = np.clip(r, 0.0, 1.0)
-    return (2 * np.sqrt(r) * spot_overlap(r)) / OVERLAP + betainc(0.75, 1.5, r * r)
+    return (2 * np.sqrt(r) * spot_overlap(r)) / SPOT_OVERLAP_INTEGRAL + betainc(0.75, 1.5, r * r)
 
 
 def spot_flash(rubber: Material, flux: float, diameter: float, speed: float) -> float:
     """V11: mean excess in circular spots of a surface flux (W/m2 of spot) on rubber that slides past."""
-    found: float = OVERLAP / ROOT_PI * flux * np.sqrt(diameter / speed) / rubber.effusivity
+    found: float = SPOT_OVERLAP_INTEGRAL / ROOT_PI * flux * np.sqrt(diameter / speed) / rubber.effusivity
     return found
 
 
@@ -238,7 +238,7 @@ def spot_flash_weighted(rubber: Material, power: float, q: float, diameter: floa
     return found
 
 
-def stripe_excess(duty: float, terms: int = 1_000_000) -> float:
+def periodic_flux_excess(duty: float, terms: int = 1_000_000) -> float:
     """V12: mean excess while a periodic on-off flux is on, in units of flux sqrt(period)/e; 0 < duty < 1."""
     n = np.arange(1, terms + 1)
     series = (np.square(np.sin(np.pi * n * duty)) * n**-2.5).sum() + terms**-1.5 / 3  # tail: sin^2 is 1/2 on average
@@ -248,7 +248,7 @@ def stripe_excess(duty: float, terms: int = 1_000_000) -> float:
 # --- slab, cooling, scaling -------------------------------------------------------------------------
 
 
-def slab(body: Material, height: float, flux: float, t: float, z: Value = 0.0) -> Value:
+def slab_heating(body: Material, height: float, flux: float, t: float, z: Value = 0.0) -> Value:
     """V13: slab with flux (W/m2) into z = 0 and an insulated back at z = height (m).  Carslaw & Jaeger 3.8."""
     fo = body.diffusivity * t / height**2
     n = np.arange(1, 2 + int(np.sqrt(40 / (np.pi**2 * fo))))
@@ -258,7 +258,7 @@ def slab(body: Material, height: float, flux: float, t: float, z: Value = 0.0) -
     return flux * height / body.conductivity * shape
 
 
-def cooling(body: Material, h: float, t: Value, z: Value = 0.0) -> Value:
+def half_space_cooling(body: Material, h: float, t: Value, z: Value = 0.0) -> Value:
     """V14: what is left (1) of a unit rise in a half-space cooled by h (W/m2K).  Carslaw & Jaeger 2.7."""
     s = np.sqrt(body.diffusivity * t)
     y = h * s / body.conductivity + z / (2 * s)
@@ -268,7 +268,7 @@ def cooling(body: Material, h: float, t: Value, z: Value = 0.0) -> Value:
 def slab_mode(body: Material, height: float, h: float) -> tuple[float, float, float]:
     """V14: slowest mode of a slab cooled on one face: zeta, its amplitude C1, its time constant (s)."""
     zeta = _slab_root(h * height / body.conductivity, 0)
-    return zeta, _amplitude(zeta), height**2 / (body.diffusivity * zeta**2)
+    return zeta, _mode_amplitude(zeta), height**2 / (body.diffusivity * zeta**2)
 
 
 def slab_cooling(body: Material, height: float, h: float, t: float, z: Value = 0.0) -> Value:
@@ -277,7 +277,7 @@ def slab_cooling(body: Material, height: float, h: float, t: float, z: Value = 0
     roots = np.array([_slab_root(h * height / body.conductivity, n) for n in range(modes)])
     u = 1 - np.asarray(z, dtype=float)[..., None] / height
     decay = np.exp(-np.square(roots / height) * body.diffusivity * t)
-    return (_amplitude(roots) * decay * np.cos(roots * u)).sum(-1)
+    return (_mode_amplitude(roots) * decay * np.cos(roots * u)).sum(-1)
 
 
 def _slab_root(biot: float, n: int) -> float:
@@ -285,11 +285,11 @@ def _slab_root(biot: float, n: int) -> float:
     return float(brentq(lambda s: s * np.sin(s) - biot * np.cos(s), low + 1e-12, low + np.pi / 2, xtol=1e-15))
 
 
-def _amplitude(zeta: Value) -> Value:
+def _mode_amplitude(zeta: Value) -> Value:
     return 4 * np.sin(zeta) / (2 * zeta + np.sin(2 * zeta))
 
 
-def scaling(speed: float, reference: float) -> float:
+def speed_scaling(speed: float, reference: float) -> float:
     """V15: ratio (1) of rises at two speeds after the same slid distance; exact for alpha = inf, h = 0."""
     return float(np.sqrt(speed / reference))
 

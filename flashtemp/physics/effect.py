@@ -19,7 +19,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, ClassVar, Protocol
 
-from flashtemp.errors import BadInput, nearest
+from flashtemp.errors import BadInput, suggest_name
 from flashtemp.physics.arrays import Value
 from flashtemp.physics.material import Layer, Material
 
@@ -91,7 +91,7 @@ class Param:
         if self.low > self.high:  # told with its line where the class is read
             raise ValueError(f"no number is >= {self.low:g} and <= {self.high:g}")
 
-    def fault(self, value: Any) -> str | None:
+    def find_fault(self, value: Any) -> str | None:
         """What is wrong with a number from a case, or None."""
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             return f"give a number ({self.unit})" if self.unit not in ("", "1") else "give a number"
@@ -209,16 +209,16 @@ class Effect:
         return iter(())
 
 
-def layer_of(about: str) -> Param:
+def layer_param(about: str) -> Param:
     """The key by which an effect is told of one layer of the block."""
     return Param(None, "1", f"name of a layer of the block: {about}", kinds=("name",))
 
 
-def among(scene: SceneView, name: str | None, key: str) -> str | None:
+def require_layer(scene: SceneView, name: str | None, key: str) -> str | None:
     """The name that a key gives, if it is that of a layer of the block.  Raises BadInput."""
     known = [layer.name for layer in scene.layers]
     if name is not None and name not in known:
-        raise BadInput(f"{key}: {name!r} is no layer of the block{nearest(name, known)}; leave it out, or add it")
+        raise BadInput(f"{key}: {name!r} is no layer of the block{suggest_name(name, known)}; leave it out, or add it")
     return name
 
 
@@ -232,11 +232,11 @@ def catalogue() -> dict[str, type[Effect]]:
     package = importlib.import_module("flashtemp.physics.effects")
     found = {}
     for info in sorted(pkgutil.iter_modules(package.__path__), key=lambda i: i.name):
-        found[info.name] = only_effect(importlib.import_module(f"flashtemp.physics.effects.{info.name}"))
+        found[info.name] = find_only_effect(importlib.import_module(f"flashtemp.physics.effects.{info.name}"))
     return dict(sorted(found.items(), key=lambda item: (not item[1].base, item[0])))
 
 
-def only_effect(module: ModuleType) -> type[Effect]:
+def find_only_effect(module: ModuleType) -> type[Effect]:
     """The one effect that a module defines.  Raises BadInput when it defines none, or several."""
     kinds = [
         k
@@ -256,9 +256,9 @@ def only_effect(module: ModuleType) -> type[Effect]:
     return kinds[0]
 
 
-def find(name: str) -> type[Effect]:
+def find_effect(name: str) -> type[Effect]:
     """The effect of that name; BadInput names the nearest known one."""
     known = catalogue()
     if name not in known:
-        raise BadInput(f"effect '{name}' is not in the catalogue{nearest(name, known)}")
+        raise BadInput(f"effect '{name}' is not in the catalogue{suggest_name(name, known)}")
     return known[name]

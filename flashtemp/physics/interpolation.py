@@ -17,23 +17,23 @@ from flashtemp.errors import BadInput
 from flashtemp.physics.arrays import Array, Value
 from flashtemp.physics.tables.table import read_table
 from flashtemp.physics.tables.text_table import TextTable
-from flashtemp.physics.tables.wanted import WantedColumn, notes_on_units, read_wanted
+from flashtemp.physics.tables.wanted import WantedColumn, note_assumed_units, read_wanted
 
 Source = Any  # of a case: a CSV file's name, or rows
-LOGGER = "flashtemp.tables"  # where notes on tables go
-COMMA = re.compile(r"[-+]?\d+,\d+\s*[^.,\d]*")  # a number as people write it whose language has decimal commas
+TABLE_LOGGER = "flashtemp.tables"  # where notes on tables go
+DECIMAL_COMMA_NUMBER = re.compile(r"[-+]?\d+,\d+\s*[^.,\d]*")  # a number as people write it whose language has decimal commas
 
 
-def between(values: Array, at: Array, wanted: Array) -> Array:
+def interpolate_linear(values: Array, nodes: Array, wanted: Array) -> Array:
     """Linear interpolation along the first axis of values (n, ...) kept `at` (n,), outermost values held.
 
     >>> between(np.array([[0.0], [2.0]]), np.array([1.0, 2.0]), np.array([0.0, 1.5])).ravel().tolist()
     [0.0, 1.0]
     """
-    k = np.clip(np.searchsorted(at, wanted, side="right") - 1, 0, max(0, len(at) - 2))
-    following = np.minimum(k + 1, len(at) - 1)
-    step = at[following] - at[k]
-    weight = np.clip((wanted - at[k]) / np.where(step > 0, step, 1.0), 0.0, 1.0)
+    k = np.clip(np.searchsorted(nodes, wanted, side="right") - 1, 0, max(0, len(nodes) - 2))
+    following = np.minimum(k + 1, len(nodes) - 1)
+    step = nodes[following] - nodes[k]
+    weight = np.clip((wanted - nodes[k]) / np.where(step > 0, step, 1.0), 0.0, 1.0)
     weight = weight.reshape(-1, *[1] * (values.ndim - 1))
     out: Array = (1.0 - weight) * values[k] + weight * values[following]
     return out
@@ -116,17 +116,17 @@ class Surface:
         return Curve(self.v, tuple(row))(v)
 
 
-def rows(source: Source, folder: Path, key: str, columns: int | Sequence[WantedColumn]) -> Array:
+def read_rows(source: Source, folder: Path, key: str, columns: int | Sequence[WantedColumn]) -> Array:
     """Rows (n, columns) of numbers from a list of lists or a CSV file name.
 
     `columns` are the quantities that the key takes, in their order, or only their number.  Those of a file are found by
     the names in its header and turned into the unit of the quantity; without names their order counts.
     Raises BadInput naming the key, the file and its line.
     """
-    return _read_rows(source, folder, key, columns)[0]
+    return _read_rows_and_table(source, folder, key, columns)[0]
 
 
-def _read_rows(
+def _read_rows_and_table(
     source: Source, folder: Path, key: str, columns: int | Sequence[WantedColumn]
 ) -> tuple[Array, TextTable | None]:
     """Rows of numbers and the table that they stand in, None for a list; notes on a table go to the log `LOGGER`."""
@@ -136,8 +136,8 @@ def _read_rows(
         if isinstance(columns, int):
             columns = [WantedColumn(f"number {n + 1}", "1", "") for n in range(count)]
         data = read_wanted(table, columns)
-        for note in (*table.notes, *notes_on_units(table, columns)):
-            logging.getLogger(LOGGER).info("%s: %s", table.where, note)
+        for note in (*table.notes, *note_assumed_units(table, columns)):
+            logging.getLogger(TABLE_LOGGER).info("%s: %s", table.where, note)
         return data, table
     given = [list(r) if isinstance(r, (list, tuple)) else [r] for r in source]
     if not given:
@@ -158,13 +158,13 @@ def _read_file(source: Source, folder: Path, key: str) -> TextTable:
         raise BadInput(f"{key}: {source!r}; give a CSV file name or a list of rows")
     path = folder / source
     if not path.is_file():
-        if COMMA.fullmatch(source):
+        if DECIMAL_COMMA_NUMBER.fullmatch(source):
             raise BadInput(f"{key}: '{source}'; write the number with a point: {source.replace(',', '.')}")
         raise BadInput(f"{key}: file '{source}' not found in {folder}; give a CSV file there or a list of rows")
     return read_table(path, f"{key}: {source}")
 
 
-def pairs(
+def read_xy_pairs(
     source: Source,
     folder: Path,
     key: str,
@@ -173,25 +173,25 @@ def pairs(
     columns: int | Sequence[WantedColumn] = 2,
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Two columns with the first strictly increasing and the second from low to high; `columns` as of `rows`."""
-    data, table = _read_rows(source, folder, key, columns)
+    data, table = _read_rows_and_table(source, folder, key, columns)
     step = np.diff(data[:, 0])
     if np.any(step <= 0):
         k = int(np.argmax(step <= 0))
-        place = f"{key}: row {k + 2}" if table is None else table.place(k + 1)
+        place = f"{key}: row {k + 2}" if table is None else table.locate_row(k + 1)
         what = "first column" if isinstance(columns, int) else columns[0].quantity
         raise BadInput(f"{place}: {what} goes from {data[k, 0]:g} to {data[k + 1, 0]:g}; it must increase strictly")
     outside = (data[:, 1] < low) | (data[:, 1] > high)
     if np.any(outside):
         k = int(np.argmax(outside))
         upper = f" and <= {high:g}" if high < math.inf else ""
-        place = key if table is None else table.place(k)
+        place = key if table is None else table.locate_row(k)
         raise BadInput(f"{place}: value {data[k, 1]:g} in the table; give values >= {low:g}{upper}")
     return tuple(data[:, 0].tolist()), tuple(data[:, 1].tolist())
 
 
-def grid(source: Source, folder: Path, key: str, columns: int | Sequence[WantedColumn] = 3) -> Surface:
+def read_surface(source: Source, folder: Path, key: str, columns: int | Sequence[WantedColumn] = 3) -> Surface:
     """A Surface from rows (u, v, z) that fill a complete grid; `columns` as of `rows`."""
-    table = rows(source, folder, key, columns)
+    table = read_rows(source, folder, key, columns)
     u, v = np.unique(table[:, 0]), np.unique(table[:, 1])
     places, count = np.unique(table[:, :2], axis=0, return_counts=True)
     if np.any(count > 1):

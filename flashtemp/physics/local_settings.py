@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from functools import wraps
 from typing import Any
 
-FILES = ("matplotlibrc", ".numba_config.yaml")  # looked for under these bare names, before the user's own
+LOCAL_SETTINGS_FILES = ("matplotlibrc", ".numba_config.yaml")  # looked for under these bare names, before the user's own
 
 
 def ignore_local_settings() -> None:
@@ -22,7 +22,7 @@ def ignore_local_settings() -> None:
 
     @wraps(exists)
     def exists_elsewhere(path: Any) -> bool:
-        return path not in FILES and exists(path)
+        return path not in LOCAL_SETTINGS_FILES and exists(path)
 
     os.path.exists = exists_elsewhere
 

@@ -14,23 +14,23 @@ from pathlib import Path
 from types import ModuleType
 
 from flashtemp.errors import BadInput
-from flashtemp.physics.effect import Effect, catalogue, only_effect
+from flashtemp.physics.effect import Effect, catalogue, find_only_effect
 
-GROUP = "flashtemp.effects"
-ALLOWED = "the standard library, numpy, scipy, flashtemp.physics and flashtemp.errors"
+ENTRY_POINT_GROUP = "flashtemp.effects"
+ALLOWED_IMPORTS_TEXT = "the standard library, numpy, scipy, flashtemp.physics and flashtemp.errors"
 
 
-def read(path: Path) -> type[Effect]:
+def read_effect(path: Path) -> type[Effect]:
     """Execute a file and return the one effect that it holds; the effect's name is the file's stem.
 
     Raises BadInput naming file, line and remedy: no such file, a name that cannot be one or that the catalogue has,
     a file that does not run, no effect in it or more than one.
     """
-    name_of(path)
-    return executed(str(path), _text(path))
+    effect_name(path)
+    return execute_source(str(path), _read_source(path))
 
 
-def _text(path: Path) -> str:
+def _read_source(path: Path) -> str:
     """The text of an effect file.  Raises BadInput."""
     try:
         return path.read_text(encoding="utf-8")
@@ -40,7 +40,7 @@ def _text(path: Path) -> str:
         raise BadInput(f"{path}: {fault.strerror}; give a Python file with one effect") from fault
 
 
-def name_of(path: Path) -> str:
+def effect_name(path: Path) -> str:
     """The name of the effect that a file holds.  Raises BadInput when it cannot be one, or the catalogue has it."""
     name = path.stem
     if path.suffix != ".py" or not re.fullmatch(r"[a-z][a-z0-9_]*", name):
@@ -53,15 +53,15 @@ def name_of(path: Path) -> str:
 
 
 @cache
-def executed(file: str, source: str) -> type[Effect]:
+def execute_source(file: str, source: str) -> type[Effect]:
     """The one effect of a source text that stands in `file`; the same text gives the same class.  Raises BadInput."""
     name = f"flashtemp_own_{Path(file).stem}_{sha256((file + source).encode()).hexdigest()[:12]}"
     module = ModuleType(name)
     module.__file__ = file
     sys.modules[name] = module  # dataclasses and doctests look their module up there
     try:
-        _run(file, lambda: exec(compile(source, file, "exec"), vars(module)))
-        effect = only_effect(module)
+        _run_user_code(file, lambda: exec(compile(source, file, "exec"), vars(module)))
+        effect = find_only_effect(module)
         if effect.base:
             raise BadInput(f"{file}: base = True is for the catalogue; leave it out, and list the effect in effects")
     except BadInput:
@@ -70,7 +70,7 @@ def executed(file: str, source: str) -> type[Effect]:
     return effect
 
 
-def _run(file: str, work: Callable[[], object]) -> None:
+def _run_user_code(file: str, work: Callable[[], object]) -> None:
     """Do what executes a file of somebody's own; whatever goes wrong is BadInput with the line of that file."""
     try:
         work()
@@ -79,43 +79,43 @@ def _run(file: str, work: Callable[[], object]) -> None:
     except (Exception, SystemExit) as fault:
         lines = [f.lineno for f in traceback.extract_tb(fault.__traceback__) if f.filename == file]
         said = f"{type(fault).__name__}: {fault}".rstrip(": ")
-        remedy = f"import from {ALLOWED}" if isinstance(fault, ImportError) else "repair that line"
+        remedy = f"import from {ALLOWED_IMPORTS_TEXT}" if isinstance(fault, ImportError) else "repair that line"
         raise BadInput(f"{file}:{lines[-1] if lines else 1}: does not run: {said}; {remedy}") from fault
 
 
 @cache
-def installed() -> dict[str, type[Effect]]:
+def find_installed_effects() -> dict[str, type[Effect]]:
     """Effects by name that installed packages declare under the entry-point group "flashtemp.effects".
 
     Raises BadInput for one that cannot be loaded, is no effect, or takes a name that the catalogue or another has.
     """
     found: dict[str, type[Effect]] = {}
-    origin = {name: f"{GROUP}: the catalogue of flashtemp" for name in catalogue()}
-    for point in sorted(entry_points(group=GROUP), key=lambda p: p.name):
+    origin = {name: f"{ENTRY_POINT_GROUP}: the catalogue of flashtemp" for name in catalogue()}
+    for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda p: p.name):
         said = f"{point.value} of the package {point.dist.name}" if point.dist else point.value
         if point.name in origin:
-            raise BadInput(f"{GROUP}: {said} takes the name '{point.name}' of {origin[point.name]}; remove one of them")
+            raise BadInput(f"{ENTRY_POINT_GROUP}: {said} takes the name '{point.name}' of {origin[point.name]}; remove one of them")
         origin[point.name] = said
-        found[point.name] = _declared(point, said)
+        found[point.name] = _load_entry_point(point, said)
     return found
 
 
-def _declared(point: EntryPoint, said: str) -> type[Effect]:
+def _load_entry_point(point: EntryPoint, origin: str) -> type[Effect]:
     """The effect that an entry point names: a class, or a module with exactly one."""
     if not re.fullmatch(r"[a-z][a-z0-9_]*", point.name):
-        raise BadInput(f"{GROUP}: '{point.name}' of {said}: give small letters, digits and underscores")
+        raise BadInput(f"{ENTRY_POINT_GROUP}: '{point.name}' of {origin}: give small letters, digits and underscores")
     try:
         value = point.load()
     except Exception as fault:
-        raise BadInput(f"{GROUP}: {said} does not load: {fault}; repair or remove that package") from fault
-    effect = only_effect(value) if isinstance(value, ModuleType) else value
+        raise BadInput(f"{ENTRY_POINT_GROUP}: {origin} does not load: {fault}; repair or remove that package") from fault
+    effect = find_only_effect(value) if isinstance(value, ModuleType) else value
     if not (isinstance(effect, type) and issubclass(effect, Effect)) or effect.base:
-        raise BadInput(f"{GROUP}: {said} is no effect; name a subclass of Effect (base = False) or a module with one")
+        raise BadInput(f"{ENTRY_POINT_GROUP}: {origin} is no effect; name a subclass of Effect (base = False) or a module with one")
     return effect
 
 
 @dataclass(frozen=True)
-class OwnEffect:
+class UserEffect:
     """An effect file that was read: `name`, its `path` as the case gives it, the `file` it was, and its `source`.
 
     It carries the text itself, so that another process runs just what was read and checked here.
@@ -129,7 +129,7 @@ class OwnEffect:
     @property
     def effect(self) -> type[Effect]:
         """The effect that the text defines."""
-        return executed(self.file, self.source)
+        return execute_source(self.file, self.source)
 
     @property
     def sha256(self) -> str:
@@ -137,11 +137,11 @@ class OwnEffect:
         return sha256(self.source.encode()).hexdigest()
 
 
-def own(path: str, folder: Path) -> OwnEffect:
+def read_user_effect(path: str, folder: Path) -> UserEffect:
     """An effect file that a case in `folder` names as `path`, read and executed.  Raises BadInput like `read`."""
     file = folder / path
-    found = OwnEffect(name_of(file), path, str(file), _text(file))
+    found = UserEffect(effect_name(file), path, str(file), _read_source(file))
     _ = found.effect
-    if found.name in installed():
+    if found.name in find_installed_effects():
         raise BadInput(f"{file}: an installed package has an effect '{found.name}'; give the file another name")
     return found

@@ -17,35 +17,35 @@ from fractions import Fraction
 from functools import cache, lru_cache
 from typing import Any
 
-from flashtemp.errors import BadInput, short
+from flashtemp.errors import BadInput, shorten_text
 
-NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
-UNIT = r"(?:1?/)?(?:[^\W\d_]|[°º˚℃℉%‰])[^\"'=;,]{0,40}?"
-QUANTITY = re.compile(rf"\s*({NUMBER})(?:\s*(?=[^1\s])|\s+(?=1/))({UNIT})\s*")
-FILE = re.compile(r".*\.[A-Za-z][A-Za-z0-9]{1,5}")  # a name with an ending
+NUMBER_PATTERN = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
+UNIT_PATTERN = r"(?:1?/)?(?:[^\W\d_]|[°º˚℃℉%‰])[^\"'=;,]{0,40}?"
+QUANTITY_PATTERN = re.compile(rf"\s*({NUMBER_PATTERN})(?:\s*(?=[^1\s])|\s+(?=1/))({UNIT_PATTERN})\s*")
+FILE_NAME_PATTERN = re.compile(r".*\.[A-Za-z][A-Za-z0-9]{1,5}")  # a name with an ending
 MAX_UNIT_LETTERS = 60  # "W s^0.5/(m2K)" has 13
-MAX_NAMES = 8
-MAX_BRACKETS = 2
+MAX_UNIT_NAMES = 8
+MAX_BRACKET_DEPTH = 2
 MAX_SYMBOL_LETTERS = 4  # "mmHg", "kcal"; longer ones are words, which have a plural and may begin with a capital letter
-ZERO_IS_A_POINT = ("degC", "degF")  # scales whose zero does not mean "none"
-DECLARED = {"1": "", "W/mK": "W/(m K)"}  # in keys of ours mK is metre times kelvin
-NAME = re.compile(r"(?:cm|mm|in|ft)H2O|(?:deg(?:ree)?s?[ _])?°?[^\W\d]+|[°%‰]")
-POWER = re.compile(r"(?:\*\*|\^)?([-+]?[0-9](?:\.[0-9])?)(?![0-9.]*[0-9])")
-TEMPERATURE = re.compile(
+OFFSET_SCALES = ("degC", "degF")  # scales whose zero does not mean "none"
+DECLARED_SPELLINGS = {"1": "", "W/mK": "W/(m K)"}  # in keys of ours mK is metre times kelvin
+UNIT_NAME_PATTERN = re.compile(r"(?:cm|mm|in|ft)H2O|(?:deg(?:ree)?s?[ _])?°?[^\W\d]+|[°%‰]")
+EXPONENT_PATTERN = re.compile(r"(?:\*\*|\^)?([-+]?[0-9](?:\.[0-9])?)(?![0-9.]*[0-9])")
+TEMPERATURE_PATTERN = re.compile(
     r"(?:°|\ufffd|o|deg(?:ree)?s?)?[ ._]*(celsius|centigrade|fahrenheit|kelvins?|rankine|[cfkr])", re.IGNORECASE
 )
-SCALES = {  # size of a degree in K, and where its zero lies in K
+TEMPERATURE_SCALES_K = {  # size of a degree in K, and where its zero lies in K
     "c": (Fraction(1), Fraction("273.15")),
     "f": (Fraction(5, 9), Fraction("459.67") * Fraction(5, 9)),
     "k": (Fraction(1), Fraction(0)),
     "r": (Fraction(5, 9), Fraction(0)),
 }
-SPELLINGS = {  # beside the library's own; the wanted dimension chooses among several
+UNIT_SPELLINGS = {  # beside the library's own; the wanted dimension chooses among several
     "px": ("pixel",), "pixels": ("pixel",), "mil": ("thou",),
     "mK": ("millikelvin", "meter*kelvin"), "kgK": ("kilogram*kelvin",), "gK": ("gram*kelvin",), "Nm": ("newton*meter",),
     "Pas": ("pascal*second",), "mPas": ("millipascal*second",),
 }  # fmt: skip
-WORDS = {  # in letters of either case, after what the library makes of them
+UNIT_WORDS = {  # in letters of either case, after what the library makes of them
     "sec": "second", "secs": "second", "msec": "millisecond", "msecs": "millisecond", "millis": "millisecond",
     "usec": "microsecond", "usecs": "microsecond", "min": "minute", "mins": "minute", "hr": "hour", "hrs": "hour",
     "h": "hour", "s": "second", "kmh": "kilometer/hour", "kmph": "kilometer/hour", "kph": "kilometer/hour",
@@ -53,12 +53,12 @@ WORDS = {  # in letters of either case, after what the library makes of them
     "pct": "percent", "°": "degree", "%": "percent", "‰": "permille",
 }  # fmt: skip
 PROPORTIONS = {"percent": 1e-2, "permille": 1e-3, "ppm": 1e-6, "ppb": 1e-9}
-CONSTANTS = {  # the library knows these beside units; none is one
+PINT_CONSTANTS = {  # the library knows these beside units; none is one
     "speed_of_light", "elementary_charge", "boltzmann_constant", "molar_gas_constant", "standard_gravity",
     "dirac_constant", "stefan_boltzmann_constant",
 }  # fmt: skip
-NO_AMOUNTS = ("bit", "count")  # information and counted things
-EQUAL = 1e-9  # of exponents such as 0.8
+COUNTED_UNITS = ("bit", "count")  # information and counted things
+EXPONENT_TOLERANCE = 1e-9  # of exponents such as 0.8
 
 
 class _UnknownUnit(Exception):
@@ -66,7 +66,7 @@ class _UnknownUnit(Exception):
 
 
 @dataclass(frozen=True)
-class _Size:
+class _UnitSize:
     """A unit: how many of the base units it is, and the exponents of these."""
 
     factor: float
@@ -82,9 +82,9 @@ def looks_like_quantity(value: Any) -> bool:
     >>> [looks_like_quantity(v) for v in ("25 mm", "0.3MPa", "speed.csv", "2.csv", 0.3, "1e-3", "inf")]
     [True, True, False, False, False, False, False]
     """
-    if not isinstance(value, str) or re.fullmatch(NUMBER, value) or FILE.fullmatch(value):
+    if not isinstance(value, str) or re.fullmatch(NUMBER_PATTERN, value) or FILE_NAME_PATTERN.fullmatch(value):
         return False
-    return QUANTITY.fullmatch(value) is not None
+    return QUANTITY_PATTERN.fullmatch(value) is not None
 
 
 def to_unit(value: str, unit: str, difference: bool = False) -> float:
@@ -99,24 +99,24 @@ def to_unit(value: str, unit: str, difference: bool = False) -> float:
     >>> to_unit("10 W/m²K", "W/m2K"), to_unit("1.5 N/mm2", "Pa"), to_unit("0.2/m", "1/m")
     (10.0, 1500000.0, 0.2)
     """
-    found = QUANTITY.fullmatch(value)
+    found = QUANTITY_PATTERN.fullmatch(value)
     if found is None:
-        raise BadInput(f"{short(repr(value))}; give a number {_wanted(unit)}")
+        raise BadInput(f"{shorten_text(repr(value))}; give a number {_describe_unit(unit)}")
     number, text, difference = float(found[1]), found[2], difference or unit == "K"
-    if text == unit and not (difference and unit in ZERO_IS_A_POINT):
+    if text == unit and not (difference and unit in OFFSET_SCALES):
         return number
     if unit == "":
         raise BadInput(f"{value!r}; give a number without a unit")
     try:
-        line = _conversion(text, unit, difference)
+        line = _compute_conversion(text, unit, difference)
     except _UnknownUnit as fault:
-        raise BadInput(f"{value!r}: the unit {text!r} is not known; give a number {_wanted(unit)}") from fault
+        raise BadInput(f"{value!r}: the unit {text!r} is not known; give a number {_describe_unit(unit)}") from fault
     if line is None:
-        raise BadInput(f"{value!r} is no quantity {_wanted(unit)}; give one that can be turned into it")
+        raise BadInput(f"{value!r} is no quantity {_describe_unit(unit)}; give one that can be turned into it")
     return float(f"{line[0] * number + line[1]:.15g}")  # 0.3 MPa is 300000 Pa, not 299999.99999999994
 
 
-def conversion(unit_text: str, unit: str, difference: bool = False) -> tuple[float, float]:
+def find_conversion(unit_text: str, unit: str, difference: bool = False) -> tuple[float, float]:
     """Factor and offset that turn numbers in the unit `unit_text` into `unit`: factor * x + offset.
 
     With `difference` the numbers are differences, so that degrees have no offset.  Raises BadInput for an unknown unit
@@ -130,10 +130,10 @@ def conversion(unit_text: str, unit: str, difference: bool = False) -> tuple[flo
     flashtemp.errors.BadInput: 'm' is no unit that can be turned into s
     """
     try:
-        line = _conversion(unit_text, unit, difference)
+        line = _compute_conversion(unit_text, unit, difference)
     except _UnknownUnit as fault:
         what = f"that can be turned into {unit}" if unit not in ("", "1") else "of a number, such as % or 1"
-        raise BadInput(f"the unit {short(repr(unit_text))} is not known; give a unit {what}") from fault
+        raise BadInput(f"the unit {shorten_text(repr(unit_text))} is not known; give a unit {what}") from fault
     if line is None:
         into = unit if unit not in ("", "1") else "a number without a unit"
         raise BadInput(f"{unit_text!r} is no unit that can be turned into {into}")
@@ -147,7 +147,7 @@ def is_unit(text: str, unit: str) -> bool:
     (True, True, False, False, True)
     """
     try:
-        return _conversion(text, unit, False) is not None
+        return _compute_conversion(text, unit, False) is not None
     except _UnknownUnit:
         return False
 
@@ -173,26 +173,26 @@ def convert_options(words: list[str], declared: Mapping[str, str]) -> list[str]:
     return out
 
 
-def _wanted(unit: str) -> str:
+def _describe_unit(unit: str) -> str:
     return "in " + unit if unit not in ("", "1") else "without a unit"
 
 
 @lru_cache(maxsize=4096)
-def _conversion(text: str, unit: str, difference: bool) -> tuple[float, float] | None:
+def _compute_conversion(text: str, unit: str, difference: bool) -> tuple[float, float] | None:
     """Factor and offset, None where the dimensions differ.  Raises _UnknownUnit."""
     if not text.strip():
         raise _UnknownUnit(text)
     scale = _temperature_scale(unit)
     if scale is None:
-        wanted = _sizes(_normalised(DECLARED.get(unit, unit)))[0]
-        size = next((s for s in _sizes(_normalised(DECLARED.get(text, text))) if _alike(s, wanted)), None)
-        return None if size is None else (_rounded(size.factor / wanted.factor), 0.0)
+        wanted = _possible_sizes(_normalise_text(DECLARED_SPELLINGS.get(unit, unit)))[0]
+        size = next((s for s in _possible_sizes(_normalise_text(DECLARED_SPELLINGS.get(text, text))) if _is_same_dimension(s, wanted)), None)
+        return None if size is None else (_round_factor(size.factor / wanted.factor), 0.0)
     own = _temperature_scale(text)
     if own is None:
-        size = next((s for s in _sizes(_normalised(text)) if s.dimension == (("kelvin", 1.0),)), None)
+        size = next((s for s in _possible_sizes(_normalise_text(text)) if s.dimension == (("kelvin", 1.0),)), None)
         if size is None:
             return None
-        own = Fraction(_rounded(size.factor)), Fraction(0)
+        own = Fraction(_round_factor(size.factor)), Fraction(0)
     offset = Fraction(0) if difference else (own[1] - scale[1]) / scale[0]
     return float(own[0] / scale[0]), float(offset)
 
@@ -203,11 +203,11 @@ def _temperature_scale(text: str) -> tuple[Fraction, Fraction] | None:
     >>> _temperature_scale("deg C") == _temperature_scale("°C"), _temperature_scale("mV")
     (True, None)
     """
-    found = TEMPERATURE.fullmatch(_normalised(text))
-    return SCALES[found[1][0].lower()] if found else None
+    found = TEMPERATURE_PATTERN.fullmatch(_normalise_text(text))
+    return TEMPERATURE_SCALES_K[found[1][0].lower()] if found else None
 
 
-def _normalised(text: str) -> str:
+def _normalise_text(text: str) -> str:
     """A unit in plain letters: raised digits, signs and degree rings of whatever alphabet as the common ones.
 
     >>> _normalised(" W·m⁻² "), _normalised("℃"), _normalised("deg  C"), _normalised("metres per second")
@@ -223,13 +223,13 @@ def _normalised(text: str) -> str:
     return re.sub(r" +per +", "/", re.sub(r"[ \t]+", " ", plain))
 
 
-def _alike(one: _Size, other: _Size) -> bool:
+def _is_same_dimension(one: _UnitSize, other: _UnitSize) -> bool:
     """Whether two units have the same dimension."""
     a, b = dict(one.dimension), dict(other.dimension)
-    return a.keys() == b.keys() and all(abs(a[k] - b[k]) < EQUAL for k in a)
+    return a.keys() == b.keys() and all(abs(a[k] - b[k]) < EXPONENT_TOLERANCE for k in a)
 
 
-def _rounded(factor: float) -> float:
+def _round_factor(factor: float) -> float:
     """A factor without the last bits that its computation left.
 
     >>> _rounded(0.1 * 3), _rounded(1 / 3.6)
@@ -240,13 +240,13 @@ def _rounded(factor: float) -> float:
 
 
 @lru_cache(maxsize=4096)
-def _sizes(text: str) -> list[_Size]:
+def _possible_sizes(text: str) -> list[_UnitSize]:
     """What a unit text may mean, the usual reading first.  Raises _UnknownUnit."""
-    sizes: list[_Size] = []
-    for factors in _readings(text):
-        meanings = [_meanings(name) for name, _ in factors]
+    sizes: list[_UnitSize] = []
+    for factors in _parse_readings(text):
+        meanings = [_name_sizes(name) for name, _ in factors]
         for chosen in itertools.islice(itertools.product(*meanings), 64):
-            size = _product([(one, power) for one, (_, power) in zip(chosen, factors, strict=True)])
+            size = _multiply_sizes([(one, power) for one, (_, power) in zip(chosen, factors, strict=True)])
             if size is not None and size not in sizes:
                 sizes.append(size)
     if not sizes:
@@ -254,7 +254,7 @@ def _sizes(text: str) -> list[_Size]:
     return sizes
 
 
-def _product(factors: list[tuple[_Size, float]]) -> _Size | None:
+def _multiply_sizes(factors: list[tuple[_UnitSize, float]]) -> _UnitSize | None:
     """The product of units with exponents; None where no number holds its size."""
     factor, dimension = 1.0, dict[str, float]()
     for size, power in factors:
@@ -266,11 +266,11 @@ def _product(factors: list[tuple[_Size, float]]) -> _Size | None:
             dimension[base] = dimension.get(base, 0.0) + exponent * power
     if not (math.isfinite(factor) and factor > 0):
         return None
-    return _Size(factor, tuple(sorted((b, e) for b, e in dimension.items() if abs(e) > EQUAL)))
+    return _UnitSize(factor, tuple(sorted((b, e) for b, e in dimension.items() if abs(e) > EXPONENT_TOLERANCE)))
 
 
 # --- the grammar ------------------------------------------------------------------------------------
-def _readings(text: str) -> Iterator[Factors]:
+def _parse_readings(text: str) -> Iterator[Factors]:
     """A unit text as names with exponents: as written, and with all that follows the first line below it.
 
     The second reading is the usual meaning of "J/kg K", which the wanted dimension confirms.
@@ -278,9 +278,9 @@ def _readings(text: str) -> Iterator[Factors]:
     >>> list(_readings("W/m2K")), [*_readings("J/kg K")][1]
     ([[('W', 1.0), ('m', -2.0), ('K', -1.0)]], [('J', 1.0), ('kg', -1.0), ('K', -1.0)])
     """
-    parser = _Parser(text)
-    terms = parser.terms(0) if text not in ("", "1") else []
-    if (terms and parser.at < len(text)) or sum(len(factors) for _, factors in terms) > MAX_NAMES:
+    parser = _UnitParser(text)
+    terms = parser.parse_terms(0) if text not in ("", "1") else []
+    if (terms and parser.at < len(text)) or sum(len(factors) for _, factors in terms) > MAX_UNIT_NAMES:
         raise _UnknownUnit(text)
     yield [(name, sign * power) for sign, factors in terms for name, power in factors]
     first = next((n for n, (sign, _) in enumerate(terms) if sign < 0), len(terms))
@@ -291,44 +291,44 @@ def _readings(text: str) -> Iterator[Factors]:
 
 
 @dataclass
-class _Parser:
+class _UnitParser:
     """Recursive descent through a unit text; `at` is where it stands."""
 
     text: str
     at: int = 0
 
-    def terms(self, depth: int) -> list[tuple[int, Factors]]:
+    def parse_terms(self, depth: int) -> list[tuple[int, Factors]]:
         """Terms between products (1) and lines (-1) up to a closing bracket or the end.  Raises _UnknownUnit."""
         out: list[tuple[int, Factors]] = []
         sign = 1
-        if self._take("1/") or self._take("/"):
+        if self._take_sign("1/") or self._take_sign("/"):
             sign = -1
         while True:
-            out.append((sign, self._term(depth)))
-            if self._take("/"):
+            out.append((sign, self._parse_term(depth)))
+            if self._take_sign("/"):
                 sign = -1
-            elif self._take("**") or self._take("^"):  # an exponent that is none
+            elif self._take_sign("**") or self._take_sign("^"):  # an exponent that is none
                 raise _UnknownUnit(self.text)
-            elif self._take("*") or self._take(".") or self._space():
+            elif self._take_sign("*") or self._take_sign(".") or self._take_blank():
                 sign = 1
             else:
                 return out
 
-    def _term(self, depth: int) -> Factors:
+    def _parse_term(self, depth: int) -> Factors:
         """A name or bracket, or several that an exponent or a degree ring parts, as m2K or m°C."""
-        self._skip()
+        self._skip_blank()
         out: Factors = []
         while True:
-            if depth < MAX_BRACKETS and self._take("("):
-                inside = [(n, s * p) for s, factors in self.terms(depth + 1) for n, p in factors]
-                self._skip()
-                if not self._take(")"):
+            if depth < MAX_BRACKET_DEPTH and self._take_sign("("):
+                inside = [(n, s * p) for s, factors in self.parse_terms(depth + 1) for n, p in factors]
+                self._skip_blank()
+                if not self._take_sign(")"):
                     raise _UnknownUnit(self.text)
-            elif name := NAME.match(self.text, self.at):
+            elif name := UNIT_NAME_PATTERN.match(self.text, self.at):
                 inside, self.at = [(name[0], 1.0)], name.end()
             else:
                 break
-            power = POWER.match(self.text, self.at)
+            power = EXPONENT_PATTERN.match(self.text, self.at)
             out += [(n, p * float(power[1])) for n, p in inside] if power else inside
             self.at = power.end() if power else self.at
             if power is None and self.text[self.at : self.at + 1] != "°":  # nothing else parts a name from the next
@@ -337,7 +337,7 @@ class _Parser:
             raise _UnknownUnit(self.text)
         return out
 
-    def _take(self, sign: str) -> bool:
+    def _take_sign(self, sign: str) -> bool:
         """Whether a sign stands next, perhaps after a blank; if so the parser goes past it."""
         start = self.at + (self.text[self.at : self.at + 1] == " " and sign != "(")
         if not self.text.startswith(sign, start):
@@ -345,45 +345,45 @@ class _Parser:
         self.at = start + len(sign)
         return True
 
-    def _space(self) -> bool:
+    def _take_blank(self) -> bool:
         """Whether a blank stands between two terms."""
         if self.text[self.at : self.at + 1] != " " or self.at + 1 >= len(self.text):
             return False
         self.at += 1
         return self.text[self.at] != ")"
 
-    def _skip(self) -> None:
+    def _skip_blank(self) -> None:
         self.at += self.text[self.at : self.at + 1] == " "
 
 
 # --- names ------------------------------------------------------------------------------------------
 @lru_cache(maxsize=4096)
-def _meanings(name: str) -> tuple[_Size, ...]:
+def _name_sizes(name: str) -> tuple[_UnitSize, ...]:
     """What a single name may mean, the usual first; empty for an unknown one."""
-    found = [_spelled_out(text) for text in SPELLINGS.get(name, (name,))]
+    found = [_expression_size(text) for text in UNIT_SPELLINGS.get(name, (name,))]
     if scale := _temperature_scale(name):  # of a product it is the size of a degree
-        found.append(_Size(float(scale[0]), (("kelvin", 1.0),)))
-    if word := WORDS.get(name.casefold()):
-        found.append(_spelled_out(word))
+        found.append(_UnitSize(float(scale[0]), (("kelvin", 1.0),)))
+    if word := UNIT_WORDS.get(name.casefold()):
+        found.append(_expression_size(word))
     return tuple(dict.fromkeys(size for size in found if size is not None))
 
 
-def _spelled_out(text: str) -> _Size | None:
+def _expression_size(text: str) -> _UnitSize | None:
     """Names between * and one /, without brackets; None where one is unknown."""
     above, _, below = text.partition("/")
-    factors: list[tuple[_Size, float]] = []
+    factors: list[tuple[_UnitSize, float]] = []
     for names, power in ((above, 1.0), (below, -1.0)):
         for name in names.split("*") if names else ():
-            size = _Size(PROPORTIONS[name], ()) if name in PROPORTIONS else _library(name)
+            size = _UnitSize(PROPORTIONS[name], ()) if name in PROPORTIONS else _pint_size(name)
             if size is None:
                 return None
             factors.append((size, power))
-    return _product(factors)
+    return _multiply_sizes(factors)
 
 
-def _library(name: str) -> _Size | None:
+def _pint_size(name: str) -> _UnitSize | None:
     """A single name as the library knows it; None for logarithmic units, counts, information, constants."""
-    registry = _registry()
+    registry = _pint_registry()
     for text in dict.fromkeys((name, name.lower())):
         for prefix, unit, plural in registry.parse_unit_name(text)[:1]:
             stem = text.removesuffix("s")
@@ -391,18 +391,18 @@ def _library(name: str) -> _Size | None:
             is_plural = plural or (text != stem and registry.parse_unit_name(stem)[:1] == ((prefix, unit, ""),))
             if (text != name or is_plural) and not is_word:  # Pas is no plural, megabar and millibar differ by case
                 continue
-            if unit in CONSTANTS or "_" in text or not registry._units[unit].is_multiplicative:
+            if unit in PINT_CONSTANTS or "_" in text or not registry._units[unit].is_multiplicative:
                 return None
             factor, base = registry.get_root_units(prefix + unit)
             dimension = tuple(sorted((b, float(e)) for b, e in base._units.items()))
-            if any(b in NO_AMOUNTS for b, _ in dimension) or not dimension:
+            if any(b in COUNTED_UNITS for b, _ in dimension) or not dimension:
                 return None
-            return _Size(float(factor), dimension)
+            return _UnitSize(float(factor), dimension)
     return None
 
 
 @cache
-def _registry() -> Any:
+def _pint_registry() -> Any:
     """The library of units, loaded when the first number has one."""
     import pint
 

@@ -9,16 +9,16 @@ import numpy as np
 
 from flashtemp.model import case as cases
 from flashtemp.model import schema
-from flashtemp.showing import Sheet, Shown
+from flashtemp.showing import DisplayTable, DisplayMixin
 from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
 
-QUANTITIES = ("rise at the leading edge", "rise at the middle", "rise at the trailing edge", "mean friction")
-UNITS = ("K", "K", "K", "")
+WATCHED_QUANTITIES = ("rise at the leading edge", "rise at the middle", "rise at the trailing edge", "mean friction")
+WATCHED_UNITS = ("K", "K", "K", "")
 
 
 @dataclass(frozen=True, repr=False)
-class Convergence(Shown):
+class Convergence(DisplayMixin):
     """Answer of `converge`: values per level and, per quantity, order and error of the case itself.
 
     `cells` and `values` (levels, quantities) from coarse to fine, the case being the middle one;
@@ -35,49 +35,49 @@ class Convergence(Shown):
 
     def as_dict(self) -> dict:
         """For --json."""
-        return {"quantities": list(QUANTITIES), **asdict(self)}
+        return {"quantities": list(WATCHED_QUANTITIES), **asdict(self)}
 
     def __str__(self) -> str:
         rows = [
             f"  {name:28s} {value:12.6g}   order {order:>5s}   error: space {space:.2g}, time {time:.2g}"
-            for name, value, order, space, time in self._rows()
+            for name, value, order, space, time in self._table_rows()
         ]
-        return "\n".join([self._cells(), *rows, f"  {self._profile()}"])
+        return "\n".join([self._cells_text(), *rows, f"  {self._profile_text()}"])
 
-    def sheet(self) -> Sheet:
+    def to_table(self) -> DisplayTable:
         head = ("", "value", "order", "error of space", "error of time")
-        return Sheet(self._cells(), self._rows(), head, [self._profile()])
+        return DisplayTable(self._cells_text(), self._table_rows(), head, [self._profile_text()])
 
-    def _rows(self) -> list[tuple[str, float, str, float, float]]:
-        names = [f"{name}, {unit}" if unit else name for name, unit in zip(QUANTITIES, UNITS, strict=True)]
+    def _table_rows(self) -> list[tuple[str, float, str, float, float]]:
+        names = [f"{name}, {unit}" if unit else name for name, unit in zip(WATCHED_QUANTITIES, WATCHED_UNITS, strict=True)]
         orders = [f"{order:.2f}" if np.isfinite(order) else "-" for order in self.order]
         return list(zip(names, self.values[1], orders, self.space, self.time, strict=True))
 
-    def _cells(self) -> str:
+    def _cells_text(self) -> str:
         return f"{' / '.join(map(str, self.cells))} cells"
 
-    def _profile(self) -> str:
+    def _profile_text(self) -> str:
         return f"T(x) differs from the finest level by {self.profile_percent:.3f} %"
 
 
-def numbers(run: Run) -> np.ndarray:
+def watched_values(run: Run) -> np.ndarray:
     """The quantities that are watched: rises (K) at fixed places and mean friction."""
-    T = run.T_block[run.last] - run.ambient_degC
+    T = run.T_block[run.last_sliding_index] - run.ambient_degC
     L = run.mesh.x[run.mesh.last]
     mu = run.friction_per_repetition or [0.0]  # nothing slides
     rises = [run.at_x(T, share * L) for share in (0.02, 0.5, 0.98)]
-    if run.leads(run.last) != 0:
+    if run.leading_line_index(run.last_sliding_index) != 0:
         rises.reverse()
     return np.array([*rises, float(np.mean(mu))])
 
 
-def converge(case: cases.Case, watch: Callable[[str], None] = lambda text: None) -> Convergence:
+def estimate_convergence(case: cases.Case, watch: Callable[[str], None] = lambda text: None) -> Convergence:
     """Run a case on half, its own and twice the cells per direction, and once at rtol/10.
 
     Richardson's estimate on three levels; roads and blocks are refined on the same smooth map.
     """
     scene, numerics = case.scene, case.settings
-    level = schema.refinement(case["numerics.mesh"])
+    level = schema.refinement_factor(case["numerics.mesh"])
     tight = replace(numerics, rtol=numerics.rtol / 10, profiles=4, fields=2)
     runs = []
     for factor in (0.5, 1.0, 2.0):
@@ -86,7 +86,7 @@ def converge(case: cases.Case, watch: Callable[[str], None] = lambda text: None)
         runs.append(march(finer.scene, tight))
     watch("own tolerance")
     own = march(scene, replace(numerics, profiles=4, fields=2))
-    values = np.array([numbers(r) for r in runs])
+    values = np.array([watched_values(r) for r in runs])
     coarse, fine = values[1] - values[0], values[2] - values[1]
     with np.errstate(divide="ignore", invalid="ignore"):
         order = np.log2(np.abs(coarse / fine))
@@ -102,6 +102,6 @@ def converge(case: cases.Case, watch: Callable[[str], None] = lambda text: None)
         values=values.tolist(),
         order=order.tolist(),
         space=space.tolist(),
-        time=np.abs(numbers(own) - values[1]).tolist(),
+        time=np.abs(watched_values(own) - values[1]).tolist(),
         profile_percent=float(100 * np.abs(last[1] - reference)[inner].max() / scale),
     )

@@ -12,15 +12,15 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-TRACKER = "resource_tracker"  # multiprocessing's process that counts semaphores; what it says begins with its name
+TRACKER_NAME = "resource_tracker"  # multiprocessing's process that counts semaphores; what it says begins with its name
 PROGRAM_FOLDER = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))  # where the package lies
 
 
-def leave_current_folder_out() -> None:
+def exclude_current_folder() -> None:
     """In a process that runs one command: neither it nor what it starts imports from its folder."""
     sys.path[:] = list_search_path()
     os.environ.update(make_safe_environment())
-    warnings.filterwarnings("ignore", TRACKER, UserWarning)
+    warnings.filterwarnings("ignore", TRACKER_NAME, UserWarning)
 
 
 def list_search_path() -> list[str]:
@@ -49,7 +49,7 @@ def make_safe_environment() -> dict[str, str]:
     were killed is for programmers; it does not reach the terminal.
     """
     spoken = [w for w in os.environ.get("PYTHONWARNINGS", "").split(",") if w]
-    quiet = f"ignore:{TRACKER}:UserWarning"
+    quiet = f"ignore:{TRACKER_NAME}:UserWarning"
     programs = [p for p in os.environ.get("PATH", "").split(os.pathsep) if os.path.isabs(p)]
     return {
         "PATH": os.pathsep.join(programs) or os.defpath,
@@ -67,7 +67,7 @@ def make_python_command(*words: str) -> tuple[list[str], dict[str, str]]:
 
 
 @contextmanager
-def safe_children() -> Iterator[None]:
+def safe_child_environment() -> Iterator[None]:
     """For processes that a library starts: within this block they get the variables of `make_safe_environment`."""
     safe = make_safe_environment()
     before = {name: os.environ.get(name) for name in safe}

@@ -9,29 +9,29 @@ from typing import Any
 import numpy as np
 
 from flashtemp.errors import BadInput
-from flashtemp.model.build import theory_of
+from flashtemp.model.build import find_theory
 from flashtemp.model.case import Case
-from flashtemp.model.priors import inputs
-from flashtemp.model.scene import Acting
+from flashtemp.model.priors import find_uncertain_inputs
+from flashtemp.model.scene import ActiveEffect
 from flashtemp.physics.friction import friction_curves, theory_inputs
-from flashtemp.physics.friction.flash_temperature import Spots
+from flashtemp.physics.friction.flash_temperature import ContactSpots
 from flashtemp.physics.quantities import KELVIN
-from flashtemp.runs.sign_of_friction import Sign, signs
-from flashtemp.showing import Sheet, Shown, write_json
+from flashtemp.runs.sign_of_friction import FrictionTrend, find_trends
+from flashtemp.showing import DisplayTable, DisplayMixin, write_json
 
-COUNT, LIMITS = 60, (1e-12, 1e3)  # speeds; m/s
+SPEED_COUNT, SPEED_LIMITS_M_S = 60, (1e-12, 1e3)  # speeds; m/s
 NOT_MODELLED = (
     "on the hot branch: heat of the adhesive part, heat that flows into the road; stick-slip between contact regions"
 )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FrictionStudy(Shown):
+class FrictionStudy(DisplayMixin):
     """Friction over speed and temperature (`curves`: Curves) by the theory of a `case`; how sure its `signs` are."""
 
     case: Case
-    curves: friction_curves.Curves
-    signs: tuple[Sign, ...] = ()
+    curves: friction_curves.FrictionCurves
+    signs: tuple[FrictionTrend, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """For --json and friction.json."""
@@ -49,7 +49,7 @@ class FrictionStudy(Shown):
         signs = "".join(f"\n  {s}" for s in self.signs)
         return f"{self.case.title}: {self.curves}{signs}\n  not modelled: {NOT_MODELLED}"
 
-    def sheet(self) -> Sheet:
+    def to_table(self) -> DisplayTable:
         c, speeds = self.curves, self.curves.speed
         some = np.unique(np.linspace(0, len(speeds) - 1, 12).round().astype(int))
         head = ("speed, m/s", "mu cold", "mu hot", "highest T, degC", "area in contact")
@@ -57,41 +57,41 @@ class FrictionStudy(Shown):
             tuple(float(v[i]) for v in (speeds, c.cold.mu, c.hot.mu, c.highest, c.area)) for i in some
         ]  # fmt: skip
         title = f"{self.case.title}: {c.T0 - KELVIN:g} degC, {c.p / 1e6:g} MPa"
-        return Sheet(title, rows, head, [*c.remarks, *map(str, self.signs), f"not modelled: {NOT_MODELLED}"])
+        return DisplayTable(title, rows, head, [*c.remarks, *map(str, self.signs), f"not modelled: {NOT_MODELLED}"])
 
 
 def refuse_speeds(slowest: float, fastest: float) -> None:
     """BadInput unless speeds (m/s) rise within what the theory can be asked for."""
-    low, high = LIMITS
+    low, high = SPEED_LIMITS_M_S
     if not low <= slowest < fastest <= high:
         raise BadInput(
             f"--slowest, --fastest: {slowest:g}, {fastest:g}; give {low:g} <= slowest < fastest <= {high:g} m/s"
         )
 
 
-def study(case: Case, slowest: float = 1e-6, fastest: float = 10.0) -> FrictionStudy:
+def study_friction(case: Case, slowest: float = 1e-6, fastest: float = 10.0) -> FrictionStudy:
     """The curves of a case from the slowest to the fastest speed, m/s.  Raises BadInput, SolverFailure."""
     refuse_speeds(slowest, fastest)
-    scene, acting = theory_of(case)
-    theory, spots = acting.p.theory, Spots(scene.spot_diameter)
-    speeds = np.geomspace(slowest, fastest, COUNT)
-    found = friction_curves.curves(theory, scene.block, spots, speeds, scene.ambient, scene.load)
+    scene, acting = find_theory(case)
+    theory, spots = acting.p.theory, ContactSpots(scene.spot_diameter)
+    speeds = np.geomspace(slowest, fastest, SPEED_COUNT)
+    found = friction_curves.compute_curves(theory, scene.block, spots, speeds, scene.ambient, scene.load)
     if not all(np.all((mu >= 0) & np.isfinite(mu)) for mu in (found.mu, found.cold.viscous, found.hot.viscous)):
         raise BadInput(
             f"persson_friction: friction is no number >= 0 everywhere around {scene.ambient - KELVIN:g} degC; "
             "check master curve, spectrum and ambient.temperature"
         )
-    if not acting.p.extrapolate and (outside := theory_inputs.beyond(theory, speeds, scene.ambient, scene.load)):
+    if not acting.p.extrapolate and (outside := theory_inputs.describe_extrapolation(theory, speeds, scene.ambient, scene.load)):
         raise BadInput(
             f"persson_friction.extrapolate: false, but {outside[0]}; choose other --slowest and --fastest, or allow it"
         )
     return FrictionStudy(
-        case, replace(found, remarks=(*_unused(case, acting), *acting.p.assumed, *found.remarks)),
-        signs(case, inputs(case)[0]),
+        case, replace(found, remarks=(*_ignored_keys(case, acting), *acting.p.assumed, *found.remarks)),
+        find_trends(case, find_uncertain_inputs(case)[0]),
     )  # fmt: skip
 
 
-def _unused(case: Case, acting: Acting) -> list[str]:
+def _ignored_keys(case: Case, acting: ActiveEffect) -> list[str]:
     """Keys of the case that the theory does not look at."""
     if case["friction.mu"] == 1.0 and acting.p.weight == 1.0:
         return []

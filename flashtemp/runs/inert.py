@@ -10,38 +10,38 @@ import numpy as np
 
 from flashtemp.errors import BadInput, FlashtempError
 from flashtemp.model.case import Case
-from flashtemp.model.scene import Acting, Scene
-from flashtemp.solver.balance import FEEL, Balance
-from flashtemp.solver.circular_track import remembers
-from flashtemp.solver.march import law_at_fault
-from flashtemp.solver.system import Incoming, System
+from flashtemp.model.scene import ActiveEffect, Scene
+from flashtemp.solver.balance import MEAN_PRESSURE_EFFECT_K, HeatBalance
+from flashtemp.solver.circular_track import has_road_memory
+from flashtemp.solver.march import find_failing_law
+from flashtemp.solver.system import RoadInflow, PhaseSystem
 
-HOTTEST = 120.0  # K that a state is above the air at most
-PHASES = 6  # stretches of the schedule that are asked, the first and the last among them
-LARGE = 50_000  # cells: a mesh beyond is asked at a coarser one
-SEED = 1
+MAX_STATE_RISE_K = 120.0  # K that a state is above the air at most
+SAMPLED_PHASES = 6  # stretches of the schedule that are asked, the first and the last among them
+LARGE_MESH_CELLS = 50_000  # cells: a mesh beyond is asked at a coarser one
+STATE_SEED = 1
 
 
-def remarks(case: Case) -> list[str]:
+def describe_inactive_effects(case: Case) -> list[str]:
     """A sentence for every listed effect that cannot act in this case; none where all do."""
     if not case.effects:
         return []
-    scene = _coarse(case)
+    scene = _coarse_scene(case)
     listed = [a for a in scene.acting if a.name in case.effects]
-    return [f"{a.name} {why}" for a in listed if (why := _inert(scene, a)) is not None]
+    return [f"{a.name} {why}" for a in listed if (why := _reason_inactive(scene, a)) is not None]
 
 
-def _inert(scene: Scene, acting: Acting) -> str | None:
+def _reason_inactive(scene: Scene, acting: ActiveEffect) -> str | None:
     """Why an effect cannot act, or None where it does."""
     if not list(acting.contributions(scene)) and list(acting.effect.see(acting.p)):
         return "acts on what a camera shows, not on this run"
     try:
-        if not _same_answers(replace(scene, acting=tuple(a for a in scene.acting if a is not acting)), scene):
+        if not _has_same_rates(replace(scene, acting=tuple(a for a in scene.acting if a is not acting)), scene):
             return None
     except FlashtempError:  # a state that cannot be says nothing
         return None
     except Exception as fault:
-        if (said := law_at_fault(scene, fault)) is not None:
+        if (said := find_failing_law(scene, fault)) is not None:
             raise BadInput(said) from fault
         raise
     params = acting.effect.params()
@@ -52,9 +52,9 @@ def _inert(scene: Scene, acting: Acting) -> str | None:
     return f"changes nothing in this case{f': it needs {needs}' if needs else ''}; leave it out or see what it acts on"
 
 
-def _coarse(case: Case) -> Scene:
+def _coarse_scene(case: Case) -> Scene:
     """The scene of a case, or where that is large one of a coarser mesh with the same dimensions."""
-    if case.scene.mesh.n_cells <= LARGE:
+    if case.scene.mesh.n_cells <= LARGE_MESH_CELLS:
         return case.scene
     across = min(8, case["numerics.across"])
     try:
@@ -63,59 +63,59 @@ def _coarse(case: Case) -> Scene:
         return case.scene
 
 
-def _same_answers(base: Scene, extended: Scene) -> bool:
+def _has_same_rates(base: Scene, extended: Scene) -> bool:
     """Whether the heat balances of two scenes of one mesh agree to the last bit wherever they are asked."""
-    one, other = Balance(base), Balance(extended)
-    if not np.array_equal(one.initial(), other.initial()):
+    one, other = HeatBalance(base), HeatBalance(extended)
+    if not np.array_equal(one.initial_state(), other.initial_state()):
         return False
-    rng = np.random.default_rng(SEED)
-    for phase, t in _moments(base):
-        y = _state(one, rng)
-        pair = [System(b, phase, _returning(b.scene, phase)) for b in (one, other)]
+    rng = np.random.default_rng(STATE_SEED)
+    for phase, t in _sample_times(base):
+        y = _random_state(one, rng)
+        pair = [PhaseSystem(b, phase, _warm_inflow(b.scene, phase)) for b in (one, other)]
         now = pair[0].moment(t)
         if one.laws("march.rate", 0.0, None, now) != other.laws("march.rate", 0.0, None, now):
             return False
         rates = [np.zeros(b.size) for b in (one, other)]
         for system, out in zip(pair, rates, strict=True):
-            system.rate(t, y[: system.b.size] if system.b is one else _moved(y, one, other), out)
+            system.rate(t, y[: system.b.size] if system.b is one else _copy_state(y, one, other), out)
         if not np.array_equal(rates[0][: one.worn.stop], rates[1][: one.worn.stop]):
             return False
     return True
 
 
-def _moments(scene: Scene) -> Iterator[tuple[Any, float]]:
+def _sample_times(scene: Scene) -> Iterator[tuple[Any, float]]:
     """(phase, time) of some stretches: soon after their beginning, in the middle, at their end."""
     phases = scene.schedule.phases
-    picked = sorted({round(k) for k in np.linspace(0, len(phases) - 1, min(PHASES, len(phases)))})
+    picked = sorted({round(k) for k in np.linspace(0, len(phases) - 1, min(SAMPLED_PHASES, len(phases)))})
     waits = [k for k, p in enumerate(phases) if not p.sliding][:1]
     for k in sorted({*picked, *waits}):
         p = phases[k]
         yield from ((p, p.begin + f * (p.end - p.begin)) for f in (0.01, 0.5, 1.0))
 
 
-def _state(b: Balance, rng) -> np.ndarray:
+def _random_state(balance: HeatBalance, rng) -> np.ndarray:
     """A state as a hot run may have it: no two cells alike, worn unevenly."""
-    y = np.zeros(b.size)
-    y[: b.n] = b.enthalpy(HOTTEST * rng.uniform(0.0, 1.0, b.n))
-    if b.abrades:  # a tenth of the mean pressure, in the state's own unit
-        y[b.worn] = rng.uniform(0.0, 0.1 * FEEL, len(b.cell_block))
+    y = np.zeros(balance.size)
+    y[: balance.n] = balance.enthalpy_rise(MAX_STATE_RISE_K * rng.uniform(0.0, 1.0, balance.n))
+    if balance.abrades:  # a tenth of the mean pressure, in the state's own unit
+        y[balance.worn] = rng.uniform(0.0, 0.1 * MEAN_PRESSURE_EFFECT_K, len(balance.cell_block))
     return y
 
 
-def _moved(y: np.ndarray, one: Balance, other: Balance) -> np.ndarray:
+def _copy_state(y: np.ndarray, one: HeatBalance, other: HeatBalance) -> np.ndarray:
     """The same cells and worn depth as a state of another balance, whose ledger may be longer."""
     out = np.zeros(other.size)
     out[: one.worn.stop] = y[: one.worn.stop]
     return out
 
 
-def _returning(scene: Scene, phase: Any):
+def _warm_inflow(scene: Scene, phase: Any):
     """Road that returns a kelvin warmer: once it has been round the track, or, where the block slides to and fro, in
     every repetition but the first.  None where none is remembered."""
     mesh, schedule = scene.mesh, scene.schedule
-    if not remembers(scene):
+    if not has_road_memory(scene):
         return None
     cold = np.zeros(mesh.n_road * mesh.n_across)
     again = len(schedule.directions) > 1 and phase.slid_before > 0.0
     lap = schedule.lap or np.inf
-    return lambda now: Incoming(cold + (1.0 if again or phase.slid_before + now.slid > lap else 0.0))
+    return lambda now: RoadInflow(cold + (1.0 if again or phase.slid_before + now.slid > lap else 0.0))

@@ -9,21 +9,21 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from flashtemp.errors import AuditFailure, BadInput, FlashtempError, Halted, Incomplete, Interrupted
+from flashtemp.errors import EnergyBalanceError, BadInput, FlashtempError, SystemFailure, IncompleteResult, UserInterrupt
 from flashtemp.model import case as cases
 from flashtemp.runs import inert, mesh_error, steadiness, vtk
-from flashtemp.runs.checkpoint import CHECKPOINT, FRAMES, RESERVE, load, save
-from flashtemp.runs.folders import Owner, check_place, claim, hold, left_behind, owner, partials, place, stoppable
-from flashtemp.runs.provenance import commit, versions
+from flashtemp.runs.checkpoint import CHECKPOINT_FILE, FRAMES_FILE, RESERVE_FILE, load_checkpoint, save_checkpoint
+from flashtemp.runs.folders import OwnerMarker, check_published_name, reserve_folder, lock_folder, list_resumable_folders, read_marker, list_working_folders, publish_folder, stop_on_signal
+from flashtemp.runs.provenance import source_commit, package_versions
 from flashtemp.solver import limits
-from flashtemp.solver.field_store import Frames
+from flashtemp.solver.field_store import FieldStore
 from flashtemp.solver.march import march
-from flashtemp.solver.progress import Progress
+from flashtemp.solver.progress import MarchState
 from flashtemp.solver.run import Run
 
-EVERY = 30.0  # s of wall time between checkpoints; the first is left at once
+CHECKPOINT_PERIOD_S = 30.0  # s of wall time between checkpoints; the first is left at once
 # pictures of a run into a folder, animated or not; returns {what is missing: why}
-Draw = Callable[[Run, Path, bool], dict[str, str]]
+DrawPictures = Callable[[Run, Path, bool], dict[str, str]]
 
 
 def simulate(
@@ -31,9 +31,9 @@ def simulate(
     out: Path | None = None,
     overwrite: bool = False,
     pvd: bool = False,
-    watch: Callable[[Progress, float], None] | None = None,
+    watch: Callable[[MarchState, float], None] | None = None,
     say: Callable[[str], None] = lambda text: None,
-    draw: Draw = lambda run, folder, animated: {},
+    draw: DrawPictures = lambda run, folder, animated: {},
 ) -> Run:
     """March a case and, with `out`, leave a whole result folder there.
 
@@ -42,20 +42,20 @@ def simulate(
     pictures are missing, SolverFailure.
     """
     if out is None:
-        return march(case.scene, case.settings, case.title, None, _watcher(None, case.scene, watch))
+        return march(case.scene, case.settings, case.title, None, _make_step_hook(None, case.scene, watch))
     out = Path(out)
-    _may_write(out, overwrite)
-    mine = Owner(out.name, "run", CHECKPOINT, f"flashtemp run --resume {out}", overwrite)
-    with claim(out, mine, overwrite=overwrite) as work:
+    _refuse_overwrite(out, overwrite)
+    mine = OwnerMarker(out.name, "run", CHECKPOINT_FILE, f"flashtemp run --resume {out}", overwrite)
+    with reserve_folder(out, mine, overwrite=overwrite) as work:
         try:
             (work / "case.toml").write_text(case.toml(case.copy_files(work)), encoding="utf-8")
-            state = Progress(frames=Frames(work / FRAMES))
-            return _carry_out(case, state, work, out, overwrite, pvd, watch, say, draw)
-        except (Interrupted, Halted, Incomplete):
+            state = MarchState(frames=FieldStore(work / FRAMES_FILE))
+            return _run_job(case, state, work, out, overwrite, pvd, watch, say, draw)
+        except (UserInterrupt, SystemFailure, IncompleteResult):
             raise
         except KeyboardInterrupt:
-            if (work / CHECKPOINT).is_file():
-                raise Interrupted(work, mine.resume) from None
+            if (work / CHECKPOINT_FILE).is_file():
+                raise UserInterrupt(work, mine.resume) from None
             shutil.rmtree(work, ignore_errors=True)
             raise
         except BaseException:
@@ -63,7 +63,7 @@ def simulate(
             raise
 
 
-def _may_write(out: Path, overwrite: bool) -> None:
+def _refuse_overwrite(out: Path, overwrite: bool) -> None:
     """BadInput unless `out` is free, or an earlier result that may be replaced."""
     if not os.path.lexists(out):
         return
@@ -83,101 +83,101 @@ def is_result(folder: Path) -> bool:
 def resume(
     folder: Path,
     pvd: bool = False,
-    watch: Callable[[Progress, float], None] | None = None,
+    watch: Callable[[MarchState, float], None] | None = None,
     say: Callable[[str], None] = lambda text: None,
-    draw: Draw = lambda run, folder, animated: {},
+    draw: DrawPictures = lambda run, folder, animated: {},
     trust: bool = False,
 ) -> Run:
     """Go on with an interrupted run from its checkpoint; CVODE starts again at order 1.
 
     `trust` lets effect files of the case run whose ever they are.
     """
-    work, out = interrupted(Path(folder))
-    lock = hold(work)
+    work, out = find_interrupted_run(Path(folder))
+    lock = lock_folder(work)
     try:
-        told = owner(work)
+        told = read_marker(work)
         overwrite = told is not None and told.overwrite
         if os.path.lexists(out):
-            _may_write(out, overwrite)
-        state = load(work)
-        case = cases.load(work, trust=trust)
-        return _carry_out(case, state, work, out, overwrite, pvd, watch, say, draw)
+            _refuse_overwrite(out, overwrite)
+        state = load_checkpoint(work)
+        case = cases.load_case(work, trust=trust)
+        return _run_job(case, state, work, out, overwrite, pvd, watch, say, draw)
     finally:
         os.close(lock)
 
 
-def interrupted(folder: Path) -> tuple[Path, Path]:
+def find_interrupted_run(folder: Path) -> tuple[Path, Path]:
     """The working folder of an interrupted run and the result that it is to become, from the name of either."""
     if folder.name in ("", ".."):  # '.' has no name of its own
         folder = folder.resolve()
     if not folder.name:
         raise BadInput(f"--resume: {folder}: no folder of a run; give the folder of an interrupted run")
     name, cut, _ = folder.name.rpartition(".partial")
-    if cut and (folder / CHECKPOINT).is_file():
+    if cut and (folder / CHECKPOINT_FILE).is_file():
         return folder, folder.with_name(name)
     known = folder.with_name(f"{folder.name}.partial")
-    left = left_behind(folder, "run") or ([known] if (known / CHECKPOINT).is_file() else [])
+    left = list_resumable_folders(folder, "run") or ([known] if (known / CHECKPOINT_FILE).is_file() else [])
     if len(left) == 1:
         return left[0], folder
     if left:
         raise BadInput(f"--resume: {folder}: several runs wait: {', '.join(map(str, left))}; give one of them")
-    places = ", ".join(map(str, partials(folder))) or known
+    places = ", ".join(map(str, list_working_folders(folder))) or known
     if (folder / "run.nc").exists():
         raise BadInput(
             f"--resume: {folder}: it is already whole; missing pictures are drawn by flashtemp draw {folder}"
         )
-    raise BadInput(f"--resume: {folder}: no {CHECKPOINT} in {places}; give the folder of an interrupted run")
+    raise BadInput(f"--resume: {folder}: no {CHECKPOINT_FILE} in {places}; give the folder of an interrupted run")
 
 
-def _carry_out(case, state, work, out, overwrite, pvd, watch, say, draw) -> Run:
+def _run_job(case, state, work, out, overwrite, pvd, watch, say, draw) -> Run:
     """March from `state` to the end, save, draw, and give the folder its name."""
-    with stoppable() as stopped:
-        run = _marched(case, state, work, out, pvd, watch, say, stopped)
+    with stop_on_signal() as stopped:
+        run = _march_and_save(case, state, work, out, pvd, watch, say, stopped)
     missing = {}
     if case["output.pictures"] and not stopped.is_set():
         try:
             missing = draw(run, work, case["output.animation"])
         except KeyboardInterrupt:
             stopped.set()
-    with stoppable():
-        lies = _finish(work, out, overwrite, () if missing or stopped.is_set() else (CHECKPOINT, FRAMES))
+    with stop_on_signal():
+        lies = _publish_result(work, out, overwrite, () if missing or stopped.is_set() else (CHECKPOINT_FILE, FRAMES_FILE))
     if stopped.is_set():
-        raise Interrupted(lies, f"flashtemp draw {lies}", "the result without its pictures")
+        raise UserInterrupt(lies, f"flashtemp draw {lies}", "the result without its pictures")
     if missing:
-        raise Incomplete(f"{absent(lies, missing)}; draw again with: flashtemp draw {lies}", run)
-    check_place(out, lies, run)
+        raise IncompleteResult(f"{describe_missing_files(lies, missing)}; draw again with: flashtemp draw {lies}", run)
+    check_published_name(out, lies, run)
     return run
 
 
-def _marched(case, state, work, out, pvd, watch, say, stopped) -> Run:
+def _march_and_save(case, state, work, out, pvd, watch, say, stop_event) -> Run:
     """March from `state` to the end and save; what goes wrong leaves all that can be kept."""
     scene, again = case.scene, f"flashtemp run --resume {out}"
     try:
-        run = march(scene, case.settings, case.title, state, _watcher(work, scene, watch, stopped))
-        save(work, state)
-        return _saved(run, case, work, pvd, say)
+        run = march(scene, case.settings, case.title, state, _make_step_hook(work, scene, watch, stop_event))
+        save_checkpoint(work, state)
+        return _save_result(run, case, work, pvd, say)
     except KeyboardInterrupt:
-        if full := _kept(work, state):
-            raise Halted(full, work, again) from None
-        raise Interrupted(work, again) from None
+        if full := _keep_checkpoint(work, state):
+            raise SystemFailure(full, work, again) from None
+        raise UserInterrupt(work, again) from None
     except OSError as fault:
-        _kept(work, state)
-        if not (work / CHECKPOINT).is_file():
+        _keep_checkpoint(work, state)
+        if not (work / CHECKPOINT_FILE).is_file():
             raise
-        raise Halted(fault, work, again) from fault
-    except AuditFailure as fault:
-        _saved(replace(fault.run, statistics=fault.run.statistics | {"failed": str(fault)}), case, work, pvd, say)
-        lies = place(work, out.with_name(f"{out.name}.failed"), False, (CHECKPOINT, FRAMES, RESERVE))
-        raise AuditFailure(f"{fault}; what came out lies in {lies}", fault.run) from fault
+        raise SystemFailure(fault, work, again) from fault
+    except EnergyBalanceError as fault:
+        _save_result(replace(fault.run, statistics=fault.run.statistics | {"failed": str(fault)}), case, work, pvd, say)
+        lies = publish_folder(work, out.with_name(f"{out.name}.failed"), False, (CHECKPOINT_FILE, FRAMES_FILE, RESERVE_FILE))
+        raise EnergyBalanceError(f"{fault}; what came out lies in {lies}", fault.run) from fault
     except FlashtempError:
         raise
     except Exception as fault:
         if state.phase < len(scene.schedule.phases):
             raise
-        raise Halted(fault, work, again) from fault  # the march is the result
+        raise SystemFailure(fault, work, again) from fault  # the march is the result
 
 
-def absent(folder: Path, missing: dict[str, str]) -> str:
+def describe_missing_files(folder: Path, missing: dict[str, str]) -> str:
     """What is missing in a folder and why, in one line: each reason once.
 
     >>> absent(Path("out"), {"map.png": "no room", "field.png": "no room"})
@@ -187,31 +187,31 @@ def absent(folder: Path, missing: dict[str, str]) -> str:
     return f"missing in {folder}: " + "; ".join(f"{names} ({reason})" for reason, names in why.items())
 
 
-def _kept(work: Path, state: Progress) -> OSError | None:
+def _keep_checkpoint(work: Path, state: MarchState) -> OSError | None:
     """Leave a checkpoint, where there is room for one and something to keep; what stood in the way."""
     try:
         if state.y is not None:
-            save(work, state)
+            save_checkpoint(work, state)
     except OSError as fault:  # the last one stays
         return fault
     return None
 
 
-def _finish(work: Path, out: Path, overwrite: bool, drop: tuple[str, ...]) -> Path:
+def _publish_result(work: Path, out: Path, overwrite: bool, drop: tuple[str, ...]) -> Path:
     """Give the folder its name; without a checkpoint once it has it."""
     try:
-        return place(work, out, overwrite and is_result(out), (*drop, RESERVE))
+        return publish_folder(work, out, overwrite and is_result(out), (*drop, RESERVE_FILE))
     except OSError as fault:
-        raise Halted(fault, work, f"flashtemp run --resume {out}") from fault
+        raise SystemFailure(fault, work, f"flashtemp run --resume {out}") from fault
 
 
-def _saved(run: Run, case, work: Path, pvd: bool, say: Callable[[str], None]) -> Run:
+def _save_result(run: Run, case, work: Path, pvd: bool, say: Callable[[str], None]) -> Run:
     """The run with all that is told about it, written into its folder but for the pictures."""
     scene = case.scene
     text = (work / "case.toml").read_text(encoding="utf-8")
     remarks = [remark for a in scene.acting for remark in a.effect.remarks(scene, a.p, run)]
-    remarks += limits.remarks(run) + inert.remarks(case) + steadiness.remarks(scene, run) + mesh_error.remarks(case)
-    about = {"versions": versions(case.settings.binding), "commit": commit()} | (
+    remarks += limits.overheating_remarks(run) + inert.describe_inactive_effects(case) + steadiness.warn_of_stick_slip(scene, run) + mesh_error.warn_of_coarse_mesh(case)
+    about = {"versions": package_versions(case.settings.binding), "commit": source_commit()} | (
         {"remarks": remarks} if remarks else {}
     )
     if own := case.own_effects():
@@ -222,23 +222,23 @@ def _saved(run: Run, case, work: Path, pvd: bool, say: Callable[[str], None]) ->
     run.save(work)
     if case["output.vtk"]:
         say("writing fields.vtkhdf")
-        vtk.write(run, work / "fields.vtkhdf")
+        vtk.write_vtkhdf(run, work / "fields.vtkhdf")
     if pvd:
         vtk.write_pvd(run, work / "pvd")
     return run
 
 
-def _watcher(work, scene, watch, stopped=None):
+def _make_step_hook(work, scene, watch, stop_event=None):
     """Per-step hook: progress to the caller, checkpoints to disk, stop on request."""
     end, last = scene.schedule.end, float("-inf")
 
-    def hook(progress: Progress) -> bool:
+    def step_hook(progress: MarchState) -> bool:
         nonlocal last
         if watch is not None:
             watch(progress, end)
-        if work is not None and time.monotonic() - last > EVERY:
-            save(work, progress)
+        if work is not None and time.monotonic() - last > CHECKPOINT_PERIOD_S:
+            save_checkpoint(work, progress)
             last = time.monotonic()
-        return stopped is not None and stopped.is_set()
+        return stop_event is not None and stop_event.is_set()
 
-    return hook
+    return step_hook

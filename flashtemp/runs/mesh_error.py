@@ -8,12 +8,12 @@ from __future__ import annotations
 import numpy as np
 
 from flashtemp.model.case import Case
-from flashtemp.model.schema import LEVELS, refinement
+from flashtemp.model.schema import MESH_LEVEL_FACTORS, refinement_factor
 
-COARSEST_VERIFIED = LEVELS["coarse"]  # factor on the number of cells per direction
+COARSEST_VERIFIED_FACTOR = MESH_LEVEL_FACTORS["coarse"]  # factor on the number of cells per direction
 # factor on the number of cells: largest error of the face temperature between 0.05 L and 0.95 L, in percent of the
 # largest rise, of uniform pressure, a peak at the leading edge and friction by theory at 0.1 and 1 m/s
-FACE_ERROR = {0.05: 52.0, 0.1: 20.0, 0.15: 11.0, 0.2: 5.0, 0.25: 3.8, 0.3: 2.5, 0.4: 1.3, 0.5: 0.9, 0.7: 0.4, 1.0: 0.2}
+FACE_ERROR_PERCENT = {0.05: 52.0, 0.1: 20.0, 0.15: 11.0, 0.2: 5.0, 0.25: 3.8, 0.3: 2.5, 0.4: 1.3, 0.5: 0.9, 0.7: 0.4, 1.0: 0.2}
 
 
 def estimate_face_error(factor: float) -> float:
@@ -21,17 +21,17 @@ def estimate_face_error(factor: float) -> float:
 
     Interpolated between measured errors in the logarithms of both; ends held.
     """
-    return float(np.exp(np.interp(np.log(factor), np.log(list(FACE_ERROR)), np.log(list(FACE_ERROR.values())))))
+    return float(np.exp(np.interp(np.log(factor), np.log(list(FACE_ERROR_PERCENT)), np.log(list(FACE_ERROR_PERCENT.values())))))
 
 
-def remarks(case: Case) -> list[str]:
+def warn_of_coarse_mesh(case: Case) -> list[str]:
     """A warning where a sliding block has fewer cells in some direction than the coarsest verified mesh."""
-    factor = refinement(case["numerics.mesh"]) * min(case["numerics.finer"])
-    if factor >= COARSEST_VERIFIED * (1 - 1e-9) or case.scene.schedule.alone:
+    factor = refinement_factor(case["numerics.mesh"]) * min(case["numerics.finer"])
+    if factor >= COARSEST_VERIFIED_FACTOR * (1 - 1e-9) or case.scene.schedule.alone:
         return []
     return [
         f"mesh coarser than verified: numerics.mesh with numerics.finer gives {factor:.3g} times the cells per "
         f"direction; at that factor the face was off by {estimate_face_error(factor):.2g} % of the largest rise, by "
-        f"{estimate_face_error(COARSEST_VERIFIED):.2g} % at {COARSEST_VERIFIED:g}, the coarsest verified; "
+        f"{estimate_face_error(COARSEST_VERIFIED_FACTOR):.2g} % at {COARSEST_VERIFIED_FACTOR:g}, the coarsest verified; "
         "give a finer numerics.mesh"
     ]

@@ -9,27 +9,27 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
-CHECKOUT = Path(__file__).parents[2]
-PACKAGES = {"scikits-odes": "scikits-odes-sundials", "scikit-sundae": "scikit-sundae"}
+CHECKOUT_FOLDER = Path(__file__).parents[2]
+BINDING_PACKAGES = {"scikits-odes": "scikits-odes-sundials", "scikit-sundae": "scikit-sundae"}
 
 
-def versions(binding: str) -> dict[str, str]:
+def package_versions(binding: str) -> dict[str, str]:
     """Versions of everything that had a hand in the result."""
-    names = ("flashtemp", "numpy", "scipy", "numba", PACKAGES[binding])
+    names = ("flashtemp", "numpy", "scipy", "numba", BINDING_PACKAGES[binding])
     return {"python": platform.python_version(), **{n: version(n) for n in names}}
 
 
 @cache
-def commit() -> str | None:
+def source_commit() -> str | None:
     """The commit of the checkout that runs, with "-dirty" where files differ from it, or of the build."""
     built = re.search(r"\+g([0-9a-f]{7,})", version("flashtemp"))
-    return _checked_out() or (built[1] if built else None)
+    return _describe_checkout() or (built[1] if built else None)
 
 
-def _checked_out() -> str | None:
-    if not (CHECKOUT / ".git").exists():
+def _describe_checkout() -> str | None:
+    if not (CHECKOUT_FOLDER / ".git").exists():
         return None
-    words = ["git", "-C", str(CHECKOUT), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
+    words = ["git", "-C", str(CHECKOUT_FOLDER), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
     try:
         told = subprocess.run(words, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
     except (OSError, subprocess.SubprocessError):

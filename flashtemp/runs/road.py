@@ -12,12 +12,12 @@ import numpy as np
 
 from flashtemp.errors import BadInput
 from flashtemp.physics.friction import contact_map, measured_roughness
-from flashtemp.physics.friction.elastic_contact import library
-from flashtemp.physics.friction.roughness_spectrum import Points
-from flashtemp.showing import Sheet, Shown
+from flashtemp.physics.friction.elastic_contact import load_topography_library
+from flashtemp.physics.friction.roughness_spectrum import MeasuredSpectrum
+from flashtemp.showing import DisplayTable, DisplayMixin
 
-LENGTH, WIDTH = 0.05, 0.02  # of a synthetic road, m
-WHY = 120  # characters of what a reader has to say
+SYNTHETIC_LENGTH_M, SYNTHETIC_WIDTH_M = 0.05, 0.02  # of a synthetic road, m
+MAX_REASON_CHARS = 120  # characters of what a reader has to say
 
 
 @dataclass(frozen=True)
@@ -33,9 +33,9 @@ class SelfAffineRoad:
     seed: int = 1
 
 
-def touching_regions(
+def find_contact_regions(
     file: Path | None, road: SelfAffineRoad, cutoff: float, pressure: float, modulus: float
-) -> contact_map.Spots:
+) -> contact_map.SolvedContactMap:
     """The contact map of a file of heights, or of a synthetic `road` where there is none.
 
     `cutoff` m, nominal `pressure` and contact `modulus` in Pa; of a file `road` gives the size where it states none.
@@ -52,23 +52,23 @@ def touching_regions(
         if value is not None and (not 0.0 < value < float("inf") or (name == "hurst" and value > 1)):
             raise BadInput(f"--{name}: {value:g}; give a number > 0" + (" and <= 1" if name == "hurst" else ""))
     if file is not None:
-        heights = contact_map.read(file, None if length is None or width is None else (length, width))
+        heights = contact_map.read_height_map(file, None if length is None or width is None else (length, width))
     else:
-        size = LENGTH if length is None else length, WIDTH if width is None else width
-        heights = contact_map.synthetic(*size, road.pixel, road.hurst, road.rms, road.rolloff, road.seed)
-    return contact_map.press(heights, pressure, modulus, cutoff)
+        size = SYNTHETIC_LENGTH_M if length is None else length, SYNTHETIC_WIDTH_M if width is None else width
+        heights = contact_map.generate_topography(*size, road.pixel, road.hurst, road.rms, road.rolloff, road.seed)
+    return contact_map.solve_contact_map(heights, pressure, modulus, cutoff)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RoadSpectrum(Shown):
+class RoadSpectrum(DisplayMixin):
     """C(q) of a `file` at `points`, with `notes` on its reading.
 
     `missing` is the fraction of its heights without a value, `line` the rms height (m) of a line itself.
     """
 
     file: Path
-    points: Points
-    summary: measured_roughness.Summary
+    points: MeasuredSpectrum
+    summary: measured_roughness.SpectrumSummary
     missing: float
     line: float | None = None
     notes: tuple[str, ...] = ()
@@ -80,7 +80,7 @@ class RoadSpectrum(Shown):
 
     def save(self, file: Path) -> None:
         """Write the CSV that persson_friction.spectrum reads."""
-        measured_roughness.save(self.points, file)
+        measured_roughness.save_spectrum(self.points, file)
 
     def __str__(self) -> str:
         text = f"{self.summary}\n  dropouts and spikes: {100 * self.missing:.2g} % of the heights"
@@ -88,7 +88,7 @@ class RoadSpectrum(Shown):
             text += f"\n  rms height of the line itself: {1e3 * self.line:.3g} mm"
         return text
 
-    def sheet(self) -> Sheet:
+    def to_table(self) -> DisplayTable:
         units = {"m": "m", "m4": "m4"}
         rows = []
         for name, value in self.as_dict().items():
@@ -96,10 +96,10 @@ class RoadSpectrum(Shown):
             known = unit in units
             if name != "remarks":
                 rows.append(((words if known else name).replace("_", " "), value, units.get(unit, "1")))
-        return Sheet(f"Power spectrum of {self.file.name}", rows, notes=self.summary.remarks)
+        return DisplayTable(f"Power spectrum of {self.file.name}", rows, notes=self.summary.remarks)
 
 
-def power_spectrum(
+def read_road_spectrum(
     file: Path, profile: bool = False, highpass: float | None = None, pixel: float | None = None
 ) -> RoadSpectrum:
     """The power spectrum of a height map, or of a line (`profile`), up to wavelengths of `highpass` m.
@@ -112,28 +112,28 @@ def power_spectrum(
             raise BadInput(f"--{name}: {value:g}; give a number > 0")
     if not file.is_file():
         raise BadInput(f"{file}: not found; give a file of heights")
-    library()
+    load_topography_library()
     longest = float("inf") if highpass is None else highpass
-    heights, step, notes = _heights(file, profile, pixel)
-    heights = measured_roughness.without_spikes(heights)
+    heights, step, notes = _read_heights(file, profile, pixel)
+    heights = measured_roughness.remove_spikes(heights)
     missing, line = float((heights != heights).mean()), None
     if heights.ndim == 1:
-        points = measured_roughness.of_profile(heights, step, longest)
+        points = measured_roughness.spectrum_of_profile(heights, step, longest)
         line = measured_roughness.profile_height(heights, step, longest)
     else:
-        points = measured_roughness.of_topography(heights, step, longest)
-    return RoadSpectrum(file, points, measured_roughness.Summary.of(points), missing, line, notes)
+        points = measured_roughness.spectrum_of_topography(heights, step, longest)
+    return RoadSpectrum(file, points, measured_roughness.SpectrumSummary.from_points(points), missing, line, notes)
 
 
-def _heights(file: Path, profile: bool, pixel: float | None) -> tuple[np.ndarray, Any, tuple[str, ...]]:
+def _read_heights(file: Path, profile: bool, pixel: float | None) -> tuple[np.ndarray, Any, tuple[str, ...]]:
     """Heights in m, (n,) of a line or (nx, ny), missing ones nan, their distance in m, and notes on reading."""
     if pixel is not None:
-        return _bare(file, profile), pixel, ()
+        return _read_bare_heights(file, profile), pixel, ()
     if profile:
         scan = measured_roughness.read_line_scan(file)
         return scan.heights, scan.step, scan.notes
     try:
-        road = _area(file)
+        road = _read_topography(file)
     except BadInput as fault:
         try:
             scan = measured_roughness.read_line_scan(file, stated=True)
@@ -144,7 +144,7 @@ def _heights(file: Path, profile: bool, pixel: float | None) -> tuple[np.ndarray
     return heights, tuple(s / n for s, n in zip(road.physical_sizes, heights.shape, strict=True)), ()
 
 
-def _bare(file: Path, profile: bool) -> np.ndarray:
+def _read_bare_heights(file: Path, profile: bool) -> np.ndarray:
     """Heights of a file that holds nothing else.  Raises BadInput."""
     try:
         with warnings.catch_warnings():
@@ -160,15 +160,15 @@ def _bare(file: Path, profile: bool) -> np.ndarray:
     return bare
 
 
-def _area(file: Path) -> Any:
+def _read_topography(file: Path) -> Any:
     """The topography of a file; what keeps it from being read, with the remedies of a spectrum.  Raises BadInput."""
     try:
-        return contact_map.read(file)
+        return contact_map.read_height_map(file)
     except BadInput as fault:
         why = str(fault).removeprefix(f"{file}: ").rpartition("; ")[0]
         if fault.__cause__ is not None:  # every reader says why the file is not of its format
             said = str(fault.__cause__)
             known = "no format that SurfaceTopography knows" if said.startswith("tried ") else said
-            why = f"no topography: {shorten(known, WHY, placeholder=' ...')}"
+            why = f"no topography: {shorten(known, MAX_REASON_CHARS, placeholder=' ...')}"
         remedy = "give a height map of an instrument, --profile for columns of distance and height, or --pixel"
         raise BadInput(f"{file}: {why}; {remedy} for nothing but heights in m with blanks between") from fault

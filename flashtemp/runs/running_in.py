@@ -18,28 +18,28 @@ from pathlib import Path
 
 import numpy as np
 
-from flashtemp.errors import BadInput, FlashtempError, nearest, short
+from flashtemp.errors import BadInput, FlashtempError, suggest_name, shorten_text
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.physics.tables.header import split_label
 from flashtemp.physics.tables.table import read_table
 from flashtemp.physics.tables.wanted import FRICTION, WantedColumn, read_wanted
-from flashtemp.runs.relaxation_fit import Fit, Record, without
-from flashtemp.showing import Sheet, Shown
+from flashtemp.runs.relaxation_fit import RelaxationFit, MeanRecord, drop_first
+from flashtemp.showing import DisplayTable, DisplayMixin
 
-FEWEST = 4  # values: three numbers are fitted
-MOST = 5000  # rows: more are a trace, whose neighbours scatter alike
-FAR = 3.0  # s_w beyond this many times the data is an extrapolation
-LEVEL = 0.95
-SURE = 0.99  # before it is said that the values are no exponential
-TREND = 2  # numbers that a relaxation has more than a constant
-CURVES, HEADER = ("friction", "pressure"), "repetition,mu[,sigma] or slid_m,mu[,sigma]"
-REPETITION = WantedColumn("repetition", "1", "repetition")
-SLID = WantedColumn("slid distance", "m", "slid")
-SIGMA = WantedColumn("standard deviation", "1", "sigma")
+MIN_FIT_VALUES = 4  # values: three numbers are fitted
+MAX_CSV_ROWS = 5000  # rows: more are a trace, whose neighbours scatter alike
+MAX_EXTRAPOLATION = 3.0  # s_w beyond this many times the data is an extrapolation
+INTERVAL_CONFIDENCE = 0.95
+MISFIT_CONFIDENCE = 0.99  # before it is said that the values are no exponential
+RELAXATION_PARAMETERS = 2  # numbers that a relaxation has more than a constant
+RECORD_QUANTITIES, CSV_HEADER_WORDS = ("friction", "pressure"), "repetition,mu[,sigma] or slid_m,mu[,sigma]"
+REPETITION_COLUMN = WantedColumn("repetition", "1", "repetition")
+SLID_COLUMN = WantedColumn("slid distance", "m", "slid")
+SIGMA_COLUMN = WantedColumn("standard deviation", "1", "sigma")
 
 
 @dataclass(frozen=True, repr=False)
-class Settling(Shown):
+class RunningInResult(DisplayMixin):
     """Answer of `relaxation`; distances in `unit`, None where the data cannot say.
 
     `s_w` with standard error and 95 % interval; `start` and `final` value; after `slid` the rest of the
@@ -81,25 +81,25 @@ class Settling(Shown):
             lines.append(f"  the case implies s_w = {self.expected:.3g} m for its pressure, 1/(k_n k mu){sooner}")
         return "\n".join([*lines, *(f"  {note}" for note in self.notes)])
 
-    def sheet(self) -> Sheet:
+    def to_table(self) -> DisplayTable:
         units = {"s_w": self.unit, "slid": self.unit, "expected": "m", "start": "1", "final": "1", "scatter": "1"}
         rows = [
             (name, getattr(self, name), getattr(self, f"{name}_interval", None), units.get(name, ""))
             for name in ("s_w", "start", "final", "scatter", "slid", "repetitions", "expected")
             if getattr(self, name) is not None
         ]
-        return Sheet(f"{self.of}: {self.says}", rows, ("", "value", "95 %", "unit"), self.notes)
+        return DisplayTable(f"{self.of}: {self.says}", rows, ("", "value", "95 %", "unit"), self.notes)
 
 
-def settling(source, within: float = 0.01, distance: float | None = None, of: str = "friction") -> Settling:
+def analyse_running_in(source, within: float = 0.01, distance: float | None = None, of: str = "friction") -> RunningInResult:
     """Read a result folder or a CSV file and tell after how many repetitions its changes are below `within`.
 
     `distance` m per repetition, for a CSV file.  Raises BadInput.
     """
-    return relaxation(read(source, distance, of), within)
+    return fit_relaxation(read_record(source, distance, of), within)
 
 
-def relaxation(record: Record, within: float = 0.01) -> Settling:
+def fit_relaxation(record: MeanRecord, within: float = 0.01) -> RunningInResult:
     """Fit the relaxation of a record; what its data do not determine is said in words.  Raises BadInput.
 
     Intervals are those of the profile likelihood, with the scatter taken from the residuals unless given.
@@ -107,26 +107,26 @@ def relaxation(record: Record, within: float = 0.01) -> Settling:
     if not 0 < within < 1:
         raise BadInput(f"--within: {within:g}; give a share between 0 and 1, for example 0.01")
     n, notes = len(record.value), []
-    blank = Settling(record.of, record.unit, within, "", expected=record.expected)
-    if n < FEWEST:
-        return replace(blank, says=f"cannot say from {n} values; {FEWEST} repetitions are the least, more are better")
-    fit = Fit(record)
+    blank = RunningInResult(record.of, record.unit, within, "", expected=record.expected)
+    if n < MIN_FIT_VALUES:
+        return replace(blank, says=f"cannot say from {n} values; {MIN_FIT_VALUES} repetitions are the least, more are better")
+    fit = RelaxationFit(record)
     if record.sigma is None and not record.simulated:
         notes.append("the scatter is estimated from the residuals of the fit")
     elif record.sigma is not None and not fit.trusted:
         notes.append(
             f"the values scatter {math.sqrt(fit.variance):.1f} times as much as their sigma says: intervals widened"
         )
-    if fit.constant <= fit.limit(LEVEL, TREND):
+    if fit.constant <= fit.chi2_limit(INTERVAL_CONFIDENCE, RELAXATION_PARAMETERS):
         spread = float(np.std(record.value, ddof=1))
         share = spread if record.absolute else spread / (abs(float(np.mean(record.value))) or 1.0)
         says = f"no relaxation seen: the change is below the scatter; already reproducible to {100 * share:.2g} %"
-        return replace(blank, says=says, scatter=spread, notes=(*_average(share, within), *notes))
+        return replace(blank, says=says, scatter=spread, notes=(*_averaging_advice(share, within), *notes))
     blank = replace(blank, scatter=fit.scatter, notes=tuple(notes))
-    low, high = fit.interval(fit.limit(LEVEL))
+    low, high = fit.s_w_interval(fit.chi2_limit(INTERVAL_CONFIDENCE))
     span = float(record.end[-1] - record.begin[0])
-    if high < math.inf and fit.s_w <= FAR * span:
-        return _answer(record, fit, blank)
+    if high < math.inf and fit.s_w <= MAX_EXTRAPOLATION * span:
+        return _determined_result(record, fit, blank)
     lacking = max(2 * low - span, 0.5 * span)
     more = f"{lacking:.3g} more metres" if record.unit == "m" else f"{math.ceil(lacking)} more repetitions"
     sure = "is" if low > span else "may be"
@@ -136,7 +136,7 @@ def relaxation(record: Record, within: float = 0.01) -> Settling:
     return replace(blank, says=says, s_w_interval=(low, high))
 
 
-def _average(share: float, within: float) -> list[str]:
+def _averaging_advice(share: float, within: float) -> list[str]:
     """What to do where single values scatter more than is asked."""
     if share <= within:
         return []
@@ -146,13 +146,13 @@ def _average(share: float, within: float) -> list[str]:
     ]
 
 
-def _answer(record: Record, fit: Fit, blank: Settling) -> Settling:
+def _determined_result(record: MeanRecord, fit: RelaxationFit, blank: RunningInResult) -> RunningInResult:
     """Numbers and sentence of a relaxation that the data determine."""
-    unit, one, within, limit = record.unit, record.length, blank.within, fit.limit(LEVEL)
-    interval, slid, reach = fit.interval(limit), fit.slid(within), fit.slid_interval(within, limit)
-    count = None if one is None else [_count(s, one) for s in (slid, *reach)]
-    notes = [*blank.notes, *_average(fit.scatter / (1.0 if record.absolute else abs(fit.final)), within)]
-    notes += _misfit(record, fit)
+    unit, one, within, limit = record.unit, record.length, blank.within, fit.chi2_limit(INTERVAL_CONFIDENCE)
+    interval, slid, reach = fit.s_w_interval(limit), fit.slid_distance(within), fit.slid_distance_interval(within, limit)
+    count = None if one is None else [_count_repetitions(s, one) for s in (slid, *reach)]
+    notes = [*blank.notes, *_averaging_advice(fit.scatter / (1.0 if record.absolute else abs(fit.final)), within)]
+    notes += _misfit_notes(record, fit)
     goal = f"within {100 * within:g} % of its final value"
     if record.absolute:
         goal = f"unevenness (rms over the block/mean) within {within:g} of its final value"
@@ -179,7 +179,7 @@ def _answer(record: Record, fit: Fit, blank: Settling) -> Settling:
         says=says,
         notes=tuple(notes),
         s_w=fit.s_w,
-        s_w_error=fit.error,
+        s_w_error=fit.s_w_error,
         start=fit.start,
         final=fit.final,
         slid=slid,
@@ -187,10 +187,10 @@ def _answer(record: Record, fit: Fit, blank: Settling) -> Settling:
     )
 
 
-def _misfit(record: Record, fit: Fit) -> list[str]:
+def _misfit_notes(record: MeanRecord, fit: RelaxationFit) -> list[str]:
     """What to say where the values show more than one exponential: without the first ones s_w is another."""
-    later = [Fit(without(record, k)) for k in range(1, min(3, len(record.value) - FEWEST) + 1)]
-    ranges = [f.interval(f.limit(SURE)) for f in later]
+    later = [RelaxationFit(drop_first(record, k)) for k in range(1, min(3, len(record.value) - MIN_FIT_VALUES) + 1)]
+    ranges = [f.s_w_interval(f.chi2_limit(MISFIT_CONFIDENCE)) for f in later]
     if not record.simulated and all(low <= fit.s_w <= high for low, high in ranges):
         return []
     notes = ["the values are not one exponential alone: the intervals are too narrow"]
@@ -203,30 +203,30 @@ def _misfit(record: Record, fit: Fit) -> list[str]:
     return notes
 
 
-def _count(slid: float, length: float) -> float:
+def _count_repetitions(slid: float, length: float) -> float:
     """Whole repetitions that reach a slid distance."""
     return math.inf if slid == math.inf else math.ceil(slid / length - 1e-9)
 
 
-def read(source, distance: float | None = None, of: str = "friction") -> Record:
+def read_record(source, distance: float | None = None, of: str = "friction") -> MeanRecord:
     """The Record of a result folder (repetition by repetition) or of a CSV file.  Raises BadInput."""
     path = Path(source)
-    if of not in CURVES:
-        raise BadInput(f"--of: {of!r}; give {' or '.join(CURVES)}")
+    if of not in RECORD_QUANTITIES:
+        raise BadInput(f"--of: {of!r}; give {' or '.join(RECORD_QUANTITIES)}")
     if distance is not None and not 0 < distance < math.inf:
         raise BadInput(f"--distance: {distance:g}; give the metres slid in one repetition, > 0")
     if path.is_dir():
         if distance is not None:
             raise BadInput(f"--distance: {distance:g}; {path} knows its distance, leave it out")
-        return _simulated(path, of)
+        return _read_result_folder(path, of)
     if not path.is_file():
-        raise BadInput(f"{path}: no such file or folder; give a result folder or a CSV file with columns {HEADER}")
+        raise BadInput(f"{path}: no such file or folder; give a result folder or a CSV file with columns {CSV_HEADER_WORDS}")
     if of != "friction":
         raise BadInput(f"--of: {of}; {path} holds friction only, give a result folder")
-    return _measured(path, distance)
+    return _read_csv_file(path, distance)
 
 
-def _simulated(folder: Path, of: str) -> Record:
+def _read_result_folder(folder: Path, of: str) -> MeanRecord:
     import xarray as xr
 
     file = folder / "run.nc"
@@ -259,56 +259,56 @@ def _simulated(folder: Path, of: str) -> Record:
             means.append(np.trapezoid(v, s) / (s[-1] - s[0]))
     if not means:
         raise BadInput(f"{file}: holds no sliding; give a result folder that flashtemp run has written")
-    expected = _implied(folder, float(np.mean(friction)), float(np.mean(mean)), float(np.mean(spot[on])))
+    expected = _implied_s_w(folder, float(np.mean(friction)), float(np.mean(mean)), float(np.mean(spot[on])))
     length = float(slid[-1]) / len(means)
-    return Record(
+    return MeanRecord(
         np.array(begin), np.array(end), np.array(means), length=length, of=of, absolute=of == "pressure",
         simulated=True, expected=expected,
     )  # fmt: skip
 
 
-def _implied(folder: Path, mu: float, pressure: float, spot_degC: float) -> float | None:
+def _implied_s_w(folder: Path, mu: float, pressure: float, spot_degC: float) -> float | None:
     """s_w = 1/(k_n k mu) of the folder's case where its block abrades, else None."""
     from flashtemp.model import case as cases
-    from flashtemp.model.laws import Laws
+    from flashtemp.model.laws import EffectLaws
 
     try:
-        scene = cases.load(folder).scene
+        scene = cases.load_case(folder).scene
     except FlashtempError:
         return None
     if scene.stiffness is None:
         return None  # every shape of the pressure of an elastic block relaxes over a length of its own
-    now = scene.moment(scene.schedule.phases[0], 0.0)
+    now = scene.law_context(scene.schedule.phases[0], 0.0)
     now = now._replace(x=0.5 * scene.length, local_pressure=pressure, friction=mu)
-    laws = Laws(scene)
+    laws = EffectLaws(scene)
     if laws("holder.compliance", 0.0, None, now):
         return None  # nor has a block whose holder turns one length for all shapes of the pressure
     rate = laws("block.abrasion", 0.0, spot_degC + KELVIN, now)
     return pressure / (scene.stiffness * float(rate)) if rate > 0 else None
 
 
-def _measured(path: Path, distance: float | None) -> Record:
+def _read_csv_file(path: Path, distance: float | None) -> MeanRecord:
     table = _read_columns(path)
-    if len(table["mu"]) > MOST:
-        raise BadInput(f"{path}: mu: {len(table['mu'])} rows; give means over repetitions, at most {MOST}")
+    if len(table["mu"]) > MAX_CSV_ROWS:
+        raise BadInput(f"{path}: mu: {len(table['mu'])} rows; give means over repetitions, at most {MAX_CSV_ROWS}")
     place = "repetition" if "repetition" in table else "slid_m"
     at, value, sigma = table[place], table["mu"], table.get("sigma")
-    _check(path, place, at, np.diff(at, prepend=-1.0) > 0, "rise from row to row, 0 or more")
+    _require_all(path, place, at, np.diff(at, prepend=-1.0) > 0, "rise from row to row, 0 or more")
     if sigma is not None:
-        _check(path, "sigma", sigma, sigma > 0, "be > 0, or leave the column out")
+        _require_all(path, "sigma", sigma, sigma > 0, "be > 0, or leave the column out")
     if place == "slid_m":
         half = 0.0 if distance is None else 0.5 * distance
-        _check(
+        _require_all(
             path, place, at, at >= half, f"be at least half of --distance {distance}: it is the middle of a repetition"
         )
-        return Record(at - half, at + half, value, sigma, distance)
-    _check(path, place, at, (at >= 1) & (at == np.round(at)), "count from 1 in whole numbers")
+        return MeanRecord(at - half, at + half, value, sigma, distance)
+    _require_all(path, place, at, (at >= 1) & (at == np.round(at)), "count from 1 in whole numbers")
     one = distance or 1.0
     unit = "repetitions" if distance is None else "m"
-    return Record(one * (at - 1), one * at, value, sigma, one, unit)
+    return MeanRecord(one * (at - 1), one * at, value, sigma, one, unit)
 
 
-def _check(path: Path, column: str, values: np.ndarray, good: np.ndarray, must: str) -> None:
+def _require_all(path: Path, column: str, values: np.ndarray, good: np.ndarray, must: str) -> None:
     if not np.all(good):
         k = int(np.argmin(good))
         raise BadInput(f"{path}: {column}: {values[k]:g} in row {k + 1}; it must {must}")
@@ -317,18 +317,18 @@ def _check(path: Path, column: str, values: np.ndarray, good: np.ndarray, must: 
 def _read_columns(path: Path) -> dict[str, np.ndarray]:
     """Repetition or slid distance (m), mu and perhaps sigma of a CSV file, by the names in its header."""
     if not path.is_file():
-        raise BadInput(f"SOURCE: file '{path.name}' not found in {path.parent}; give a CSV file with columns {HEADER}")
+        raise BadInput(f"SOURCE: file '{path.name}' not found in {path.parent}; give a CSV file with columns {CSV_HEADER_WORDS}")
     table = read_table(path, str(path))
     if not table.has_header:
-        raise BadInput(f"{path}: no names of columns; write the header {HEADER}")
-    known = {"repetition": REPETITION, "slid_m": SLID, "mu": FRICTION, "sigma": SIGMA}
+        raise BadInput(f"{path}: no names of columns; write the header {CSV_HEADER_WORDS}")
+    known = {"repetition": REPETITION_COLUMN, "slid_m": SLID_COLUMN, "mu": FRICTION, "sigma": SIGMA_COLUMN}
     found: dict[str, WantedColumn] = {}
     for column in table.columns:
         name = "slid_m" if split_label(column.label, "m")[0] == "slid" else column.label
         if name not in known:
-            raise BadInput(f"{path}: column '{short(name)}'{nearest(name, known)}; write the header {HEADER}")
+            raise BadInput(f"{path}: column '{shorten_text(name)}'{suggest_name(name, known)}; write the header {CSV_HEADER_WORDS}")
         found[name] = known[name]
     if "mu" not in found or ("repetition" in found) == ("slid_m" in found) or len(found) < len(table.columns):
         labels = ",".join(c.label for c in table.columns)
-        raise BadInput(f"{path}: header '{short(labels)}'; write {HEADER}")
+        raise BadInput(f"{path}: header '{shorten_text(labels)}'; write {CSV_HEADER_WORDS}")
     return dict(zip(found, read_wanted(table, list(found.values())).T, strict=True))

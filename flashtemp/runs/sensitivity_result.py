@@ -12,48 +12,48 @@ import numpy as np
 import numpy.typing as npt
 
 from flashtemp.model.case import Case
-from flashtemp.model.priors import Input
-from flashtemp.runs.sign_of_friction import Sign
-from flashtemp.showing import Sheet, Shown, write_json
+from flashtemp.model.priors import UncertainInput
+from flashtemp.runs.sign_of_friction import FrictionTrend
+from flashtemp.showing import DisplayTable, DisplayMixin, write_json
 from flashtemp.solver.run import Run
 
 Array = npt.NDArray[np.float64]
-SHOWN = 8  # inputs in a table
+MAX_TABLE_INPUTS = 8  # inputs in a table
 
 
 @dataclass(frozen=True)
-class About:
+class OutputSpec:
     """A number of a run: its unit, what it is, how it is read, and `least`, a width of no interest."""
 
     unit: str
     words: str
-    of: Callable[[Run], float]
-    least: float
+    evaluate: Callable[[Run], float]
+    min_width: float
 
 
-def _trailing(run: Run, values: Array) -> float:
+def _trailing_edge_value(run: Run, values: Array) -> float:
     """The value at the trailing edge at the end, of values (times, lines)."""
-    return float(values[run.last][-1 - run.leads(run.last)])
+    return float(values[run.last_sliding_index][-1 - run.leading_line_index(run.last_sliding_index)])
 
 
-def _part(name: str) -> Callable[[Run], float]:
+def _heat_fraction(name: str) -> Callable[[Run], float]:
     return lambda run: run.budget[name] / max(run.budget["friction"], 1e-300)
 
 
-NUMBERS = {
-    "T_spot_L": About("degC", "T_spot at the trailing edge", lambda run: _trailing(run, run.T_spot), 0.05),
-    "T_spot_max": About("degC", "highest T_spot at the end", lambda run: float(run.T_spot[run.last].max()), 0.05),
-    "T_block_L": About("degC", "T(L), block at the trailing edge", lambda run: _trailing(run, run.T_block), 0.05),
-    "mu": About("1", "friction, last repetition", lambda run: (run.friction_per_repetition or [0.0])[-1], 1e-3),
-    "into_road": About("1", "share of the heat into the road", _part("road"), 2e-3),
-    "in_block": About("1", "share of the heat left in the block", _part("block"), 2e-3),
-    "to_holder": About("1", "share of the heat into the holder", _part("holder"), 2e-3),
-    "to_air": About("1", "share of the heat into the air", _part("air"), 2e-3),
+OUTPUT_SPECS = {
+    "T_spot_L": OutputSpec("degC", "T_spot at the trailing edge", lambda run: _trailing_edge_value(run, run.T_spot), 0.05),
+    "T_spot_max": OutputSpec("degC", "highest T_spot at the end", lambda run: float(run.T_spot[run.last_sliding_index].max()), 0.05),
+    "T_block_L": OutputSpec("degC", "T(L), block at the trailing edge", lambda run: _trailing_edge_value(run, run.T_block), 0.05),
+    "mu": OutputSpec("1", "friction, last repetition", lambda run: (run.friction_per_repetition or [0.0])[-1], 1e-3),
+    "into_road": OutputSpec("1", "share of the heat into the road", _heat_fraction("road"), 2e-3),
+    "in_block": OutputSpec("1", "share of the heat left in the block", _heat_fraction("block"), 2e-3),
+    "to_holder": OutputSpec("1", "share of the heat into the holder", _heat_fraction("holder"), 2e-3),
+    "to_air": OutputSpec("1", "share of the heat into the air", _heat_fraction("air"), 2e-3),
 }
 
 
 @dataclass(frozen=True, eq=False)
-class Number:
+class PredictedNumber:
     """A number of the prediction: `value` of the case, standard deviation, 95 % band, and by input: slopes per sd,
     first-order and total shares of the variance; `unexplained` share of it."""
 
@@ -68,7 +68,7 @@ class Number:
 
 
 @dataclass(frozen=True, eq=False)
-class Band:
+class PredictionBand:
     """95 % band, pointwise, at the run's records and places."""
 
     low: Array
@@ -76,7 +76,7 @@ class Band:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Sensitivity(Shown):
+class SensitivityResult(DisplayMixin):
     """What each of the `inputs` does to a prediction: `numbers` {name of NUMBERS: Number}, and `bands` of profiles.
 
     `left`: numbers of the case without a standard deviation.  `mode`; `check` {number: miss of the linear part over the
@@ -85,53 +85,53 @@ class Sensitivity(Shown):
 
     case: Case
     run: Run
-    inputs: tuple[Input, ...]
-    left: tuple[str, ...]
+    inputs: tuple[UncertainInput, ...]
+    keys_without_sd: tuple[str, ...]
     mode: Literal["linear", "sample"]
-    numbers: dict[str, Number]
-    bands: dict[str, Band]
+    numbers: dict[str, PredictedNumber]
+    bands: dict[str, PredictionBand]
     check: dict[str, float]
     lopsided: tuple[str, ...]
-    signs: tuple[Sign, ...]
+    signs: tuple[FrictionTrend, ...]
     seconds: float
     failed: int
 
-    def leading(self, name: str) -> tuple[Input, float] | None:
+    def leading_input(self, name: str) -> tuple[UncertainInput, float] | None:
         """The input with the largest total share of a number, and that share; None where nothing changes it."""
         total = self.numbers[name].total
         k = int(np.argmax(total))
         return (self.inputs[k], float(total[k])) if self.numbers[name].sd > 0 else None
 
     @property
-    def order(self) -> list[int]:
+    def ranked_inputs(self) -> list[int]:
         """Inputs by their largest total share of T_spot(L), T(L) or mu, the largest first."""
         size = np.max([self.numbers[n].total for n in ("T_spot_L", "T_block_L", "mu")], axis=0)
         return [int(k) for k in np.argsort(-size, kind="stable")]
 
-    def sentences(self) -> list[str]:
+    def list_conclusions(self) -> list[str]:
         """One per conclusion."""
         out = []
         for name in ("T_spot_L", "T_block_L", "mu", "into_road"):
-            n, about = self.numbers[name], NUMBERS[name]
+            n, about = self.numbers[name], OUTPUT_SPECS[name]
             unit = "" if about.unit == "1" else f" {about.unit}"
-            lead = self.leading(name)
+            lead = self.leading_input(name)
             why = f"; most of it is {lead[0].key} ({100 * lead[1]:.0f} %)" if lead and n.sd > 1e-9 else ""
             digits = ".3f" if about.unit == "1" else ".1f"
             out.append(f"{about.words}: {n.value:{digits}}{unit}, 95 % band {n.low:{digits}} to {n.high:{digits}}{why}")
-        return [*out, *self._how(), *map(str, self.signs)]
+        return [*out, *self._confidence_sentences(), *map(str, self.signs)]
 
-    def _how(self) -> list[str]:
+    def _confidence_sentences(self) -> list[str]:
         """In words how sure the shares are."""
         worst = max(self.check, key=self.check.__getitem__, default=None)
         said = []
         if worst is not None:
-            far = f"2 sd out the linear part misses {NUMBERS[worst].words} by {100 * self.check[worst]:.0f} %"
+            far = f"2 sd out the linear part misses {OUTPUT_SPECS[worst].words} by {100 * self.check[worst]:.0f} %"
             said.append(f"{far} of the band's half width" + ("" if self.mode == "linear" else ": runs were sampled"))
         elif self.mode == "linear":
             said.append("the linear part was not tried")
         if self.lopsided:
             said.append(f"near a bound, so that the prior is lopsided: {', '.join(self.lopsided)}")
-        wide = [n.unexplained for name, n in self.numbers.items() if n.high - n.low > NUMBERS[name].least]
+        wide = [n.unexplained for name, n in self.numbers.items() if n.high - n.low > OUTPUT_SPECS[name].min_width]
         left = max(wide, default=0.0)
         if self.mode == "sample" and left > 0.1:
             said.append(f"{100 * left:.0f} % of a variance is not explained by the sample: give more --samples")
@@ -139,10 +139,10 @@ class Sensitivity(Shown):
             said.append(f"{self.failed} runs of the sample failed and are left out")
         return said
 
-    def rows(self) -> list[list[Any]]:
+    def table_rows(self) -> list[list[Any]]:
         """An input each: key, value, sd, unit, and for T_spot(L), T(L), mu: change per sd and shares."""
         out = []
-        for k in self.order:
+        for k in self.ranked_inputs:
             i, row = self.inputs[k], []
             for name in ("T_spot_L", "T_block_L", "mu"):
                 n = self.numbers[name]
@@ -159,21 +159,21 @@ class Sensitivity(Shown):
             f"  {'input':32s} {'value':>10s} {'sd':>9s}   {'T_spot(L)':>9s} {'share':>8s}   {'T(L)':>7s} {'share':>8s}"
             f"   {'mu':>8s} {'share':>8s}   (change per sd; first/total share)"
         )
-        for key, value, sd, _, *rest in self.rows()[:SHOWN]:
+        for key, value, sd, _, *rest in self.table_rows()[:MAX_TABLE_INPUTS]:
             spot, a, block, b, mu, c = rest
             cells = f"{spot:+9.2f} {a:>8s}   {block:+7.2f} {b:>8s}   {mu:+8.4f} {c:>8s}"
             lines.append(f"  {key:32s} {value:10.4g} {sd:9.2g}   {cells}")
-        if len(self.inputs) > SHOWN:
-            lines.append(f"  and {len(self.inputs) - SHOWN} more, all in sensitivity.json")
-        said = self.sentences()
-        if self.left:
-            said.append(f"held, since nobody says how sure they are: {', '.join(self.left)}")
+        if len(self.inputs) > MAX_TABLE_INPUTS:
+            lines.append(f"  and {len(self.inputs) - MAX_TABLE_INPUTS} more, all in sensitivity.json")
+        said = self.list_conclusions()
+        if self.keys_without_sd:
+            said.append(f"held, since nobody says how sure they are: {', '.join(self.keys_without_sd)}")
         lines += [fill(s, 120, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False) for s in said]
         return "\n".join(lines)
 
-    def sheet(self) -> Sheet:
-        held = [f"held, since nobody says how sure they are: {', '.join(self.left)}"] if self.left else []
-        return Sheet(f"Sensitivity of '{self.case.title}'", self.rows(), self.HEAD, [*self.sentences(), *held])
+    def to_table(self) -> DisplayTable:
+        held = [f"held, since nobody says how sure they are: {', '.join(self.keys_without_sd)}"] if self.keys_without_sd else []
+        return DisplayTable(f"Sensitivity of '{self.case.title}'", self.table_rows(), self.HEAD, [*self.list_conclusions(), *held])
 
     def as_dict(self) -> dict[str, Any]:
         """For --json and sensitivity.json."""
@@ -187,17 +187,17 @@ class Sensitivity(Shown):
             "inputs": [
                 {"key": i.key, "value": i.value, "sd": i.sd, "unit": i.unit, "reason": i.reason} for i in self.inputs
             ],
-            "left_out": list(self.left),
+            "left_out": list(self.keys_without_sd),
             "numbers": {
                 name: {
-                    "words": NUMBERS[name].words, "unit": NUMBERS[name].unit, "value": n.value, "sd": n.sd,
+                    "words": OUTPUT_SPECS[name].words, "unit": OUTPUT_SPECS[name].unit, "value": n.value, "sd": n.sd,
                     "band95": [n.low, n.high], "per_sd": by_key(n.slopes), "first_order": by_key(n.first),
                     "total": by_key(n.total), "unexplained": n.unexplained,
                 }
                 for name, n in self.numbers.items()
             },
             "check": self.check, "lopsided": list(self.lopsided), "signs": [s.as_dict() for s in self.signs],
-            "failed": self.failed, "seconds": self.seconds, "conclusions": self.sentences(),
+            "failed": self.failed, "seconds": self.seconds, "conclusions": self.list_conclusions(),
         }  # fmt: skip
 
     def save(self, folder: Path) -> None:

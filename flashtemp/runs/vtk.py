@@ -12,17 +12,17 @@ from typing import Any
 import h5py
 import numpy as np
 
-from flashtemp.errors import BadInput, nearest
-from flashtemp.showing import Shown
+from flashtemp.errors import BadInput, suggest_name
+from flashtemp.showing import DisplayMixin
 from flashtemp.solver.run import Run
 
 LINE, QUAD, HEXAHEDRON = 3, 9, 12  # VTK cell types
-UNITS = {"degC": "degC", "Pa": "Pa", "m": "m", "m2": "W/m2"}  # by the end of a name
-LARGE = 2e8  # bytes of a file that is no longer built in memory
+UNIT_BY_SUFFIX = {"degC": "degC", "Pa": "Pa", "m": "m", "m2": "W/m2"}  # by the end of a name
+MAX_MEMORY_FILE_BYTES = 2e8  # bytes of a file that is no longer built in memory
 
 
 @dataclass(frozen=True)
-class Body:
+class BodyGrid:
     """Block or road as a tensor grid: edges `x`, `y`, `z` in m, `cells` (nx, ny, nz) of the run's field, conductivity.
 
     In 2D there is no y and ny = 1.
@@ -32,7 +32,7 @@ class Body:
     y: np.ndarray
     z: np.ndarray
     cells: np.ndarray
-    k: Any
+    conductivity: Any
     layers: tuple[slice, ...] = (slice(None),)
 
     def heat_flux(self, T: np.ndarray) -> np.ndarray:
@@ -44,11 +44,11 @@ class Body:
                 for part in self.layers if axis == 2 else (slice(None),):
                     at = (..., part) if axis == 2 else (...,)
                     out[(*at, axis)] = np.gradient(T[at], centre[part], axis=axis)
-                out[..., axis] *= -self.k
+                out[..., axis] *= -self.conductivity
         return out.reshape(-1, 3)
 
 
-def bodies(run: Run) -> dict[str, Body]:
+def body_grids(run: Run) -> dict[str, BodyGrid]:
     """Block and road of a run."""
     mesh, y = run.mesh, run.mesh.y if run.mesh.n_across > 1 else np.zeros(1)
     x_block = mesh.x[mesh.first : mesh.last + 1]
@@ -58,12 +58,12 @@ def bodies(run: Run) -> dict[str, Body]:
     }
     layers = {"block": tuple(mesh.layers)} if mesh.joints else {}
     return {
-        name: Body(x, y, z, np.swapaxes(mesh.everywhere(c), 1, 2), k, layers.get(name, (slice(None),)))
+        name: BodyGrid(x, y, z, np.swapaxes(mesh.everywhere(c), 1, 2), k, layers.get(name, (slice(None),)))
         for name, (x, z, c, k) in parts.items()
     }
 
 
-def contact(run: Run, frame: int) -> dict[str, np.ndarray]:
+def contact_fields(run: Run, frame: int) -> dict[str, np.ndarray]:
     """What ParaView plots on the contact, {name with unit: (cells,)}: temperatures, pressure, worn depth."""
     names = {"T_block": "degC", "T_spot": "degC", "T_road": "degC", "pressure": "Pa", "worn": "m"}
     if run.maps:
@@ -71,7 +71,7 @@ def contact(run: Run, frame: int) -> dict[str, np.ndarray]:
     return {f"{name}_{unit}": getattr(run, name)[run.frames[frame]] for name, unit in names.items()}
 
 
-def _grid(*edges: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+def _unstructured_grid(*edges: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
     """Points (n, 3) in m, corners (cells, ...) and VTK type of a tensor grid of x, y, z, cells ordered (x, y, z).
 
     An axis with one edge has no extent: cells are then hexahedra, quads or lines.
@@ -88,7 +88,7 @@ def _grid(*edges: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
     return points, first[:, None] + np.array(corners), {2: LINE, 4: QUAD, 8: HEXAHEDRON}[len(corners)]
 
 
-def write(run: Run, path: Path) -> None:
+def write_vtkhdf(run: Run, path: Path) -> None:
     """Write fields of a run as temporal VTKHDF (MultiBlock of UnstructuredGrid, format 2.1).
 
     Block and road, with cell data `T_degC` and `q_W_m2`, share one interface at z = 0; there lie the
@@ -97,21 +97,21 @@ def write(run: Run, path: Path) -> None:
     """
     times = run.time[run.frames]
     size = run.mesh.n_cells * (16 * len(times) + 120)
-    if size > LARGE and shutil.disk_usage(path.parent).free < 1.05 * size:
+    if size > MAX_MEMORY_FILE_BYTES and shutil.disk_usage(path.parent).free < 1.05 * size:
         raise OSError(errno.ENOSPC, f"{path.name} needs {size / 1e9:.1f} GB")
-    with h5py.File(path, "w") if size > LARGE else in_memory(path) as file:
+    with h5py.File(path, "w") if size > MAX_MEMORY_FILE_BYTES else open_memory_file(path) as file:
         root = file.create_group("VTKHDF", track_order=True)
-        _mark(root, "MultiBlockDataSet")
-        solids = bodies(run)
+        _set_type(root, "MultiBlockDataSet")
+        solids = body_grids(run)
         for name, body in solids.items():
-            data = _leaf(root, name, *_grid(body.x, body.y, body.z), times, {"T_degC": (), "q_W_m2": (3,)})
+            data = _create_leaf(root, name, *_unstructured_grid(body.x, body.y, body.z), times, {"T_degC": (), "q_W_m2": (3,)})
             for i in range(len(times)):
                 T = run.field[i][body.cells]
                 data(i, {"T_degC": T.ravel(), "q_W_m2": body.heat_flux(T)})
         block = solids["block"]
-        data = _leaf(root, "contact", *_grid(block.x, block.y, np.zeros(1)), times, dict.fromkeys(contact(run, 0), ()))
+        data = _create_leaf(root, "contact", *_unstructured_grid(block.x, block.y, np.zeros(1)), times, dict.fromkeys(contact_fields(run, 0), ()))
         for i in range(len(times)):
-            data(i, contact(run, i))
+            data(i, contact_fields(run, i))
         steps = root.create_group("Steps")  # VTK 9.7 offers only the first time without it, 9.4 stumbles over it
         steps.attrs["NSteps"] = np.int64(len(times))
         steps["Values"] = times.astype(float)
@@ -126,13 +126,13 @@ def write(run: Run, path: Path) -> None:
             about.attrs[key] = value if isinstance(value, (int, float)) else str(value)
 
 
-def _leaf(root, name: str, points, cells, kind: int, times: np.ndarray, data: dict[str, tuple]):
+def _create_leaf(root, name: str, points, cells, kind: int, times: np.ndarray, data: dict[str, tuple]):
     """An unstructured grid of cells of one kind, with room for cell data {name: shape of a value} at every time.
 
     Returns write(frame, {name: (cells, ...)}).
     """
     leaf = root.create_group(name)
-    _mark(leaf, "UnstructuredGrid")
+    _set_type(leaf, "UnstructuredGrid")
     n, corners = cells.shape
     leaf["Points"] = points
     leaf["Connectivity"] = cells.ravel().astype(np.int64)
@@ -143,18 +143,18 @@ def _leaf(root, name: str, points, cells, kind: int, times: np.ndarray, data: di
     leaf["NumberOfConnectivityIds"] = np.array([corners * n], dtype=np.int64)
     for key, shape in data.items():
         leaf.create_dataset(f"CellData/{key}", (len(times) * n, *shape), np.float32)
-        leaf[f"CellData/{key}"].attrs["units"] = UNITS[key.rsplit("_", 1)[1]]
-    _steps(leaf, times, n, list(data))
+        leaf[f"CellData/{key}"].attrs["units"] = UNIT_BY_SUFFIX[key.rsplit("_", 1)[1]]
+    _write_steps(leaf, times, n, list(data))
 
-    def write(frame: int, values: dict[str, np.ndarray]) -> None:
+    def write_frame(frame: int, values: dict[str, np.ndarray]) -> None:
         for key, array in values.items():
             leaf[f"CellData/{key}"][frame * n : (frame + 1) * n] = array
 
-    return write
+    return write_frame
 
 
 @contextmanager
-def in_memory(path: Path):
+def open_memory_file(path: Path):
     """An HDF5 file built in memory and written in one go: a full disk raises OSError, nothing worse."""
     name = path.with_name(f".{path.name}.image")  # never written, but HDF5 opens what has this name
     with h5py.File(name, "w", driver="core", backing_store=False) as file:
@@ -164,12 +164,12 @@ def in_memory(path: Path):
     path.write_bytes(image)
 
 
-def _mark(group, kind: str) -> None:
+def _set_type(group, kind: str) -> None:
     group.attrs["Version"] = np.array([2, 1], dtype=np.int64)
     group.attrs.create("Type", kind.encode("ascii"), dtype=h5py.string_dtype("ascii", len(kind)))
 
 
-def _steps(leaf, times: np.ndarray, cells: int, names: list[str]) -> None:
+def _write_steps(leaf, times: np.ndarray, cells: int, names: list[str]) -> None:
     """Time steps of a leaf whose mesh never changes, with the cell data of these names."""
     steps = leaf.create_group("Steps")
     n = len(times)
@@ -189,9 +189,9 @@ def _steps(leaf, times: np.ndarray, cells: int, names: list[str]) -> None:
 def write_pvd(run: Run, folder: Path) -> Path:
     """Write a .pvd collection of block, road and contact for ParaView on VTK older than 9.5."""
     folder.mkdir(parents=True, exist_ok=True)
-    entries, solids = [], bodies(run)
+    entries, solids = [], body_grids(run)
     for i, t in enumerate(run.time[run.frames]):
-        for part, (name, grid) in enumerate(_parts(run, solids, i).items()):
+        for part, (name, grid) in enumerate(_pyvista_parts(run, solids, i).items()):
             file = folder / f"{name}_{i:04d}.{'vtp' if name == 'contact' else 'vtr'}"
             grid.save(file)
             entries.append(f'    <DataSet timestep="{t:.9g}" part="{part}" name="{name}" file="{file.name}"/>')
@@ -205,7 +205,7 @@ def write_pvd(run: Run, folder: Path) -> Path:
     return path
 
 
-def _parts(run: Run, solids: dict[str, Body], frame: int) -> dict:
+def _pyvista_parts(run: Run, solids: dict[str, BodyGrid], frame: int) -> dict:
     """pyvista grids of block and road and the lines of the contact at a frame."""
     import pyvista as pv
 
@@ -214,27 +214,27 @@ def _parts(run: Run, solids: dict[str, Body], frame: int) -> dict:
         out[name] = pv.RectilinearGrid(body.x, body.y, body.z)
         out[name].cell_data["T_degC"] = run.field[frame][body.cells].T.ravel()
     block = solids["block"]
-    points, corners, kind = _grid(block.x, block.y, np.zeros(1))
+    points, corners, kind = _unstructured_grid(block.x, block.y, np.zeros(1))
     cells = np.insert(corners, 0, corners.shape[1], axis=1).ravel()
     out["contact"] = pv.PolyData(points, lines=cells) if kind == LINE else pv.PolyData(points, faces=cells)
-    for key, values in contact(run, frame).items():
+    for key, values in contact_fields(run, frame).items():
         out["contact"].cell_data[key] = values
     return out
 
 
 @dataclass(frozen=True, repr=False)
-class Fields(Shown):
+class RunFields(DisplayMixin):
     """Fields of a finished run: `times` (n,) in s, and the grids at any of them."""
 
     path: Path
     times: np.ndarray
 
-    def at(self, t: float):
+    def grids_at(self, t: float):
         """pyvista MultiBlock with "block", "road" and "contact" at the kept time nearest to t."""
         import pyvista as pv
 
         reader = pv.get_reader(self.path).reader
-        reader.SetStep(self._nearest(t))
+        reader.SetStep(self._nearest_frame(t))
         reader.Update()
         return pv.wrap(reader.GetOutputDataObject(0))
 
@@ -244,13 +244,13 @@ class Fields(Shown):
 
     def cells(self, body: str, name: str, t: float) -> np.ndarray:
         """Cell data of a body at the kept time nearest to t, as "pressure_Pa" of "contact"; BadInput when unknown."""
-        k = self._nearest(t)
+        k = self._nearest_frame(t)
         with h5py.File(self.path) as file:
             leaf = file["VTKHDF"].get(body)
             data = leaf.get("CellData") if leaf is not None else None
             if data is None or name not in data:
                 known = [f"{b} {n}" for b, g in file["VTKHDF"].items() if "CellData" in g for n in g["CellData"]]
-                raise BadInput(f"{self.path}: no {name} of '{body}'{nearest(f'{body} {name}', known)}")
+                raise BadInput(f"{self.path}: no {name} of '{body}'{suggest_name(f'{body} {name}', known)}")
             n = int(leaf["NumberOfCells"][0])
             return data[name][k * n : (k + 1) * n]
 
@@ -282,11 +282,11 @@ class Fields(Shown):
         first, last = self.times[0], self.times[-1]
         return f"Fields of '{self.title}'\n  {len(self.times)} moments from {first:g} to {last:g} s\n  in {self.path}"
 
-    def _nearest(self, t: float) -> int:
+    def _nearest_frame(self, t: float) -> int:
         return int(np.argmin(np.abs(self.times - t)))
 
 
-def open_fields(path) -> Fields:
+def open_fields(path) -> RunFields:
     """Open the fields.vtkhdf of a result folder (or the file itself); BadInput when there is none."""
     path = Path(path)
     file = path / "fields.vtkhdf" if path.is_dir() else path
@@ -297,4 +297,4 @@ def open_fields(path) -> Fields:
             times = handle["VTKHDF/block/Steps/Values"][:]
     except (OSError, KeyError) as fault:
         raise BadInput(f"{file}: no fields that flashtemp wrote; give the folder of a finished run") from fault
-    return Fields(file, times)
+    return RunFields(file, times)

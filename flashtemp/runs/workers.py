@@ -9,14 +9,14 @@ from functools import partial
 from typing import Any
 
 from flashtemp.errors import BadInput, FlashtempError, SolverFailure
-from flashtemp.runs.current_folder import safe_children
+from flashtemp.runs.current_folder import safe_child_environment
 from flashtemp.runs.processes import cores
 
-PATIENCE = 2  # times that processes may be killed one after the other without an answer between
-KILLED = "a worker process was killed, perhaps for memory; give fewer --workers"
+MAX_KILLS = 2  # times that processes may be killed one after the other without an answer between
+KILLED_MESSAGE = "a worker process was killed, perhaps for memory; give fewer --workers"
 
 
-def attempt(function: Callable, task: Any) -> Any:
+def call_safely(function: Callable, task: Any) -> Any:
     """The function's answer, or the failure of the computation itself as an answer."""
     try:
         return function(task)
@@ -25,34 +25,34 @@ def attempt(function: Callable, task: Any) -> Any:
 
 
 @contextmanager
-def crew(function: Callable, workers: int | None = None, scheduler: str | None = None) -> Iterator[Callable]:
+def open_worker_pool(function: Callable, workers: int | None = None, scheduler: str | None = None) -> Iterator[Callable]:
     """A function that maps `function` over a list of tasks, in order.
 
     `workers` processes, as many as there are cores for this one when not given; failures of a computation come back
     as answers.  Raises BadInput when the scheduler cannot be reached, SolverFailure when a process is killed.
     """
     if scheduler is not None:
-        with _cluster(function, scheduler) as run:
-            yield run
+        with _cluster_pool(function, scheduler) as map_tasks:
+            yield map_tasks
         return
-    count = _hands(workers)
+    count = _count_workers(workers)
     if count == 1:
-        yield lambda tasks: [attempt(function, t) for t in tasks]
+        yield lambda tasks: [call_safely(function, t) for t in tasks]
         return
     from concurrent.futures.process import BrokenProcessPool
 
-    with _pool(count) as pool:
+    with _process_pool(count) as pool:
 
-        def run(tasks):
+        def map_tasks(tasks):
             try:
-                return list(pool.map(partial(attempt, function), tasks))
+                return list(pool.map(partial(call_safely, function), tasks))
             except BrokenProcessPool as fault:
-                raise SolverFailure(KILLED) from fault
+                raise SolverFailure(KILLED_MESSAGE) from fault
 
-        yield run
+        yield map_tasks
 
 
-def stream(
+def stream_results(
     function: Callable, tasks: list, workers: int | None = None, scheduler: str | None = None
 ) -> Iterator[tuple[int, Any]]:
     """(number of the task, its answer) of every task, once, as they come.
@@ -61,20 +61,20 @@ def stream(
     killed and no answer comes between.
     """
     if scheduler is not None:
-        yield from _from_cluster(function, tasks, scheduler)
+        yield from _stream_from_cluster(function, tasks, scheduler)
         return
-    count = min(_hands(workers), len(tasks))
+    count = min(_count_workers(workers), len(tasks))
     if count <= 1:
         for k, task in enumerate(tasks):
-            yield k, attempt(function, task)
+            yield k, call_safely(function, task)
         return
     from concurrent.futures import as_completed
     from concurrent.futures.process import BrokenProcessPool
 
     left, killed = set(range(len(tasks))), 0
     while left:
-        with _pool(count) as pool:
-            asked = {pool.submit(attempt, function, tasks[k]): k for k in sorted(left)}
+        with _process_pool(count) as pool:
+            asked = {pool.submit(call_safely, function, tasks[k]): k for k in sorted(left)}
             try:
                 for future in as_completed(asked):
                     answer = future.result()
@@ -83,11 +83,11 @@ def stream(
                     yield asked[future], answer
             except BrokenProcessPool as fault:
                 killed += 1
-                if killed > PATIENCE:
-                    raise SolverFailure(KILLED) from fault
+                if killed > MAX_KILLS:
+                    raise SolverFailure(KILLED_MESSAGE) from fault
 
 
-def _hands(workers: int | None) -> int:
+def _count_workers(workers: int | None) -> int:
     """How many processes: as many as there are cores for this one when not given."""
     if workers is not None and workers < 1:
         raise BadInput(f"--workers: {workers}; give at least 1")
@@ -95,17 +95,17 @@ def _hands(workers: int | None) -> int:
 
 
 @contextmanager
-def _pool(count: int):
+def _process_pool(count: int):
     """Fresh processes that do not answer Ctrl-C and end with this one, however it ends, or when this block fails."""
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 
     context = get_context("spawn")
     held, leash = context.Pipe(duplex=False)
-    with safe_children():  # also for the resource tracker, which the pool begins
-        pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=(held,))
+    with safe_child_environment():  # also for the resource tracker, which the pool begins
+        pool = ProcessPoolExecutor(count, mp_context=context, initializer=_start_worker, initargs=(held,))
         try:
-            with _deaf():
+            with _block_sigint():
                 for _ in range(count):  # each of them begins one process
                     pool.submit(int)
             yield pool
@@ -120,7 +120,7 @@ def _pool(count: int):
 
 
 @contextmanager
-def _deaf() -> Iterator[None]:
+def _block_sigint() -> Iterator[None]:
     """Processes that begin here never see Ctrl-C, not even while they load; this one sees it afterwards."""
     import signal
 
@@ -134,7 +134,7 @@ def _deaf() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _begin(held) -> None:
+def _start_worker(parent_pipe) -> None:
     """In a new process: one thread of arithmetic, one that waits for the parent's end, and no ear for Ctrl-C.
 
     Settings files of the current folder are not for it either.
@@ -146,41 +146,41 @@ def _begin(held) -> None:
 
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    threading.Thread(target=_follow, args=(held,), daemon=True).start()
+    threading.Thread(target=_exit_with_parent, args=(parent_pipe,), daemon=True).start()
     from flashtemp.physics.local_settings import ignore_local_settings
 
     ignore_local_settings()
 
 
-def _follow(held) -> None:
+def _exit_with_parent(parent_pipe) -> None:
     """End with the parent, who holds the other end and never sends anything."""
-    held.poll(None)
+    parent_pipe.poll(None)
     os._exit(1)
 
 
-def _from_cluster(function: Callable, tasks: list, scheduler: str) -> Iterator[tuple[int, Any]]:
-    with _client(scheduler) as client:
+def _stream_from_cluster(function: Callable, tasks: list, scheduler: str) -> Iterator[tuple[int, Any]]:
+    with _connect_scheduler(scheduler) as client:
         from dask.distributed import as_completed
 
-        with _lost(scheduler):
-            asked = {client.submit(attempt, function, t, pure=False): k for k, t in enumerate(tasks)}
+        with _report_lost_scheduler(scheduler):
+            asked = {client.submit(call_safely, function, t, pure=False): k for k, t in enumerate(tasks)}
             for future in as_completed(list(asked)):
                 yield asked[future], future.result()
 
 
 @contextmanager
-def _cluster(function: Callable, address: str) -> Iterator[Callable]:
-    with _client(address) as client:
+def _cluster_pool(function: Callable, address: str) -> Iterator[Callable]:
+    with _connect_scheduler(address) as client:
 
-        def run(tasks):
-            with _lost(address):
-                return client.gather([client.submit(attempt, function, t, pure=False) for t in tasks])
+        def map_tasks(tasks):
+            with _report_lost_scheduler(address):
+                return client.gather([client.submit(call_safely, function, t, pure=False) for t in tasks])
 
-        yield run
+        yield map_tasks
 
 
 @contextmanager
-def _lost(address: str) -> Iterator[None]:
+def _report_lost_scheduler(address: str) -> Iterator[None]:
     """SolverFailure, in one line, where the scheduler goes away; what Dask itself says of it is not for people."""
     import logging
     from asyncio import CancelledError
@@ -195,7 +195,7 @@ def _lost(address: str) -> Iterator[None]:
         raise SolverFailure(f"the scheduler at {address} has gone; give the address of one that runs") from fault
 
 
-def _client(address: str):
+def _connect_scheduler(address: str):
     """A connection to a running Dask scheduler; BadInput when there is none."""
     try:
         from dask.distributed import Client

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from flashtemp.solver.march import Path
+from flashtemp.solver.march import StepHistory
 
 
-class States:
+class StateInterpolant:
     """States of the run at any time of a stretch, linear between its steps."""
 
-    def __init__(self, path: Path):
+    def __init__(self, path: StepHistory):
         self.t, self.y = np.array([t for t, _ in path]), [y for _, y in path]
 
     def __call__(self, t: float) -> np.ndarray:
@@ -19,7 +19,7 @@ class States:
         return (1.0 - w) * self.y[k - 1] + w * self.y[k]
 
 
-def between(u: float, at, S) -> np.ndarray:
+def interpolate_quadratic(u: float, at, S) -> np.ndarray:
     """The parabola through three steps, or the line through two."""
     (a, b, c), (A, B, C) = at, S
     if a == b:

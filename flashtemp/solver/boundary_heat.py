@@ -9,18 +9,18 @@ from typing import NamedTuple
 import numpy as np
 
 from flashtemp.errors import BadInput
-from flashtemp.model.laws import STEP, Laws
+from flashtemp.model.laws import COMPLEX_STEP, EffectLaws
 from flashtemp.model.scene import Scene
 from flashtemp.solver import kernels_2d
 
 
-class Films(NamedTuple):
+class FilmCoefficients(NamedTuple):
     """Films at one instant: (h, far) of each film of every site, and those of a site taken together."""
 
-    each: list[list[tuple[float, float]]]
+    site_films: list[list[tuple[float, float]]]
     resistance: np.ndarray  # (sites,) m2 K/W, inf where nothing passes
-    far: np.ndarray  # (sites,) rise in K beyond the film
-    passing: list[int]  # sites where heat passes
+    ambient_rise: np.ndarray  # (sites,) rise in K beyond the film
+    conducting_sites: list[int]  # sites where heat passes
 
 
 class BoundaryHeat:
@@ -29,7 +29,7 @@ class BoundaryHeat:
     Heat on road sites is booked under "lane_air", on block sites under the law's own ledger.
     """
 
-    def __init__(self, scene: Scene, laws: Laws, conductivity: np.ndarray):
+    def __init__(self, scene: Scene, laws: EffectLaws, conductivity: np.ndarray):
         self.scene, self.laws, mesh = scene, laws, scene.mesh
         self.k = conductivity
         self.names = list(laws.films)
@@ -38,22 +38,22 @@ class BoundaryHeat:
         self.offset = np.cumsum([0] + [len(mesh.patches[s][0]) for s in self.names]).astype(np.int64)
         self.cell, self.area, half = (np.concatenate([p[i] for p in parts]) for i in range(3))
         self.half = half / conductivity[self.cell // mesh.n_across]
-        self.whole = [self.area[a:b].sum() for a, b in pairwise(self.offset)]  # m, of each site
-        self.patched: dict[str, list] = {}
+        self.site_area = [self.area[a:b].sum() for a, b in pairwise(self.offset)]  # m, of each site
+        self.patch_laws: dict[str, list] = {}
         for part, p, _ in laws.patches:
-            self.patched.setdefault(part.site, []).append((part, p))
-        self.local = bool(laws.patches or laws.zones)  # whether a law sees place and contact: films see neither
-        self._check()
+            self.patch_laws.setdefault(part.site, []).append((part, p))
+        self.has_local_laws = bool(laws.patches or laws.zones)  # whether a law sees place and contact: films see neither
+        self._check_films()
 
-    def _check(self) -> None:
+    def _check_films(self) -> None:
         """Raise BadInput for a film that is not one number, or holds the whole section of a block in 2D."""
-        start = self.scene.moment(self.scene.schedule.phases[0], 0.0)
+        start = self.scene.law_context(self.scene.schedule.phases[0], 0.0)
         for site, entries in self.laws.films.items():
             for part, p, name in entries:
                 far = start.ambient if part.far is None else part.far(start, p)
                 film, phases = part.law(start, p), self.scene.schedule.phases
                 whole = site == "block.sides" and not self.scene.resolved
-                if whole and any(np.any(np.isinf(part.law(self.scene.moment(f, f.begin), p))) for f in phases):
+                if whole and any(np.any(np.isinf(part.law(self.scene.law_context(f, f.begin), p))) for f in phases):
                     raise BadInput(
                         f"effect '{name}': its film on {site} is inf, which would hold the whole section in 2D; give a "
                         "number of W/m2K, or numerics.across > 1"
@@ -64,43 +64,43 @@ class BoundaryHeat:
                         "take Heat.patch for what differs from place to place"
                     )
 
-    def ledgers(self) -> set[str]:
+    def ledger_names(self) -> set[str]:
         """Names under which heat may be booked."""
         films = {part.to for entries in self.laws.films.values() for part, _, _ in entries}
         return films | {part.to for part, _, _ in self.laws.patches + self.laws.zones} | {"air", "holder"}
 
-    def exchange(self, now, films: Films, T, kf, q, led) -> None:
+    def add_heat(self, now, films: FilmCoefficients, T, kf, q, led) -> None:
         """Add all heat at temperature rises T (cells,) to `q` (W/m per cell) and to the ledger."""
         total, surface = np.empty((2, len(self.sites)), dtype=T.dtype)
-        kernels_2d.exchange(
-            self.offset, self.cell, self.area, self.half, kf, films.resistance, films.far, T, q, total, surface
+        kernels_2d.add_film_heat(
+            self.offset, self.cell, self.area, self.half, kf, films.resistance, films.ambient_rise, T, q, total, surface
         )
-        for s in films.passing:
-            self._book(s, films.each[s], total[s], surface[s], led)
-        for to, cells, heat in self._general(now, T, kf):
+        for s in films.conducting_sites:
+            self._book_film_heat(s, films.site_films[s], total[s], surface[s], led)
+        for to, cells, heat in self._patch_and_zone_heat(now, T, kf):
             q[cells] += heat
             led[to] += heat.sum()
 
-    def slopes(self, now, films: Films, T, kf) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    def heat_slopes(self, now, films: FilmCoefficients, T, kf) -> list[tuple[str, np.ndarray, np.ndarray]]:
         """(entry of the ledger, cells, d(heat)/dT in W/(m K)) of all heat at rises T (cells,)."""
         out = []
-        for s in films.passing:
+        for s in films.conducting_sites:
             at = slice(self.offset[s], self.offset[s + 1])
             cells = self.cell[at]
             slope = -self.area[at] / (self.half[at] / kf[cells] + films.resistance[s])
-            out += [(to, cells, share * slope) for to, share in self._shares(s, films.each[s])]
-        for to, cells, heat in self._general(now, T, kf, 1j * STEP):
-            slope = np.imag(heat) / STEP
+            out += [(to, cells, share * slope) for to, share in self._film_fractions(s, films.site_films[s])]
+        for to, cells, heat in self._patch_and_zone_heat(now, T, kf, 1j * COMPLEX_STEP):
+            slope = np.imag(heat) / COMPLEX_STEP
             if slope.any():  # a heat that is off leaves no trace, not even in the order of a sum
                 out.append((to, cells.ravel(), slope.ravel()))
         return out
 
     def surface_rise(self, site: str, now, T, kf) -> np.ndarray:
         """Temperature rise (faces,) K at the surface of a site, half a cell from its cells at T."""
-        surface: np.ndarray = self._surface(site, now, T + self.scene.ambient, kf)[0] - self.scene.ambient
+        surface: np.ndarray = self._surface_temperature(site, now, T + self.scene.ambient, kf)[0] - self.scene.ambient
         return surface
 
-    def _surface(self, site: str, now, T, kf):
+    def _surface_temperature(self, site: str, now, T, kf):
         """At a site with cells at T (K): temperature (faces,) K of its surface, and the moment as laws see it.
 
         Between them the share of the heat of those laws that goes into the cells and not back through films.
@@ -111,20 +111,20 @@ class BoundaryHeat:
         at, inner = now.at(mesh, x, y), half / (self.k[cell // mesh.n_across] * kf[cell])
         film, far = np.inf, 0.0
         if site in self.names:
-            films, s = self.films(now), self.names.index(site)
-            film, far = films.resistance[s], films.far[s] + self.scene.ambient
+            films, s = self.film_coefficients(now), self.names.index(site)
+            film, far = films.resistance[s], films.ambient_rise[s] + self.scene.ambient
         share = 1.0 / (1.0 + inner / film) if film > 0 else 0.0 * inner
         behind = T[cell] + (far - T[cell]) * (1.0 - share) if np.real(film) < np.inf else T[cell]
-        entries = self.patched.get(site, ())
+        entries = self.patch_laws.get(site, ())
         if not entries:
             return behind, share, at
 
-        def law(Ts, now, p):
+        def patch_law(Ts, now, p):
             return sum(part.law(Ts, now, own) for part, own in entries)
 
-        return behind + inner * share * patch_flux(law, behind, inner * share, at, None), share, at
+        return behind + inner * share * patch_flux(patch_law, behind, inner * share, at, None), share, at
 
-    def films(self, now) -> Films:
+    def film_coefficients(self, now) -> FilmCoefficients:
         """All films at a moment; those of a site act side by side."""
         each: list = []
         resistance: list = []
@@ -143,44 +143,44 @@ class BoundaryHeat:
             far.append(fixed[0] if fixed else np.real(sum(c * beyond for c, beyond in here) / h) if on else 0.0)
             if np.real(resistance[-1]) < np.inf:
                 passing.append(s)
-        return Films(each, np.array(resistance), np.array(far, dtype=float), passing)
+        return FilmCoefficients(each, np.array(resistance), np.array(far, dtype=float), passing)
 
-    def _book(self, s: int, each, total, surface, led) -> None:
+    def _book_film_heat(self, s: int, each, total, surface, led) -> None:
         """Divide the heat of a site among its films by h (T_far - T_surface)."""
         rest, site = total, self.names[s]
         passing = [(part, h, far) for (part, _, _), (h, far) in zip(self.sites[s], each, strict=True) if h != 0]
         for j, (part, h, far) in enumerate(passing):
             last = j + 1 == len(passing) or h == np.inf
-            share = rest if last else h * (far * self.whole[s] - surface)
-            led[_ledger(site, part)] += share
+            share = rest if last else h * (far * self.site_area[s] - surface)
+            led[_ledger_name(site, part)] += share
             rest = rest - share
             if last:
                 break
 
-    def _shares(self, s: int, each) -> list[tuple[str, float]]:
+    def _film_fractions(self, s: int, each) -> list[tuple[str, float]]:
         """(ledger, share) of every film of a site that lets heat pass: one that holds the surface has all of it."""
         site = self.names[s]
-        passing = [(_ledger(site, part), h) for (part, _, _), (h, _) in zip(self.sites[s], each, strict=True) if h]
+        passing = [(_ledger_name(site, part), h) for (part, _, _), (h, _) in zip(self.sites[s], each, strict=True) if h]
         fixed = [to for to, h in passing if h == np.inf]
         total = sum(h for _, h in passing)
         return [(fixed[0], 1.0)] if fixed else [(to, h / total) for to, h in passing]
 
-    def cools(self, seeing: Callable, now, rise: float) -> bool:
+    def has_cooling_law(self, moment_for_laws: Callable, now, rise: float) -> bool:
         """Whether a patch or zone law takes heat from where all is at a `rise` (K); `seeing` a moment as laws do."""
-        if not self.local:
+        if not self.has_local_laws:
             return False
-        mesh, now, T = self.scene.mesh, seeing(now), rise + self.scene.ambient
-        for site, entries in self.patched.items():
+        mesh, now, T = self.scene.mesh, moment_for_laws(now), rise + self.scene.ambient
+        for site, entries in self.patch_laws.items():
             x, y, _ = mesh.place(mesh.patches[site][0])
             at = now.at(mesh, x, y)
             if any(np.any(np.real(part.law(np.full(len(x), T), at, p)) < 0.0) for part, p in entries):
                 return True
-        for part, p, cells, at in self._zones(now):
+        for part, p, cells, at in self._zone_laws(now):
             if np.any(np.real(part.law(np.full(cells.shape, T), at, p)) < 0.0):
                 return True
         return False
 
-    def _zones(self, now):
+    def _zone_laws(self, now):
         """(law, parameters, cells, the moment there) of every law of a zone."""
         mesh = self.scene.mesh
         for part, p, _ in self.laws.zones:
@@ -190,23 +190,23 @@ class BoundaryHeat:
             at = now.at(mesh, mesh.x_centre[mesh.line[plane]][..., None], mesh.y_centre, **span)
             yield part, p, mesh.everywhere(plane), at
 
-    def _general(self, now, rise, kf, step: complex = 0.0):
+    def _patch_and_zone_heat(self, now, rise, kf, step: complex = 0.0):
         """(ledger, cells, heat in W/m per cell) of patch and zone laws at a `rise` (cells,) K, a `step` above it."""
-        if not self.local:
+        if not self.has_local_laws:
             return
         mesh, T = self.scene.mesh, rise + (self.scene.ambient + step)
-        for site, entries in self.patched.items():
+        for site, entries in self.patch_laws.items():
             cell, area, _ = mesh.patches[site]
-            surface, share, at = self._surface(site, now, T, kf)
+            surface, share, at = self._surface_temperature(site, now, T, kf)
             for part, p in entries:
-                yield _ledger(site, part), cell, area * share * part.law(surface, at, p)
-        for part, p, cells, at in self._zones(now):
+                yield _ledger_name(site, part), cell, area * share * part.law(surface, at, p)
+        for part, p, cells, at in self._zone_laws(now):
             plane = mesh.block if part.site == "block" else mesh.road
             volume = mesh.volume[plane][..., None] * mesh.share
-            yield _ledger(part.site, part), cells, part.law(T[cells], at, p) * volume
+            yield _ledger_name(part.site, part), cells, part.law(T[cells], at, p) * volume
 
 
-def _ledger(site: str, part) -> str:
+def _ledger_name(site: str, part) -> str:
     return "lane_air" if site.startswith("road") else part.to
 
 
@@ -215,7 +215,7 @@ def patch_flux(law, T, resistance, now, p):
     flux = 0.0 * T
     for _ in range(6):
         Ts = T + flux * resistance
-        slope = np.imag(law(np.real(Ts) + 1j * STEP, now, p)) / STEP
+        slope = np.imag(law(np.real(Ts) + 1j * COMPLEX_STEP, now, p)) / COMPLEX_STEP
         step = (law(Ts, now, p) - flux) / (1.0 - slope * resistance)
         flux = flux + step
         if np.all(np.abs(step) <= 1e-13 * (np.abs(flux) + 1e-300)):

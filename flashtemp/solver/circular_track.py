@@ -16,29 +16,29 @@ from scipy.linalg import eigh_tridiagonal
 from flashtemp.meshes.mesh import Mesh
 from flashtemp.model.scene import Scene
 from flashtemp.physics.effect import Heat
-from flashtemp.solver.balance import Balance
-from flashtemp.solver.system import Incoming, Inflow, System
+from flashtemp.solver.balance import HeatBalance
+from flashtemp.solver.system import RoadInflow, InflowLaw, PhaseSystem
 
-COLUMNS = ("place", "time", "left", "own", "laid_place", "laid_time", "laid")  # what a track remembers
+TRACK_FIELDS = ("place", "time", "left", "own", "laid_place", "laid_time", "laid")  # what a track remembers
 
 
 @dataclass
-class Track:
+class CircularTrack:
     """Columns of road by their place on the track (m, unwrapped): behind the block, and around it at its last start.
 
     `lap` track length (m), `film` surface heat-transfer coefficient W/m2K, `share` of the width for which a column
     stands.  A column keeps all heat that lanes took there: how far that has widened follows from its depth (theory 2a).
     """
 
-    lap: float
+    lap_length: float
     dz: np.ndarray  # deepest road cell first, m
     conductivity: float
     volumetric_capacity: float
     film: float
     share: float = 1.0
     planes: int = 1  # across the direction of sliding
-    apart: float = 0.0  # m between columns at least
-    endless: bool = False  # nothing comes round
+    min_spacing: float = 0.0  # m between columns at least
+    is_endless: bool = False  # nothing comes round
     place: list = field(default_factory=list)
     time: list = field(default_factory=list)
     left: list = field(default_factory=list)  # modal amplitudes of the rise that all passes left
@@ -60,41 +60,41 @@ class Track:
         self.rates, self.modes = eigh_tridiagonal(diagonal / capacity, -g / (self.root[1:] * self.root[:-1]))
         self.rates = np.maximum(self.rates, 0.0)
 
-    def leave(self, t: float, place: float, own, before=0.0) -> None:
+    def store_column(self, t: float, place: float, own, before=0.0) -> None:
         """Keep a column that leaves at time t: rises (n_road n_across,), deepest cells first, that the block has left
         now on its `own`, and those that are there of passes `before`, whatever share of them effects let come round.
         """
         self.place.append(place)
         self.time.append(t)
-        self.own.append(self._amplitudes(own))
-        self.left.append(self._amplitudes(before + own))
+        self.own.append(self._modal_amplitudes(own))
+        self.left.append(self._modal_amplitudes(before + own))
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """The block was lifted and starts elsewhere."""
-        for name in COLUMNS:
+        for name in TRACK_FIELDS:
             setattr(self, name, [])
 
-    def lay(self, t: float, place: np.ndarray, left: np.ndarray) -> None:
+    def store_initial_road(self, t: float, place: np.ndarray, left: np.ndarray) -> None:
         """Keep rises (places, n_road, n_across) that all passes `left` in columns of the road around the block that
         starts at t.
 
         `place` (places,) falls: it is that of lines from the leading edge on.
         """
         self.laid_place, self.laid_time = list(place[::-1]), [t] * len(place)
-        self.laid = [self._amplitudes(column) for column in left[::-1]]
+        self.laid = [self._modal_amplitudes(column) for column in left[::-1]]
 
-    def comes(self, t: float, places) -> Incoming:
+    def incoming_road(self, t: float, places) -> RoadInflow:
         """Road that comes in at `places` (m, unwrapped; a number or (places, 1)): off the track or, around the block at
         its start, as it lay there.
         """
         if not self.laid or np.min(places) > self.laid_place[-1]:
-            return Incoming(self.carried(t, places))
-        lies = self.lies(t, places)
+            return RoadInflow(self.stored_rise(t, places))
+        lies = self.initial_road_rise(t, places)
         if np.max(places) <= self.laid_place[-1]:
-            return Incoming(lies)
-        return Incoming(np.where(places <= self.laid_place[-1], lies, self.carried(t, places)))
+            return RoadInflow(lies)
+        return RoadInflow(np.where(places <= self.laid_place[-1], lies, self.stored_rise(t, places)))
 
-    def lies(self, t: float, places) -> np.ndarray:
+    def initial_road_rise(self, t: float, places) -> np.ndarray:
         """Rise (n_road n_across,) of road that lay around the block at its start, as in `carried`."""
         ways, last = np.ravel(places).tolist(), len(self.laid) - 1
         after = [min(max(bisect_left(self.laid_place, way), 1), last) for way in ways]
@@ -102,38 +102,38 @@ class Track:
         low, high = (np.array([self.laid_place[k] for k in at]) for at in (before, after))
         w = np.minimum(np.maximum((ways - low) / (high - low), 0.0), 1.0)[:, None, None]
         age = np.maximum(t - np.array([self.laid_time[k] for k in after]), 0.0)
-        total = (1.0 - w) * _of(self.laid, before) + w * _of(self.laid, after)
+        total = (1.0 - w) * _stack_columns(self.laid, before) + w * _stack_columns(self.laid, after)
         total = np.exp(-self.rates * age[:, None])[:, :, None] * total
         rise: np.ndarray = self.share * (self.modes @ total) / self.root[:, None]
         return rise.reshape(*np.shape(places)[:1], -1)
 
-    def _amplitudes(self, column) -> np.ndarray:
+    def _modal_amplitudes(self, column) -> np.ndarray:
         """Modal amplitudes (n_road, n_across) of a column."""
         return self.modes.T @ (self.root[:, None] * column.reshape(len(self.root), -1))
 
-    def carried(self, t: float, places) -> np.ndarray:
+    def stored_rise(self, t: float, places) -> np.ndarray:
         """Rise (n_road n_across,) in K, over lanes and gaps, of the road at `places` (m, unwrapped) coming round a lap
         later; of `places` (places, 1) that many rows.
         """
-        return self._found(t, places, lambda at: self.share * _of(self.left, at))
+        return self._interpolated_rise(t, places, lambda at: self.share * _stack_columns(self.left, at))
 
-    def back(self, t: float, place: float, since: float, turned: float) -> Incoming:
+    def revisited_road(self, t: float, place: float, since: float, turned: float) -> RoadInflow:
         """The road at `place` (m, unwrapped) where the block has been on some of it between two times (s)."""
 
-        def own(at: tuple[int, ...]) -> np.ndarray:
+        def own_amplitudes(at: tuple[int, ...]) -> np.ndarray:
             here = np.array([since <= self.time[j] <= turned for j in at])[:, None, None]
-            return np.where(here, _of(self.own, at), 0.0)
+            return np.where(here, _stack_columns(self.own, at), 0.0)
 
-        def carried(at: tuple[int, ...]) -> np.ndarray:
-            return self.share * (_of(self.left, at) - own(at))
+        def earlier_amplitudes(at: tuple[int, ...]) -> np.ndarray:
+            return self.share * (_stack_columns(self.left, at) - own_amplitudes(at))
 
-        return Incoming(*(self._found(t, place, law) for law in (carried, own)))
+        return RoadInflow(*(self._interpolated_rise(t, place, law) for law in (earlier_amplitudes, own_amplitudes)))
 
-    def _found(self, t: float, places, amplitude: Callable[[tuple[int, ...]], np.ndarray]) -> np.ndarray:
+    def _interpolated_rise(self, t: float, places, amplitude: Callable[[tuple[int, ...]], np.ndarray]) -> np.ndarray:
         """What the columns before and after each place have become by t, of `amplitude` (columns, n_road, n_across)."""
         if not self.place:
             return np.zeros((*np.shape(places)[:1], len(self.dz) * self.planes))
-        first, then = zip(*(self._around(place - self.lap) for place in np.ravel(places).tolist()), strict=True)
+        first, then = zip(*(self._neighbour_weights(place - self.lap_length) for place in np.ravel(places).tolist()), strict=True)
         at, weight = zip(*first, *then, strict=True)
         age = np.maximum(t - np.array([self.time[j] for j in at]), 0.0)
         fade = np.array(weight)[:, None] * np.exp(-self.rates * age[:, None])
@@ -141,7 +141,7 @@ class Track:
         rise: np.ndarray = self.modes @ (parts[: len(first)] + parts[len(first) :]) / self.root[:, None]
         return rise.reshape(*np.shape(places)[:1], -1)
 
-    def _around(self, place: float) -> tuple[tuple[int, float], tuple[int, float]]:
+    def _neighbour_weights(self, place: float) -> tuple[tuple[int, float], tuple[int, float]]:
         """(number, weight) of the columns before and after a place: none where no road has passed yet."""
         k, last = bisect_right(self.place, place), len(self.place) - 1
         if k == 0:
@@ -151,21 +151,21 @@ class Track:
         w = (place - self.place[k - 1]) / (self.place[k] - self.place[k - 1])
         return (k - 1, 1.0 - w), (k, w)
 
-    def turn(self, slid: float, mesh: Mesh) -> None:
+    def reverse_direction(self, slid: float, mesh: Mesh) -> None:
         """The block, `slid` (m) in all, turns to slide back: what it left last comes first, as if a lap ago."""
         ends = mesh.x[mesh.first] + mesh.x[mesh.last]
-        place = [2.0 * slid - ends - s - self.lap for s in reversed(self.place)]
+        place = [2.0 * slid - ends - s - self.lap_length for s in reversed(self.place)]
         self.laid_place = [2.0 * slid - ends - s for s in reversed(self.laid_place)]
         self.laid_time, self.laid = self.laid_time[::-1], self.laid[::-1]
         kept = {name: getattr(self, name)[::-1] for name in ("time", "left", "own")}
         around = slid - mesh.x[-1]  # the road around the block begins there
-        n, tiny = int(np.searchsorted(place, around)), 1e-6 * self.apart
+        n, tiny = int(np.searchsorted(place, around)), 1e-6 * self.min_spacing
         self.place = place[:n]
         for name, values in kept.items():
             setattr(self, name, values[:n])
         if n:  # the column that was to leave next is like the last one
             first = self.laid_place[-1] if self.laid_place else slid - mesh.x[0]
-            self.place[0] = min(place[0], first - self.lap)
+            self.place[0] = min(place[0], first - self.lap_length)
         if 0 < n == len(place) and around - place[-1] > 3.0 * tiny:  # then road on which the block has never been
             for s in (place[-1] + tiny, around - tiny):
                 self.place.append(s)
@@ -174,31 +174,31 @@ class Track:
                 self.own.append(0.0 * self.own[n - 1])
 
 
-def _of(columns: list, at: Iterable[int]) -> np.ndarray:
+def _stack_columns(columns: list, at: Iterable[int]) -> np.ndarray:
     """Some of the columns that a track keeps, (columns, n_road, n_across)."""
     return np.array([columns[j] for j in at])
 
 
-def remembers(scene: Scene) -> bool:
+def has_road_memory(scene: Scene) -> bool:
     """Whether road that left the window may come back: round the track, or where the block slides back."""
-    return scene.schedule.lap is not None or scene.schedule.returns
+    return scene.schedule.lap is not None or scene.schedule.has_return_pass
 
 
-def track_of(balance: Balance, lap: float | None) -> Track:
+def build_track(balance: HeatBalance, lap: float | None) -> CircularTrack:
     """The track of a scene that remembers, still empty; a road without end where no `lap` (m) is given."""
     scene = balance.scene
     heats = [(c, a.p) for a in scene.acting for c in a.contributions(scene) if isinstance(c, Heat)]
-    start = scene.moment(scene.schedule.phases[0], 0.0)
+    start = scene.law_context(scene.schedule.phases[0], 0.0)
     film = sum(c.law(start, p) for c, p in heats if c.site == "road.free" and c.kind == "film")
     whole, around = scene.schedule.distance * scene.schedule.repetitions, scene.mesh.x[-1] - scene.mesh.x[0]
     endless, lap = lap is None, lap or 1.0 + whole + 2.0 * around
     apart = 0.1 * scene.length if endless or len(scene.schedule.directions) > 1 else lap / 400
     dz = scene.mesh.thickness[: scene.mesh.n_road]
     road, planes = scene.road, scene.mesh.n_across
-    return Track(lap, dz, road.conductivity, road.volumetric_capacity, film, balance.share, planes, apart, endless)
+    return CircularTrack(lap, dz, road.conductivity, road.volumetric_capacity, film, balance.share, planes, apart, endless)
 
 
-def inflow(balance: Balance, phase, track: Track | None) -> Inflow | None:
+def build_inflow(balance: HeatBalance, phase, track: CircularTrack | None) -> InflowLaw | None:
     """What the track carries into the window during a phase, and over what the block slides back; None without a track.
 
     Road over which the block slides back without having left it is as hot as it was left, whatever effects act.
@@ -208,43 +208,43 @@ def inflow(balance: Balance, phase, track: Track | None) -> Inflow | None:
     scene = balance.scene
     since = phase.start if scene.schedule.lifted else 0.0
 
-    def carried(now):
+    def road_inflow(now):
         place = now.passed - scene.mesh.x[0]
         if phase.turned < since:
-            return track.comes(now.t, place)
-        return track.back(now.t, place, since, phase.turned)
+            return track.incoming_road(now.t, place)
+        return track.revisited_road(now.t, place, since, phase.turned)
 
-    return carried
+    return road_inflow
 
 
-def leave(system: System, t: float, y: np.ndarray, track: Track, apart: float | None = None) -> None:
+def store_leaving_column(system: PhaseSystem, t: float, y: np.ndarray, track: CircularTrack, min_spacing: float | None = None) -> None:
     """Keep the column that leaves the window at a state y, at most 400 per lap, or ten per length of the block."""
     b, scene, now = system.b, system.b.scene, system.moment(t)
-    y = system.placed(now, y)
+    y = system.to_block_frame(now, y)
     place = now.passed - scene.mesh.x[-1]
     if b.road_frame is not None:  # a whole column, by its centre
-        place = b.road_frame.offset(now.passed)[0] * b.road_frame.dx - scene.mesh.x_centre[-1]
-    if track.place and place - track.place[-1] < (track.apart if apart is None else apart):
+        place = b.road_frame.line_offset(now.passed)[0] * b.road_frame.dx - scene.mesh.x_centre[-1]
+    if track.place and place - track.place[-1] < (track.min_spacing if min_spacing is None else min_spacing):
         return
     last = scene.mesh.everywhere(scene.mesh.road[-1]).ravel()
     at = scene.mesh.x_centre[-1:] - scene.mesh.x[0]
-    track.leave(t, place, b.rise(y[: b.n])[last] - system.came_as(now, at)[0, 0], system.remembered(now, at)[0])
-    system.recent.forget()
+    track.store_column(t, place, b.temperature_rise(y[: b.n])[last] - system.undisturbed_road(now, at)[0, 0], system.earlier_pass_rise(now, at)[0])
+    system.cache.invalidate()
 
 
-def pass_by(system: System, began: float, t: float, at: Callable[[float], np.ndarray], track: Track) -> None:
+def store_passed_road(system: PhaseSystem, step_start: float, t: float, state_at: Callable[[float], np.ndarray], track: CircularTrack) -> None:
     """Keep what left the window during a step from `began` to t, of which `at` is the state at a time.
 
     Columns stand at whole multiples of the track's spacing: where steps happen to end must not show when they return.
     Long steps leave some besides: one for every length of the block, or for ten spacings where that is more.
     """
     if system.b.road_frame is not None or not track.place:
-        leave(system, t, at(t), track)
+        store_leaving_column(system, t, state_at(t), track)
         return
     scene = system.b.scene
-    was, place = (scene.schedule.passed(system.phase, moment) - scene.mesh.x[-1] for moment in (began, t))
-    due, wide = track.apart * np.floor(place / track.apart), track.apart * max(10, round(scene.length / track.apart))
+    was, place = (scene.schedule.total_slid_distance(system.phase, moment) - scene.mesh.x[-1] for moment in (step_start, t))
+    due, wide = track.min_spacing * np.floor(place / track.min_spacing), track.min_spacing * max(10, round(scene.length / track.min_spacing))
     if due > (since := max(was, track.place[-1])):
         for way in (*(wide * np.arange(np.floor(since / wide) + 1.0, np.ceil(due / wide))), due):
-            moment = began + (t - began) * (way - was) / (place - was)
-            leave(system, moment, at(moment), track, 0.5 * track.apart)
+            moment = step_start + (t - step_start) * (way - was) / (place - was)
+            store_leaving_column(system, moment, state_at(moment), track, 0.5 * track.min_spacing)

@@ -9,54 +9,54 @@ from __future__ import annotations
 import numpy as np
 
 from flashtemp.physics.just_in_time import njit
-from flashtemp.solver.linearised import Linearised, Moved
+from flashtemp.solver.linearised import LinearisedSystem, ShiftedLinearisation
 
-SOLVED, SWEEPS = 0.1, 4  # share of a right-hand side that may be left, sweeps at most
-SUM = {"reassoc", "contract", "nsz"}
+MAX_RESIDUAL_RATIO, MAX_GCR_SWEEPS = 0.1, 4  # share of a right-hand side that may be left, sweeps at most
+FASTMATH_SUM = {"reassoc", "contract", "nsz"}
 
 
-def solve(at: Linearised | Moved, size: int, ledger: int, R: np.ndarray) -> np.ndarray:
+def solve_shifted_system(linearisation: LinearisedSystem | ShiftedLinearisation, size: int, ledger: int, R: np.ndarray) -> np.ndarray:
     """(1 - gamma J)^-1 R for right-hand sides (k, n), n up to the `size` of a state.
 
     The ledger, from entry `ledger` on, follows the rest exactly.
     """
-    X, (ways, answers) = np.empty_like(R), np.empty((2, SWEEPS, size))
+    X, (ways, answers) = np.empty_like(R), np.empty((2, MAX_GCR_SWEEPS, size))
     r = np.empty(size)
     for k, given in enumerate(R):
         r[: len(given)], r[len(given) :] = given, 0.0
-        X[k] = _solved(at, r, ledger, ways, answers)[: len(given)]
+        X[k] = _solve_one(linearisation, r, ledger, ways, answers)[: len(given)]
     return X
 
 
-def _solved(at: Linearised | Moved, r: np.ndarray, ledger: int, ways: np.ndarray, answers: np.ndarray) -> np.ndarray:
+def _solve_one(linearisation: LinearisedSystem | ShiftedLinearisation, r: np.ndarray, ledger: int, directions: np.ndarray, products: np.ndarray) -> np.ndarray:
     """One solution (state,); r is its right-hand side and becomes what is left; `ways`, `answers` is room for them."""
     x = np.zeros_like(r)
-    enough = SOLVED * np.linalg.norm(r[:ledger])
-    for n in range(len(ways)):
-        at.solve(r, ways[n])
-        at.times(ways[n], answers[n])
-        if _nearer(ways[: n + 1], answers[: n + 1], at.gamma, ledger, r, x) <= enough:
+    enough = MAX_RESIDUAL_RATIO * np.linalg.norm(r[:ledger])
+    for n in range(len(directions)):
+        linearisation.solve(r, directions[n])
+        linearisation.apply_jacobian(directions[n], products[n])
+        if _reduce_residual(directions[: n + 1], products[: n + 1], linearisation.gamma, ledger, r, x) <= enough:
             break
     x[ledger:] += r[ledger:]
     return x
 
 
-@njit(cache=True, fastmath=SUM)
-def _nearer(ways, answers, gamma, ledger, r, x):
+@njit(cache=True, fastmath=FASTMATH_SUM)
+def _reduce_residual(directions, products, gamma, ledger, r, x):
     """Size of what is left of r once x went the last of the `ways`, at whose place in `answers` stands J times it.
 
     Way and answer are made orthogonal to those before, and of size 1; 0 where the way leads nowhere.
     """
-    way, answer, before = ways[-1], answers[-1], len(ways) - 1
+    way, answer, before = directions[-1], products[-1], len(directions) - 1
     for i in range(len(r)):
         answer[i] = way[i] - gamma * answer[i]
     for n in range(before):
         share = 0.0
         for i in range(ledger):
-            share += answers[n, i] * answer[i]
+            share += products[n, i] * answer[i]
         for i in range(len(r)):
-            answer[i] -= share * answers[n, i]
-            way[i] -= share * ways[n, i]
+            answer[i] -= share * products[n, i]
+            way[i] -= share * directions[n, i]
     square = share = 0.0
     for i in range(ledger):
         square += answer[i] * answer[i]

@@ -16,11 +16,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flashtemp.errors import SolverFailure
-from flashtemp.model.laws import STEP
+from flashtemp.model.laws import COMPLEX_STEP
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.solver import kernels_contact
-from flashtemp.solver.kernels_contact import alike
-from flashtemp.solver.road_frame import Overlap
+from flashtemp.solver.kernels_contact import common_dtype
+from flashtemp.solver.road_frame import RoadOverlap
 
 
 class ContactState(NamedTuple):
@@ -50,13 +50,13 @@ class ContactState(NamedTuple):
     block: np.ndarray  # share of its area through which a column's block cell is heated: phi while spots are averaged
     road: np.ndarray  # that of its road cell, which stands for a constant share of the width: 1 where spots cover it
     half: np.ndarray  # factor on the block's half cell: what one spot heats, averaged over what all do
-    under: Overlap  # the road under the columns
+    under: RoadOverlap  # the road under the columns
     rim: Any = 0.0  # m2 K/W by which road that a column of cells holds in part is hotter there than on average
     apart: Any = None  # `lanes.Apart`, where `lane` and `fall` have still to follow from the temperatures
     follow: Any = None  # `lanes.Follow`, where they did
 
 
-class Fluxes(NamedTuple):
+class ContactFluxes(NamedTuple):
     """Result of the interface: per spot area W/m2, temperatures in K."""
 
     into_block: np.ndarray  # J_R
@@ -69,7 +69,7 @@ class Fluxes(NamedTuple):
     lane: np.ndarray  # road surface temperature in the lanes
 
 
-class Slopes(NamedTuple):
+class FluxSlopes(NamedTuple):
     """Derivatives with respect to the first cell temperatures of the block (0) and of the road's column (1)."""
 
     block: tuple[np.ndarray, np.ndarray]  # of J_R
@@ -80,7 +80,7 @@ class Slopes(NamedTuple):
     mu: tuple[np.ndarray, np.ndarray]
 
 
-def solve(state: ContactState, T0, Ts, half_block, half_road, friction, parted, guess=None, slopes=False):
+def solve_fluxes(state: ContactState, T0, Ts, half_block, half_road, friction, depth_factor, guess=None, slopes=False):
     """Fluxes, and with `slopes` their derivatives, else None, for first-cell temperatures T0, Ts in K (lines,).
 
     `Ts` is that of the lanes (`Interface.lanes`), `half_block`, `half_road` are half-cell resistances m2 K/W,
@@ -88,59 +88,59 @@ def solve(state: ContactState, T0, Ts, half_block, half_road, friction, parted, 
     around them, `parted` likewise the factor s on the share in depth, 1 if None; `apart` asks for slopes in these
     temperatures alone.  Raises SolverFailure when the friction law has no consistent temperature.
     """
-    half, flash, micro, r, split, deep_flash, m, T0, Ts, half_block, half_road = alike(
+    half, flash, micro, r, split, deep_flash, m, T0, Ts, half_block, half_road = common_dtype(
         state.half, state.flash, state.micro, state.r, state.split, state.deep, state.m, T0, Ts, half_block, half_road
     )
-    solved = kernels_contact.eliminated(
-        half, flash, micro, r, split, deep_flash, m, state.inside, parted is not None, T0, Ts, half_block, half_road
+    solved = kernels_contact.eliminate_fluxes(
+        half, flash, micro, r, split, deep_flash, m, state.inside, depth_factor is not None, T0, Ts, half_block, half_road
     )
     a, gain, turn = solved[4:]
     seen: list[Any] = [None, None, None]  # where both laws were asked last, and their answers
 
-    def warming(T, face, apart=False):
-        seen[:] = T, friction(T, face, apart), parted(T, face, apart)
+    def heating_law(T, face, apart=False):
+        seen[:] = T, friction(T, face, apart), depth_factor(T, face, apart)
         return seen[1] * (1.0 + (np.real(turn) if apart else turn) * seen[2])
 
-    T, mu, own = _spot_temperature(a, gain, T0, friction if parted is None else warming, guess, slopes)
+    T, mu, own = _solve_spot_temperature(a, gain, T0, friction if depth_factor is None else heating_law, guess, slopes)
     s = mu
-    if parted is not None:
-        mu, s = (friction(T, T0), parted(T, T0)) if np.iscomplexobj(T) else _carried(seen[0], seen[1], seen[2], T)
-    T, mu, s, solved, m, deep_flash, micro, Ts, half_road = alike(T, mu, s, solved, m, deep_flash, micro, Ts, half_road)
-    J, S, q, deep, spot, lane, s = kernels_contact.settled(
-        T, mu, s, parted is not None, solved, m, state.inside, deep_flash, micro, Ts, half_road
+    if depth_factor is not None:
+        mu, s = (friction(T, T0), depth_factor(T, T0)) if np.iscomplexobj(T) else _extrapolate_laws(seen[0], seen[1], seen[2], T)
+    T, mu, s, solved, m, deep_flash, micro, Ts, half_road = common_dtype(T, mu, s, solved, m, deep_flash, micro, Ts, half_road)
+    J, S, q, deep, spot, lane, s = kernels_contact.recover_fluxes(
+        T, mu, s, depth_factor is not None, solved, m, state.inside, deep_flash, micro, Ts, half_road
     )
-    out = Fluxes(J, S, q, deep, mu, T, spot, lane)
+    out = ContactFluxes(J, S, q, deep, mu, T, spot, lane)
     if not slopes:
         return out, None
     Ag, g, _, way = solved[:4]
 
-    def along(law, own=None):
+    def total_derivative(law, own=None):
         """Derivative of a law of both temperatures along the solution."""
-        own = law(T + 1j * STEP, T0, True).imag / STEP if own is None else own
-        return own * dT[0] + beside(law), own * dT[1]
+        own = law(T + 1j * COMPLEX_STEP, T0, True).imag / COMPLEX_STEP if own is None else own
+        return own * dT[0] + face_derivative(law), own * dT[1]
 
-    def beside(law):
-        return law(T, T0 + 1j * STEP, True).imag / STEP
+    def face_derivative(law):
+        return law(T, T0 + 1j * COMPLEX_STEP, True).imag / COMPLEX_STEP
 
-    law = friction if parted is None else warming
+    law = friction if depth_factor is None else heating_law
     rise = 1.0 / (1.0 - gain * own)
-    dT = rise * (1.0 - Ag + gain * beside(law)), rise * (Ag * state.lane)
-    dmu, ds = (along(friction, own), (0.0, 0.0)) if parted is None else (along(friction), along(parted))
+    dT = rise * (1.0 - Ag + gain * face_derivative(law)), rise * (Ag * state.lane)
+    dmu, ds = (total_derivative(friction, own), (0.0, 0.0)) if depth_factor is None else (total_derivative(friction), total_derivative(depth_factor))
     dq = tuple(state.m * d for d in dmu)
     dsq = tuple(s * d + e * q for d, e in zip(dq, ds, strict=True))
     face = tuple(d - state.inside * e for d, e in zip(dq, dsq, strict=True))
     dJ = tuple(g * (way * f - state.deep * e - u) for f, e, u in zip(face, dsq, (1.0, -state.lane), strict=True))
     dS = tuple(f - d for f, d in zip(face, dJ, strict=True))
     spot = tuple(d - state.micro * e for d, e in zip(dT, dJ, strict=True))
-    return out, Slopes(dJ, dS, dq, tuple(state.inside * e for e in dsq), spot, dmu)
+    return out, FluxSlopes(dJ, dS, dq, tuple(state.inside * e for e in dsq), spot, dmu)
 
 
-def _carried(at, mu, s, T):
+def _extrapolate_laws(at, mu, s, T):
     """Both laws at T from their answers at a temperature nearby, asked by a complex step."""
-    return (v.real + v.imag / STEP * (T - np.real(at)) for v in (mu, s))
+    return (v.real + v.imag / COMPLEX_STEP * (T - np.real(at)) for v in (mu, s))
 
 
-def _spot_temperature(a, b, face, friction, guess, slopes):
+def _solve_spot_temperature(a, b, face, friction, guess, slopes):
     """Solve T = a + b mu(T, face) for every line: T, mu and its slope in T, exact where `slopes` are asked for.
 
     Derivatives of a, b and face pass through exactly.
@@ -149,8 +149,8 @@ def _spot_temperature(a, b, face, friction, guess, slopes):
     derived = any(np.iscomplexobj(v) for v in (a, b, face))
     cold = np.real(face)
     for attempt in range(60):
-        value = friction(T + 1j * STEP, cold, True)
-        depends, last, (T, mu, dmu, step) = kernels_contact.newton(T, value, a, b, STEP, 0.5 if attempt > 15 else 1.0)
+        value = friction(T + 1j * COMPLEX_STEP, cold, True)
+        depends, last, (T, mu, dmu, step) = kernels_contact.newton_step(T, value, a, b, COMPLEX_STEP, 0.5 if attempt > 15 else 1.0)
         if not depends:
             mu = friction(a, face)
             return a + b * mu, mu, dmu
@@ -158,8 +158,8 @@ def _spot_temperature(a, b, face, friction, guess, slopes):
             if not (derived or slopes):
                 mu = mu + dmu * (-step)
                 return a + b * mu, mu, dmu
-            value = friction(T + 1j * STEP, cold, True)  # at the solution, not a step before
-            mu, dmu = (friction(T, face) if derived else value.real), value.imag / STEP
+            value = friction(T + 1j * COMPLEX_STEP, cold, True)  # at the solution, not a step before
+            mu, dmu = (friction(T, face) if derived else value.real), value.imag / COMPLEX_STEP
             turn = (T - a - b * mu) / (1.0 - b.real * dmu)  # where derived it carries the derivative
             return T - turn, mu - dmu * turn, dmu
     worst = int(np.argmax(np.abs(step)))

@@ -14,7 +14,7 @@ from flashtemp.errors import SolverFailure
 
 
 @dataclass(frozen=True)
-class Tolerance:
+class IntegratorSettings:
     """`rtol` relative, `atol` absolute in K (and J/m); `order` the highest BDF order; `max_step` s, 0 for none."""
 
     rtol: float
@@ -23,23 +23,23 @@ class Tolerance:
     max_step: float = 0.0
 
 
-class Linearised(Protocol):
+class LinearOperator(Protocol):
     """What CVODE asks of a linearised system: `times` J v, `solve` P^-1 r."""
 
-    def times(self, v: np.ndarray, out: np.ndarray) -> None: ...
+    def apply_jacobian(self, v: np.ndarray, out: np.ndarray) -> None: ...
 
     def solve(self, r: np.ndarray, z: np.ndarray) -> None: ...
 
 
-class System(Protocol):
+class OdeSystem(Protocol):
     """What CVODE integrates: `rate` f(t, y), and `linearised` J and P = I - gamma J at (t, y)."""
 
     def rate(self, t: float, y: np.ndarray, out: np.ndarray) -> None: ...
 
-    def linearised(self, t: float, y: np.ndarray, gamma: float) -> Linearised: ...
+    def linearise(self, t: float, y: np.ndarray, gamma: float) -> LinearOperator: ...
 
 
-class _Callbacks(NamedTuple):
+class _CvodeCallbacks(NamedTuple):
     """What CVODE calls."""
 
     rate: Callable[..., None]
@@ -48,41 +48,41 @@ class _Callbacks(NamedTuple):
     solve: Callable[..., None]
 
 
-class Integrator:
+class BdfIntegrator:
     """One stretch of BDF integration: `step` advances by one internal step, `at` interpolates.
 
     It holds the current linearisation, and `calls` counts what CVODE asks for.  A failing callback's own error is
     raised, not CVODE's.
     """
 
-    def __init__(self, binding: str, system: System, tol: Tolerance):
+    def __init__(self, binding: str, system: OdeSystem, tol: IntegratorSettings):
         self._system = system
-        self._linearised: Linearised | None = None  # until the first set-up
+        self._linearised: LinearOperator | None = None  # until the first set-up
         self._fault: Exception | None = None
         self.steps, self.t = 0, 0.0
         self.calls = {"rate": 0, "times": 0, "setup": 0, "solve": 0}
-        make = _odes if binding == "scikits-odes" else _sundae
-        callbacks = _Callbacks(
-            self._guard("rate", system.rate),
-            self._guard("times", self._times),
-            self._guard("setup", self._setup),
-            self._guard("solve", self._solve),
+        make = _bind_scikits_odes if binding == "scikits-odes" else _bind_scikit_sundae
+        callbacks = _CvodeCallbacks(
+            self._guard_callback("rate", system.rate),
+            self._guard_callback("times", self._apply_jacobian),
+            self._guard_callback("setup", self._setup_preconditioner),
+            self._guard_callback("solve", self._solve_preconditioner),
         )
         self._start, self._advance, self._interpolate, self._close = make(callbacks, tol)
 
-    def _setup(self, t: float, y: np.ndarray, gamma: float) -> None:
-        self._linearised = self._system.linearised(t, y, gamma)
+    def _setup_preconditioner(self, t: float, y: np.ndarray, gamma: float) -> None:
+        self._linearised = self._system.linearise(t, y, gamma)
 
-    def _times(self, v: np.ndarray, out: np.ndarray) -> None:
+    def _apply_jacobian(self, v: np.ndarray, out: np.ndarray) -> None:
         assert self._linearised is not None
-        self._linearised.times(v, out)
+        self._linearised.apply_jacobian(v, out)
 
-    def _solve(self, r: np.ndarray, z: np.ndarray) -> None:
+    def _solve_preconditioner(self, r: np.ndarray, z: np.ndarray) -> None:
         assert self._linearised is not None
         self._linearised.solve(r, z)
 
-    def _guard(self, name: str, callback: Callable[..., None]) -> Callable[..., None]:
-        def call(*args):
+    def _guard_callback(self, name: str, callback: Callable[..., None]) -> Callable[..., None]:
+        def guarded_call(*args):
             if self._fault is not None:
                 raise self._fault
             self.calls[name] += 1
@@ -92,7 +92,7 @@ class Integrator:
                 self._fault = fault
                 raise
 
-        return call
+        return guarded_call
 
     def start(self, t: float, y: np.ndarray, stop: float) -> None:
         """Begin at (t, y); the integration never passes `stop`."""
@@ -116,7 +116,7 @@ class Integrator:
         self.t = t
         return t, y
 
-    def at(self, t: float) -> np.ndarray:
+    def interpolate(self, t: float) -> np.ndarray:
         """Solution at a time within the last step."""
         return self._interpolate(t)
 
@@ -133,17 +133,17 @@ class _ReusableSolver:
     (SUNLinSolFree is not called).  SUNDIALS' own way to integrate a further problem of the same size is CVodeReInit.
     """
 
-    def __init__(self, tol: Tolerance):
+    def __init__(self, tol: IntegratorSettings):
         self._tol = tol
         self._solver: Any = None
-        self.callbacks: _Callbacks | None = None
+        self.callbacks: _CvodeCallbacks | None = None
 
     def start(self, t: float, y: np.ndarray, stop: float) -> None:
         """Begin at (t, y); never pass `stop`."""
         # the binding keeps tstop in single precision: the next value above never stops short
         tstop = float(np.nextafter(np.float32(stop), np.float32(np.inf)))
         if self._solver is None:
-            self._solver = self._create(tstop)
+            self._solver = self._create_solver(tstop)
             self._solver.init_step(t, y)
             return
         for values in gc.get_referents(self._solver):  # results at earlier stop times, which the binding keeps as well
@@ -154,30 +154,30 @@ class _ReusableSolver:
         self._solver.reinit_IC(t, y)
         self._solver.set_options(tstop=tstop)
 
-    def _create(self, tstop: float) -> Any:
+    def _create_solver(self, tstop: float) -> Any:
         from scikits_odes_sundials.cvode import CVODE
 
-        def rfn(t, y, ydot):
+        def evaluate_rate(t, y, ydot):
             self.callbacks.rate(t, y, ydot)
             return 0
 
-        def psetup(t, y, jok, jcur, gamma):
+        def setup_preconditioner(t, y, jok, jcur, gamma):
             self.callbacks.setup(t, y, gamma)
             jcur.value = True
             return 0
 
-        def psolve(t, y, r, z, gamma, delta, lr):
+        def solve_preconditioner(t, y, r, z, gamma, delta, lr):
             self.callbacks.solve(r, z)
             return 0
 
-        def jtimes(v, jv, t, y):
+        def apply_jacobian(v, jv, t, y):
             self.callbacks.times(v, jv)
             return 0
 
         tol = self._tol
         return CVODE(
-            rfn, lmm_type="BDF", rtol=tol.rtol, atol=tol.atol, order=tol.order, linsolver="spgmr",
-            precond_type="left", prec_setupfn=psetup, prec_solvefn=psolve, jac_times_vecfn=jtimes,
+            evaluate_rate, lmm_type="BDF", rtol=tol.rtol, atol=tol.atol, order=tol.order, linsolver="spgmr",
+            precond_type="left", prec_setupfn=setup_preconditioner, prec_solvefn=solve_preconditioner, jac_times_vecfn=apply_jacobian,
             max_steps=100000, max_step_size=tol.max_step, one_step_compute=True,
             err_handler=lambda *report: None, tstop=tstop, old_api=False, maxl=20,
         )  # fmt: skip
@@ -193,12 +193,12 @@ class _ReusableSolver:
 
 
 @cache
-def _idle_solvers(size: int, tol: Tolerance) -> list[_ReusableSolver]:
+def _idle_solvers(size: int, tol: IntegratorSettings) -> list[_ReusableSolver]:
     """Solvers of a size and tolerance that wait for their next start."""
     return []
 
 
-def _odes(call: _Callbacks, tol: Tolerance):
+def _bind_scikits_odes(call: _CvodeCallbacks, tol: IntegratorSettings):
     """scikits-odes: callbacks get copies of CVODE's vectors."""
     from scikits_odes_sundials.cvode import StatusEnum
 
@@ -233,21 +233,21 @@ def _odes(call: _Callbacks, tol: Tolerance):
     return start, advance, interpolate, close
 
 
-def _sundae(call: _Callbacks, tol: Tolerance):
+def _bind_scikit_sundae(call: _CvodeCallbacks, tol: IntegratorSettings):
     """scikit-sundae: callbacks share CVODE's memory."""
     from sksundae.cvode import CVODE, CVODEJacTimes, CVODEPrecond
 
-    def rfn(t, y, ydot):
+    def evaluate_rate(t, y, ydot):
         call.rate(t, y, ydot)
 
-    def psetup(t, y, yp, jok, jnew, gamma):
+    def setup_preconditioner(t, y, yp, jok, jnew, gamma):
         call.setup(t, y, gamma)
         jnew[0] = 1
 
-    def psolve(t, y, yp, r, z, gamma, delta, lr):
+    def solve_preconditioner(t, y, yp, r, z, gamma, delta, lr):
         call.solve(r, z)
 
-    def jtimes(t, y, yp, v, jv):
+    def apply_jacobian(t, y, yp, v, jv):
         call.times(v, jv)
 
     box: dict[str, Any] = {}
@@ -255,8 +255,8 @@ def _sundae(call: _Callbacks, tol: Tolerance):
     def start(t, y, stop):
         box["stop"] = stop
         box["solver"] = CVODE(
-            rfn, method="BDF", rtol=tol.rtol, atol=tol.atol, max_order=tol.order, linsolver="gmres",
-            precond=CVODEPrecond(psetup, psolve, "left"), jactimes=CVODEJacTimes(None, jtimes),
+            evaluate_rate, method="BDF", rtol=tol.rtol, atol=tol.atol, max_order=tol.order, linsolver="gmres",
+            precond=CVODEPrecond(setup_preconditioner, solve_preconditioner, "left"), jactimes=CVODEJacTimes(None, apply_jacobian),
             krylov_dim=20, max_num_steps=100000, max_step=tol.max_step,
         )  # fmt: skip
         box["solver"].init_step(t, y)

@@ -29,32 +29,32 @@ import numpy.typing as npt
 from scipy.optimize import brentq
 
 from flashtemp.errors import SolverFailure
-from flashtemp.model.laws import STEP
+from flashtemp.model.laws import COMPLEX_STEP
 from flashtemp.physics.elastic_block import FaceCompliance
-from flashtemp.solver.winkler import Press
+from flashtemp.solver.winkler import PressureSolution
 
 Array = npt.NDArray[Any]
-Friction = Callable[[Array], Array]  # friction coefficient (columns,) at a local pressure (columns,) Pa
+FrictionLaw = Callable[[Array], Array]  # friction coefficient (columns,) at a local pressure (columns,) Pa
 
 PRESSURE_RTOL = 1e-12  # share of the load that a step of Newton's method may still move
 # at half or double: flux evaluations 1048 to 1023 and 1043, CPU unchanged, error in time 5.7e-4 to 4.5e-4 and 8.7e-4
 RENEWAL_STEP_RATIO = 0.02  # a step that is more than this share of the one before asks for a new Jacobian
-MOST_STEPS = 200
+MAX_NEWTON_STEPS = 200
 # at half, double or without bound friction and CPU of two soft holders stay: kept as the bound that makes it finite
 MAX_FREE_SET_CHANGES = 20  # steps with changes of the set, after which the least index alone changes
 FIRST_TILT_STEP = 1e-3  # of the tilt, with which its bracket begins, but no less than the mean pressure
 # run-in map: the next balance is 0.1 % away where runs go on, 2 to 10 % where they snap
 SNAP_TILT_FRACTION = 0.01  # of the tilt: where the next balance is farther, the holder does not get there steadily
 TILT_JUMP_RTOL = 10.0  # times `rtol`, of load times length: more is left where the moments jump over their balance
-TIPPED = "the friction moment tips the block over its edge: no pressure carries it"
+TIPPING_MESSAGE = "the friction moment tips the block over its edge: no pressure carries it"
 SNAPS = (
     "the holder snaps over: friction falls with the spots' heat faster than the holder resists, and no tilt nearby "
     "balances the moments; stiffen the holder or lower its pivot"
 )
-UNSOLVED = "no contact pressure of the elastic block was found"
+NO_PRESSURE_MESSAGE = "no contact pressure of the elastic block was found"
 
 
-class Holder(NamedTuple):
+class HolderSupport(NamedTuple):
     """What the holder does: share `shear` of the friction that shears the block, `arm` h (m), and what resists a tilt.
 
     `resistance` 2/(C W L) (1/m per N/m of moment), inf where the holder is guided.
@@ -65,7 +65,7 @@ class Holder(NamedTuple):
     resistance: float = np.inf
 
     @property
-    def guided(self) -> bool:
+    def is_guided(self) -> bool:
         return self.resistance == np.inf
 
 
@@ -78,7 +78,7 @@ class ContactJacobian(NamedTuple):
 
     touching: npt.NDArray[np.bool_]
     slopes: Array
-    holder: Holder
+    holder: HolderSupport
     inverse: Array
     lifted: Array
     carried: Array
@@ -126,40 +126,40 @@ class ElasticFoundation:
     rtol: float = PRESSURE_RTOL
 
     @cached_property
-    def _normal(self) -> Array:
+    def _scaled_normal(self) -> Array:
         scaled: Array = np.ascontiguousarray(self.compliance.normal * (self.stiffness / self.modulus))
         return scaled
 
     @cached_property
-    def _shear(self) -> Array:
+    def _scaled_shear(self) -> Array:
         scaled: Array = np.ascontiguousarray(self.compliance.shear * (self.stiffness / self.modulus))
         return scaled
 
     @cached_property
-    def _xi(self) -> Array:
+    def _edge_coordinate(self) -> Array:
         """1 at the leading edge (columns,), -1 at the trailing one."""
         xi: Array = 1.0 - 2.0 * self.x / self.length
         return xi
 
     @property
-    def _planes(self) -> int:
-        return len(self.x) // len(self._normal)
+    def _plane_count(self) -> int:
+        return len(self.x) // len(self._scaled_normal)
 
     def _scaled_motion(self, compliance: Array, traction: Array) -> Array:
         """Motion times stiffness (columns,) Pa by a traction (columns,) Pa."""
-        moved: Array = (compliance @ traction.reshape(-1, self._planes)).ravel()
+        moved: Array = (compliance @ traction.reshape(-1, self._plane_count)).ravel()
         return moved
 
     def displace_face(self, pressure: Array) -> Array:
         """Motion (columns,) m of the face towards the holder by a pressure (columns,) Pa."""
-        return self._scaled_motion(self._normal, pressure) / self.stiffness
+        return self._scaled_motion(self._scaled_normal, pressure) / self.stiffness
 
-    def settle(
+    def solve_equilibrium(
         self,
         gap: Array,
         mean: float,
-        holder: Holder,
-        friction: Friction | None,
+        holder: HolderSupport,
+        friction: FrictionLaw | None,
         start: ContactSolution | None,
         hardness: float = 1.0,
     ) -> ContactSolution:
@@ -173,7 +173,7 @@ class ElasticFoundation:
         try:
             return self._settle_by_newton(gap, mean, holder, friction, start, hardness)
         except SolverFailure:
-            if friction is None or holder.guided or holder.resistance == 0.0:
+            if friction is None or holder.is_guided or holder.resistance == 0.0:
                 raise
             return self._settle_by_bracketing(gap, mean, holder, friction, start, hardness)
 
@@ -181,8 +181,8 @@ class ElasticFoundation:
         self,
         gap: Array,
         mean: float,
-        holder: Holder,
-        friction: Friction | None,
+        holder: HolderSupport,
+        friction: FrictionLaw | None,
         start: ContactSolution | None,
         hardness: float,
     ) -> ContactSolution:
@@ -195,14 +195,14 @@ class ElasticFoundation:
         if J.holder != holder:
             J = self._build_jacobian(J.touching, J.slopes, holder)
         last, changes, fresh = np.inf, 0, friction is None
-        for _ in range(MOST_STEPS):
+        for _ in range(MAX_NEWTON_STEPS):
             p = np.where(J.touching, p, 0.0)
             # a trial may pull on columns; friction heat below zero has no consistent temperature where mu falls with it
             mu = None if friction is None else friction(np.maximum(p, 0.0))
-            step, (dc, dt) = J.solve(*self._residual(p, c, t, g, mean, mu, J, hardness))
+            step, (dc, dt) = J.solve(*self._equation_residual(p, c, t, g, mean, mu, J, hardness))
             size = np.abs(step) @ self.dx / (mean * self.dx.sum())
             if not np.isfinite(size):
-                raise SolverFailure(UNSOLVED if holder.guided else TIPPED)
+                raise SolverFailure(NO_PRESSURE_MESSAGE if holder.is_guided else TIPPING_MESSAGE)
             moved = p - step, c - dc, t - dt
             on = self._find_contact(p, moved, g, mu, J)
             if np.array_equal(on, J.touching):
@@ -225,17 +225,17 @@ class ElasticFoundation:
                     on = J.touching.copy()
                     on[least] = not on[least]
                 if not on.any():
-                    raise SolverFailure(UNSOLVED if holder.guided else TIPPED)
+                    raise SolverFailure(NO_PRESSURE_MESSAGE if holder.is_guided else TIPPING_MESSAGE)
                 J, last = self._build_jacobian(on, J.slopes, holder), np.inf
             p, c, t = moved
-        raise SolverFailure(f"{UNSOLVED} in {MOST_STEPS} steps")
+        raise SolverFailure(f"{NO_PRESSURE_MESSAGE} in {MAX_NEWTON_STEPS} steps")
 
     def _settle_by_bracketing(
         self,
         gap: Array,
         mean: float,
-        holder: Holder,
-        friction: Friction,
+        holder: HolderSupport,
+        friction: FrictionLaw,
         start: ContactSolution | None,
         hardness: float,
     ) -> ContactSolution:
@@ -245,19 +245,19 @@ class ElasticFoundation:
         (1973, Algorithms for Minimization without Derivatives, chapter 4) finds their balance wherever Newton's cycles
         or has left a branch that ended, where the holder snaps over.
         """
-        fixed, last = Holder(holder.shear), start
+        fixed, last = HolderSupport(holder.shear), start
         first = 0.0 if start is None else start.tilt
 
         def unbalance(t: float) -> float:
             nonlocal last
-            tilted = gap - t * self._xi / (hardness * self.stiffness)
+            tilted = gap - t * self._edge_coordinate / (hardness * self.stiffness)
             last = self._settle_by_newton(tilted, mean, fixed, friction, last, hardness)
-            levers = 0.5 * self.length * self._xi - holder.arm * friction(last.pressure)
+            levers = 0.5 * self.length * self._edge_coordinate - holder.arm * friction(last.pressure)
             return float(self._moment_balance(holder, t / hardness, levers * last.pressure))
 
         at, left = first, unbalance(first)
         step = -np.sign(left) * max(FIRST_TILT_STEP * abs(first), mean)
-        for _ in range(MOST_STEPS):
+        for _ in range(MAX_NEWTON_STEPS):
             beyond = unbalance(at + step)
             if beyond * left <= 0.0:
                 break
@@ -265,10 +265,10 @@ class ElasticFoundation:
             if start is not None and abs(at - first) > SNAP_TILT_FRACTION * abs(first):
                 raise SolverFailure(SNAPS)
         else:
-            raise SolverFailure(TIPPED)
+            raise SolverFailure(TIPPING_MESSAGE)
         tilt = brentq(unbalance, *sorted((at, at + step)), xtol=self.rtol * mean, rtol=self.rtol)
         if abs(unbalance(tilt)) > TILT_JUMP_RTOL * self.rtol * mean:
-            raise SolverFailure(UNSOLVED)
+            raise SolverFailure(NO_PRESSURE_MESSAGE)
         assert last is not None
         p = last.pressure
         J = self._build_jacobian(last.jacobian.touching, self._traction_slopes(p, friction), holder)
@@ -276,76 +276,76 @@ class ElasticFoundation:
         return ContactSolution(p, last.approach, self._balanced_tilt(holder, p, mu, tilt, hardness), J, hardness)
 
     def derive_solution(
-        self, settled: ContactSolution, gap: Array, mean: float, friction: Friction | None, hardness: Any
+        self, solution: ContactSolution, gap: Array, mean: float, friction: FrictionLaw | None, hardness: Any
     ) -> ContactSolution:
         """The answer with the derivative that a complex step in `gap`, `hardness` or what friction sees passes on."""
-        J, g = settled.jacobian, hardness * self.stiffness * gap
-        p: Array = settled.pressure + 0j
-        c: Any = settled.approach
-        t: Any = settled.tilt
-        for _ in range(MOST_STEPS):
+        J, g = solution.jacobian, hardness * self.stiffness * gap
+        p: Array = solution.pressure + 0j
+        c: Any = solution.approach
+        t: Any = solution.tilt
+        for _ in range(MAX_NEWTON_STEPS):
             mu = None if friction is None else friction(p)
-            step, (dc, dt) = J.solve(*(np.imag(r) for r in self._residual(p, c, t, g, mean, mu, J, hardness)))
+            step, (dc, dt) = J.solve(*(np.imag(r) for r in self._equation_residual(p, c, t, g, mean, mu, J, hardness)))
             p, c, t = p - 1j * step, c - 1j * dc, t - 1j * dt
             if np.abs(step).max() <= 1e-13 * np.abs(p.imag).max():
                 return ContactSolution(p, c, t, J, hardness)
         raise SolverFailure("the derivative of the contact pressure was not found")
 
-    def as_press(self, settled: ContactSolution) -> Press:
+    def to_pressure_solution(self, solution: ContactSolution) -> PressureSolution:
         """The answer as the contact sees it."""
-        J, tilt = settled.jacobian, settled.tilt / (settled.hardness * self.stiffness)
-        return Press(settled.pressure, tilt, J.touching, J.holder.resistance)
+        J, tilt = solution.jacobian, solution.tilt / (solution.hardness * self.stiffness)
+        return PressureSolution(solution.pressure, tilt, J.touching, J.holder.resistance)
 
-    def renew_jacobian(self, settled: ContactSolution, slopes: Array) -> ContactSolution:
+    def renew_jacobian(self, solution: ContactSolution, slopes: Array) -> ContactSolution:
         """The same answer with other slopes (columns,) of mu p in p, of which its Jacobian is made anew."""
-        J = settled.jacobian
-        if not J.holder.shear and J.holder.guided:
-            return settled
-        return settled._replace(jacobian=self._build_jacobian(J.touching, slopes, J.holder))
+        J = solution.jacobian
+        if not J.holder.shear and J.holder.is_guided:
+            return solution
+        return solution._replace(jacobian=self._build_jacobian(J.touching, slopes, J.holder))
 
-    def response(self, settled: ContactSolution) -> ElasticResponse:
+    def pressure_response(self, solution: ContactSolution) -> ElasticResponse:
         """How pressure follows worn depth and friction around an answer, by its Jacobian."""
-        J = settled.jacobian
-        return ElasticResponse(self, J, -float(np.real(settled.hardness)) * self.stiffness * J.touching)
+        J = solution.jacobian
+        return ElasticResponse(self, J, -float(np.real(solution.hardness)) * self.stiffness * J.touching)
 
-    def _residual(
+    def _equation_residual(
         self, p: Array, c: Any, t: Any, g: Array, mean: float, mu: Array | None, J: ContactJacobian, hardness: Any
     ) -> tuple[Array, Array]:
         """What is left of the equations: gaps of columns in contact and pressure of the others, load and moment."""
         holder = J.holder
         pull = 0.0 * p if mu is None else mu * p
         gap = self._scaled_gap(p, pull, c, t, g, holder)
-        moments = 0.5 * self.length * self._xi * p - holder.arm * pull
-        tilts = t if holder.guided else self._moment_balance(holder, t / hardness, moments)
+        moments = 0.5 * self.length * self._edge_coordinate * p - holder.arm * pull
+        tilts = t if holder.is_guided else self._moment_balance(holder, t / hardness, moments)
         return np.where(J.touching, gap, p), np.array([p @ self.dx / self.dx.sum() - mean, tilts])
 
-    def _scaled_gap(self, p: Array, pull: Array, c: Any, t: Any, g: Array, holder: Holder) -> Array:
+    def _scaled_gap(self, p: Array, pull: Array, c: Any, t: Any, g: Array, holder: HolderSupport) -> Array:
         """Distance of the columns from the road times stiffness (columns,) Pa."""
-        gap = self._scaled_motion(self._normal, p) + g - c - t * self._xi
-        return gap + holder.shear * self._scaled_motion(self._shear, pull) if holder.shear else gap
+        gap = self._scaled_motion(self._scaled_normal, p) + g - c - t * self._edge_coordinate
+        return gap + holder.shear * self._scaled_motion(self._scaled_shear, pull) if holder.shear else gap
 
-    def _balanced_tilt(self, holder: Holder, p: Array, mu: Array | None, found: float, hardness: float) -> float:
+    def _balanced_tilt(self, holder: HolderSupport, p: Array, mu: Array | None, found: float, hardness: float) -> float:
         """Tilt (Pa) of a holder that resists: that which balances the moments to rounding; else as `found`."""
-        if holder.guided or holder.resistance == 0.0 or mu is None:
+        if holder.is_guided or holder.resistance == 0.0 or mu is None:
             return found
-        moments = (0.5 * self.length * self._xi - holder.arm * mu) * p
+        moments = (0.5 * self.length * self._edge_coordinate - holder.arm * mu) * p
         return float(-hardness * self.stiffness * (moments @ self.dx) / holder.resistance)
 
-    def _moment_balance(self, holder: Holder, t: Any, moments: Array) -> Any:
+    def _moment_balance(self, holder: HolderSupport, t: Any, moments: Array) -> Any:
         return moments @ self.dx / self.length + holder.resistance * t / (self.stiffness * self.length)
 
-    def _build_jacobian(self, touching: npt.NDArray[np.bool_], slopes: Array, holder: Holder) -> ContactJacobian:
-        planes, n = self._planes, len(self._normal)
+    def _build_jacobian(self, touching: npt.NDArray[np.bool_], slopes: Array, holder: HolderSupport) -> ContactJacobian:
+        planes, n = self._plane_count, len(self._scaled_normal)
         on, slope = touching.reshape(n, planes).T, slopes.reshape(n, planes).T
-        K = np.broadcast_to(self._normal, (planes, n, n))
+        K = np.broadcast_to(self._scaled_normal, (planes, n, n))
         if holder.shear:
-            K = K + holder.shear * self._shear * slope[:, None, :]
+            K = K + holder.shear * self._scaled_shear * slope[:, None, :]
         K = np.where(on[..., None], K, np.eye(n))
-        lift = touching[:, None] * np.stack([np.ones(len(self.x)), self._xi], axis=1)
+        lift = touching[:, None] * np.stack([np.ones(len(self.x)), self._edge_coordinate], axis=1)
         carried, own = np.zeros((2, len(self.x))), np.zeros((2, 2))
         carried[0], own[1, 1] = self.dx / self.dx.sum(), 1.0
-        if not holder.guided:
-            carried[1] = (0.5 * self.length * self._xi - holder.arm * slopes) * self.dx / self.length
+        if not holder.is_guided:
+            carried[1] = (0.5 * self.length * self._edge_coordinate - holder.arm * slopes) * self.dx / self.length
             own[1, 1] = holder.resistance / (self.stiffness * self.length)
         J = ContactJacobian(touching, slopes, holder, _invert_matrix(K), lift, carried, own)
         lifted = np.stack([J.solve_columns(lift[:, k]) for k in (0, 1)], axis=1)
@@ -363,9 +363,9 @@ class ElasticFoundation:
         return np.where(J.touching, on, self._scaled_gap(pressed, pull, c, t, g, J.holder) < 0.0)
 
     @staticmethod
-    def _traction_slopes(p: Array, friction: Friction) -> Array:
+    def _traction_slopes(p: Array, friction: FrictionLaw) -> Array:
         """d(mu p)/dp (columns,), as if every column's friction followed its own pressure alone."""
-        pulled: Array = np.imag((p + 1j * STEP) * friction(p + 1j * STEP)) / STEP
+        pulled: Array = np.imag((p + 1j * COMPLEX_STEP) * friction(p + 1j * COMPLEX_STEP)) / COMPLEX_STEP
         return pulled
 
 
@@ -376,42 +376,42 @@ class ElasticResponse:
     `sunk` (columns,) Pa/m turns worn depth into what is left of the equations.
     """
 
-    bed: ElasticFoundation
+    foundation: ElasticFoundation
     jacobian: ContactJacobian
-    sunk: Array
+    depth_stiffness: Array
 
     def __call__(self, worn: Array) -> Array:
         """By a change of worn depth (columns,) m."""
-        return self.jacobian.solve(self.sunk * worn, np.zeros(2))[0]
+        return self.jacobian.solve(self.depth_stiffness * worn, np.zeros(2))[0]
 
     def respond_to_traction(self, traction: Array) -> Array:
         """By a change of the friction traction (columns,) Pa at the same pressure."""
-        J, bed = self.jacobian, self.bed
-        r = -J.holder.shear * J.touching * bed._scaled_motion(bed._shear, traction)
-        moment = 0.0 if J.holder.guided else J.holder.arm * (traction @ bed.dx) / bed.length
+        J, bed = self.jacobian, self.foundation
+        r = -J.holder.shear * J.touching * bed._scaled_motion(bed._scaled_shear, traction)
+        moment = 0.0 if J.holder.is_guided else J.holder.arm * (traction @ bed.dx) / bed.length
         return J.solve(r, np.array([0.0, moment]))[0]
 
-    def solver(self, gain: Array) -> Callable[[Array], Array]:
+    def build_inverse(self, gain: Array) -> Callable[[Array], Array]:
         """r -> (1 - diag(gain) dp/dw)^-1 r by the Woodbury identity; `gain` (columns,) m/Pa."""
         J, planes = self.jacobian, len(self.jacobian.inverse)
-        give = self.sunk.reshape(-1, planes).T
+        give = self.depth_stiffness.reshape(-1, planes).T
         alone = np.eye(give.shape[1]) - gain.reshape(-1, planes).T[..., None] * J.inverse * give[:, None, :]
         undone = J._replace(inverse=_invert_matrix(alone))
         spread = gain[:, None] * (J.lifted @ J.holding)  # what comes back by way of the holder, times what is carried
         X = np.stack([undone.solve_columns(spread[:, k]) for k in (0, 1)], axis=1)
 
-        def carried(r: Array) -> Array:
-            taken: Array = J.carried @ J.solve_columns(self.sunk * r)
+        def carried_load(r: Array) -> Array:
+            taken: Array = J.carried @ J.solve_columns(self.depth_stiffness * r)
             return taken
 
-        inner = _invert_matrix(np.eye(2) + np.stack([carried(X[:, k]) for k in (0, 1)], axis=1))
+        inner = _invert_matrix(np.eye(2) + np.stack([carried_load(X[:, k]) for k in (0, 1)], axis=1))
 
-        def undo(r: Array) -> Array:
+        def apply_inverse(r: Array) -> Array:
             z = undone.solve_columns(r)
-            changed: Array = z - X @ (inner @ carried(z))
+            changed: Array = z - X @ (inner @ carried_load(z))
             return changed
 
-        return undo
+        return apply_inverse
 
 
 def _invert_matrix(matrix: Array) -> Array:

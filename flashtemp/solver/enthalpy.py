@@ -13,15 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from flashtemp.errors import SolverFailure
-from flashtemp.model.laws import Laws
+from flashtemp.model.laws import EffectLaws
 from flashtemp.model.scene import Scene
 from flashtemp.physics.arrays import Array
 
-STEP_K = 0.5  # of a table of c, which is a line in between: a bend of c is rounded off within one step
-COLDEST_K, HOTTEST_K = -150.0, 2000.0  # rises above ambient that laws are evaluated at; c is level beyond
-UNBOUNDED_K = 1e6  # rise to which c is level
-BODIES = ("block", "road")
-FELL = "heat capacity fell to zero or below"
+CAPACITY_TABLE_STEP_K = 0.5  # of a table of c, which is a line in between: a bend of c is rounded off within one step
+MIN_CAPACITY_RISE_K, MAX_CAPACITY_RISE_K = -150.0, 2000.0  # rises above ambient that laws are evaluated at; c is level beyond
+LEVEL_CAPACITY_RISE_K = 1e6  # rise to which c is level
+HEATED_BODIES = ("block", "road")
+NON_POSITIVE_CAPACITY = "heat capacity fell to zero or below"
 
 
 @dataclass(frozen=True)
@@ -30,18 +30,18 @@ class LinearCapacity:
 
     gradient: Array
 
-    def enthalpy(self, rise: Array) -> Array:
+    def enthalpy_rise(self, rise: Array) -> Array:
         """Enthalpy rises of the temperature rises of the first cells, K."""
         return rise * (1 + 0.5 * self.gradient[: len(rise)] * rise)
 
-    def rise(self, h: Array) -> Array:
+    def temperature_rise(self, h: Array) -> Array:
         """Temperature rises of the enthalpy rises of all cells, K.  Raises SolverFailure where c is not positive."""
         root = 1 + 2 * self.gradient * h
         if not np.min(root.real) > 0:
-            raise SolverFailure(FELL)
+            raise SolverFailure(NON_POSITIVE_CAPACITY)
         return 2 * h / (1 + np.sqrt(root))
 
-    def relative(self, rise: Array) -> Array:
+    def capacity_ratio(self, rise: Array) -> Array:
         """c/c0 = dh/dT at the temperature rises of all cells."""
         return 1.0 + self.gradient * rise
 
@@ -51,7 +51,7 @@ class CapacityTable:
     """c/c0 `relative` (n,) at temperature `rises` (n,) in K, a line between them; `enthalpies` (n,) in K, 0 at 0."""
 
     rises: Array
-    relative: Array
+    capacity_ratios: Array
     enthalpies: Array
 
     @classmethod
@@ -59,9 +59,9 @@ class CapacityTable:
         """The table of c/c0 (n,) at rises (n,), which ends where c does.  Raises SolverFailure if c <= 0 at ambient."""
         bad, zero = np.flatnonzero(~(relative > 0)), int(np.searchsorted(rises, 0.0))
         if zero in bad:
-            raise SolverFailure(FELL)
+            raise SolverFailure(NON_POSITIVE_CAPACITY)
         begin, end = np.max(bad[bad < zero], initial=-1) + 1, np.min(bad[bad > zero], initial=len(rises))
-        before, after = [-UNBOUNDED_K] if begin == 0 else [], [UNBOUNDED_K] if end == len(rises) else []
+        before, after = [-LEVEL_CAPACITY_RISE_K] if begin == 0 else [], [LEVEL_CAPACITY_RISE_K] if end == len(rises) else []
         relative = np.pad(relative[begin:end], (len(before), len(after)), mode="edge")
         rises = np.concatenate([before, rises[begin:end], after])
         steps = np.diff(rises) * 0.5 * (relative[1:] + relative[:-1])
@@ -69,31 +69,31 @@ class CapacityTable:
         below, above = -np.cumsum(steps[:start][::-1])[::-1], np.cumsum(steps[start:])
         return cls(rises, relative, np.concatenate([below, [0.0], above]))
 
-    def _piece(self, values: Array, nodes: Array) -> tuple[Array, Array, Array, Array]:
+    def _locate_segment(self, values: Array, nodes: Array) -> tuple[Array, Array, Array, Array]:
         """The node before each value, how far the value is beyond it, c/c0 there and its slope up to the next node.
 
         Raises SolverFailure for a value outside the table.
         """
         real = values.real
         if not (nodes[0] <= real.min() and real.max() <= nodes[-1]):
-            raise SolverFailure(FELL)
+            raise SolverFailure(NON_POSITIVE_CAPACITY)
         k = np.minimum(np.searchsorted(nodes, real, side="right"), len(nodes) - 1) - 1
-        slope = np.diff(self.relative) / np.diff(self.rises)
-        return k, values - nodes[k], self.relative[k], slope[k]
+        slope = np.diff(self.capacity_ratios) / np.diff(self.rises)
+        return k, values - nodes[k], self.capacity_ratios[k], slope[k]
 
-    def enthalpy(self, rise: Array) -> Array:
+    def enthalpy_rise(self, rise: Array) -> Array:
         """Enthalpy rises (any,) K of temperature rises (any,) K."""
-        k, beyond, c, slope = self._piece(rise, self.rises)
+        k, beyond, c, slope = self._locate_segment(rise, self.rises)
         return self.enthalpies[k] + beyond * (c + 0.5 * slope * beyond)
 
-    def rise(self, h: Array) -> Array:
+    def temperature_rise(self, h: Array) -> Array:
         """Temperature rises (any,) K of enthalpy rises (any,) K."""
-        k, beyond, c, slope = self._piece(h, self.enthalpies)
+        k, beyond, c, slope = self._locate_segment(h, self.enthalpies)
         return self.rises[k] + 2 * beyond / (c + np.sqrt(c * c + 2 * slope * beyond))
 
-    def at(self, rise: Array) -> Array:
+    def interpolate_ratio(self, rise: Array) -> Array:
         """c/c0 (any,) at temperature rises (any,) K."""
-        _, beyond, c, slope = self._piece(rise, self.rises)
+        _, beyond, c, slope = self._locate_segment(rise, self.rises)
         return c + slope * beyond
 
 
@@ -102,23 +102,23 @@ class TabulatedCapacity:
     """c/c0 of every cell by one of a few `tables`; `which` (cells,) is its number, -1 where c is constant."""
 
     tables: tuple[CapacityTable, ...]
-    which: Array
+    table_numbers: Array
 
-    def enthalpy(self, rise: Array) -> Array:
+    def enthalpy_rise(self, rise: Array) -> Array:
         """Enthalpy rises of the temperature rises of the first cells, K."""
-        return self._by_table(CapacityTable.enthalpy, rise, rise)
+        return self._look_up_by_table(CapacityTable.enthalpy_rise, rise, rise)
 
-    def rise(self, h: Array) -> Array:
+    def temperature_rise(self, h: Array) -> Array:
         """Temperature rises of the enthalpy rises of all cells, K.  Raises SolverFailure where c is not positive."""
-        return self._by_table(CapacityTable.rise, h, h)
+        return self._look_up_by_table(CapacityTable.temperature_rise, h, h)
 
-    def relative(self, rise: Array) -> Array:
+    def capacity_ratio(self, rise: Array) -> Array:
         """c/c0 = dh/dT at the temperature rises of all cells."""
-        return self._by_table(CapacityTable.at, rise, np.ones_like(rise))
+        return self._look_up_by_table(CapacityTable.interpolate_ratio, rise, np.ones_like(rise))
 
-    def _by_table(self, look_up: Callable[[CapacityTable, Array], Array], values: Array, constant: Array) -> Array:
+    def _look_up_by_table(self, look_up: Callable[[CapacityTable, Array], Array], values: Array, constant: Array) -> Array:
         """What the table of each cell makes of its value; `constant` where it has none."""
-        out, which = constant.copy(), self.which[: len(values)]
+        out, which = constant.copy(), self.table_numbers[: len(values)]
         for number, table in enumerate(self.tables):
             cells = np.flatnonzero(which == number)
             if len(cells):
@@ -126,29 +126,29 @@ class TabulatedCapacity:
         return out
 
 
-def heat_capacity(scene: Scene, laws: Laws) -> LinearCapacity | TabulatedCapacity | None:
+def build_heat_capacity(scene: Scene, laws: EffectLaws) -> LinearCapacity | TabulatedCapacity | None:
     """c/c0 of all cells over temperature, or None where it is constant.  Raises SolverFailure if c <= 0 at ambient."""
-    tabulated = [laws.has(f"{body}.heat_capacity") for body in BODIES]
-    if not any(tabulated) and not any(laws.has(f"{body}.capacity_gradient") for body in BODIES):
+    tabulated = [laws.has_law(f"{body}.heat_capacity") for body in HEATED_BODIES]
+    if not any(tabulated) and not any(laws.has_law(f"{body}.capacity_gradient") for body in HEATED_BODIES):
         return None
     mesh = scene.mesh
-    gradients = [laws(f"{body}.capacity_gradient", 0.0, None, None) for body in BODIES]
+    gradients = [laws(f"{body}.capacity_gradient", 0.0, None, None) for body in HEATED_BODIES]
     if not any(tabulated):
         slope = np.zeros(mesh.n_plane)
         slope[mesh.block], slope[mesh.road] = gradients
         return LinearCapacity(np.repeat(slope, mesh.n_across))
-    rises = np.arange(COLDEST_K, HOTTEST_K + STEP_K, STEP_K)
+    rises = np.arange(MIN_CAPACITY_RISE_K, MAX_CAPACITY_RISE_K + CAPACITY_TABLE_STEP_K, CAPACITY_TABLE_STEP_K)
     tables: dict[bytes, CapacityTable] = {}
     which = np.full(mesh.n_plane, -1)
-    for body, gradient, cells in zip(BODIES, gradients, (mesh.block, mesh.road), strict=True):
+    for body, gradient, cells in zip(HEATED_BODIES, gradients, (mesh.block, mesh.road), strict=True):
         T = rises[:, None, None]  # as laws of cells see them: along x, up the block, across
         linear = 1.0 + np.reshape(gradient, (-1, 1)) * T
         c = laws(f"{body}.heat_capacity", linear, scene.ambient + T, None) + 0.0 * T
-        which[cells] = [_number(tables, rises, column) for column in c[:, :, 0].T]
+        which[cells] = [_table_number(tables, rises, column) for column in c[:, :, 0].T]
     return TabulatedCapacity(tuple(tables.values()), np.repeat(which, mesh.n_across)) if tables else None
 
 
-def _number(tables: dict[bytes, CapacityTable], rises: Array, relative: Array) -> int:
+def _table_number(tables: dict[bytes, CapacityTable], rises: Array, relative: Array) -> int:
     """The number of the table of c/c0 (n,) at rises (n,), which is added where it is new; -1 where c is constant.
 
     What is off must leave the state as it is to the last bit, which a look-up would not.

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 
-class Frames:
+class FieldStore:
     """Rows of equal arrays {name: array}, appended one by one.
 
     With a `path` rows go to that file, one after the other, and are read back where they are asked for; those with
@@ -23,12 +23,12 @@ class Frames:
     (2, (2, 3))
     """
 
-    def __init__(self, path: Path | None = None, dtype: np.dtype | None = None, sums: Sequence[bytes] = ()):
-        self.path, self.dtype, self.sums = path, dtype, list(sums)
+    def __init__(self, path: Path | None = None, dtype: np.dtype | None = None, checksums: Sequence[bytes] = ()):
+        self.path, self.dtype, self.checksums = path, dtype, list(checksums)
         self._rows: list[dict[str, np.ndarray]] = []
 
     def __len__(self) -> int:
-        return len(self._rows) if self.path is None else len(self.sums)
+        return len(self._rows) if self.path is None else len(self.checksums)
 
     def append(self, row: dict[str, np.ndarray]) -> None:
         """Keep one more row.  Raises OSError where the disk is full; the rows before it stay whole."""
@@ -45,31 +45,31 @@ class Frames:
                 file.write(data)
                 seen.update(data)
             file.truncate()
-        self.sums.append(seen.digest())
+        self.checksums.append(seen.digest())
 
-    def settle(self) -> None:
+    def sync_to_disk(self) -> None:
         """The rows of a file on disk, so that they outlast a power cut."""
         if self.path is not None and self.path.exists():
             with self.path.open("r+b") as file:
                 os.fsync(file.fileno())
 
-    def damaged(self) -> str:
+    def describe_damage(self) -> str:
         """What is wrong with the file, in words; nothing where all rows are as they were written."""
-        if self.path is None or self.dtype is None or not self.sums:
+        if self.path is None or self.dtype is None or not self.checksums:
             return ""
         if not self.path.is_file():
             return f"{self.path} is gone"
         with self.path.open("rb") as file:
-            for k, known in enumerate(self.sums):
+            for k, known in enumerate(self.checksums):
                 if hashlib.blake2b(file.read(self.dtype.itemsize), digest_size=16).digest() != known:
-                    return f"{self.path} is damaged in row {k + 1} of {len(self.sums)}"
+                    return f"{self.path} is damaged in row {k + 1} of {len(self.checksums)}"
         return ""
 
-    def row(self, k: int) -> dict[str, np.ndarray]:
+    def read_row(self, k: int) -> dict[str, np.ndarray]:
         """One row."""
-        return self._rows[k] if self.path is None else {name: a[k] for name, a in self.stacked().items()}
+        return self._rows[k] if self.path is None else {name: a[k] for name, a in self.stack_rows().items()}
 
-    def stacked(self) -> dict[str, np.ndarray]:
+    def stack_rows(self) -> dict[str, np.ndarray]:
         """All rows, {name: (rows, ...)}: of a file only what is looked at comes into memory."""
         if self.dtype is None:
             return {}

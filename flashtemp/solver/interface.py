@@ -13,233 +13,233 @@ from typing import NamedTuple
 import numpy as np
 
 from flashtemp.errors import SolverFailure
-from flashtemp.model.laws import STEP, laws_mean
-from flashtemp.model.scene import Moment
+from flashtemp.model.laws import COMPLEX_STEP, mean_over_columns
+from flashtemp.model.scene import LawContext
 from flashtemp.solver import contact_flux, kernels_contact, lanes
-from flashtemp.solver.abrasion import AbrasionCoupling, Answer, Pattern, pattern, slope
-from flashtemp.solver.balance import Balance
-from flashtemp.solver.elastic_foundation import ElasticResponse, Friction, Holder
-from flashtemp.solver.kernels_contact import alike, columns
-from flashtemp.solver.recent import Recent, same
-from flashtemp.solver.road_frame import Overlap
-from flashtemp.solver.winkler import Press, Response
+from flashtemp.solver.abrasion import AbrasionCoupling, SparseResponse, SparsityPattern, build_sparsity, complex_step_derivative
+from flashtemp.solver.balance import HeatBalance
+from flashtemp.solver.elastic_foundation import ElasticResponse, FrictionLaw, HolderSupport
+from flashtemp.solver.kernels_contact import common_dtype, broadcast_columns
+from flashtemp.solver.recent import InterfaceCache, array_key
+from flashtemp.solver.road_frame import RoadOverlap
+from flashtemp.solver.winkler import PressureSolution, SpringResponse
 
-SCHEDULED = Moment._fields.index("repetition") + 1  # what a moment's first fields say follows from the schedule
-RIGID = 1e-200  # 1/m2: a holder that gives less does not turn
-LIGHT, OPEN = 0.01, 1e-4  # contact opens below this share of the mean pressure; scale of its resistance, m2 K/W
+SCHEDULE_FIELD_COUNT = LawContext._fields.index("repetition") + 1  # what a moment's first fields say follows from the schedule
+MIN_HOLDER_GIVE_PER_M2 = 1e-200  # 1/m2: a holder that gives less does not turn
+LIFT_OFF_PRESSURE_RATIO, LIFT_OFF_RESISTANCE_M2K_W = 0.01, 1e-4  # contact opens below this share of the mean pressure; scale of its resistance, m2 K/W
 
 
-class Contact(NamedTuple):
+class SolvedContact(NamedTuple):
     """Block and road at one instant: contact laws, what the holder does, and unless it is lifted, fluxes."""
 
     state: contact_flux.ContactState
-    press: Press
-    flux: contact_flux.Fluxes | None = None
-    slopes: contact_flux.Slopes | None = None
+    pressure_solution: PressureSolution
+    flux: contact_flux.ContactFluxes | None = None
+    slopes: contact_flux.FluxSlopes | None = None
 
 
 @dataclass(frozen=True)
-class Interface:
+class ContactInterface:
     """Pressure and contact laws under the block of a balance."""
 
-    b: Balance
-    recent: Recent = field(default_factory=Recent)
+    b: HeatBalance
+    cache: InterfaceCache = field(default_factory=InterfaceCache)
 
     # --- pressure ------------------------------------------------------------------------------
-    def contact(self, now, worn, T, road, kf, slopes: bool = False) -> Contact:
+    def solve_contact(self, now, worn, T, road, kf, slopes: bool = False) -> SolvedContact:
         """Settle the block on the road and solve the contact.
 
         While the block is lifted there are no fluxes.
         """
-        now, press, state = self.settled(now, worn, T, road, kf)
+        now, press, state = self.solve_pressure_and_laws(now, worn, T, road, kf)
         state = self.separate_lanes(state, now, T, road)
         if not now.touching:
-            return Contact(state, press)
+            return SolvedContact(state, press)
         if slopes:
-            state = lanes.limited(self.b, state, T, road)
-        if not slopes and self.recent.flux is not None:
-            flux, slope = self.recent.flux, None
+            state = lanes.limit_lane_slopes(self.b, state, T, road)
+        if not slopes and self.cache.flux is not None:
+            flux, slope = self.cache.flux, None
         else:
-            flux, slope = self.fluxes(state, now, T, road, kf, slopes)
-        self.recent.touch = np.real(flux.touch)
-        return Contact(state, press, flux, slope)
+            flux, slope = self.solve_fluxes(state, now, T, road, kf, slopes)
+        self.cache.touch_temperature = np.real(flux.touch)
+        return SolvedContact(state, press, flux, slope)
 
-    def settled(self, now, worn, T, road, kf) -> tuple[Moment, Press, contact_flux.ContactState]:
+    def solve_pressure_and_laws(self, now, worn, T, road, kf) -> tuple[LawContext, PressureSolution, contact_flux.ContactState]:
         """The block, worn by `worn` (columns,) m, on the road: the moment as laws see it, pressure and contact laws.
 
         `T` (cells,) rises, `road` that enters as `System.road` says, `kf` (cells,) factor on k.
         """
         b = self.b
-        if b.calm:
-            self._recall(now)
-            if self.recent.settled is not None:
-                return now, *self.recent.settled
-        self.recent.flux = None
+        if b.is_contact_static:
+            self._invalidate_cache(now)
+            if self.cache.static_solution is not None:
+                return now, *self.cache.static_solution
+        self.cache.flux = None
         now = now.seeing(worn=worn) if b.abrades else now
-        if b.elastic is None or not (now.touching and now.pressure > 0):
-            press = self._press_on_springs(now, worn, T, road, kf)
+        if b.elastic_block is None or not (now.touching and now.pressure > 0):
+            press = self._solve_spring_pressure(now, worn, T, road, kf)
         else:
-            press = self._press_elastic_block(now, worn, T, road, kf)
-        state = self.state(now, press.pressure, T)
-        if b.calm and self.recent.even:
-            self.recent.settled = press, state
+            press = self._solve_elastic_pressure(now, worn, T, road, kf)
+        state = self.contact_state(now, press.pressure, T)
+        if b.is_contact_static and self.cache.has_uniform_lanes:
+            self.cache.static_solution = press, state
         return now, press, state
 
-    def _press_on_springs(self, now, worn, T, road, kf) -> Press:
+    def _solve_spring_pressure(self, now, worn, T, road, kf) -> PressureSolution:
         """Pressure of a block whose columns are springs side by side, or whose pressure is prescribed."""
         b = self.b
-        free = now.pressure * self._pressed(now) - b.foundation.stiffness * worn
+        free = now.pressure * self._pressure_shape(now) - b.foundation.stiffness * worn
         if b.expansion:
-            free = free + b.foundation.stiffness * b.swelling(T)
-        turning, moment = self._turning(now) if now.touching and now.pressure > 0 else (np.inf, 0.0)
+            free = free + b.foundation.stiffness * b.thermal_displacement(T)
+        turning, moment = self._tilt_stiffness(now) if now.touching and now.pressure > 0 else (np.inf, 0.0)
         if turning < np.inf:
-            moment = moment * self._friction(now, free, moment, turning, T, road, kf)
-        return b.foundation.settle(free, now.pressure, moment, turning)
+            moment = moment * self._solve_mean_friction(now, free, moment, turning, T, road, kf)
+        return b.foundation.solve_equilibrium(free, now.pressure, moment, turning)
 
-    def _press_elastic_block(self, now, worn, T, road, kf) -> Press:
+    def _solve_elastic_pressure(self, now, worn, T, road, kf) -> PressureSolution:
         """Pressure of the elastic block, at a friction that agrees with it column by column."""
-        b, bed, recent = self.b, self.b.elastic, self.recent
+        b, bed, recent = self.b, self.b.elastic_block, self.cache
         assert bed is not None
         flat, shear = (b.laws(f"contact.{name}", 0.0, None, now) for name in ("flat_face", "shear_traction"))
-        if not (flat or shear or b.expansion or worn.any() or np.iscomplexobj(worn) or b.laws.has("holder.compliance")):
-            return self._press_on_springs(
+        if not (flat or shear or b.expansion or worn.any() or np.iscomplexobj(worn) or b.laws.has_law("holder.compliance")):
+            return self._solve_spring_pressure(
                 now, worn, T, road, kf
             )  # nothing moves it: the prescribed pressure, to the bit
         # the profile of a new block gives what is prescribed beyond the share of a flat face: a pressure of another
         # shape acts beside `face_shape` too, and discovery can look for one
-        gap = worn - bed.displace_face(now.pressure * (self._pressed(now) - flat))
+        gap = worn - bed.displace_face(now.pressure * (self._pressure_shape(now) - flat))
         if b.expansion:
-            gap = gap - b.swelling(T)
+            gap = gap - b.thermal_displacement(T)
         hardness = b.relative_modulus(T)
-        holder = self._holder_of(now, shear)
-        pulled = shear != 0.0 or not holder.guided
+        holder = self._holder_support(now, shear)
+        pulled = shear != 0.0 or not holder.is_guided
 
-        def friction(T, road, kf) -> Friction:
-            def found(pressure):
-                recent.flux, _ = self.fluxes(self.state(now, pressure, T), now, T, road, kf)
+        def friction_law(T, road, kf) -> FrictionLaw:
+            def friction_at_pressure(pressure):
+                recent.flux, _ = self.solve_fluxes(self.contact_state(now, pressure, T), now, T, road, kf)
                 return recent.flux.mu
 
-            return found
+            return friction_at_pressure
 
         plain = (np.real(a) for a in (T, road, kf))
-        asked = friction(*plain) if pulled else None
-        settled = bed.settle(np.real(gap), now.pressure, holder, asked, recent.elastic, float(np.real(hardness)))
-        recent.elastic = settled
+        asked = friction_law(*plain) if pulled else None
+        settled = bed.solve_equilibrium(np.real(gap), now.pressure, holder, asked, recent.elastic_solution, float(np.real(hardness)))
+        recent.elastic_solution = settled
         if any(np.iscomplexobj(a) for a in (gap, T, road, kf)):
             settled = bed.derive_solution(
-                settled, gap, now.pressure, friction(T, road, kf) if pulled else None, hardness
+                settled, gap, now.pressure, friction_law(T, road, kf) if pulled else None, hardness
             )
             recent.flux = None
-        return bed.as_press(settled)
+        return bed.to_pressure_solution(settled)
 
-    def _holder_of(self, now, shear: float) -> Holder:
+    def _holder_support(self, now, shear: float) -> HolderSupport:
         """What the holder does; one that hardly gives is guided."""
-        if not self.b.laws.has("holder.compliance"):
-            return Holder(shear)
+        if not self.b.laws.has_law("holder.compliance"):
+            return HolderSupport(shear)
         compliance, arm = (self.b.laws(f"holder.{name}", 0.0, None, now) for name in ("compliance", "arm"))
         give = compliance * self.b.scene.width * self.b.foundation.length
-        return Holder(shear) if give * self.b.foundation.stiffness <= RIGID else Holder(shear, arm, 2.0 / give)
+        return HolderSupport(shear) if give * self.b.foundation.stiffness <= MIN_HOLDER_GIVE_PER_M2 else HolderSupport(shear, arm, 2.0 / give)
 
-    def _pressed(self, now) -> np.ndarray:
+    def _pressure_shape(self, now) -> np.ndarray:
         """Pressure over its mean (columns,) of a block that is not worn."""
-        self._recall(now)
-        shape = self.recent.shape
+        self._invalidate_cache(now)
+        shape = self.cache.pressure_shape
         if shape is None:
             mesh = self.b.scene.mesh
-            shape = laws_mean(self.b.laws, "contact.pressure", mesh, now)
-            shape = self.recent.shape = shape / (np.sum(shape * mesh.column_area) / np.sum(mesh.column_area))
+            shape = mean_over_columns(self.b.laws, "contact.pressure", mesh, now)
+            shape = self.cache.pressure_shape = shape / (np.sum(shape * mesh.column_area) / np.sum(mesh.column_area))
         return shape
 
-    def _turning(self, now) -> tuple[float, float]:
+    def _tilt_stiffness(self, now) -> tuple[float, float]:
         """K (m2) of the holder's tilt, inf where it is guided; moment (N per m) at a friction of 1."""
-        if not self.b.laws.has("holder.compliance"):
+        if not self.b.laws.has_law("holder.compliance"):
             return np.inf, 0.0
         compliance, arm = (self.b.laws(f"holder.{name}", 0.0, None, now) for name in ("compliance", "arm"))
         bed, width = self.b.foundation, self.b.scene.width
         give = compliance * width * bed.stiffness * bed.length
-        turning = np.inf if give <= RIGID else 2.0 / give
+        turning = np.inf if give <= MIN_HOLDER_GIVE_PER_M2 else 2.0 / give
         return turning, arm * now.pressure * bed.dx.sum()
 
-    def _friction(self, now, free, moment, turning, T, road, kf):
+    def _solve_mean_friction(self, now, free, moment, tilt_stiffness, T, road, kf):
         """Load-weighted friction that agrees with the pressure which it causes: Newton on one number."""
         bed = self.b.foundation
 
-        def found(trial, free, T, road, kf):
-            press = bed.settle(free, now.pressure, moment * trial, turning)
-            flux, _ = self.fluxes(self.state(now, press.pressure, T), now, T, road, kf)
+        def resulting_friction(trial, free, T, road, kf):
+            press = bed.solve_equilibrium(free, now.pressure, moment * trial, tilt_stiffness)
+            flux, _ = self.solve_fluxes(self.contact_state(now, press.pressure, T), now, T, road, kf)
             return (flux.mu * press.pressure) @ bed.dx / (now.pressure * bed.dx.sum())
 
-        mean = self.recent.friction
+        mean = self.cache.mean_friction
         plain = np.real(free), np.real(T), np.real(road), np.real(kf)
         for _ in range(40):
-            got = found(mean + 1j * STEP, *plain)
-            slope = 1.0 - got.imag / STEP
+            got = resulting_friction(mean + 1j * COMPLEX_STEP, *plain)
+            slope = 1.0 - got.imag / COMPLEX_STEP
             step = (got.real - mean) / slope
             mean += step
             if abs(step) <= 1e-8 * max(abs(mean), 1e-3):  # the next step would be its square
                 break
         else:
             raise SolverFailure(f"friction {mean:.3g} and the pressure that it causes do not agree")
-        self.recent.friction = mean
+        self.cache.mean_friction = mean
         if any(np.iscomplexobj(a) for a in (free, T)):
-            return mean + (found(mean, free, T, road, kf) - mean) / slope
+            return mean + (resulting_friction(mean, free, T, road, kf) - mean) / slope
         return mean
 
     # --- contact laws --------------------------------------------------------------------------
-    def _recall(self, now) -> None:
+    def _invalidate_cache(self, now) -> None:
         """Keep of `recent` what still holds."""
         D = self.b.scene.spot_diameter
-        if self.b.laws.restless:
-            self.recent.forget((now.t,))
+        if self.b.laws.contact_varies:
+            self.cache.invalidate((now.t,))
         else:  # nothing changes once a spot has passed over the rubber
             speed = max(now.last_speed, 1e-12)  # a block that starts from rest
             passed = min(now.slid, D), min(now.contact_time - now.waited, D / speed)
-            self.recent.forget((now.pressure, now.speed, now.last_speed, now.touching, *passed, now.waited))
+            self.cache.invalidate((now.pressure, now.speed, now.last_speed, now.touching, *passed, now.waited))
 
-    def state(self, now, local, T=None) -> contact_flux.ContactState:
+    def contact_state(self, now, local, T=None) -> contact_flux.ContactState:
         """Contact laws at a local pressure (columns,) Pa and rises T (cells,), 0 if None."""
         face = None if T is None else T[self.b.cell_block] + self.b.scene.ambient
-        seen = (None if a is None else same(a) for a in (now.worn, local, face))
-        asked = (*now[:SCHEDULED], now.passed, now.leg, *seen)
-        if self.recent.state is None or asked != self.recent.asked:
-            self.recent.asked, self.recent.state = asked, self._state(now, local, face)
-        return self.recent.state
+        seen = (None if a is None else array_key(a) for a in (now.worn, local, face))
+        asked = (*now[:SCHEDULE_FIELD_COUNT], now.passed, now.leg, *seen)
+        if self.cache.state is None or asked != self.cache.state_key:
+            self.cache.state_key, self.cache.state = asked, self._evaluate_laws(now, local, face)
+        return self.cache.state
 
-    def _state(self, now, local, face) -> contact_flux.ContactState:
+    def _evaluate_laws(self, now, local, face) -> contact_flux.ContactState:
         """Contact laws at a local pressure and temperatures (columns,) K of the block's face."""
-        self._recall(now)
-        laws, mesh, recent, n = self.b.laws, self.b.scene.mesh, self.recent, len(local)
+        self._invalidate_cache(now)
+        laws, mesh, recent, n = self.b.laws, self.b.scene.mesh, self.cache, len(local)
         now = now.under(mesh, local_pressure=local, face=face)
         phi = laws("contact.spot_fraction", 0.0, None, now)
-        phi = kernels_contact.between(columns(phi, n), lanes.SMALLEST, 1.0)
+        phi = kernels_contact.clip_values(broadcast_columns(phi, n), lanes.MIN_CONTACT_FRACTION, 1.0)
         r, split, micro = (
             laws(f"contact.{name}", 0.0, None, now) for name in ("resistance", "heat_split", "micro_resistance")
         )
-        last = recent.fraction
+        last = recent.contact_fraction
         if last is None or phi.dtype != last.dtype or phi.tobytes() != last.tobytes():
             covered = phi @ mesh.column_area / mesh.column_area.sum()
             seen = now.seeing(local_pressure=None, spot_fraction=phi, covered=covered)
-            recent.fraction, recent.spread = phi, (covered, *self._spread(seen), lanes.even(self.b, phi))
-        covered, flash, deep, widen, even = recent.spread
-        apart = self._lane_sums(now) if even is None else None
+            recent.contact_fraction, recent.flash_terms = phi, (covered, *self._flash_terms(seen), lanes.uniform_lane_ratios(self.b, phi))
+        covered, flash, deep, widen, even = recent.flash_terms
+        apart = self._lane_history(now) if even is None else None
         lane, fall = even or (np.ones(n), np.ones(n))
-        speed, least = now.speed if now.touching else 0.0, max(LIGHT * now.pressure, 1e-300)
-        on, over = alike(local, phi)
-        m, light, road = kernels_contact.pressed(on, over, speed, least, self.b.share)
+        speed, least = now.speed if now.touching else 0.0, max(LIFT_OFF_PRESSURE_RATIO * now.pressure, 1e-300)
+        on, over = common_dtype(local, phi)
+        m, light, road = kernels_contact.friction_heat_rows(on, over, speed, least, self.b.share)
         state = contact_flux.ContactState(
-            m=m, phi=phi, covered=covered, pressure=local, r=r + OPEN / np.expm1(light), flash=flash,
-            micro=columns(micro, n), lane=lane, fall=fall, widen=widen, split=columns(split, n),
-            inside=self.b.inside, deep=deep, block=phi, road=road, half=phi, under=Overlap(self.b.cell_road),
+            m=m, phi=phi, covered=covered, pressure=local, r=r + LIFT_OFF_RESISTANCE_M2K_W / np.expm1(light), flash=flash,
+            micro=broadcast_columns(micro, n), lane=lane, fall=fall, widen=widen, split=broadcast_columns(split, n),
+            inside=self.b.depth_fraction, deep=deep, block=phi, road=road, half=phi, under=RoadOverlap(self.b.cell_road),
             apart=apart,
         )  # fmt: skip
-        return self._resolved(state, now) if laws.has("contact.cover") else state
+        return self._with_resolved_spots(state, now) if laws.has_law("contact.cover") else state
 
-    def _resolved(self, state, now) -> contact_flux.ContactState:
+    def _with_resolved_spots(self, state, now) -> contact_flux.ContactState:
         """The state where spots cover their columns one by one instead of on average, and carry the load together."""
         w = self.b.laws("contact.resolved", 0.0, None, now)
         if w == 0.0:
             return state
-        (cover, under, edge, rim), area = self._covered(now), self.b.scene.mesh.column_area
+        (cover, under, edge, rim), area = self._spot_coverage(now), self.b.scene.mesh.column_area
         carried = np.sum(state.pressure / state.phi * cover * area)
         if now.pressure > 0 and not np.real(carried) > 0:
             raise SolverFailure("no spot is under the block; give more or larger spots")
@@ -262,43 +262,43 @@ class Interface:
             apart=state.apart if w < 1.0 else None,
         )
 
-    def _covered(self, now) -> tuple[np.ndarray, Overlap, np.ndarray | float, np.ndarray | float]:
+    def _spot_coverage(self, now) -> tuple[np.ndarray, RoadOverlap, np.ndarray | float, np.ndarray | float]:
         """Share of every column that spots cover, the road under it, `RoadFrame.edge` and `ContactState.rim`."""
         b, frame, mesh = self.b, self.b.road_frame, self.b.scene.mesh
-        edges = mesh.x[mesh.first : mesh.last + 1] if frame is None else frame.strips(now.passed)
+        edges = mesh.x[mesh.first : mesh.last + 1] if frame is None else frame.strip_edges(now.passed)
         cover = b.laws("contact.cover", 0.0, None, now.seeing(lead=edges))
         if frame is None:
-            return cover, Overlap(b.cell_road), 0.0, 0.0
+            return cover, RoadOverlap(b.cell_road), 0.0, 0.0
         area = cover.reshape(-1, mesh.n_across) * np.diff(edges)[:, None]
-        under = frame.overlap(now.passed, b.cell_road, area)
-        bare = 1.0 - b.laws("contact.cover", 0.0, None, now.seeing(lead=frame.edges(now.passed)))
+        under = frame.find_overlap(now.passed, b.cell_road, area)
+        bare = 1.0 - b.laws("contact.cover", 0.0, None, now.seeing(lead=frame.column_edges(now.passed)))
         passed = np.minimum(now.contact_time, now.waited + mesh.column_x / max(now.last_speed, 1e-300))
-        rim = frame.rim(under, bare.reshape(-1, mesh.n_across), passed, b.scene.road)
+        rim = frame.rim_resistance(under, bare.reshape(-1, mesh.n_across), passed, b.scene.road)
         cover = (area[::2] + area[1::2]).ravel() / frame.dx
-        return cover, under, frame.edge(cover, now.last_speed, b.scene.block), rim
+        return cover, under, frame.partial_cover_resistance(cover, now.last_speed, b.scene.block), rim
 
-    def _memory(self, slid: float) -> tuple[np.ndarray, np.ndarray]:
+    def _history_weights(self, slid: float) -> tuple[np.ndarray, np.ndarray]:
         """`lanes.weights` after `slid` m; they stay as they are once the block has slid by its length."""
-        mesh, recent = self.b.scene.mesh, self.recent
-        way = lanes.way(mesh, slid)
-        if way != recent.way:
-            recent.way, recent.memory = way, lanes.weights(mesh, way)
-        return recent.memory
+        mesh, recent = self.b.scene.mesh, self.cache
+        way = lanes.slid_road_length(mesh, slid)
+        if way != recent.slid_length:
+            recent.slid_length, recent.history_weights = way, lanes.history_weights(mesh, way)
+        return recent.history_weights
 
-    def _lane_sums(self, now) -> lanes.Apart:
+    def _lane_history(self, now) -> lanes.LaneHistory:
         """`lanes.apart` of the contact fraction: it stays while that and what lanes remember do."""
-        recent = self.recent
-        asked = (recent.fraction, self._memory(now.leg), now.pressure * (now.speed or now.last_speed))
+        recent = self.cache
+        asked = (recent.contact_fraction, self._history_weights(now.leg), now.pressure * (now.speed or now.last_speed))
         if (
-            not recent.apart
-            or any(a is not b for a, b in zip(asked[:2], recent.apart, strict=False))
-            or (asked[2] != recent.apart[2])
+            not recent.lane_history
+            or any(a is not b for a, b in zip(asked[:2], recent.lane_history, strict=False))
+            or (asked[2] != recent.lane_history[2])
         ):
-            recent.apart = (*asked, lanes.apart(self.b, *asked))
-        found: lanes.Apart = recent.apart[3]
+            recent.lane_history = (*asked, lanes.build_lane_history(self.b, *asked))
+        found: lanes.LaneHistory = recent.lane_history[3]
         return found
 
-    def _spread(self, now):
+    def _flash_terms(self, now):
         """Flash resistances of surface and depth, and how lanes widen: these see phi only."""
         laws, one = self.b.laws, np.ones(len(now.x))
         flash = laws("contact.flash_resistance", 0.0, None, now) * one
@@ -306,53 +306,53 @@ class Interface:
         if flash.any():
             for d in self.b.volumetric:
                 deep = deep + d.share * flash * laws("contact.flash_share", 0.0, None, now, d.depth)
-        return flash, deep, lanes.loss(self.b, now, self.b.scene.mesh.depth)
+        return flash, deep, lanes.spreading_loss(self.b, now, self.b.scene.mesh.depth)
 
-    def loss_at_depth(self, state, now) -> np.ndarray:
+    def spreading_loss_at_depth(self, state, now) -> np.ndarray:
         """`lanes.loss_at_depth` at a state: it stays while what else follows from the contact fraction alone does."""
-        recent = self.recent
-        if state.phi is not recent.fraction:
-            return lanes.loss_at_depth(self.b, self.at(state, now))
-        if not recent.deeper or recent.deeper[0] is not recent.spread:
-            recent.deeper = recent.spread, lanes.loss_at_depth(self.b, self.at(state, now))
-        weights: np.ndarray = recent.deeper[1]
+        recent = self.cache
+        if state.phi is not recent.contact_fraction:
+            return lanes.spreading_loss_at_depth(self.b, self.moment_at_contact(state, now))
+        if not recent.depth_loss or recent.depth_loss[0] is not recent.flash_terms:
+            recent.depth_loss = recent.flash_terms, lanes.spreading_loss_at_depth(self.b, self.moment_at_contact(state, now))
+        weights: np.ndarray = recent.depth_loss[1]
         return weights
 
-    def at(self, state, now):
+    def moment_at_contact(self, state, now):
         """The moment as laws of the contact see it: place, local pressure and contact fraction."""
         return now.under(
             self.b.scene.mesh, local_pressure=state.pressure, spot_fraction=state.phi, covered=state.covered
         )
 
-    def fluxes(self, state, now, T, road, kf, slopes: bool = False):
+    def solve_fluxes(self, state, now, T, road, kf, slopes: bool = False):
         """Interface fluxes, with `slopes` their slopes, else None, at rises T (cells,) with a `road` that enters.
 
         See `contact_flux.solve`.
         """
         b, laws, ambient = self.b, self.b.laws, self.b.scene.ambient
         state = self.separate_lanes(state, now, T, road)
-        at = self.at(state, now)
+        at = self.moment_at_contact(state, now)
         bare = at
         if np.iscomplexobj(state.phi) or np.iscomplexobj(state.pressure):
             bare = at.seeing(
                 local_pressure=np.real(state.pressure), spot_fraction=np.real(state.phi), covered=np.real(state.covered)
             )
 
-        def law(target, base):
-            def at_temperatures(T, face, apart=False):
+        def temperature_law(target, base):
+            def evaluate_law(T, face, apart=False):
                 return laws(target, base, T, (bare if apart else at).seeing(face=face)) + 0.0 * T
 
-            return at_temperatures
+            return evaluate_law
 
-        return contact_flux.solve(
+        return contact_flux.solve_fluxes(
             state,
             T[b.cell_block] + ambient,
-            lanes.rises(b, state, T, road) + ambient,
+            lanes.lane_rises(b, state, T, road) + ambient,
             b.half_block if kf is b.ones else b.half_block / kf[b.cell_block],
             (b.half_road if kf is b.ones else b.half_road / kf[b.cell_road]) + state.rim,
-            law("friction.mu", 0.0),
-            law("friction.in_depth", 1.0) if laws.has("friction.in_depth") else None,
-            self.recent.touch,
+            temperature_law("friction.mu", 0.0),
+            temperature_law("friction.in_depth", 1.0) if laws.has_law("friction.in_depth") else None,
+            self.cache.touch_temperature,
             slopes,
         )
 
@@ -365,70 +365,70 @@ class Interface:
             return state
         b, laws = self.b, self.b.laws
         face = T[b.cell_block] + b.scene.ambient
-        at = self.at(state, now).seeing(face=face)
-        least = lanes.SPARSE * state.covered
+        at = self.moment_at_contact(state, now).seeing(face=face)
+        least = lanes.MIN_LANE_CONTACT_RATIO * state.covered
         spots = np.where(np.real(state.phi) > np.real(least), state.phi, least)
         touch = face + (state.flash + state.micro) * lanes.heat_into_block(b, T) / spots
-        own = laws("friction.in_depth", 1.0, touch, at) if laws.has("friction.in_depth") else 1.0
+        own = laws("friction.in_depth", 1.0, touch, at) if laws.has_law("friction.in_depth") else 1.0
         heat = state.pressure * (now.speed or now.last_speed) * laws("friction.mu", 0.0, touch, at)
-        return lanes.in_contact(b, state, T, road, heat * (1.0 - state.inside * own))
+        return lanes.separate_lanes(b, state, T, road, heat * (1.0 - state.inside * own))
 
     # --- abrasion ------------------------------------------------------------------------------------
     def abrasion_rate(self, state, flux, now) -> np.ndarray:
         """dw/dt (columns,) in m/s."""
-        at = self.at(state, now).seeing(friction=flux.mu)
-        return now.speed * columns(self.b.laws("block.abrasion", 0.0, flux.spot, at), len(at.x))
+        at = self.moment_at_contact(state, now).seeing(friction=flux.mu)
+        return now.speed * broadcast_columns(self.b.laws("block.abrasion", 0.0, flux.spot, at), len(at.x))
 
-    def abrasion_coupling(self, contact: Contact, now, worn, T, road, kf, gamma: float) -> AbrasionCoupling:
+    def abrasion_coupling(self, contact: SolvedContact, now, worn, T, road, kf, gamma: float) -> AbrasionCoupling:
         """Around a contact with slopes, worn by `worn` (columns,) m, for the preconditioner of I - gamma J."""
         b, flux, d = self.b, contact.flux, contact.slopes
         assert flux is not None
         assert d is not None
         now = now.seeing(worn=worn) if b.abrades else now
-        more = contact.press.pressure + 1j * STEP
-        harder = self.state(now, more, T)
-        pressing, _ = self.fluxes(harder, now, T, road, kf)
-        pressed = self._answer(harder, pressing, now)
-        seen = self.at(contact.state, now.seeing(worn=worn + 1j * STEP) if b.abrades else now)
+        more = contact.pressure_solution.pressure + 1j * COMPLEX_STEP
+        harder = self.contact_state(now, more, T)
+        pressing, _ = self.solve_fluxes(harder, now, T, road, kf)
+        pressed = self._sparse_response(harder, pressing, now)
+        seen = self.moment_at_contact(contact.state, now.seeing(worn=worn + 1j * COMPLEX_STEP) if b.abrades else now)
         thicker = 1j * np.imag(b.laws("contact.resistance", 0.0, None, seen))
         deeper = contact.state._replace(r=contact.state.r + thicker) if np.any(thicker) else None
         spot, mu = (
-            slope(self.abrasion_rate(contact.state, flux._replace(**{k: v + 1j * STEP}), now))
+            complex_step_derivative(self.abrasion_rate(contact.state, flux._replace(**{k: v + 1j * COMPLEX_STEP}), now))
             for k, v in (("spot", flux.spot), ("mu", flux.mu))
         )
-        elastic = None if b.elastic is None or not now.touching else self.recent.elastic
-        if b.elastic is None or elastic is None:
-            response: Response | ElasticResponse = b.foundation.response(contact.press)
+        elastic = None if b.elastic_block is None or not now.touching else self.cache.elastic_solution
+        if b.elastic_block is None or elastic is None:
+            response: SpringResponse | ElasticResponse = b.foundation.pressure_response(contact.pressure_solution)
         else:  # the slopes of friction are there: what follows is settled with them too
-            self.recent.elastic = elastic = b.elastic.renew_jacobian(elastic, slope(more * pressing.mu))
-            response = b.elastic.response(elastic)
+            self.cache.elastic_solution = elastic = b.elastic_block.renew_jacobian(elastic, complex_step_derivative(more * pressing.mu))
+            response = b.elastic_block.pressure_response(elastic)
         return AbrasionCoupling(
             b,
             contact.state.under,
             pressed,
-            None if deeper is None else self._answer(deeper, self.fluxes(deeper, now, T, road, kf)[0], now),
-            warm=tuple((spot * d.spot[i] + mu * d.mu[i]) / b.worn_unit for i in (0, 1)),
-            response=response,
-            undo=response.solver(gamma * pressed.abrasion),
-            pulls=tuple(contact.press.pressure * slope for slope in d.mu),
+            None if deeper is None else self._sparse_response(deeper, self.solve_fluxes(deeper, now, T, road, kf)[0], now),
+            abrasion_slopes=tuple((spot * d.spot[i] + mu * d.mu[i]) / b.worn_unit for i in (0, 1)),
+            pressure_by_depth=response,
+            solve_depth=response.build_inverse(gamma * pressed.abrasion),
+            traction_slopes=tuple(contact.pressure_solution.pressure * slope for slope in d.mu),
         )
 
     @cached_property
-    def _pattern(self) -> Pattern:
+    def _aligned_sparsity(self) -> SparsityPattern:
         """Of answers where the road lies on the block's lines."""
-        return pattern(self.b, Overlap(self.b.cell_road))
+        return build_sparsity(self.b, RoadOverlap(self.b.cell_road))
 
-    def _answer(self, state, flux, now) -> Answer:
+    def _sparse_response(self, state, flux, now) -> SparseResponse:
         """How heat and abrasion follow what has a complex step in a state with its fluxes."""
         area = self.b.scene.mesh.column_area
         taken = flux.into_road * area
-        return Answer.of(
-            self._pattern if state.under.other is None else pattern(self.b, state.under),
+        return SparseResponse.from_derivatives(
+            self._aligned_sparsity if state.under.other is None else build_sparsity(self.b, state.under),
             self.b,
             state.under,
-            face=slope(state.block * flux.into_block * area),
-            deep=slope(state.block * flux.deep * area),
-            road=slope(state.road * taken),
-            books=(slope(state.block * flux.heat * area), slope(state.block * taken)),
-            abrasion=slope(self.abrasion_rate(state, flux, now)),
+            face=complex_step_derivative(state.block * flux.into_block * area),
+            deep=complex_step_derivative(state.block * flux.deep * area),
+            road=complex_step_derivative(state.road * taken),
+            books=(complex_step_derivative(state.block * flux.heat * area), complex_step_derivative(state.block * taken)),
+            abrasion=complex_step_derivative(self.abrasion_rate(state, flux, now)),
         )

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 
-class Lines(NamedTuple):
+class DepthLines(NamedTuple):
     """The depth lines of one plane (`mesh.Mesh`) and what never changes on them.
 
     The block stands on lines from `first` on.  `capacity` rho c V (n_plane,) J/(m K) per metre across, `slope`
@@ -25,16 +25,16 @@ class Lines(NamedTuple):
     share: np.ndarray
 
 
-class Transport(NamedTuple):
+class TransportCoefficients(NamedTuple):
     """Conductances `gx`, `gz` W/(m K) (`kernels_2d.face_conductances`), `carry` rho c v dz (m,), `stretch` dh/dT."""
 
     gx: np.ndarray
     gz: np.ndarray
-    carry: np.ndarray
-    stretch: np.ndarray
+    advection: np.ndarray
+    capacity_ratio: np.ndarray
 
 
-class Factors(NamedTuple):
+class LineFactors(NamedTuple):
     """Of P, each (n_plane,): 1/pivot, elimination factors, couplings one and two lines upstream and one downstream."""
 
     inv: np.ndarray
@@ -44,7 +44,7 @@ class Factors(NamedTuple):
     high: np.ndarray
 
 
-class Crossing(NamedTuple):
+class InterfaceCoupling(NamedTuple):
     """The interface in P, each (lines under the block,) or (lines under the block, planes).
 
     `up` d(road heat)/d(block T), `down` d(block heat)/d(road T) in W/(m K), `under`, `over` 1/pivot of road and block.
@@ -56,7 +56,7 @@ class Crossing(NamedTuple):
     over: np.ndarray
 
 
-class Walls(NamedTuple):
+class LateralConductances(NamedTuple):
     """What conducts between the cells of many planes.
 
     While conductivity is constant all planes share the conductances `gx`, `gz` (as in `Transport`) and `gy` = k dx dz

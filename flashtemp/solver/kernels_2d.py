@@ -36,7 +36,7 @@ def face_conductances(start, m, half_x, half_z, gap, factor, gx, gz):
 
 
 @njit(cache=True)
-def heat_flows(start, m, gx, gz, carry, slope, T, h, T_in, h_in, g_in, rate):
+def add_heat_flows(start, m, gx, gz, carry, slope, T, h, T_in, h_in, g_in, rate):
     """Add conduction and advection to `rate` (W/m per cell): every flux once added, once taken.
 
     `T` temperature rise, `h` enthalpy rise over rho c (both K), `carry` rho c v dz of the road cells (W/(m K)), `slope`
@@ -69,7 +69,7 @@ def heat_flows(start, m, gx, gz, carry, slope, T, h, T_in, h_in, g_in, rate):
 
 
 @njit(cache=True)
-def undershooting_faces(start, m, slope, floor, h, h_in):
+def find_undershoots(start, m, slope, floor, h, h_in):
     """Faces (n, 4) between road cells whose extrapolated value lies below their own cell and below the `floor`.
 
     Of each the cell, the cell upstream (-1: road that enters), the cell downstream and the depth level; cells count
@@ -108,7 +108,7 @@ def undershooting_faces(start, m, slope, floor, h, h_in):
 
 
 @njit(cache=True)
-def bound_faces(faces, line, across, slope, carry, capacity, floor, h, h_in, rate):
+def limit_faces(faces, line, across, slope, carry, capacity, floor, h, h_in, rate):
     """Add to `rate` (cells,) K/s what faces carry more where they hold the lesser of their cell and the `floor`.
 
     `line` (n_plane,) of a cell of a plane.  What leaves one cell enters the next, so that heat is conserved.
@@ -124,7 +124,7 @@ def bound_faces(faces, line, across, slope, carry, capacity, floor, h, h_in, rat
 
 
 @njit(cache=True)
-def bound_products(faces, line, across, slope, carry, capacity, held, v, rate):
+def limit_products(faces, line, across, slope, carry, capacity, held, v, rate):
     """The derivative of `bound_faces`: add to `rate` what changes v (cells,) do.
 
     `held` says of every face whether it holds its cell (else the floor).
@@ -139,7 +139,7 @@ def bound_products(faces, line, across, slope, carry, capacity, held, v, rate):
 
 
 @njit(cache=True)
-def line_solve(o, a, size, m, gamma, up, down, inv, mul, z):
+def solve_line(o, a, size, m, gamma, up, down, inv, mul, z):
     """Solve one depth line in place, z starting at o, with the factors of `factorise`."""
     nb = size - m
     f = a - o
@@ -181,7 +181,7 @@ def line_solve(o, a, size, m, gamma, up, down, inv, mul, z):
 
 
 @njit(cache=True)
-def factorise(lines, transport, gamma, own, up, down, factors):
+def factorise_lines(lines, transport, gamma, own, up, down, factors):
     """Factors of P = (D + L) D^-1 (D + U) for capacity - gamma K, line by line downstream, written to `factors`.
 
     `own` (n_plane,) adds to the diagonal of K (boundary and contact laws), `up`, `down` (lines under the block,) are
@@ -195,16 +195,16 @@ def factorise(lines, transport, gamma, own, up, down, factors):
         longest = max(longest, start[i + 1] - start[i])
     fix, work = np.zeros(longest), np.empty(longest)
     for i in range(len(start) - 1):
-        _diagonal(i, lines, transport, gamma, own, fix, factors)
+        _fill_diagonal(i, lines, transport, gamma, own, fix, factors)
         fix[:] = 0.0
-        _pivots(start[i], start[i + 1] - start[i], m, gamma, transport.gz, factors.inv, factors.mul)
+        _eliminate_line(start[i], start[i + 1] - start[i], m, gamma, transport.gz, factors.inv, factors.mul)
         if i + 2 < len(start):
             at = i - lines.first if start[i + 1] - start[i] > m else 0
-            _correction(i, lines, transport, gamma, up[at], down[at], factors, work, fix)
+            _correct_column_sums(i, lines, transport, gamma, up[at], down[at], factors, work, fix)
 
 
 @njit(cache=True)
-def _diagonal(i, lines, transport, gamma, own, fix, factors):
+def _fill_diagonal(i, lines, transport, gamma, own, fix, factors):
     """Diagonal of line i, into `factors.inv` for `_pivots`, and its couplings to the lines around it."""
     start, m, _, capacity, slope, g_in, _, _ = lines
     gx, gz, carry, stretch = transport
@@ -238,7 +238,7 @@ def _diagonal(i, lines, transport, gamma, own, fix, factors):
 
 
 @njit(cache=True)
-def _pivots(a, size, m, gamma, gz, inv, mul):
+def _eliminate_line(a, size, m, gamma, gz, inv, mul):
     """Pivots of a line towards the interface from both ends: two chains that the processor runs at once."""
     b = a + size
     inv[a] = 1.0 / inv[a]
@@ -255,7 +255,7 @@ def _pivots(a, size, m, gamma, gz, inv, mul):
 
 
 @njit(cache=True)
-def _correction(i, lines, transport, gamma, up, down, factors, work, fix):
+def _correct_column_sums(i, lines, transport, gamma, up, down, factors, work, fix):
     """Column sums of L D^-1 U from line i, which go back onto the next diagonal: `fix`."""
     start, m, _, _, slope, _, weight, _ = lines
     gx, _, carry, stretch = transport
@@ -272,13 +272,13 @@ def _correction(i, lines, transport, gamma, up, down, factors, work, fix):
                 s += carried * slope[i + 1] * stretch[a + k]
         work[k] = s * weight[a + k]
     # D is symmetric but for the interface: D^T is D with `up` and `down` exchanged
-    line_solve(0, a, size, m, gamma, down, up, inv, mul, work)
+    solve_line(0, a, size, m, gamma, down, up, inv, mul, work)
     for k in range(top):
         fix[k] = -work[k] * high[a + k] / weight[a + k]
 
 
 @njit(cache=True)
-def sweep(start, m, first, capacity, gamma, up, down, inv, mul, low, low2, high, r, z):
+def sweep_lines(start, m, first, capacity, gamma, up, down, inv, mul, low, low2, high, r, z):
     """z = P^-1 (capacity r): lines solved in the direction of sliding, then corrected back.
 
     Arrays one by one: to unpack bundles takes 4 us of each call's 80.
@@ -300,7 +300,7 @@ def sweep(start, m, first, capacity, gamma, up, down, inv, mul, low, low2, high,
             for k in range(m):
                 z[a + k] -= low2[a + k] * z[p + k]
         at = i - first if size > m else 0
-        line_solve(a, a, size, m, gamma, up[at], down[at], inv, mul, z)
+        solve_line(a, a, size, m, gamma, up[at], down[at], inv, mul, z)
     work = np.empty(longest)
     for i in range(n - 2, -1, -1):
         a, b = start[i], start[i + 1]
@@ -311,7 +311,7 @@ def sweep(start, m, first, capacity, gamma, up, down, inv, mul, low, low2, high,
         for k in range(top, size):
             work[k] = 0.0
         at = i - first if size > m else 0
-        line_solve(0, a, size, m, gamma, up[at], down[at], inv, mul, work)
+        solve_line(0, a, size, m, gamma, up[at], down[at], inv, mul, work)
         for k in range(size):
             z[a + k] -= work[k]
 
@@ -331,7 +331,7 @@ def add_slopes(cell, slope, road, block, own, up, down, v, lane, rate):
 
 
 @njit(cache=True)
-def exchange(offset, cell, area, half, factor, film, far, T, rate, total, surface):
+def add_film_heat(offset, cell, area, half, factor, film, far, T, rate, total, surface):
     """Convective films: heat (W/m per cell) from `far` (K) through `film` (m2 K/W) and half a cell.
 
     Sites are packed: faces offset[s]..offset[s+1]-1.  Adds to `rate`;
@@ -353,7 +353,7 @@ def exchange(offset, cell, area, half, factor, film, far, T, rate, total, surfac
 
 
 @njit(cache=True)
-def deposit(block, weight, power, rate):
+def deposit_heat(block, weight, power, rate):
     """Volumetric friction heat: `power` (W/m per line) shared over block cells by `weight`."""
     for i in range(block.shape[0]):
         for k in range(len(weight)):

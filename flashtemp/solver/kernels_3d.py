@@ -11,11 +11,11 @@ import numpy as np
 
 from flashtemp.physics.just_in_time import njit
 
-SUM = {"reassoc", "contract", "nsz"}
+FASTMATH_SUM = {"reassoc", "contract", "nsz"}
 
 
 @njit(cache=True)
-def _advect(i, k, c, m, start, carry, slope, T, h, T_in, h_in, g_in, q):
+def _advect_row(i, k, c, m, start, carry, slope, T, h, T_in, h_in, g_in, q):
     """Add to row c, place k of line i, what the moving road carries in and out."""
     if k >= m:
         return
@@ -38,14 +38,14 @@ def _advect(i, k, c, m, start, carry, slope, T, h, T_in, h_in, g_in, q):
 
 
 @njit(cache=True)
-def _line(i, start):
+def _line_bounds(i, start):
     """First row of line i, of the one upstream (itself where there is none), of the two downstream."""
     a, b = start[i], start[i + 1]
     return a, start[i - 1] if i > 0 else a, b, start[i + 2] if i + 2 < len(start) else b
 
 
 @njit(cache=True)
-def _neighbours(k, line, m):
+def _neighbour_rows(k, line, m):
     """Rows above, below, upstream, downstream of place k of a `_line`; its own where none is or the interface lies."""
     a, before, b, end = line
     c = a + k
@@ -57,7 +57,7 @@ def _neighbours(k, line, m):
 
 
 @njit(cache=True)
-def flows(lines, walls, carry, T, h, T_in, h_in, q):
+def uniform_rates(lines, walls, carry, T, h, T_in, h_in, q):
     """q (cells of a plane, planes): heat in W per metre of width on entry, rates in K/s on return.
 
     While conductivity is constant; `T_in`, `h_in` (m, planes) and the rest as in `kernels_2d.heat_flows`.
@@ -66,16 +66,16 @@ def flows(lines, walls, carry, T, h, T_in, h_in, q):
     gx, gz, gy, _, _, _, _, _, before, after = walls
     n, ny = len(start) - 1, T.shape[1]
     for i in range(n):
-        line = _line(i, start)
+        line = _line_bounds(i, start)
         for c in range(line[0], line[2]):
             k = c - line[0]
-            up, down, back, to = _neighbours(k, line, m)
+            up, down, back, to = _neighbour_rows(k, line, m)
             over, under, ahead, along = gz[c], gz[down], gx[c], gx[to]
             for j in range(ny):
                 here = T[c, j]
                 z = (T[up, j] - here) * over + (T[down, j] - here) * under
                 q[c, j] = q[c, j] / share[j] + (z + (T[back, j] - here) * ahead + (T[to, j] - here) * along)
-            _advect(i, k, c, m, start, carry, slope, T, h, T_in, h_in, g_in, q)
+            _advect_row(i, k, c, m, start, carry, slope, T, h, T_in, h_in, g_in, q)
             g = gy[c]
             for j in range(1, ny):
                 q[c, j] += g * before[j] * (T[c, j - 1] - T[c, j])
@@ -87,16 +87,16 @@ def flows(lines, walls, carry, T, h, T_in, h_in, q):
 
 
 @njit(cache=True)
-def varying_flows(lines, walls, carry, T, h, T_in, h_in, q):
+def varying_rates(lines, walls, carry, T, h, T_in, h_in, q):
     """`flows` where conductivity varies."""
     start, m, _, capacity, slope, g_in, _, share = lines
     _, _, gy, half_x, half_z, gap, factor, dy, _, _ = walls
     n, ny = len(start) - 1, T.shape[1]
     for i in range(n):
-        line = _line(i, start)
+        line = _line_bounds(i, start)
         for c in range(line[0], line[2]):
             k = c - line[0]
-            up, down, back, to = _neighbours(k, line, m)
+            up, down, back, to = _neighbour_rows(k, line, m)
             for j in range(ny):
                 f, here = factor[c, j], T[c, j]
                 over = (T[up, j] - here) * (1.0 / (half_z[c] / f + half_z[up] / factor[up, j] + gap[c]))
@@ -104,7 +104,7 @@ def varying_flows(lines, walls, carry, T, h, T_in, h_in, q):
                 ahead = (T[back, j] - here) * (1.0 / (half_x[c] / f + half_x[back] / factor[back, j]))
                 along = (T[to, j] - here) * (1.0 / (half_x[c] / f + half_x[to] / factor[to, j]))
                 q[c, j] = q[c, j] / share[j] + (over + under + ahead + along)
-            _advect(i, k, c, m, start, carry, slope, T, h, T_in, h_in, g_in, q)
+            _advect_row(i, k, c, m, start, carry, slope, T, h, T_in, h_in, g_in, q)
             g = gy[c]
             for j in range(1, ny):
                 apart = 0.5 * (dy[j] / factor[c, j] + dy[j - 1] / factor[c, j - 1])
@@ -118,21 +118,21 @@ def varying_flows(lines, walls, carry, T, h, T_in, h_in, q):
 
 
 @njit(cache=True)
-def _less(z, to, factor, source, ny):
+def _subtract_row(z, to, factor, source, ny):
     """z[to] -= factor z[source], one row."""
     for j in range(ny):
         z[to, j] -= factor * z[source, j]
 
 
 @njit(cache=True)
-def line_solve(o, a, size, m, gamma, up, down, under, over, inv, mul, z):
+def solve_line(o, a, size, m, gamma, up, down, under, over, inv, mul, z):
     """`kernels_2d.line_solve` for rows of z from o on; `under`, `over` (planes,) are the pivots at the interface."""
     ny, nb, f = z.shape[1], size - m, a - o
     s, top = o + m - 1, o + size - 1
     for k in range(1, m):
-        _less(z, o + k, mul[a + k], o + k - 1, ny)
+        _subtract_row(z, o + k, mul[a + k], o + k - 1, ny)
     for k in range(1, nb):
-        _less(z, top - k, mul[f + top - k], top - k + 1, ny)
+        _subtract_row(z, top - k, mul[f + top - k], top - k + 1, ny)
     if nb == 0:
         for j in range(ny):
             z[s, j] *= inv[f + s]
@@ -153,8 +153,8 @@ def line_solve(o, a, size, m, gamma, up, down, under, over, inv, mul, z):
             z[s + 1 + k, j] = z[s + 1 + k, j] * i - g * z[s + k, j]
 
 
-@njit(cache=True, fastmath=SUM)
-def _row(z, c, share, ny):
+@njit(cache=True, fastmath=FASTMATH_SUM)
+def _row_mean(z, c, share, ny):
     """Mean of a row across y."""
     total = 0.0
     for j in range(ny):
@@ -163,7 +163,7 @@ def _row(z, c, share, ny):
 
 
 @njit(cache=True)
-def sweep(lines, factors, crossing, gamma, r, z):
+def sweep_lines(lines, factors, crossing, gamma, r, z):
     """z = P^-1 (capacity r): lines downstream, then corrected back, all planes at once; nothing flows across.
 
     Returns the heat (J per metre of width, rows
@@ -184,7 +184,7 @@ def sweep(lines, factors, crossing, gamma, r, z):
         for k in range(size):
             c = a + k
             w = capacity[c]
-            given += weight[c] * w * _row(r, c, share, ny)
+            given += weight[c] * w * _row_mean(r, c, share, ny)
             if i > 1 and k < m:
                 f, g, old, older = low[c], low2[c], p + k, start[i - 2] + k
                 for j in range(ny):
@@ -197,7 +197,7 @@ def sweep(lines, factors, crossing, gamma, r, z):
                 for j in range(ny):
                     z[c, j] = w * r[c, j]
         at = i - first if size > m else 0
-        line_solve(a, a, size, m, gamma, up[at], down[at], under[at], over[at], inv, mul, z)
+        solve_line(a, a, size, m, gamma, up[at], down[at], under[at], over[at], inv, mul, z)
     work = np.empty((longest, ny))
     for i in range(n - 2, -1, -1):
         a, b = start[i], start[i + 1]
@@ -211,18 +211,18 @@ def sweep(lines, factors, crossing, gamma, r, z):
             for j in range(ny):
                 work[k, j] = 0.0
         at = i - first if size > m else 0
-        line_solve(0, a, size, m, gamma, up[at], down[at], under[at], over[at], inv, mul, work)
+        solve_line(0, a, size, m, gamma, up[at], down[at], under[at], over[at], inv, mul, work)
         for k in range(size):
             for j in range(ny):
                 z[a + k, j] -= work[k, j]
     kept = 0.0
     for c in range(start[n]):
-        kept += weight[c] * capacity[c] * _row(z, c, share, ny)
+        kept += weight[c] * capacity[c] * _row_mean(z, c, share, ny)
     return given, kept
 
 
 @njit(cache=True)
-def lift(start, m, rise, z):
+def lift_block(start, m, rise, z):
     """Add `rise` to all cells of the block."""
     for i in range(len(start) - 1):
         for c in range(start[i] + m, start[i + 1]):

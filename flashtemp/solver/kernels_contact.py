@@ -12,10 +12,10 @@ import numpy as np
 
 from flashtemp.physics.just_in_time import njit
 
-LEAST = 1e-3  # of a slope in Newton's method
+MIN_NEWTON_SLOPE = 1e-3  # of a slope in Newton's method
 
 
-def alike(*arrays: np.ndarray) -> Any:
+def common_dtype(*arrays: np.ndarray) -> Any:
     """Arrays as they are, or all complex where one is: so every loop is compiled for two kinds at most."""
     for a in arrays:
         if a.dtype.kind == "c":
@@ -24,15 +24,15 @@ def alike(*arrays: np.ndarray) -> Any:
 
 
 @lru_cache(maxsize=256, typed=True)
-def _even(value: complex, n: int) -> np.ndarray:
+def _constant_columns(value: complex, n: int) -> np.ndarray:
     """A number on every column."""
     return np.full(n, value)
 
 
-def columns(value, n: int) -> np.ndarray:
+def broadcast_columns(value, n: int) -> np.ndarray:
     """What a law says, on all n columns: it may say one number for all of them."""
     if np.ndim(value) == 0:
-        return _even(complex(value) if isinstance(value, complex) else float(value), n)
+        return _constant_columns(complex(value) if isinstance(value, complex) else float(value), n)
     if value.shape == (n,) and value.dtype.kind in "fc" and value.flags.c_contiguous:
         return value
     found: np.ndarray = value * np.ones(n)
@@ -40,7 +40,7 @@ def columns(value, n: int) -> np.ndarray:
 
 
 @njit(cache=True)
-def pressed(local, phi, speed, mean, share):
+def friction_heat_rows(local, phi, speed, mean, share):
     """Rows (3, columns): m = p v/phi, p over `mean` held between 1e-9 and 500, and phi/share."""
     out = np.empty((3, len(local)), local.dtype)
     for i in range(len(local)):
@@ -56,7 +56,7 @@ def pressed(local, phi, speed, mean, share):
 
 
 @njit(cache=True)
-def between(values, low, high):
+def clip_values(values, low, high):
     """Values (columns,), held where they are below `low` or above `high`."""
     out = np.empty_like(values)
     for i in range(len(values)):
@@ -65,7 +65,7 @@ def between(values, low, high):
 
 
 @njit(cache=True)
-def fallen(start, widen, fall, T, T_in):
+def surface_deficit(start, widen, fall, T, T_in):
     """By how much (columns,) widening lowers the surface of columns of road; `start` (lines,) their deepest cells.
 
     `widen` (n_road,) shares and `fall` (columns,) of the `ContactState`; `T` (cells,), `T_in` (n_road n_across,) rises,
@@ -108,7 +108,7 @@ def lane_rises(gap, lane, lowered, seen, came, widen, own):
 
 
 @njit(cache=True)
-def eliminated(half, flash, micro, r, split, deep, m, inside, parted, T0, Ts, half_block, half_road):
+def eliminate_fluxes(half, flash, micro, r, split, deep, m, inside, has_depth_factor, T0, Ts, half_block, half_road):
     """Rows (7, columns) of what is left of the contact's equations: A g, g, drop, way, a, gain and `turn`.
 
     T_m = a + gain law(T_m), where the law is mu, or where heat is `parted` mu (1 + turn s); `turn` is heat in depth
@@ -123,13 +123,13 @@ def eliminated(half, flash, micro, r, split, deep, m, inside, parted, T0, Ts, ha
         a, b = T0[i] - A * g * drop, A * g * way
         turn = ((1.0 - A * g) * deep[i] - b * inside) / b
         out[0, i], out[1, i], out[2, i], out[3, i], out[4, i] = A * g, g, drop, way, a
-        out[5, i] = b * m[i] if parted else b * (1.0 + turn) * m[i]
+        out[5, i] = b * m[i] if has_depth_factor else b * (1.0 + turn) * m[i]
         out[6, i] = turn
     return out
 
 
 @njit(cache=True)
-def newton(T, value, a, gain, step, damp):
+def newton_step(T, value, a, gain, step, damp):
     """One step of Newton's method on T = a + gain law(T), T (columns,) real; `value` has a complex `step` in T.
 
     Whether the law depends on T at all, whether the step was the last; rows (4, columns): the new T, the law at the
@@ -141,7 +141,7 @@ def newton(T, value, a, gain, step, damp):
         law, slope = value[i].real, value[i].imag / step
         depends = depends or slope != 0.0
         steep = 1.0 - gain[i].real * slope
-        change = (T[i] - a[i].real - gain[i].real * law) / (steep if abs(steep) > LEAST else LEAST)
+        change = (T[i] - a[i].real - gain[i].real * law) / (steep if abs(steep) > MIN_NEWTON_SLOPE else MIN_NEWTON_SLOPE)
         change = damp * change
         new = T[i] - change
         last = last and abs(change) <= 1e-8 * abs(new)  # the next step would be its square
@@ -150,12 +150,12 @@ def newton(T, value, a, gain, step, damp):
 
 
 @njit(cache=True)
-def settled(T, mu, s, parted, solved, m, inside, deep, micro, Ts, half_road):
+def recover_fluxes(T, mu, s, has_depth_factor, solved, m, inside, deep, micro, Ts, half_road):
     """Rows (7, columns) of `Fluxes` but mu and touch: J_R, J_S, q, its part in depth, spot, lane; and the factor s."""
     out = np.empty((7, len(T)), T.dtype)
     for i in range(len(T)):
         g, drop, way = solved[1, i], solved[2, i], solved[3, i]
-        own = s[i] if parted else 1.0 + 0.0 * T[i]
+        own = s[i] if has_depth_factor else 1.0 + 0.0 * T[i]
         q = m[i] * mu[i]
         below = inside * own * q
         J = g * (way * (q - below) - deep[i] * own * q - drop)
@@ -166,7 +166,7 @@ def settled(T, mu, s, parted, solved, m, inside, deep, micro, Ts, half_road):
 
 
 @njit(cache=True)
-def heated(block, block_share, road_share, area, into_block, into_road, heat, q):
+def add_contact_heat(block, block_share, road_share, area, into_block, into_road, heat, q):
     """Add the heat of the contact to cells q (W/m) of the `block`.
 
     Rows (3, columns): friction heat, all heat into the road, and that of it which its cells stand for.
@@ -182,7 +182,7 @@ def heated(block, block_share, road_share, area, into_block, into_road, heat, q)
 
 
 @njit(cache=True)
-def leaving(last, before, first, slope, carry, g_in, T, h, T_in, h_in):
+def road_outflow(last, before, first, slope, carry, g_in, T, h, T_in, h_in):
     """Heat (n_road, n_across) W/m that road carries out of the window, less what comes in.
 
     `last`, `before`, `first` (n_road,) are cells of a plane; T, h rises (cells,), T_in, h_in of entering road.
@@ -198,7 +198,7 @@ def leaving(last, before, first, slope, carry, g_in, T, h, T_in, h_in):
 
 
 @njit(cache=True)
-def book(entry, offset, cell, weight, T, scale, out):
+def add_to_ledger(entry, offset, cell, weight, T, scale, out):
     """Add `scale` times the sums of weight T, from offset[i] to offset[i + 1], to `out` at entry[i]."""
     for i in range(len(entry)):
         total = 0.0 * T[0]
@@ -211,7 +211,7 @@ def book(entry, offset, cell, weight, T, scale, out):
 
 
 @njit(cache=True)
-def respond(spread, load, free):
+def redistribute_load(spread, load, free):
     """free - spread (load free) in place, spread (lines, m), load (m, lines): what lines lose others carry."""
     lost = np.zeros(len(load), free.dtype)
     for j in range(len(load)):
@@ -223,7 +223,7 @@ def respond(spread, load, free):
 
 
 @njit(cache=True)
-def scatter(place, column, gain, change, scale, out):
+def scatter_response(place, column, gain, change, scale, out):
     """Add `scale` gain change[column] to `out` at each place."""
     for e in range(len(place)):
         out[place[e]] += scale * gain[e] * change[column[e]]

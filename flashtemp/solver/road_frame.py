@@ -14,12 +14,12 @@ import numpy as np
 
 from flashtemp.meshes.mesh import Mesh
 
-EVEN = 1e-6  # relative difference of cell lengths that rounding may leave
-RIM = 0.5  # mean over the passage of a rim that crosses a cell squarely; aslant it is more
-NEAR = 1e-9  # of a leg: closer to its end a leg counts as complete
+MAX_SPACING_DIFFERENCE = 1e-6  # relative difference of cell lengths that rounding may leave
+RIM_MEAN_RATIO = 0.5  # mean over the passage of a rim that crosses a cell squarely; aslant it is more
+LEG_END_RATIO = 1e-9  # of a leg: closer to its end a leg counts as complete
 
 
-class Overlap(NamedTuple):
+class RoadOverlap(NamedTuple):
     """The road under each column of the block: cells `own`, and beside them `other` with a `share` of the contact.
 
     All (columns,).  `other` is None where the road lies on the block's lines; those are `shift` columns further on.
@@ -30,20 +30,20 @@ class Overlap(NamedTuple):
     share: Any = None
     shift: int = 0
 
-    def seen(self, T) -> np.ndarray:
+    def column_values(self, T) -> np.ndarray:
         """What the block's columns see of values of cells, over what touches."""
         here: np.ndarray = T[self.own]
         return here if self.other is None else here + self.share * (T[self.other] - here)
 
-    def parts(self, heat) -> list[tuple[np.ndarray, np.ndarray]]:
+    def heat_parts(self, heat) -> list[tuple[np.ndarray, np.ndarray]]:
         """(cells, heat) of what the columns give to the road, in the shares in which they see it."""
         if self.other is None:
             return [(self.own, heat)]
         return [(self.own, (1.0 - self.share) * heat), (self.other, self.share * heat)]
 
-    def give(self, heat, q) -> None:
+    def add_heat(self, heat, q) -> None:
         """Add `heat` (columns,) to the cells q of the road."""
-        for cells, part in self.parts(heat):
+        for cells, part in self.heat_parts(heat):
             q[cells] += part
 
 
@@ -53,52 +53,52 @@ class RoadFrame:
 
     mesh: Mesh
     dx: float
-    passing: int
+    leg_lines: int
 
     @classmethod
-    def of(cls, scene, laws) -> RoadFrame | None:
+    def from_scene(cls, scene, laws) -> RoadFrame | None:
         """That of a scene with resolved spots; None where lines are not even, none lies in front, or sliding turns."""
         mesh, now = scene.mesh, scene.moment(scene.schedule.phases[0], 0.0)
         dx = np.diff(mesh.x)
-        if not laws("contact.resolved", 0.0, None, now) > 0 or np.ptp(dx) > EVEN * dx.mean():
+        if not laws("contact.resolved", 0.0, None, now) > 0 or np.ptp(dx) > MAX_SPACING_DIFFERENCE * dx.mean():
             return None
         if mesh.first < 2 or mesh.last == mesh.n_lines or len(scene.schedule.directions) > 1:
             return None
         return cls(mesh, float(dx.mean()), mesh.first - 1)
 
     # --- where the road is ---------------------------------------------------------------------
-    def legs(self, schedule, phase) -> list[tuple[int, Any]]:
+    def split_phase(self, schedule, phase) -> list[tuple[int, Any]]:
         """(number of the leg, phase cut to it) of a phase: legs are counted from the first start."""
-        way = self.passing * self.dx
+        way = self.leg_lines * self.dx
         if not phase.sliding:
-            return [(max(math.ceil((phase.slid_before + schedule.distance) / way - NEAR) - 1, 0), phase)]
+            return [(max(math.ceil((phase.slid_before + schedule.distance) / way - LEG_END_RATIO) - 1, 0), phase)]
         begin, end = (phase.slid_before + schedule.slid(phase, t) for t in (phase.begin, phase.end))
-        first, last = math.floor(begin / way + NEAR), math.ceil(end / way - NEAR)
+        first, last = math.floor(begin / way + LEG_END_RATIO), math.ceil(end / way - LEG_END_RATIO)
         inner = [phase.start + float(schedule.speed.reach(j * way - phase.slid_before)) for j in range(first + 1, last)]
         cuts = [phase.begin, *inner, phase.end]
         return [(first + i, replace(phase, begin=cuts[i], end=cuts[i + 1])) for i in range(len(cuts) - 1)]
 
-    def offset(self, passed: float) -> tuple[int, float]:
+    def line_offset(self, passed: float) -> tuple[int, float]:
         """Lines by which the road has passed after `passed` m, and the rest of a line, -0.5 to 0.5."""
         whole = round(passed / self.dx)
         return whole, passed / self.dx - whole
 
-    def lines(self, passed: float, leg: int) -> int:
+    def shifted_lines(self, passed: float, leg: int) -> int:
         """By how many lines the road lies further downstream than in memory."""
-        return min(max(self.offset(passed)[0] - leg * self.passing, 0), self.passing)
+        return min(max(self.line_offset(passed)[0] - leg * self.leg_lines, 0), self.leg_lines)
 
-    def strips(self, passed: float) -> np.ndarray:
+    def strip_edges(self, passed: float) -> np.ndarray:
         """Edges (2 columns + 1,) m that divide each line under the block where a column of road ends."""
-        mesh, s = self.mesh, self.offset(passed)[1]
+        mesh, s = self.mesh, self.line_offset(passed)[1]
         x = mesh.x[mesh.first : mesh.last + 1]
         inner = (x[:-1] if s >= 0 else x[1:]) + s * self.dx
         return np.append(np.stack([x[:-1], inner], axis=1).ravel(), x[-1])
 
-    def edges(self, passed: float) -> np.ndarray:
+    def column_edges(self, passed: float) -> np.ndarray:
         """Edges m of the columns of road under the block, and of one more before and behind it."""
-        return self.mesh.x[self.mesh.first - 1 : self.mesh.last + 2] + self.offset(passed)[1] * self.dx
+        return self.mesh.x[self.mesh.first - 1 : self.mesh.last + 2] + self.line_offset(passed)[1] * self.dx
 
-    def rim(self, under: Overlap, bare: np.ndarray, passed: np.ndarray, road) -> np.ndarray:
+    def rim_resistance(self, under: RoadOverlap, bare: np.ndarray, passed: np.ndarray, road) -> np.ndarray:
         """By how much (columns,) m2 K/W a spot is hotter than cells of `road` of which a share `bare` is left free.
 
         `bare` (columns of road between `edges`, planes).  After a time `passed` (columns,) s the heat is still where it
@@ -113,27 +113,27 @@ class RoadFrame:
         rim: np.ndarray = (free + under.share * (beside - free)) * early * late / (early + late)
         return rim
 
-    def edge(self, cover: np.ndarray, speed: float, rubber) -> np.ndarray:
+    def partial_cover_resistance(self, cover: np.ndarray, speed: float, rubber) -> np.ndarray:
         """By how much (columns,) m2 K/W spots are hotter than cells of `rubber` that they only `cover` in part.
 
         The rim of a spot comes over the cell, and goes, within about dx/v (theory.md, eq. (7c)).
         """
         theta = 2.0 * np.sqrt(self.dx / max(speed, 1e-300) / np.pi) / rubber.effusivity
         late = self.dx / (2.0 * rubber.conductivity)
-        resistance: np.ndarray = RIM * np.clip(1.0 - cover, 0.0, 1.0) * theta * late / (theta + late)
+        resistance: np.ndarray = RIM_MEAN_RATIO * np.clip(1.0 - cover, 0.0, 1.0) * theta * late / (theta + late)
         return resistance
 
-    def overlap(self, passed: float, own: np.ndarray, covered) -> Overlap:
+    def find_overlap(self, passed: float, own: np.ndarray, covered) -> RoadOverlap:
         """What touches on which road, for areas `covered` (2 columns per plane, ...) on the `strips`."""
-        mesh, before = self.mesh, self.offset(passed)[1] >= 0
+        mesh, before = self.mesh, self.line_offset(passed)[1] >= 0
         beside, all_ = covered[0 if before else 1 :: 2].ravel(), (covered[::2] + covered[1::2]).ravel()
         lines = np.arange(mesh.first, mesh.last) + (-1 if before else 1)
         other = mesh.everywhere(mesh.road[lines, -1]).ravel()
         share = beside / np.where(all_ > 0, all_, 1.0)
-        return Overlap(own, other, share, -mesh.n_across if before else mesh.n_across)
+        return RoadOverlap(own, other, share, -mesh.n_across if before else mesh.n_across)
 
     # --- from memory to the block and back -----------------------------------------------------
-    def placed(self, y: np.ndarray, k: int, fresh) -> np.ndarray:
+    def to_block_frame(self, y: np.ndarray, k: int, fresh) -> np.ndarray:
         """A state or rate as it lies under the block, moved on by k lines behind `fresh` (n_road n_across,) road."""
         if k == 0:
             return y
@@ -143,7 +143,7 @@ class RoadFrame:
         new[mesh.road[:k]] = np.reshape(fresh, (mesh.n_road, -1)) if np.ndim(fresh) else fresh
         return out
 
-    def back(self, y: np.ndarray, k: int, out: np.ndarray, gone) -> np.ndarray:
+    def to_memory_frame(self, y: np.ndarray, k: int, out: np.ndarray, gone) -> np.ndarray:
         """`out` = y as it lies in memory, where road that has gone has `gone`; what y has in front is returned.
 
         That is (k, n_road, n_across).
@@ -157,9 +157,9 @@ class RoadFrame:
         front: np.ndarray = cells[mesh.road[:k]]
         return front
 
-    def shown(self, T: np.ndarray, passed: float) -> np.ndarray:
+    def interpolate_to_mesh(self, T: np.ndarray, passed: float) -> np.ndarray:
         """Rises of cells (cells,) at the centres of the mesh, between columns of road that lie beside them."""
-        mesh, s = self.mesh, self.offset(passed)[1]
+        mesh, s = self.mesh, self.line_offset(passed)[1]
         out = T.copy()
         road, cells = mesh.planes(T)[mesh.road], mesh.planes(out)
         here, beside = (slice(1, None), slice(None, -1)) if s >= 0 else (slice(None, -1), slice(1, None))

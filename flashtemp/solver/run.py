@@ -13,11 +13,11 @@ import numpy as np
 
 from flashtemp.meshes.mesh import Mesh
 from flashtemp.physics.interpolation import line_through_means
-from flashtemp.showing import Sheet, Shown
+from flashtemp.showing import DisplayTable, DisplayMixin
 
 
 @dataclass(frozen=True, repr=False)
-class Run(Shown):
+class Run(DisplayMixin):
     """Result of `march`: temperatures in degC, times in s, lengths in m, energies in J per metre.
 
     `time` (n,), `repetition` (n,), `slid` (n,) m since the first start, `sliding` (n,) bool;
@@ -66,19 +66,19 @@ class Run(Shown):
     @property
     def x_wake(self) -> np.ndarray:
         """Line centres behind the block, m from the leading edge."""
-        return self._towards.x_centre[self._towards.last :]
+        return self._leading_edge_mesh.x_centre[self._leading_edge_mesh.last :]
 
     @property
     def x_ahead(self) -> np.ndarray:
         """Line centres before the block, m from the leading edge: negative."""
-        return self._towards.x_centre[: self._towards.first]
+        return self._leading_edge_mesh.x_centre[: self._leading_edge_mesh.first]
 
     @property
-    def _towards(self) -> Mesh:
+    def _leading_edge_mesh(self) -> Mesh:
         """The mesh with x from the leading edge; it is its own mirror image where either edge leads at times."""
         return self.mesh if self.direction is None or np.any(self.direction > 0) else self.mesh.mirrored()
 
-    def leads(self, k: int) -> int:
+    def leading_line_index(self, k: int) -> int:
         """Index among the lines under the block of the one whose edge leads at time number k: 0 or -1."""
         return 0 if self.direction is None or self.direction[k] > 0 else -1
 
@@ -88,7 +88,7 @@ class Run(Shown):
         return cells[:, (n - 1) // 2 : n // 2 + 1].mean(axis=1) if plane is None else cells[:, plane]
 
     @cached_property
-    def last(self) -> int:
+    def last_sliding_index(self) -> int:
         """Index of the end of the last repetition of sliding."""
         return int(np.flatnonzero(self.sliding)[-1])
 
@@ -131,13 +131,13 @@ class Run(Shown):
         }
 
     @cached_property
-    def _books(self) -> tuple[float, float, float]:
+    def _heat_defects(self) -> tuple[float, float, float]:
         """Heat missing in the block, heat missing in block and road together, all heat that moved (J per metre).
 
         Both together: across the interface no entry of the ledger stands between them.
         """
         e = {k: v[-1] for k, v in self.energy.items()}
-        losses = sum(v for k, v in e.items() if k not in NOT_LOSSES)
+        losses = sum(v for k, v in e.items() if k not in NON_LOSS_ENTRIES)
         both = e["friction"] + losses - e["block"] - e["share"] * (e["lanes"] + e["lane_out"] - e["lane_air"])
         block = e["friction"] - e["into_road"] + losses - e["block"]
         return block, both, max(1e-300, *(abs(v) for k, v in e.items() if k != "share"))
@@ -145,19 +145,19 @@ class Run(Shown):
     @cached_property
     def energy_imbalance(self) -> float:
         """Heat that appeared or vanished in block and road together, relative to all that moved."""
-        _, both, moved = self._books
+        _, both, moved = self._heat_defects
         return float(abs(both) / moved)
 
     @cached_property
     def partition_error(self) -> float:
         """Error of the ledger's split between block and road: falls with rtol, unlike the imbalance."""
-        block, _, moved = self._books
+        block, _, moved = self._heat_defects
         return float(abs(block) / moved)
 
     @cached_property
     def summary(self) -> dict:
         """The numbers of summary.json (contract 5.3)."""
-        T, lead = self.T_block[self.last] - self.ambient_degC, self.leads(self.last)
+        T, lead = self.T_block[self.last_sliding_index] - self.ambient_degC, self.leading_line_index(self.last_sliding_index)
         return {
             "title": self.title,
             "T_max_degC": float(max(np.nanmax(self.T_spot), np.nanmax(self.T_block))),
@@ -245,7 +245,7 @@ class Run(Shown):
         (folder / "run.nc").write_bytes(bytes(ds.to_netcdf(engine="h5netcdf")))
         (folder / "summary.json").write_text(json.dumps(self.summary, indent=2) + "\n", encoding="utf-8")
         head = "x_m,T_block_degC,T_spot_degC,T_road_degC,pressure_Pa,worn_m"
-        k = self.last
+        k = self.last_sliding_index
         along = (self.T_block, self.T_spot, self.T_road, self.pressure, self.worn)
         table = np.column_stack([self.x, *(values[k] for values in along)])
         tables = {"profiles.csv": (head, table)}
@@ -266,7 +266,7 @@ class Run(Shown):
             f"  {s['cells']} cells, {s.get('steps', 0)} steps, {s.get('wall_s', 0.0):.2f} s{remarks}"
         )
 
-    def sheet(self) -> Sheet:
+    def to_table(self) -> DisplayTable:
         s = self.summary
         rows = [
             ("rise at the leading edge", s["rise_leading_K"], "K"),
@@ -278,10 +278,10 @@ class Run(Shown):
             ("energy imbalance", s["energy_imbalance"], "1"),
             ("cells", s["cells"], ""),
         ]
-        heat = Sheet("Where the heat went", [(name, value, "J") for name, value in s["energy_J"].items()])
+        heat = DisplayTable("Where the heat went", [(name, value, "J") for name, value in s["energy_J"].items()])
         each = [(n, mu) for n, mu in enumerate(s["friction_per_repetition"], 1)]
-        friction = Sheet("Friction", each, ("repetition", "mu"))
-        return Sheet(f"Run '{self.title}'", rows, notes=s.get("remarks", ()), parts=[heat, friction])
+        friction = DisplayTable("Friction", each, ("repetition", "mu"))
+        return DisplayTable(f"Run '{self.title}'", rows, notes=s.get("remarks", ()), parts=[heat, friction])
 
 
-NOT_LOSSES = {"friction", "into_road", "lane_out", "lane_air", "block", "lanes", "share"}
+NON_LOSS_ENTRIES = {"friction", "into_road", "lane_out", "lane_air", "block", "lanes", "share"}

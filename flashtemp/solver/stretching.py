@@ -11,7 +11,7 @@ from flashtemp.model.scene import Scene
 from flashtemp.model.schedule import Phase, Schedule
 
 
-def stretched(plain: Scene, scene: Scene) -> Mesh:
+def stretch_mesh(plain: Scene, scene: Scene) -> Mesh:
     """The mesh of a `plain` scene, its block stretched to length, height, layers and width of another `scene`.
 
     The road before, behind and below keeps its cells.  Raises ValueError where the other has another number of cells
@@ -21,7 +21,7 @@ def stretched(plain: Scene, scene: Scene) -> Mesh:
     counts = [(len(m.x), len(m.depth), len(m.height), len(m.y), m.first, m.last) for m in (mesh, other)]
     if counts[0] != counts[1]:
         raise ValueError("a neighbour needs the mesh of the run, or that stretched")
-    if scene.schedule.repetitions != plain.schedule.repetitions or _rests(scene.schedule) != _rests(plain.schedule):
+    if scene.schedule.repetitions != plain.schedule.repetitions or _has_waits(scene.schedule) != _has_waits(plain.schedule):
         raise ValueError("a neighbour needs the schedule of the run, or that stretched")
     if mesh.joints != other.joints:
         raise ValueError("a neighbour needs the layers of the run, or those stretched")
@@ -36,12 +36,12 @@ def stretched(plain: Scene, scene: Scene) -> Mesh:
     return replace(mesh, x=x, height=height, y=mesh.y * across)
 
 
-def _rests(schedule: Schedule) -> bool:
+def _has_waits(schedule: Schedule) -> bool:
     """Whether there are waits."""
     return schedule.wait > 0
 
 
-def phase_of(phase: Phase, plain: Schedule, other: Schedule) -> Phase:
+def corresponding_phase(phase: Phase, plain: Schedule, other: Schedule) -> Phase:
     """The phase of another schedule at the same share of the repetition or wait as one of a `plain` schedule.
 
     >>> from flashtemp.model.schedule import constant
@@ -53,7 +53,7 @@ def phase_of(phase: Phase, plain: Schedule, other: Schedule) -> Phase:
     before = phase.repetition - 1
     start = before * (other.slide_time + other.wait)
 
-    def at(t: float) -> float:
+    def mapped_time(t: float) -> float:
         """The time at the same share."""
         since = t - phase.start
         if phase.sliding:
@@ -61,6 +61,6 @@ def phase_of(phase: Phase, plain: Schedule, other: Schedule) -> Phase:
         return start + other.slide_time + (since - plain.slide_time) * (other.wait / plain.wait)
 
     return replace(
-        phase, begin=at(phase.begin), end=at(phase.end), start=start, slid_before=before * other.distance,
-        leg_before=phase.leg_before * (other.distance / plain.distance), turned=at(phase.turned),
+        phase, begin=mapped_time(phase.begin), end=mapped_time(phase.end), start=start, slid_before=before * other.distance,
+        leg_before=phase.leg_before * (other.distance / plain.distance), turned=mapped_time(phase.turned),
     )  # fmt: skip

@@ -10,75 +10,75 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.solver.balance import Balance
-from flashtemp.solver.circular_track import inflow, leave
-from flashtemp.solver.progress import Progress
-from flashtemp.solver.system import System
+from flashtemp.solver.balance import HeatBalance
+from flashtemp.solver.circular_track import build_inflow, store_leaving_column
+from flashtemp.solver.progress import MarchState
+from flashtemp.solver.system import PhaseSystem
 
 
-def renew(balance: Balance, before: Any, phase: Any, now: Progress) -> None:
+def start_phase(balance: HeatBalance, before: Any, phase: Any, march_state: MarchState) -> None:
     """Make the state of a march, which stands at the end of the phase `before`, that with which `phase` begins."""
     if phase.sliding and phase.begin == phase.start:
-        restart(balance, before, now)
+        restart_repetition(balance, before, march_state)
     if phase.direction != before.direction:
-        turn(balance, before, phase, now)
+        reverse_direction(balance, before, phase, march_state)
 
 
-def renews(before: Any, phase: Any) -> bool:
+def has_state_change(before: Any, phase: Any) -> bool:
     """Whether the state changes between two phases."""
     return bool(phase.direction != before.direction or (phase.sliding and phase.begin == phase.start))
 
 
-def pass_on(system: System, now: Progress) -> None:
+def remap_road(system: PhaseSystem, march_state: MarchState) -> None:
     """Put the road in its own frame back on the mesh at the begin of a leg: columns behind go, others come in front."""
     b, mesh, frame = system.b, system.b.scene.mesh, system.b.road_frame
     assert frame is not None
-    moment, lines = system.moment(system.phase.begin), frame.passing
+    moment, lines = system.moment(system.phase.begin), frame.leg_lines
     before = mesh.x_centre[:lines] - mesh.x[0]  # so far behind the edge of the window has road come already
-    come = [system.entering(moment._replace(passed=moment.passed - way)) for way in before]
-    fresh = np.stack([system.entering_enthalpy(T_in).reshape(mesh.n_road, -1) for T_in in come])
-    y = frame.placed(now.y, lines, 0.0)
-    gone = mesh.planes(now.y[: b.n])[mesh.road[-lines:]]
+    come = [system.incoming_rise(moment._replace(passed=moment.passed - way)) for way in before]
+    fresh = np.stack([system.incoming_enthalpy(T_in).reshape(mesh.n_road, -1) for T_in in come])
+    y = frame.to_block_frame(march_state.y, lines, 0.0)
+    gone = mesh.planes(march_state.y[: b.n])[mesh.road[-lines:]]
     mesh.planes(y[: b.n])[mesh.road[:lines]] = fresh
-    y[b.entry["lane_out"]] += b.road_heat(gone) - b.road_heat(fresh)
-    now.y = y
+    y[b.ledger_index["lane_out"]] += b.road_heat(gone) - b.road_heat(fresh)
+    march_state.y = y
 
 
-def restart(balance: Balance, before: Any, now: Progress) -> None:
+def restart_repetition(balance: HeatBalance, before: Any, march_state: MarchState) -> None:
     """The road at a new start: as it is where the block rested on it, else forgotten or carried."""
     scene, mesh = balance.scene, balance.scene.mesh
     if not scene.schedule.lifted:
         return
-    y = now.y.copy()
-    old = balance.stored(y)
-    system = System(balance, before, inflow(balance, before, now.track))
+    y = march_state.y.copy()
+    old = balance.stored_heat(y)
+    system = PhaseSystem(balance, before, build_inflow(balance, before, march_state.track))
     moment = system.moment(before.end)
-    rise = balance.rise(y[: balance.n])
+    rise = balance.temperature_rise(y[: balance.n])
     road, behind = mesh.planes(rise)[mesh.road], mesh.x_centre - mesh.x[0]
-    came = system.came_as(moment, behind)[:, 0].reshape(road.shape)
+    came = system.undisturbed_road(moment, behind)[:, 0].reshape(road.shape)
     fresh = came + 0.0 * road
-    if now.track is not None and now.track.endless:
-        now.track.forget()
-    elif now.track is not None:
-        left = system.remembered(moment, behind).reshape(road.shape) + road - came
-        now.track.lay(before.end, moment.passed - mesh.x_centre, left)
+    if march_state.track is not None and march_state.track.is_endless:
+        march_state.track.clear()
+    elif march_state.track is not None:
+        left = system.earlier_pass_rise(moment, behind).reshape(road.shape) + road - came
+        march_state.track.store_initial_road(before.end, moment.passed - mesh.x_centre, left)
         carried = balance.share * left.reshape(mesh.n_lines, -1)
-        fresh = system.met(moment, carried)[:, 0].reshape(road.shape)
+        fresh = system.road_after_passes(moment, carried)[:, 0].reshape(road.shape)
     everywhere = mesh.everywhere(mesh.road)
     rise[everywhere] = fresh
-    y[everywhere] = balance.enthalpy(rise)[everywhere]
-    now.left = now.left + np.subtract(old, balance.stored(y))
-    now.y = y
+    y[everywhere] = balance.enthalpy_rise(rise)[everywhere]
+    march_state.removed_heat = march_state.removed_heat + np.subtract(old, balance.stored_heat(y))
+    march_state.y = y
 
 
-def turn(balance: Balance, before: Any, phase: Any, now: Progress) -> None:
+def reverse_direction(balance: HeatBalance, before: Any, phase: Any, march_state: MarchState) -> None:
     """Block, road around it and track seen from the other edge, which leads from now on."""
-    scene, mesh, y = balance.scene, balance.scene.mesh, now.y.copy()
-    if now.track is not None and before.sliding and phase.repetition == before.repetition:
-        leave(System(balance, before, inflow(balance, before, now.track)), before.end, now.y, now.track, 1e-9)
-    mesh.planes(y[: balance.n])[:] = mesh.planes(now.y[: balance.n])[mesh.mirror]
-    y[balance.worn] = now.y[balance.worn].reshape(-1, mesh.n_across)[::-1].ravel()
-    now.y = y
-    if now.track is not None:
-        slid = scene.schedule.slid(phase, phase.begin)
-        now.track.turn(phase.slid_before + slid, mesh)
+    scene, mesh, y = balance.scene, balance.scene.mesh, march_state.y.copy()
+    if march_state.track is not None and before.sliding and phase.repetition == before.repetition:
+        store_leaving_column(PhaseSystem(balance, before, build_inflow(balance, before, march_state.track)), before.end, march_state.y, march_state.track, 1e-9)
+    mesh.planes(y[: balance.n])[:] = mesh.planes(march_state.y[: balance.n])[mesh.mirror]
+    y[balance.worn] = march_state.y[balance.worn].reshape(-1, mesh.n_across)[::-1].ravel()
+    march_state.y = y
+    if march_state.track is not None:
+        slid = scene.schedule.slid_distance(phase, phase.begin)
+        march_state.track.reverse_direction(phase.slid_before + slid, mesh)

@@ -17,8 +17,8 @@ from unittest import mock
 import numpy as np
 
 from flashtemp.errors import BadInput, SolverFailure
-from flashtemp.model.case import load
-from flashtemp.model.schema import TABLES, declared
+from flashtemp.model.case import load_case
+from flashtemp.model.schema import CASE_TABLES, declared_params
 from flashtemp.physics.effect import Param, catalogue
 from flashtemp.solver import limits
 from flashtemp.solver.march import march
@@ -54,7 +54,7 @@ def random_number(rng: random.Random, param: Param, wide: float = 0.2) -> float:
     else:
         number = rng.uniform(low, high)
     number = min(max(number, low), high)
-    return number if param.fault(number) is None else (value if value is not None else 0.5 * (low + high))
+    return number if param.find_fault(number) is None else (value if value is not None else 0.5 * (low + high))
 
 
 def random_value(rng: random.Random, param: Param) -> object:
@@ -71,8 +71,8 @@ def random_value(rng: random.Random, param: Param) -> object:
 def random_keys(rng: random.Random, effects: list[str]) -> dict[str, object]:
     """Some keys of the case's tables and of the chosen effects, with random legal values."""
     given: dict[str, object] = {}
-    for table in (*(t for t in TABLES if t not in FIXED), *effects):
-        for key, param in declared(table).items():
+    for table in (*(t for t in CASE_TABLES if t not in FIXED), *effects):
+        for key, param in declared_params(table).items():
             if rng.random() < (0.6 if table in effects else 0.12):
                 value = random_value(rng, param)
                 if value is not None:
@@ -111,7 +111,7 @@ def coldness(case) -> tuple[object, float]:
             worst[0] = max(worst[0], below - COLD[0] - COLD[1] * max(high, 0.0))
         return checked(system, t, T, **bounds)
 
-    checked = limits.check
+    checked = limits.check_temperatures
     with mock.patch.object(limits, "check", watch):
         run = march(case.scene, case.settings, case.title)
     return run, worst[0]
@@ -120,7 +120,7 @@ def coldness(case) -> tuple[object, float]:
 def outcome(folder: Path, given: dict[str, object]) -> tuple[str, str]:
     """How a case ends in a word, and what is wrong with that."""
     try:
-        case = load(folder, given)
+        case = load_case(folder, given)
     except BadInput as fault:
         bad = [line for line in fault.lines if len(line) > 600 or "\n" in line]
         return "refused", f"not in one line: {bad[0][:80]}" if bad else ""

@@ -392,7 +392,7 @@ def damaged(row, seed: int, share: float) -> None:
                 data[at : at + 512] = bytes(len(data[at : at + 512]))
             (place / "a.partial" / name).write_bytes(data)
             try:
-                checkpoint.load(place / "a.partial")
+                checkpoint.load_checkpoint(place / "a.partial")
             except BadInput as fault:
                 return "refused", "two lines" if "\n" in str(fault) else ""
             finally:

@@ -23,8 +23,8 @@ import scipy.io
 import tifffile
 
 from flashtemp.camera import importing
-from flashtemp.camera.files import pieces, read
-from flashtemp.camera.import_options import Facts
+from flashtemp.camera.files import iter_frames, read_frames
+from flashtemp.camera.import_options import ImportOptions
 from flashtemp.errors import BadInput
 
 ROOT = Path(__file__).parents[2]
@@ -100,7 +100,7 @@ def damaged(kind: str, whole: bytes, chance: np.random.Generator) -> tuple[bytes
 def fate(path: Path, wanted: np.ndarray, unsaid: dict, changed: int) -> str:
     """What becomes of a damaged file: told, unharmed, fewer frames, as many wrong pixels as bytes at most, or wrong."""
     try:
-        found = read(path, **unsaid).temperature
+        found = read_frames(path, **unsaid).temperature
     except BadInput as fault:
         [line] = fault.lines
         assert path.name in line
@@ -125,7 +125,7 @@ def attacked(folder: Path, name: str, kind: str, times: int, seed: int = SEED) -
     whole, unsaid, end = CONTAINERS[name]
     path = folder / f"file.{end}"
     path.write_bytes(whole)
-    wanted, found = read(path, **unsaid).temperature, Counter()
+    wanted, found = read_frames(path, **unsaid).temperature, Counter()
     chance = np.random.default_rng([seed, list(CONTAINERS).index(name), len(kind)])
     for _ in range(times):
         data, changed = damaged(kind, whole, chance)
@@ -150,11 +150,11 @@ def test_extensions_say_nothing(tmp_path):
     ends = sorted({end for *_, end in CONTAINERS.values()})
     for number, (name, (whole, unsaid, end)) in enumerate(CONTAINERS.items()):
         (tmp_path / f"right.{end}").write_bytes(whole)
-        wanted = read(tmp_path / f"right.{end}", **unsaid).temperature
+        wanted = read_frames(tmp_path / f"right.{end}", **unsaid).temperature
         for other in ends[number % 3 :: 3]:
             path = tmp_path / f"swapped.{other}"
             path.write_bytes(whole)
-            assert np.array_equal(read(path, **unsaid).temperature, wanted, equal_nan=True), (name, other)
+            assert np.array_equal(read_frames(path, **unsaid).temperature, wanted, equal_nan=True), (name, other)
 
 
 # --- point 11: whole images, clipped ends ------------------------------------------------------------------
@@ -171,14 +171,14 @@ def test_pixels_below_the_range_are_a_plateau(tmp_path, mark):
     T = sky(mark)
     path = tmp_path / "a.csv"
     path.write_bytes(make.text(T))
-    found = read(path)
+    found = read_frames(path)
     assert found.outside == 300
     assert np.array_equal(np.isnan(found.temperature[0]), mark == T)
     assert any("300 pixels at the end of the camera's range" in note for note in found.notes)
-    kept = read(path, below=-273.0)
+    kept = read_frames(path, below=-273.0)
     assert kept.outside == 0
     path.write_bytes(make.text(-T))  # and above it
-    assert read(path).outside == 300
+    assert read_frames(path).outside == 300
 
 
 def test_real_pixels_stay_whatever_they_read(tmp_path):
@@ -186,7 +186,7 @@ def test_real_pixels_stay_whatever_they_read(tmp_path):
     T.flat[:9] = -20.01
     T.flat[9] = -40.02 + 1.03
     (tmp_path / "a.csv").write_bytes(make.text(T))
-    assert read(tmp_path / "a.csv").outside == 0
+    assert read_frames(tmp_path / "a.csv").outside == 0
 
 
 @pytest.mark.parametrize("separator", ["\t", ";", ",", " "])
@@ -198,25 +198,25 @@ def test_a_text_image_cut_anywhere_is_told(tmp_path, separator, end):
     rows = np.round(20.0 + 5.0 * np.random.default_rng(5).random((60, 80)), 3)
     whole, path = make.text(rows, separator, end=end), tmp_path / "a.csv"
     path.write_bytes(whole)
-    assert read(path, decimal="point").outside == 0
+    assert read_frames(path, decimal="point").outside == 0
     ends = [k + 1 for k, c in enumerate(whole[:-1]) if c == 10]
     last = len(whole) - len(end)
     for at in (*ends[::13], ends[-1], *range(ends[-2] - 2, last - 1, 61), *range(last - 5, last - 1)):
         path.write_bytes(whole[:at])
         with pytest.raises(BadInput, match="cut off|part of an image|values, others|no matrix|table"):
-            read(path, decimal="point")
+            read_frames(path, decimal="point")
 
 
 def test_a_part_of_an_image_is_said(tmp_path):
     (tmp_path / "a.csv").write_bytes(make.text(sky(0, 0)[:20]))
     with pytest.raises(BadInput, match=r"20 rows of 80 values.*60 or 80.*--rows 20"):
-        read(tmp_path / "a.csv")
-    assert read(tmp_path / "a.csv", rows=20).shape == (20, 80)
+        read_frames(tmp_path / "a.csv")
+    assert read_frames(tmp_path / "a.csv", rows=20).shape == (20, 80)
     (tmp_path / "a.csv").write_bytes(make.text(sky(0, 0)[:20], header="Rows: 20\nColumns: 80\n"))
-    assert read(tmp_path / "a.csv").shape == (20, 80)
+    assert read_frames(tmp_path / "a.csv").shape == (20, 80)
     (tmp_path / "a.csv").write_bytes(make.text(sky(0, 0)[:20], header="Rows: 60\nColumns: 80\n"))
     with pytest.raises(BadInput, match="20 rows of 80 values, its header says 60 of 80"):
-        read(tmp_path / "a.csv")
+        read_frames(tmp_path / "a.csv")
 
 
 @pytest.mark.parametrize("to", [b"\n", b"\x0b", b"x", b"1", b".", b" ", b";"])
@@ -229,7 +229,7 @@ def test_a_damaged_separator_shifts_no_image(tmp_path, to):
         path.write_bytes(whole[:at] + to + whole[at + 1 :])
         assert fate(path, T[None], {}, 0) in (("told", "unharmed") if to == b" " else ("told",))
     path.write_bytes(whole.replace(b"\n", b"\n\n", 1))
-    assert np.array_equal(read(path).temperature[0], T)
+    assert np.array_equal(read_frames(path).temperature[0], T)
 
 
 # --- point 12: what is no image ------------------------------------------------------------------------------
@@ -253,7 +253,7 @@ def table(columns: int, rows: int, header: str = "") -> bytes:
 def test_tables_are_no_images(tmp_path, data, says):
     (tmp_path / "a.csv").write_bytes(data)
     with pytest.raises(BadInput, match=says):
-        read(tmp_path / "a.csv", unit="degC")
+        read_frames(tmp_path / "a.csv", unit="degC")
 
 
 @pytest.mark.parametrize(
@@ -271,13 +271,13 @@ def test_a_jpeg_says_whose_it_is(tmp_path, segments, says):
     parts = b"".join(b"\xff" + bytes([k]) + struct.pack(">H", len(b) + 2) + b for k, b in segments)
     (tmp_path / "a.jpg").write_bytes(b"\xff\xd8" + parts + b"\xff\xda\0\2\xff\xd9")
     with pytest.raises(BadInput, match=says):
-        read(tmp_path / "a.jpg")
+        read_frames(tmp_path / "a.jpg")
 
 
 def test_clipped_sky_is_no_dead_pixel(tmp_path):
     (tmp_path / "a.csv").write_bytes(make.text(sky(-40.011)))
-    facts = Facts(view="sidewall", downstream="right", pixel=(0.0, 59.0), mm_per_pixel=0.2, start=0.0, repetition=1)
-    found = importing.recorded([tmp_path / "a.csv"], facts)
+    facts = ImportOptions(view="sidewall", downstream="right", pixel=(0.0, 59.0), mm_per_pixel=0.2, start=0.0, repetition=1)
+    found = importing.import_recording([tmp_path / "a.csv"], facts)
     said = " ".join(found.notes)
     assert "300 values beyond the camera's range are left out; they are no dead pixels" in said
     assert "dead pixels found" not in said
@@ -290,12 +290,12 @@ def test_a_damaged_calibration_is_told(tmp_path):
     for numbers in ({0x5C: 1e5}, {0x60: 40.0}, {0x70: 0.9}, {0x80: 90.0}, {0x78: float("nan")}):
         path.write_bytes(make.fff(numbers=numbers))
         with pytest.raises(BadInput, match="planck|calibration"):
-            read(path)
+            read_frames(path)
     whole = bytearray(summed(make.fff()))
     whole[-700] ^= 1
     path.write_bytes(bytes(whole))
     with pytest.raises(BadInput, match="checksum of its calibration does not fit"):
-        read(path)
+        read_frames(path)
 
 
 # --- point 14: memory and time --------------------------------------------------------------------------------
@@ -374,7 +374,7 @@ def test_bombs(tmp_path):
 def test_no_header_takes_long(tmp_path, word):
     (tmp_path / "a.csv").write_bytes(make.text(SCENE, header=f"{word}\n" * 60))
     begin = time.monotonic()
-    assert read(tmp_path / "a.csv").shape == SCENE.shape
+    assert read_frames(tmp_path / "a.csv").shape == SCENE.shape
     assert time.monotonic() - begin < 5
 
 
@@ -383,20 +383,20 @@ def test_a_long_sequence_is_read_piece_by_piece(tmp_path):
     counts = np.tile(make.COUNTS, (40, 40))
     one = make.fff(counts) + make.fff(counts + 1)
     (tmp_path / "a.seq").write_bytes(one * 15)
-    found = [p.temperature.shape for p in pieces(tmp_path / "a.seq")]
+    found = [p.temperature.shape for p in iter_frames(tmp_path / "a.seq")]
     assert sum(s[0] for s in found) == 30
     assert max(np.prod(s) for s in found) <= 4_000_000
     assert len(found) == 3
-    facts = Facts(
+    facts = ImportOptions(
         view="sidewall", downstream="right", pixel=(0.0, 479.0), mm_per_pixel=0.1, fps=10.0, start=0.0, repetition=1
     )
-    r = importing.recorded([tmp_path / "a.seq"], facts, folder=tmp_path).recording
+    r = importing.import_recording([tmp_path / "a.seq"], facts, folder=tmp_path).recording
     assert r.temperature.shape == (30, *counts.shape)
-    first = read(tmp_path / "a.seq", every=14).temperature
+    first = read_frames(tmp_path / "a.seq", every=14).temperature
     assert np.allclose(r.temperature[0, ::-1], first[0], atol=1e-4, equal_nan=True)
     assert np.allclose(r.temperature[1::2], r.temperature[1], equal_nan=True)
     with pytest.raises(BadInput, match=r"frames at once would take .* --limit"):
-        read(tmp_path / "a.seq", limit=0.1)
+        read_frames(tmp_path / "a.seq", limit=0.1)
 
 
 @pytest.mark.long
@@ -444,7 +444,7 @@ def test_hdf5_with_data_elsewhere(tmp_path):
         file.create_virtual_dataset("T", layout)
     for name in "abc":
         with pytest.raises(BadInput, match=rf"{name}\.h5: .*another file"):
-            read(tmp_path / f"{name}.h5")
+            read_frames(tmp_path / f"{name}.h5")
 
 
 def test_classic_netcdf_is_read_whole(tmp_path):
@@ -453,8 +453,8 @@ def test_classic_netcdf_is_read_whole(tmp_path):
             file.createDimension(name, size)
         file.createVariable("T", "f8", tuple("rc"))[:] = SCENE
     whole = (tmp_path / "a.nc").read_bytes()
-    wanted = read(tmp_path / "a.nc").temperature
+    wanted = read_frames(tmp_path / "a.nc").temperature
     (tmp_path / "b.nc").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(BadInput):
-        read(tmp_path / "b.nc")
+        read_frames(tmp_path / "b.nc")
     assert np.allclose(wanted[0], SCENE)

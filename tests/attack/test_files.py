@@ -13,12 +13,12 @@ from flashtemp.__main__ import main
 from flashtemp.camera import recording
 from flashtemp.camera.recording import Recording
 from flashtemp.errors import BadInput
-from flashtemp.model.case import load
+from flashtemp.model.case import load_case
 from flashtemp.physics import bounded_reading
-from flashtemp.physics.friction.master_curve_files import read_master, read_shift
+from flashtemp.physics.friction.master_curve_files import read_master_curve, read_shift
 from flashtemp.physics.friction.measured_roughness import read_profile, read_spectrum
-from flashtemp.physics.interpolation import pairs
-from flashtemp.runs.running_in import _measured
+from flashtemp.physics.interpolation import read_xy_pairs
+from flashtemp.runs.running_in import _read_csv_file
 
 SOON = 5.0  # s on a machine that does other things too
 CURVE = [[10.0**k, 1e6 * 2.0**k, 1e5 * 2.0**k] for k in range(6)]
@@ -27,12 +27,12 @@ PROFILE = [[0.1 * k, 0.3 * (-1) ** k] for k in range(40)]
 SHIFT = [[-20.0, 3.0], [0.0, 1.0], [20.0, 0.0], [40.0, -1.0]]
 LOAD = [[1, 0.9], [2, 0.8], [3, 0.75], [4, 0.72]]
 READERS = {  # what is read: header, rows, reader of a path
-    "table": ("time,value", [[0, 0.1], [1, 0.2], [2, 0.3]], lambda p: pairs(p.name, p.parent, "key")),
-    "master curve": ("omega,E',E''", CURVE, lambda p: read_master(p.name, p.parent, "key")),
+    "table": ("time,value", [[0, 0.1], [1, 0.2], [2, 0.3]], lambda p: read_xy_pairs(p.name, p.parent, "key")),
+    "master curve": ("omega,E',E''", CURVE, lambda p: read_master_curve(p.name, p.parent, "key")),
     "shift": ("T,log_aT", SHIFT, lambda p: read_shift(p.name, p.parent, "key")),
     "spectrum": ("q,C", SPECTRUM, lambda p: read_spectrum(p.name, p.parent, "key")),
     "profile": ("x (mm),z (mm)", PROFILE, read_profile),
-    "repetitions": ("repetition,mu", LOAD, lambda p: _measured(p, None)),
+    "repetitions": ("repetition,mu", LOAD, lambda p: _read_csv_file(p, None)),
 }
 
 
@@ -76,10 +76,10 @@ def test_the_speed_of_a_case(tmp_path):
     """Ten rows, the first mistyped: refused with its line, not a schedule that begins at the second."""
     (tmp_path / "case.toml").write_text('[schedule]\nspeed = "v.csv"\ndistance = 0.1\n')
     written(tmp_path / "v.csv", "", [[0.1 * k, 0.1] for k in range(10)])
-    load(tmp_path)
+    load_case(tmp_path)
     written(tmp_path / "v.csv", "", [[0.1 * k, 0.1] for k in range(10)], "O.1")
     with pytest.raises(BadInput, match=r"schedule\.speed: v\.csv:1: .*O\.1.*not numeric"):
-        load(tmp_path)
+        load_case(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_the_speed_of_a_case(tmp_path):
 def test_one_row_of_names_at_most_and_no_number_in_it(tmp_path, text):
     (tmp_path / "a.csv").write_text(text)
     with pytest.raises(BadInput, match="not numeric|not a finite|second table"):
-        pairs("a.csv", tmp_path, "key")
+        read_xy_pairs("a.csv", tmp_path, "key")
 
 
 # --- point 14: time and memory ---------------------------------------------------------------------------
@@ -126,8 +126,8 @@ def test_a_table_of_gigabytes_is_refused_unread(tmp_path, kind):
 
 
 def test_a_digit_of_another_script_is_no_number():
-    assert bounded_reading.number("١") is None
-    assert bounded_reading.number("1" * 101) is None
+    assert bounded_reading.parse_plain_number("١") is None
+    assert bounded_reading.parse_plain_number("1" * 101) is None
 
 
 def small() -> Recording:
@@ -189,9 +189,9 @@ def test_control_characters_are_printed_escaped(tmp_path, capsys, monkeypatch, n
         out, err = capsys.readouterr()
         assert err
         assert all(c.isprintable() or c == "\n" for c in out + err), (out, err)
-    from flashtemp.cli.terminal import emit
+    from flashtemp.cli.terminal import print_result
 
     for as_json in (True, False):
-        emit({"name": name}, as_json, name)
+        print_result({"name": name}, as_json, name)
         out, _ = capsys.readouterr()
         assert all(c.isprintable() or c == "\n" for c in out)

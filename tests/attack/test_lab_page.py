@@ -22,12 +22,12 @@ from flashtemp.lab import folder as folders
 from flashtemp.lab import saving, shared
 from flashtemp.lab.camera_page import CameraPage
 from flashtemp.lab.folder_files import FolderFiles
-from flashtemp.lab.jobs import Jobs
+from flashtemp.lab.jobs import JobList
 from flashtemp.lab.programs import AllowedPrograms, has_trust, programs_of_command, programs_of_text
 from flashtemp.lab.saving import ReplacesFile, read_text, write_text, write_upload
-from flashtemp.lab.server import MAX_BODY_BYTES, Guard
+from flashtemp.lab.server import MAX_BODY_BYTES, TokenGuard
 from flashtemp.lab.shared import program_lines
-from flashtemp.lab.work_page import WorkPage, file_word, start_job
+from flashtemp.lab.work_page import JobsPage, file_word, start_job
 
 TOKEN, PORT = "a-token-of-this-test", 8123
 BASE = f"http://127.0.0.1:{PORT}"  # of the guard alone; the server of all pages has a port of its own
@@ -87,13 +87,13 @@ class Server:
     def __init__(self, place: Path):
         import uvicorn
 
-        from flashtemp.lab.pages import application
+        from flashtemp.lab.pages import make_application
 
         self.socket = socket.create_server(("127.0.0.1", 0))
         self.port = self.socket.getsockname()[1]
         self.base = f"http://127.0.0.1:{self.port}"
-        app, self.jobs = application(place)
-        self.server = uvicorn.Server(uvicorn.Config(Guard(app, TOKEN, self.port), log_level="error", lifespan="on"))
+        app, self.jobs = make_application(place)
+        self.server = uvicorn.Server(uvicorn.Config(TokenGuard(app, TOKEN, self.port), log_level="error", lifespan="on"))
         self.thread = threading.Thread(target=self.server.run, kwargs={"sockets": [self.socket]})
         self.thread.start()
 
@@ -152,7 +152,7 @@ async def echo(scope, receive, send):
     await send({"type": "http.response.body", "body": b"in"})
 
 
-GUARD = Guard(echo, TOKEN, PORT)
+GUARD = TokenGuard(echo, TOKEN, PORT)
 
 # --- what is served --------------------------------------------------------------------------------------------
 OUT_OF_REACH = [
@@ -467,7 +467,7 @@ def test_a_recording_gets_a_name_that_takes_no_camera_file_with_it(tmp_path):
     page = CameraPage(tmp_path)
     (tmp_path / "car.png").write_bytes(PNG)
     page.names = ["car.png"]
-    assert page._free() == "car-2.nc"
+    assert page._free_recording_name() == "car-2.nc"
     page.out = SimpleNamespace(value="car.nc")
     with pytest.raises(BadInput, match=r"car.png: is a camera file of this recording"):
         page._claim_names()
@@ -523,11 +523,11 @@ def test_a_program_that_changed_is_asked_for_again(tmp_path):
     file = tmp_path / "fan.py"
     file.write_text("1")
     allowed = AllowedPrograms()
-    assert allowed.unconfirmed([file]) == [file]
+    assert allowed.unconfirmed_files([file]) == [file]
     allowed.allow([file])
-    assert allowed.unconfirmed([file]) == []
+    assert allowed.unconfirmed_files([file]) == []
     file.write_text("2")
-    assert allowed.unconfirmed([file]) == [file]
+    assert allowed.unconfirmed_files([file]) == [file]
 
 
 def test_the_question_names_each_file_and_says_that_it_is_a_program(tmp_path):
@@ -583,14 +583,14 @@ def test_no_command_writes_through_a_link_that_came_with_the_folder(home, link):
 
 @pytest.mark.parametrize("of", ["--trust", "-x.toml", "--out", "a b.toml", "a'b.toml", "$(id).toml", "a\nb.toml"])
 def test_the_name_of_a_file_is_no_option_of_the_command(tmp_path, of):
-    page = WorkPage(tmp_path, Jobs(tmp_path), AllowedPrograms())
+    page = JobsPage(tmp_path, JobList(tmp_path), AllowedPrograms())
     page.resumed, page.command, page.of, page.more = "", *(SimpleNamespace(value=v) for v in ("run", of, ""))
-    words = page.words()
+    words = page.command_words()
     assert not words[1].startswith("-")
     assert (tmp_path / words[1]).resolve() == (tmp_path / of).resolve()
     assert not has_trust(words)
     page.resumed = of
-    assert not page.words()[2].startswith("-")
+    assert not page.command_words()[2].startswith("-")
     assert file_word("case.toml") == "case.toml"
 
 
@@ -609,7 +609,7 @@ def test_a_listing_of_a_huge_or_hostile_folder_ends_soon_and_says_what_is_left_o
         (tmp_path / f"img{k:03}.csv").touch()
     Path(os.fsdecode(os.fsencode(tmp_path) + b"/\xff.csv")).touch()
     begun = time.monotonic()
-    found = folders.listing(tmp_path)
+    found = folders.list_folder(tmp_path)
     assert time.monotonic() - begun < 5.0
     assert (found.cases, found.begun) == ([], {})
     assert 0 < len(found.images) <= 300
@@ -618,7 +618,7 @@ def test_a_listing_of_a_huge_or_hostile_folder_ends_soon_and_says_what_is_left_o
     for k in range(60):
         (many / str(k)).mkdir(parents=True)
         (many / str(k) / "a.csv").touch()
-    found = folders.listing(many)
+    found = folders.list_folder(many)
     assert 0 < len(found.images) < 60
     assert found.omissions
 

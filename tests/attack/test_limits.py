@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from flashtemp.__main__ import main
-from flashtemp.camera.plausible import HOTTEST
+from flashtemp.camera.plausible import MAX_CAMERA_DEGC
 from flashtemp.camera.recording import Recording
-from flashtemp.errors import AuditFailure, BadInput, SolverFailure
-from flashtemp.model.case import load
+from flashtemp.errors import EnergyBalanceError, BadInput, SolverFailure
+from flashtemp.model.case import load_case
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.solver import limits
 from flashtemp.solver.contact_flux import ContactState
-from flashtemp.solver.interface import Interface
+from flashtemp.solver.interface import ContactInterface
 from flashtemp.solver.march import march
 
 SMALL = {
@@ -42,7 +42,7 @@ def folder(tmp_path):
 
 
 def run(folder, **given):
-    case = load(folder, SMALL | {k.replace("__", "."): v for k, v in given.items()}, trust=True)
+    case = load_case(folder, SMALL | {k.replace("__", "."): v for k, v in given.items()}, trust=True)
     return march(case.scene, case.settings)
 
 
@@ -75,13 +75,13 @@ def test_spots_count_where_no_cell_is_as_hot(folder):
 
 
 def test_colder_than_all_that_cools_is_a_failure(folder, monkeypatch):
-    contact = Interface.state
+    contact = ContactInterface.contact_state
 
     def drawing(self, now, local, T=None):
         state = contact(self, now, local, T)
         return state._replace(m=-state.m)  # friction that takes heat away
 
-    monkeypatch.setattr(Interface, "state", drawing)
+    monkeypatch.setattr(ContactInterface, "state", drawing)
     with pytest.raises(SolverFailure, match="below everything that cools, 20 degC"):
         run(folder)
 
@@ -91,9 +91,9 @@ def test_a_loose_tolerance_may_leave_the_front_of_a_start_colder():
     scene = SimpleNamespace(ambient=20.0 + KELVIN)
     system = SimpleNamespace(b=SimpleNamespace(scene=scene, n=1760), coldest=lambda t: 0.0)
     rises = np.array([14.5, -1.85])
-    limits.check(system, 0.48, rises, hottest=900.0, atol=3e-2)
+    limits.check_temperatures(system, 0.48, rises, hottest=900.0, atol=3e-2)
     with pytest.raises(SolverFailure, match="below everything that cools, 20 degC"):
-        limits.check(system, 0.48, rises, hottest=900.0, atol=1e-3)
+        limits.check_temperatures(system, 0.48, rises, hottest=900.0, atol=1e-3)
 
 
 def test_what_a_law_cools_may_be_cold(folder):
@@ -111,7 +111,7 @@ def test_heat_that_is_lost_on_the_way_fails(folder, monkeypatch, capsys, lost, n
         return built(**values | {"road": (1.0 - lost) * values["road"]})
 
     monkeypatch.setattr("flashtemp.solver.contact_flux.ContactState", leaky)
-    with pytest.raises(AuditFailure, match=name) as fault:
+    with pytest.raises(EnergyBalanceError, match=name) as fault:
         run(folder)
     assert fault.value.run.energy_imbalance > 1e-6
     words = [f"{k}={json.dumps(v)}" for k, v in SMALL.items()]
@@ -142,12 +142,12 @@ def recording(degC):
     )
 
 
-@pytest.mark.parametrize("degC", [-273.0, 20.0, HOTTEST])
+@pytest.mark.parametrize("degC", [-273.0, 20.0, MAX_CAMERA_DEGC])
 def test_recordings_up_to_what_cameras_measure_are_taken(degC):
     assert recording(degC).temperature[0, 0, 0] == degC
 
 
-@pytest.mark.parametrize("degC", [HOTTEST + 1.0, 1e6, -273.2, -1e6])
+@pytest.mark.parametrize("degC", [MAX_CAMERA_DEGC + 1.0, 1e6, -273.2, -1e6])
 def test_recordings_hotter_or_colder_than_any_camera_measures_are_refused(degC):
     with pytest.raises(BadInput, match="hotter than any camera" if degC > 0 else "absolute zero"):
         recording(degC)

@@ -20,9 +20,9 @@ import pytest
 import flashtemp
 from flashtemp.__main__ import main
 from flashtemp.api.simulation import resume, simulate
-from flashtemp.errors import Halted, Incomplete, Interrupted
+from flashtemp.errors import SystemFailure, IncompleteResult, UserInterrupt
 from flashtemp.runs import checkpoint, folders, job
-from flashtemp.runs.checkpoint import CHECKPOINT, FRAMES
+from flashtemp.runs.checkpoint import CHECKPOINT_FILE, FRAMES_FILE
 
 CASE = """title = "small"
 effects = ["track_memory", "friction_softening"]
@@ -102,7 +102,7 @@ def stopped(case, out, share=0.5, **how):
             done.append(progress.t)
             os.kill(os.getpid(), signal.SIGINT)
 
-    with pytest.raises(Interrupted) as said:
+    with pytest.raises(UserInterrupt) as said:
         simulate(case, out=out, watch=stop, **how)
     return said.value.path
 
@@ -160,7 +160,7 @@ def test_a_name_that_is_taken_meanwhile_is_left_alone(case, tmp_path):
         (tmp_path / "a").mkdir(exist_ok=True)
         (tmp_path / "a" / "thesis.txt").write_text(MINE)
 
-    with pytest.raises(Incomplete, match="made by somebody else meanwhile; the result is whole in .*a-2"):
+    with pytest.raises(IncompleteResult, match="made by somebody else meanwhile; the result is whole in .*a-2"):
         simulate(case, out=tmp_path / "a", watch=intrude)
     assert (tmp_path / "a" / "thesis.txt").read_text() == MINE
     assert (tmp_path / "a-2" / "run.nc").is_file()
@@ -196,7 +196,7 @@ def test_a_picture_that_fails_costs_the_picture(case, tmp_path, monkeypatch, cap
     )
     assert "rise at the block's surface" in said.out
     names = {p.name for p in (tmp_path / "a").iterdir()}
-    assert {"run.nc", "summary.json", "fields.vtkhdf", "profile.png", "friction.png", CHECKPOINT, FRAMES} <= names
+    assert {"run.nc", "summary.json", "fields.vtkhdf", "profile.png", "friction.png", CHECKPOINT_FILE, FRAMES_FILE} <= names
     assert "budget.png" not in names
 
 
@@ -226,15 +226,15 @@ def files_up_to(size: int):
 @pytest.mark.sample("3")
 def test_a_full_disk_leaves_the_march(case, whole, tmp_path, monkeypatch, rows):
     """While fields are streamed: what was marched is kept, and the run goes on when there is room."""
-    real = job.Frames.append
+    real = job.FieldStore.append
 
     def append(self, row):
         if len(self) == rows:
             raise OSError(28, "No space left on device", "frames.bin")
         real(self, row)
 
-    monkeypatch.setattr(job.Frames, "append", append)
-    with pytest.raises(Halted, match=r"^No space left on device: frames.bin; checkpoint left"):
+    monkeypatch.setattr(job.FieldStore, "append", append)
+    with pytest.raises(SystemFailure, match=r"^No space left on device: frames.bin; checkpoint left"):
         simulate(case, out=tmp_path / "a")
     monkeypatch.undo()
     check_same(resume(tmp_path / "a"), whole)
@@ -244,9 +244,9 @@ def test_a_full_disk_leaves_the_march(case, whole, tmp_path, monkeypatch, rows):
 @pytest.mark.sample("60000")
 def test_files_that_cannot_grow_leave_something_to_go_on_from(case, whole, tmp_path, size):
     """The kernel's own refusal, at a checkpoint, at run.nc or at the fields."""
-    with pytest.raises((Halted, OSError)) as said, files_up_to(size):
+    with pytest.raises((SystemFailure, OSError)) as said, files_up_to(size):
         simulate(case, out=tmp_path / "a")
-    if isinstance(said.value, Halted):
+    if isinstance(said.value, SystemFailure):
         check_same(resume(tmp_path / "a"), whole)
     else:
         assert size < 10_000  # not even a checkpoint has room
@@ -255,10 +255,10 @@ def test_files_that_cannot_grow_leave_something_to_go_on_from(case, whole, tmp_p
 
 def test_room_for_a_checkpoint_is_kept_and_given_up(case, tmp_path):
     work = stopped(case, tmp_path / "a")
-    kept = work / checkpoint.RESERVE
-    assert kept.stat().st_size > (work / CHECKPOINT).stat().st_size
+    kept = work / checkpoint.RESERVE_FILE
+    assert kept.stat().st_size > (work / CHECKPOINT_FILE).stat().st_size
     resume(tmp_path / "a")
-    assert not (tmp_path / "a" / checkpoint.RESERVE).exists()
+    assert not (tmp_path / "a" / checkpoint.RESERVE_FILE).exists()
 
 
 # --- 4: interrupts at the wrong moment ----------------------------------------------------------------
@@ -299,7 +299,7 @@ def damaged(file: Path, rng, kind: str) -> None:
 @pytest.mark.parametrize("seed", range(60))
 def test_damage_is_refused_in_one_line(waiting, tmp_path, capsys, seed):
     rng = np.random.default_rng(seed)
-    name = [CHECKPOINT, FRAMES, "case.toml", next((waiting / "inputs").iterdir()).relative_to(waiting)][seed % 4]
+    name = [CHECKPOINT_FILE, FRAMES_FILE, "case.toml", next((waiting / "inputs").iterdir()).relative_to(waiting)][seed % 4]
     work = Path(shutil.copytree(waiting, tmp_path / "a.partial"))
     kind = ["bytes", "cut", "gone"][seed // 4 % 3]
     if kind == "gone":
@@ -319,8 +319,8 @@ def test_a_checkpoint_counts_only_when_its_fields_are_on_disk(waiting, tmp_path,
     real = os.fsync
     monkeypatch.setattr(os, "fsync", lambda n: (order.append(Path(os.readlink(f"/proc/self/fd/{n}")).name), real(n))[1])
     work = Path(shutil.copytree(waiting, tmp_path / "a.partial"))
-    checkpoint.save(work, checkpoint.load(work))
-    assert order == [FRAMES, f"{CHECKPOINT}.new", "a.partial"]
+    checkpoint.save_checkpoint(work, checkpoint.load_checkpoint(work))
+    assert order == [FRAMES_FILE, f"{CHECKPOINT_FILE}.new", "a.partial"]
 
 
 # --- 6: those who work together -----------------------------------------------------------------------
@@ -380,10 +380,10 @@ def test_workers_end_with_the_command(tmp_path, number):
 
 @pytest.mark.parametrize("command", ["compare", "sweep", "run"])
 def test_two_commands_into_one_folder_do_not_meet(case, campaign, tmp_path, capsys, command):
-    out, mine = tmp_path / "a", folders.Owner("a", "compare")
+    out, mine = tmp_path / "a", folders.OwnerMarker("a", "compare")
     source = campaign if command == "compare" else case
     more = ["friction.mu=0.5,0.6"] if command == "sweep" else []
-    with folders.claim(out, mine) as work:
+    with folders.reserve_folder(out, mine) as work:
         (work / "note").write_text(MINE)
         assert main([command, str(source), *more, "--out", str(out)]) == 2
         said = capsys.readouterr().err.strip()

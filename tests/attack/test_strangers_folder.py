@@ -15,12 +15,12 @@ from pathlib import Path
 
 import pytest
 
-from flashtemp.lab.jobs import Jobs
+from flashtemp.lab.jobs import JobList
 from flashtemp.physics import local_settings, permissions
 from flashtemp.physics.just_in_time import CACHE_FOLDER, is_cache_private, njit
 from flashtemp.runs import current_folder
-from flashtemp.runs.current_folder import list_search_path, make_python_command, make_safe_environment, safe_children
-from flashtemp.runs.workers import crew
+from flashtemp.runs.current_folder import list_search_path, make_python_command, make_safe_environment, safe_child_environment
+from flashtemp.runs.workers import open_worker_pool
 
 ROOT = Path(__file__).parents[2]
 SNARED = "snared"  # the file that a stranger's program leaves beside the folder
@@ -148,8 +148,8 @@ def test_commands_on_campaigns_open_nothing_else_either(folder):
 
 
 def test_a_job_of_the_page_runs_nothing_from_its_folder(folder):
-    job = Jobs(folder).start(["effects", "friction"])
-    assert job.process.wait(60) == 0, job.lines()
+    job = JobList(folder).start(["effects", "friction"])
+    assert job.process.wait(60) == 0, job.log_lines()
     assert snared(folder) == ""
 
 
@@ -203,7 +203,7 @@ def test_the_environment_is_put_back_after_a_pool(monkeypatch):
     monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
     monkeypatch.setenv("PYTHONPATH", "")
     before = dict(os.environ)
-    with safe_children():
+    with safe_child_environment():
         assert os.environ["PYTHONSAFEPATH"] == "1"
     assert dict(os.environ) == before
 
@@ -212,7 +212,7 @@ def test_workers_of_a_program_in_python_begin_with_a_safe_path(folder, monkeypat
     """A notebook searches its folder; the workers of its sweeps begin without it and then follow the notebook."""
     monkeypatch.chdir(folder)
     monkeypatch.setenv("PYTHONPATH", os.pathsep)
-    with crew(eval, 2) as run:
+    with open_worker_pool(eval, 2) as run:
         assert run(["__import__('sys').flags.safe_path"] * 2) == [True, True]
         assert run(["__import__('os').path.exists('matplotlibrc')"]) == [False]
     assert snared(folder) == ""
@@ -346,11 +346,11 @@ def test_loops_are_compiled_where_no_cache_folder_can_be_written(stored, monkeyp
 def test_settings_of_the_folder_are_not_there_only_while_asked(tmp_path, monkeypatch):
     """A user's own program goes on as it was: only our commands and their processes ignore the files for good."""
     monkeypatch.chdir(tmp_path)
-    for name in local_settings.FILES:
+    for name in local_settings.LOCAL_SETTINGS_FILES:
         (tmp_path / name).write_text("")
     exists = os.path.exists
     with local_settings.without_local_settings():
-        assert not any(os.path.exists(name) for name in local_settings.FILES)
+        assert not any(os.path.exists(name) for name in local_settings.LOCAL_SETTINGS_FILES)
         assert os.path.exists(tmp_path / "matplotlibrc")
         with local_settings.without_local_settings():
             assert not os.path.exists("matplotlibrc")

@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import pytest
 
 from flashtemp.errors import BadInput
-from flashtemp.model.case import load
-from flashtemp.model.trust import refusal
+from flashtemp.model.case import load_case
+from flashtemp.model.trust import find_refusal
 from flashtemp.physics import permissions
 from flashtemp.runs import job
 
@@ -74,7 +74,7 @@ def owned(monkeypatch):
 
 
 def why(case, file="a/b/fan.py"):
-    return refusal(case / "case.toml", case, case / file)
+    return find_refusal(case / "case.toml", case, case / file)
 
 
 PARTS = ("..", ".", "a", "a/b", "a/b/fan.py", "case.toml")
@@ -82,7 +82,7 @@ PARTS = ("..", ".", "a", "a/b", "a/b/fan.py", "case.toml")
 
 def test_what_is_the_users_own_runs(tree):
     assert why(tree) is None
-    load(tree)
+    load_case(tree)
     assert (tree / "a" / "b" / "ran").exists()
 
 
@@ -92,9 +92,9 @@ def test_another_owner_anywhere_on_the_way_is_refused(tree, owned, part):
     owned[path] = STRANGER
     assert f"{path} belongs to another user" in why(tree)
     with pytest.raises(BadInput, match=r"belongs to another user; read that file; then add --trust"):
-        load(tree)
+        load_case(tree)
     assert not (tree / "a" / "b" / "ran").exists()
-    load(tree, trust=True)
+    load_case(tree, trust=True)
 
 
 @pytest.mark.parametrize("above", [1, 2, 3])
@@ -210,14 +210,14 @@ def test_the_way_leads_through_dots_and_links(tree, monkeypatch):
 # --- a run that is resumed is the run that was begun -------------------------------------------------
 @pytest.mark.parametrize("changed", ["inputs/fan.py", "inputs/new.csv", "case.toml"])
 def test_a_checkpoint_counts_only_with_the_files_that_its_case_names(tree, tmp_path, changed):
-    from flashtemp.errors import Interrupted
+    from flashtemp.errors import UserInterrupt
 
     def stop(progress, end):
         if progress.t > 0.3 * end:
             raise KeyboardInterrupt
 
-    with pytest.raises(Interrupted):
-        job.simulate(load(tree), tmp_path / "out", watch=stop)
+    with pytest.raises(UserInterrupt):
+        job.simulate(load_case(tree), tmp_path / "out", watch=stop)
     file = tmp_path / "out.partial" / changed
     file.write_text((file.read_text() if file.exists() else "") + "\n")
     with pytest.raises(BadInput, match=r"--resume: .*case\.toml or a file in inputs was changed since the run"):

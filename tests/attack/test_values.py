@@ -8,8 +8,8 @@ from collections import Counter
 import pytest
 
 from flashtemp.errors import BadInput
-from flashtemp.model.case import load
-from flashtemp.model.schema import APART, TABLES
+from flashtemp.model.case import load_case
+from flashtemp.model.schema import COMMAND_TABLES, CASE_TABLES
 from flashtemp.physics.effect import catalogue
 
 WRONG = (
@@ -23,7 +23,7 @@ SEED, QUICK = 1, 75
 
 def attacks() -> list[tuple[str, str, object]]:
     """(effect or "", key, wrong value), every one."""
-    tables = {t: (("",), keys) for t, keys in (TABLES | APART).items()}
+    tables = {t: (("",), keys) for t, keys in (CASE_TABLES | COMMAND_TABLES).items()}
     keys = [("", f"{t}.{k}") for t, (_, declared) in tables.items() for k in declared]
     keys += [("", "title"), ("", "free"), ("", "effects"), ("", "candidates"), ("", "materials.tread_rubber.density")]
     for name, effect in catalogue().items():
@@ -36,7 +36,7 @@ def outcome(folder, effect: str, key: str, value: object) -> str:
     """How a case with one wrong value ends, in a word; a fault that nobody is told about raises."""
     given = {key: value} | ({"effects": [effect]} if effect and key != "effects" else {})
     try:
-        load(folder, given)
+        load_case(folder, given)
     except BadInput as fault:
         good = all(line and len(line) < 600 and "\n" not in line for line in fault.lines)
         return "told" if good else f"not one line: {fault.lines}"[:300]

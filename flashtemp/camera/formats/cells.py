@@ -10,31 +10,31 @@ from datetime import datetime
 
 import numpy as np
 
-LONGEST = 64  # characters of a cell that can be a number, a mark or a label
-NO_NUMBER = 9.9e37  # SCPI-1999 volume 1, 7.2.1: 9.9E37 is infinity, 9.91E37 not a number
-_NUMBER = r"[-+]?(?:[0-9]+(?:[.,][0-9]*)?|[.,][0-9]+)(?:[eE][-+]?[0-9]+)?"
-_UNIT = (
+MAX_CELL_LENGTH = 64  # characters of a cell that can be a number, a mark or a label
+MIN_MISSING_MARK = 9.9e37  # SCPI-1999 volume 1, 7.2.1: 9.9E37 is infinity, 9.91E37 not a number
+_NUMBER_REGEX = r"[-+]?(?:[0-9]+(?:[.,][0-9]*)?|[.,][0-9]+)(?:[eE][-+]?[0-9]+)?"
+_UNIT_REGEX = (
     r"[^\S\n]*(?:°[^\S\n]*[CFK]?|o[CF]|(?i:deg(?:rees?|\.)?[^\S\n]*(?:celsius|fahrenheit|kelvins?|[cfk]))"
     r"|(?i:celsius|fahrenheit|kelvins?)|mK|[CKF])"
 )
-_MARK = (
+_MARK_REGEX = (
     r"(?i:-+|[<>].*|\*+|\?+|[-+]?nan(?:\(ind\))?|[-+]?inf(?:inity)?|[-+]?1\.#(?:qnan|snan|ind|inf)\d*|#?n/[av]|#?na|#nv"
     r"|#(?:num|value|wert|zahl|ref|bezug|div/0)!|#div/0|null|none|under.*|over.*|out of range|[-+]?o\.?l\.?|ovld?|ovf"
     r"|err(?:or)?|open|invalid|missing|fault)"
 )
-NUMBER = re.compile(_NUMBER)
-UNIT = re.compile(f"{_UNIT}$")
-NO_VALUE = re.compile(f"(?:{_MARK}|)")
-NUMERIC = re.compile(f"^(?=.{{1,{LONGEST}}}$)(?:{_NUMBER}(?:{_UNIT})?|{_MARK})$", re.MULTILINE)  # of a cell per line
-WITH_UNIT = re.compile(f"^(?=.{{1,{LONGEST}}}$){_NUMBER}({_UNIT})$", re.MULTILINE)
+CELL_NUMBER = re.compile(_NUMBER_REGEX)
+CELL_UNIT = re.compile(f"{_UNIT_REGEX}$")
+NO_VALUE = re.compile(f"(?:{_MARK_REGEX}|)")
+NUMERIC = re.compile(f"^(?=.{{1,{MAX_CELL_LENGTH}}}$)(?:{_NUMBER_REGEX}(?:{_UNIT_REGEX})?|{_MARK_REGEX})$", re.MULTILINE)  # of a cell per line
+WITH_UNIT = re.compile(f"^(?=.{{1,{MAX_CELL_LENGTH}}}$){_NUMBER_REGEX}({_UNIT_REGEX})$", re.MULTILINE)
 OF_UNIT = re.compile(r"[°CFKcfknst]\n|[°CFKcfknst]$").search  # whether a unit can stand behind a cell
 QUOTED = re.compile(r'"((?:[^"]|"")*)"|(\S+)')  # of what blanks part
-MOMENT = re.compile(r"(\d{4})-(\d\d)-(\d\d)[ T_](\d\d):(\d\d):(\d\d)(?:[.,](\d{1,9}))?", re.ASCII)
-DIGITS = frozenset("0123456789.+-eE")  # of which plain numbers are made
-EPOCH = datetime(1970, 1, 1)
+DATE_TIME_PATTERN = re.compile(r"(\d{4})-(\d\d)-(\d\d)[ T_](\d\d):(\d\d):(\d\d)(?:[.,](\d{1,9}))?", re.ASCII)
+PLAIN_NUMBER_CHARACTERS = frozenset("0123456789.+-eE")  # of which plain numbers are made
+UNIX_EPOCH = datetime(1970, 1, 1)
 
 
-def cells(line: str, separator: str | None) -> list[str]:
+def split_cells(line: str, separator: str | None) -> list[str]:
     """A line in cells, quoted ones as RFC 4180 has them; of a separator at its end one empty cell is left.
 
     >>> cells('"25,03","25,01",-', ","), cells('"25,03" 25', None)
@@ -52,17 +52,17 @@ def cells(line: str, separator: str | None) -> list[str]:
 
 def is_number(cell: str) -> bool:
     """Whether a cell is a number, perhaps with its unit."""
-    return len(cell) <= LONGEST and NUMBER.fullmatch(UNIT.sub("", cell)) is not None
+    return len(cell) <= MAX_CELL_LENGTH and CELL_NUMBER.fullmatch(CELL_UNIT.sub("", cell)) is not None
 
 
-def numeric(row: list[str]) -> int:
+def count_numeric(row: list[str]) -> int:
     """How many cells are numbers or marks."""
     return len(NUMERIC.findall("\n".join(row)))
 
 
-def mostly_numbers(row: list[str], most: int = 40) -> bool:
+def is_mostly_numbers(row: list[str], most: int = 40) -> bool:
     """Whether more than half of a row's first cells are numbers or marks."""
-    return numeric(row[:most]) > 0.5 * len(row[:most])
+    return count_numeric(row[:most]) > 0.5 * len(row[:most])
 
 
 def count_units(rows: list[list[str]]) -> Counter[str]:
@@ -72,43 +72,43 @@ def count_units(rows: list[list[str]]) -> Counter[str]:
     return Counter({unit: n for unit, n in found.items() if unit != "°"})
 
 
-def parsed(rows: list[list[str]], separator: str | None, comma: bool) -> np.ndarray:
+def parse_cells(rows: list[list[str]], separator: str | None, comma: bool) -> np.ndarray:
     """Numbers of cells (rows, columns), NaN for a mark, infinity for a word."""
     if comma:
         rows = [[c.replace(",", ".") for c in row] for row in rows]
-    if not set("".join("".join(row) for row in rows)) - DIGITS:
+    if not set("".join("".join(row) for row in rows)) - PLAIN_NUMBER_CHARACTERS:
         with contextlib.suppress(ValueError):
-            return without_marks(np.array([list(map(float, row)) for row in rows]))
-    return without_marks(np.array([[_value(c) for c in row] for row in rows]))
+            return mask_missing_marks(np.array([list(map(float, row)) for row in rows]))
+    return mask_missing_marks(np.array([[_parse_cell(c) for c in row] for row in rows]))
 
 
-def without_marks(values: np.ndarray) -> np.ndarray:
+def mask_missing_marks(values: np.ndarray) -> np.ndarray:
     """Values with NaN for the numbers that instruments write where they have none."""
     with np.errstate(invalid="ignore"):
-        return np.where((np.abs(values) >= NO_NUMBER) & np.isfinite(values), np.nan, values)
+        return np.where((np.abs(values) >= MIN_MISSING_MARK) & np.isfinite(values), np.nan, values)
 
 
-def _value(cell: str) -> float:
-    if len(cell) > LONGEST:
+def _parse_cell(cell: str) -> float:
+    if len(cell) > MAX_CELL_LENGTH:
         return np.inf
-    if NUMBER.fullmatch(cell):
+    if CELL_NUMBER.fullmatch(cell):
         try:
             return float(cell)
         except ValueError:  # a decimal comma where points are decimal
             return np.inf
     if NO_VALUE.fullmatch(cell):
         return np.nan
-    bare = UNIT.sub("", cell)
-    return float(bare) if NUMBER.fullmatch(bare) and "," not in bare else np.inf
+    bare = CELL_UNIT.sub("", cell)
+    return float(bare) if CELL_NUMBER.fullmatch(bare) and "," not in bare else np.inf
 
 
-def moment(text: str) -> float | None:
+def parse_clock(text: str) -> float | None:
     """Seconds since 1970 of a date and time like 2024-05-31 12:00:03.25; None where there is none.
 
     >>> moment("start 1970-01-02T00:00:01.5")
     86401.5
     """
-    found = MOMENT.search(text)
+    found = DATE_TIME_PATTERN.search(text)
     if not found:
         return None
     try:
@@ -116,4 +116,4 @@ def moment(text: str) -> float | None:
         day = datetime(year, month, date, hour, minute, second)
     except ValueError:
         return None
-    return (day - EPOCH).total_seconds() + float("0." + (found.group(7) or "0"))
+    return (day - UNIX_EPOCH).total_seconds() + float("0." + (found.group(7) or "0"))

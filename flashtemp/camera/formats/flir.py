@@ -17,35 +17,35 @@ from functools import lru_cache
 import numpy as np
 
 from flashtemp.camera.formats import png
-from flashtemp.camera.plausible import fits
-from flashtemp.camera.radiometry import CONSTANTS, NAMES, RANGES, ObjectParameters, Planck, object_temperature
-from flashtemp.camera.raw_frames import MOST_PIXELS, Frames, need
-from flashtemp.camera.source import Source, unpacked
+from flashtemp.camera.plausible import check_memory
+from flashtemp.camera.radiometry import AIR_CONSTANTS, PARAMETER_NAMES, PARAMETER_RANGES, ObjectParameters, PlanckCalibration, object_temperature
+from flashtemp.camera.raw_frames import MAX_FRAME_PIXELS, RawFrames, require_module
+from flashtemp.camera.source import ByteReader, unpack_at
 from flashtemp.errors import BadInput
 from flashtemp.physics.quantities import KELVIN
 
 MAGIC = (b"FFF\0", b"AFF\0")
-HEADER, ENTRY, RAW_HEADER, INFO_LEAST = 64, 32, 32, 0x310
-COUNTS, INFO = 0x01, 0x20
-PADDING = 8  # bytes that a camera may leave out at the very end of a sequence
-PNG, JPEG = png.START, b"\xff\xd8\xff"
-AGAIN = "copy it again or export it anew; what is there cannot be used"
-FLOATS = {  # record INFO: attribute, offset
+FFF_HEADER_BYTES, FFF_ENTRY_BYTES, COUNTS_HEADER_BYTES, MIN_INFO_BYTES = 64, 32, 32, 0x310
+COUNTS_RECORD, INFO_RECORD = 0x01, 0x20
+MAX_MISSING_BYTES = 8  # bytes that a camera may leave out at the very end of a sequence
+PNG, JPEG = png.PNG_SIGNATURE, b"\xff\xd8\xff"
+DAMAGED_FILE_REMEDY = "copy it again or export it anew; what is there cannot be used"
+INFO_OFFSETS = {  # record INFO: attribute, offset
     "emissivity": 0x20, "distance": 0x24, "reflected": 0x28, "air": 0x2C, "window_temperature": 0x30,
     "window": 0x34, "humidity": 0x3C, "R1": 0x58, "B": 0x5C, "F": 0x60, "alpha1": 0x70, "alpha2": 0x74,
     "beta1": 0x78, "beta2": 0x7C, "X": 0x80, "highest": 0x98, "lowest": 0x9C, "R2": 0x30C,
 }  # fmt: skip
-PLAUSIBLE = {"B": (500.0, 6000.0), "F": (0.3, 3.0), "O": (-1e6, 1e6)}  # of any camera: lowest, highest
-CORE_R = 366545.0  # R1/R2 that a Tau 2 core has before it is calibrated, with B = 1428 K, F = 1, O = 342 counts
-ROOM = 26.85  # degC: where the sensitivity of a calibration is judged
-FEWEST_COUNTS_PER_K = 1.0
-MOST_COUNTS = 65535.0
-PIECE = 4_000_000  # pixels that are turned into temperatures at a time
+CALIBRATION_RANGES = {"B": (500.0, 6000.0), "F": (0.3, 3.0), "O": (-1e6, 1e6)}  # of any camera: lowest, highest
+CORE_R1_OVER_R2 = 366545.0  # R1/R2 that a Tau 2 core has before it is calibrated, with B = 1428 K, F = 1, O = 342 counts
+ROOM_DEGC = 26.85  # degC: where the sensitivity of a calibration is judged
+MIN_COUNTS_PER_K = 1.0
+MAX_COUNTS = 65535.0
+PIXELS_PER_PIECE = 4_000_000  # pixels that are turned into temperatures at a time
 IN_KELVIN = ("reflected", "air", "window_temperature", "highest", "lowest")
 
 
 @dataclass(frozen=True)
-class Block:
+class FffBlock:
     """One FFF block: bytes `begin` to `end` of the data, `records` {type: (offset, length, checksums)}.
 
     A checksum is a CRC-32 of the record in either byte order; cameras that write none write 0.
@@ -56,7 +56,7 @@ class Block:
     records: dict[int, tuple[int, int, tuple[int, ...]]]
 
 
-def joined(jpeg: bytes) -> bytes:
+def join_jpeg_pieces(jpeg: bytes) -> bytes:
     """The FFF block that a JPEG's APP1 segments carry in numbered pieces; empty where there is none."""
     pieces, last, at = {}, None, 2
     while at + 4 <= len(jpeg) and jpeg[at] == 0xFF and jpeg[at + 1] not in (0xDA, 0xD9):
@@ -68,92 +68,92 @@ def joined(jpeg: bytes) -> bytes:
     if last is None:
         return b""
     if missing := [n for n in range(last + 1) if n not in pieces]:
-        raise BadInput(f"piece {missing[0] + 1} of {last + 1} of the thermal data is missing; {AGAIN}")
+        raise BadInput(f"piece {missing[0] + 1} of {last + 1} of the thermal data is missing; {DAMAGED_FILE_REMEDY}")
     return b"".join(pieces[n] for n in range(last + 1))
 
 
-def blocks(data: bytes | Source) -> Iterator[Block]:
+def iter_blocks(data: bytes | ByteReader) -> Iterator[FffBlock]:
     """Every FFF block of the data in order; a block that is cut off or broken raises BadInput."""
     begin, number = 0, 0
     while begin >= 0:
         number += 1
-        block = _block(data, begin, number)
+        block = _parse_block(data, begin, number)
         yield block
-        begin = _next(data, block.end)
+        begin = _find_next_block(data, block.end)
 
 
-def _next(data: bytes | Source, begin: int) -> int:
+def _find_next_block(data: bytes | ByteReader, begin: int) -> int:
     """Where the next block begins; -1 where there is none."""
-    near = data[begin : begin + HEADER]
+    near = data[begin : begin + FFF_HEADER_BYTES]
     found = [p for m in MAGIC if (p := near.find(m)) >= 0]
     if found:
         return begin + min(found)
     return min((p for p in (data.find(m, begin) for m in MAGIC) if p >= 0), default=-1)
 
 
-def _block(data: bytes | Source, begin: int, number: int) -> Block:
-    if begin + HEADER > len(data):
-        raise BadInput(f"frame {number} is cut off in its header; {AGAIN}")
-    order = next((o for o in "<>" if 100 <= unpacked(data, o + "I", begin + 0x14)[0] < 300), None)
+def _parse_block(data: bytes | ByteReader, begin: int, number: int) -> FffBlock:
+    if begin + FFF_HEADER_BYTES > len(data):
+        raise BadInput(f"frame {number} is cut off in its header; {DAMAGED_FILE_REMEDY}")
+    order = next((o for o in "<>" if 100 <= unpack_at(data, o + "I", begin + 0x14)[0] < 300), None)
     if order is None:
-        raise BadInput(f"frame {number} has no readable FFF header; {AGAIN}")
-    start, entries = unpacked(data, order + "2I", begin + 0x18)
-    end = start + ENTRY * entries
+        raise BadInput(f"frame {number} has no readable FFF header; {DAMAGED_FILE_REMEDY}")
+    start, entries = unpack_at(data, order + "2I", begin + 0x18)
+    end = start + FFF_ENTRY_BYTES * entries
     if entries > 1000 or begin + end > len(data):
-        raise BadInput(f"frame {number}: the directory of its records is cut off; {AGAIN}")
+        raise BadInput(f"frame {number}: the directory of its records is cut off; {DAMAGED_FILE_REMEDY}")
     directory = data[begin + start : begin + end]
     records: dict[int, tuple[int, int, tuple[int, ...]]] = {}
     for k in range(entries):
-        kind, _, _, _, offset, length, _, _, checksum = unpacked(directory, order + "2H7I", ENTRY * k)
-        if kind in (COUNTS, INFO):
-            if begin + offset + length > len(data) + PADDING:
+        kind, _, _, _, offset, length, _, _, checksum = unpack_at(directory, order + "2H7I", FFF_ENTRY_BYTES * k)
+        if kind in (COUNTS_RECORD, INFO_RECORD):
+            if begin + offset + length > len(data) + MAX_MISSING_BYTES:
                 raise BadInput(
-                    f"frame {number} is cut off: it needs {offset + length} bytes and has {len(data) - begin}; {AGAIN}"
+                    f"frame {number} is cut off: it needs {offset + length} bytes and has {len(data) - begin}; {DAMAGED_FILE_REMEDY}"
                 )
             sums = (checksum, int.from_bytes(checksum.to_bytes(4, "little"), "big")) if checksum else ()
             records.setdefault(kind, (begin + offset, length, sums))
         if kind and begin + offset + length <= len(data):
             end = max(end, offset + length)
-    return Block(begin, begin + end, records)
+    return FffBlock(begin, begin + end, records)
 
 
-def _record(data: bytes | Source, block: Block, kind: int, number: int) -> bytes:
+def _read_record(data: bytes | ByteReader, block: FffBlock, kind: int, number: int) -> bytes:
     """A record of a block, whole as far as its checksum tells."""
-    what = {COUNTS: "counts", INFO: "calibration"}[kind]
+    what = {COUNTS_RECORD: "counts", INFO_RECORD: "calibration"}[kind]
     if kind not in block.records:
         raise BadInput(f"frame {number} has no record of its {what}; choose a radiometric file of the camera")
     at, length, sums = block.records[kind]
     record = data[at : at + length]
     if sums and zlib.crc32(record) not in sums:
-        raise BadInput(f"frame {number}: the checksum of its {what} does not fit: they are damaged or changed; {AGAIN}")
+        raise BadInput(f"frame {number}: the checksum of its {what} does not fit: they are damaged or changed; {DAMAGED_FILE_REMEDY}")
     return record
 
 
-def counts(record: bytes, limit: float | None = None) -> np.ndarray:
+def decode_counts(record: bytes, limit: float | None = None) -> np.ndarray:
     """Counts (rows, columns), 16 bits, of a record: plain, PNG or JPEG-LS."""
     order = "<" if record[:2] == b"\x02\0" else ">"
-    if len(record) < RAW_HEADER or struct.unpack_from(order + "H", record)[0] != 2:
-        raise BadInput(f"the record of the counts has no readable header; {AGAIN}")
-    columns, rows = _size(record, order)
-    payload = record[RAW_HEADER:]
-    if not 0 < rows * columns <= MOST_PIXELS:
-        raise BadInput(f"an image of {columns} x {rows} pixels; {AGAIN}")
-    fits(rows * columns, limit, f"an image of {columns} x {rows} pixels")
+    if len(record) < COUNTS_HEADER_BYTES or struct.unpack_from(order + "H", record)[0] != 2:
+        raise BadInput(f"the record of the counts has no readable header; {DAMAGED_FILE_REMEDY}")
+    columns, rows = _image_size(record, order)
+    payload = record[COUNTS_HEADER_BYTES:]
+    if not 0 < rows * columns <= MAX_FRAME_PIXELS:
+        raise BadInput(f"an image of {columns} x {rows} pixels; {DAMAGED_FILE_REMEDY}")
+    check_memory(rows * columns, limit, f"an image of {columns} x {rows} pixels")
     if payload.startswith(PNG):
-        png.check(payload)
-        return _smoother(_decoded(payload, (rows, columns), "png_decode", struct.unpack_from(">2I", payload, 16)))
+        png.check_png(payload)
+        return _fix_byte_order(_decode_image(payload, (rows, columns), "png_decode", struct.unpack_from(">2I", payload, 16)))
     if payload.startswith(JPEG) and (size := _jpegls_size(payload)):
-        return _decoded(payload, (rows, columns), "jpegls_decode", size)
+        return _decode_image(payload, (rows, columns), "jpegls_decode", size)
     if len(payload) < 2 * rows * columns:
-        raise BadInput(f"{len(payload)} bytes of counts for {columns} x {rows} pixels; {AGAIN}")
+        raise BadInput(f"{len(payload)} bytes of counts for {columns} x {rows} pixels; {DAMAGED_FILE_REMEDY}")
     return np.frombuffer(payload, order + "u2", rows * columns).reshape(rows, columns).astype(np.uint16)
 
 
-def _size(record: bytes, order: str) -> tuple[int, int]:
+def _image_size(record: bytes, order: str) -> tuple[int, int]:
     """Columns and rows of a record's image, which most cameras write twice: as numbers and as last places."""
     columns, rows, _, _, _, last_column, _, last_row = struct.unpack_from(order + "8H", record, 2)
     if (last_column, last_row) not in ((0, 0), (columns - 1, rows - 1)):
-        raise BadInput(f"an image of {columns} x {rows} pixels that ends at {last_column}, {last_row}; {AGAIN}")
+        raise BadInput(f"an image of {columns} x {rows} pixels that ends at {last_column}, {last_row}; {DAMAGED_FILE_REMEDY}")
     return columns, rows
 
 
@@ -168,22 +168,22 @@ def _jpegls_size(payload: bytes) -> tuple[int, int] | None:
     return None
 
 
-def _decoded(payload: bytes, shape, decoder: str, size) -> np.ndarray:
+def _decode_image(payload: bytes, shape, decoder: str, size) -> np.ndarray:
     """A compressed image whose own (columns, rows) must be those of the record."""
     if tuple(size) != shape[::-1]:
-        raise BadInput(f"an image of {size[0]} x {size[1]} pixels in a record of {shape[1]} x {shape[0]}; {AGAIN}")
+        raise BadInput(f"an image of {size[0]} x {size[1]} pixels in a record of {shape[1]} x {shape[0]}; {DAMAGED_FILE_REMEDY}")
     try:
-        image = getattr(need("imagecodecs"), decoder)(payload)
+        image = getattr(require_module("imagecodecs"), decoder)(payload)
     except BadInput:
         raise
     except Exception as fault:  # each codec raises its own kind
-        raise BadInput(f"the compressed counts are damaged ({' '.join(str(fault).split())}); {AGAIN}") from fault
+        raise BadInput(f"the compressed counts are damaged ({' '.join(str(fault).split())}); {DAMAGED_FILE_REMEDY}") from fault
     if image.shape != shape or image.dtype != np.uint16:
-        raise BadInput(f"compressed image of shape {image.shape} and {image.dtype}, not 16 bits of {shape}; {AGAIN}")
+        raise BadInput(f"compressed image of shape {image.shape} and {image.dtype}, not 16 bits of {shape}; {DAMAGED_FILE_REMEDY}")
     return image
 
 
-def _smoother(image: np.ndarray) -> np.ndarray:
+def _fix_byte_order(image: np.ndarray) -> np.ndarray:
     """The image or its byte-swapped twin: cameras write PNG either way, and only neighbours tell which."""
     swapped = image.byteswap()
     rough = [np.abs(np.diff(i.astype(np.int32), axis=1)).mean() if i.shape[1] > 1 else 0 for i in (image, swapped)]
@@ -191,7 +191,7 @@ def _smoother(image: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Info:
+class CameraInfo:
     """What a block says besides its counts: numbers by name, the camera's name, its clock (s) and frame rate."""
 
     values: dict[str, float]
@@ -200,12 +200,12 @@ class Info:
     fps: float | None
 
 
-def info(record: bytes) -> Info:
+def parse_info(record: bytes) -> CameraInfo:
     """The record of the camera's calibration and the object's parameters."""
     order = "<" if record[:2] == b"\x02\0" else ">"
-    if len(record) < INFO_LEAST or struct.unpack_from(order + "H", record)[0] != 2:
+    if len(record) < MIN_INFO_BYTES or struct.unpack_from(order + "H", record)[0] != 2:
         raise BadInput("the calibration record is missing or damaged; choose a radiometric file of the camera")
-    values = {name: struct.unpack_from(order + "f", record, at)[0] for name, at in FLOATS.items()}
+    values = {name: struct.unpack_from(order + "f", record, at)[0] for name, at in INFO_OFFSETS.items()}
     values["O"] = float(struct.unpack_from(order + "i", record, 0x308)[0])
     values |= {name: round(values[name] - KELVIN, 4) for name in IN_KELVIN}
     for name in ("emissivity", "distance", "window", "humidity"):
@@ -214,10 +214,10 @@ def info(record: bytes) -> Info:
         values["humidity"] /= 100
     camera = record[0xD4:0xF4].split(b"\0")[0].decode("ascii", "replace").strip()
     fps = struct.unpack_from(order + "H", record, 0x464)[0] if len(record) >= 0x466 else 0
-    return Info(values, camera, _clock(record, order), float(fps) if fps else None)
+    return CameraInfo(values, camera, _camera_clock(record, order), float(fps) if fps else None)
 
 
-def _clock(record: bytes, order: str) -> float | None:
+def _camera_clock(record: bytes, order: str) -> float | None:
     """Seconds since 1970 in the camera's own time zone, to 1 ms."""
     if len(record) < 0x38E:
         return None
@@ -226,67 +226,67 @@ def _clock(record: bytes, order: str) -> float | None:
 
 
 @lru_cache(maxsize=64)
-def _table(planck: Planck, parameters: ObjectParameters, own: ObjectParameters, lowest: float, highest: float):
+def _temperature_table(planck: PlanckCalibration, parameters: ObjectParameters, own: ObjectParameters, lowest: float, highest: float):
     """Temperature, degC, of each of the 65536 counts; NaN beyond the range (degC) at the file's `own` parameters."""
     counts = np.arange(65536.0)
     T, T_own = (object_temperature(counts, planck, p) for p in (parameters, own))
     return np.where((T_own < lowest) | (T_own > highest), np.nan, T)
 
 
-def _calibration(v: dict[str, float]) -> Planck:
+def _stated_calibration(v: dict[str, float]) -> PlanckCalibration:
     """The calibration that a file states.  BadInput where it is damaged or none of the camera's own.
 
     Cores that were never calibrated write the constants that the core starts with, R1 366545, R2 1, B 1428, F 1,
     O 342: counts = R1/(exp(B/T) - F) + O in the core's own sign, while files of cameras subtract O.  Their counts stand
     about 8192 whatever is before the camera, which reads as 100 degC.
     """
-    for name, (low, high) in PLAUSIBLE.items():
+    for name, (low, high) in CALIBRATION_RANGES.items():
         if not low <= v[name] <= high:
             raise BadInput(
-                f"planck: {name} of {v[name]:g} in its calibration, cameras have {low:g} to {high:g}; {AGAIN}"
+                f"planck: {name} of {v[name]:g} in its calibration, cameras have {low:g} to {high:g}; {DAMAGED_FILE_REMEDY}"
             )
-    planck = Planck(*(v[k] for k in ("R1", "R2", "B", "F", "O")))
+    planck = PlanckCalibration(*(v[k] for k in ("R1", "R2", "B", "F", "O")))
     stated = f"R1 {planck.R1:g}, R2 {planck.R2:g}, B {planck.B:g}, F {planck.F:g}, O {planck.O:g}"
     remedy = "give the camera's own with --planck R1 R2 B F O, or the file of a radiometric camera"
-    if planck.R2 == 1 and (planck.R1 == CORE_R or planck.O > 0):
+    if planck.R2 == 1 and (planck.R1 == CORE_R1_OVER_R2 or planck.O > 0):
         raise BadInput(
             f"planck: {stated} is what cores without a calibration for temperatures write: the counts are no"
             f" temperatures; {remedy}"
         )
-    per_K = 1 / float(planck.slope(planck.counts(ROOM)))
-    if not per_K >= FEWEST_COUNTS_PER_K:
+    per_K = 1 / float(planck.temperature_per_count(planck.counts(ROOM_DEGC)))
+    if not per_K >= MIN_COUNTS_PER_K:
         raise BadInput(
             f"planck: {stated} makes {per_K:.2g} counts per K, which is no calibration of a camera; {remedy}"
         )
-    if v["lowest"] > -KELVIN and planck.counts(v["lowest"]) > MOST_COUNTS:
+    if v["lowest"] > -KELVIN and planck.counts(v["lowest"]) > MAX_COUNTS:
         raise BadInput(
             f"planck: {stated} makes {planck.counts(v['lowest']):.3g} counts at {v['lowest']:g} degC, the coldest that"
-            f" the camera measures, and 16 bits hold {MOST_COUNTS:g}: no calibration of this camera; {remedy}"
+            f" the camera measures, and 16 bits hold {MAX_COUNTS:g}: no calibration of this camera; {remedy}"
         )
     return planck
 
 
-def _remarks(planck: Planck, p: ObjectParameters) -> list[str]:
+def _calibration_remarks(planck: PlanckCalibration, p: ObjectParameters) -> list[str]:
     """What is assumed of the calibration and of the air."""
     remarks = []
-    if abs(planck.R1 / planck.R2 / CORE_R - 1) < 1e-5 and (planck.B, planck.F) == (1428.0, 1.0):
+    if abs(planck.R1 / planck.R2 / CORE_R1_OVER_R2 - 1) < 1e-5 and (planck.B, planck.F) == (1428.0, 1.0):
         remarks.append(
             "calibration: the constants that the core starts with, not those of this very camera; temperatures may be"
             " several K off (--planck replaces them)"
         )
-    if p.distance > 0 and not any(getattr(p, name) for name in CONSTANTS):
+    if p.distance > 0 and not any(getattr(p, name) for name in AIR_CONSTANTS):
         remarks.append("air: the file states no constants of it (all are 0); its transmission is taken as 1")
     return remarks
 
 
-def physics(info: Info, given: dict[str, float], planck: Planck | None):
+def radiometric_settings(info: CameraInfo, given: dict[str, float], planck: PlanckCalibration | None):
     """What `_table` needs of a frame; what a person gives goes before what the file says."""
     v = info.values
-    planck = planck or _calibration(v)
-    said = {k: v[k] for k in (*NAMES, *CONSTANTS)}
+    planck = planck or _stated_calibration(v)
+    said = {k: v[k] for k in (*PARAMETER_NAMES, *AIR_CONSTANTS)}
     if said["window"] == 1:
         said["window_temperature"] = 20.0  # without a window some cameras write 0 K
-    if (said | given)["distance"] == 0 and not RANGES["air"][0] <= said["air"] <= RANGES["air"][1]:
+    if (said | given)["distance"] == 0 and not PARAMETER_RANGES["air"][0] <= said["air"] <= PARAMETER_RANGES["air"][1]:
         said["air"] = 20.0  # without a path some cameras write 0 K
     parameters = ObjectParameters(**(said | given))
     lowest, highest = v["lowest"], v["highest"]
@@ -300,54 +300,54 @@ def physics(info: Info, given: dict[str, float], planck: Planck | None):
 
 
 def read(
-    data: bytes | Source,
+    data: bytes | ByteReader,
     name: str,
     given: dict[str, float],
-    planck: Planck | None = None,
+    planck: PlanckCalibration | None = None,
     every: int = 1,
     limit: float | None = None,
-) -> Iterator[Frames]:
+) -> Iterator[RawFrames]:
     """Frames of FFF data, one of `every`, a few at a time, degC with the file's parameters or those given instead."""
     images: list[np.ndarray] = []
-    infos: list[Info] = []
+    infos: list[CameraInfo] = []
     found: list[tuple] = []
     first: tuple | None = None
     shape = None
-    for number, block in enumerate(blocks(data), 1):
+    for number, block in enumerate(iter_blocks(data), 1):
         if (number - 1) % every:
             continue
-        record = _record(data, block, INFO, number)
-        about, image = info(record), counts(_record(data, block, COUNTS, number), limit)
+        record = _read_record(data, block, INFO_RECORD, number)
+        about, image = parse_info(record), decode_counts(_read_record(data, block, COUNTS_RECORD, number), limit)
         if image.shape != (shape := shape or image.shape):
-            raise BadInput(f"frame {number} has shape {image.shape}, frame 1 {shape}; {AGAIN}")
+            raise BadInput(f"frame {number} has shape {image.shape}, frame 1 {shape}; {DAMAGED_FILE_REMEDY}")
         images.append(image)
         infos.append(about)
-        found.append(physics(about, given, planck))
+        found.append(radiometric_settings(about, given, planck))
         first = first or found[0]
-        if (len(images) + 1) * image.size > PIECE:
-            yield _frames(name, images, infos, found, first, every)
+        if (len(images) + 1) * image.size > PIXELS_PER_PIECE:
+            yield _make_frames(name, images, infos, found, first, every)
             images, infos, found = [], [], []
     if images:
         assert first is not None  # set with the first image
-        yield _frames(name, images, infos, found, first, every)
+        yield _make_frames(name, images, infos, found, first, every)
 
 
-def _frames(name: str, images, infos: list[Info], found: list[tuple], first: tuple, every: int) -> Frames:
+def _make_frames(name: str, images, infos: list[CameraInfo], found: list[tuple], first: tuple, every: int) -> RawFrames:
     T = np.empty((len(images), *images[0].shape))
     for temperature, image, setting in zip(T, images, found, strict=True):
-        temperature[:] = _table(*setting)[image]
+        temperature[:] = _temperature_table(*setting)[image]
     clocks = [i.clock for i in infos]
     change = ["parameters change from frame to frame; each has its own"] if any(f != first for f in found) else []
-    return Frames(
+    return RawFrames(
         format=name,
         temperature=T,
         clock=None if None in clocks else np.array(clocks),
-        said={k: infos[0].values[k] for k in NAMES},
+        stated_parameters={k: infos[0].values[k] for k in PARAMETER_NAMES},
         parameters=found[0][1],
         counts=np.stack(images),
         planck=found[0][0],
         camera=infos[0].camera,
         fps=infos[0].fps / every if infos[0].fps else None,
         outside=int(np.isnan(T).sum()),
-        notes=(*change, *_remarks(found[0][0], found[0][1])),
+        notes=(*change, *_calibration_remarks(found[0][0], found[0][1])),
     )

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from flashtemp.camera.formats.cells import cells, moment, parsed
-from flashtemp.camera.raw_frames import Frames, agree_on_unit, celsius
-from flashtemp.errors import BadInput, short
+from flashtemp.camera.formats.cells import split_cells, parse_clock, parse_cells
+from flashtemp.camera.raw_frames import RawFrames, agree_on_unit, to_celsius
+from flashtemp.errors import BadInput, shorten_text
 
-START = "[Settings]"
-AGAIN = "export it anew and give that"
-SIDES = ("ImageHeight", "ImageWidth")
-NOT_DEGREES = ("amplitude", "phase", "difference")
+ASCII_START = "[Settings]"
+ASCII_REMEDY = "export it anew and give that"
+SIZE_KEYS = ("ImageHeight", "ImageWidth")
+DIFFERENCE_CONTENTS = ("amplitude", "phase", "difference")
 
 
-def _separator(row: str) -> str | None:
+def _guess_separator(row: str) -> str | None:
     """What stands between the numbers of a row, where the header does not say it."""
     return next((sign for sign in "\t;" if sign in row.strip()), "," if row.count(",") > row.count(" ") else None)
 
 
-def read(text: str, unit: str | None) -> Frames:
+def read_ascii(text: str, unit: str | None) -> RawFrames:
     """One image, degC, of the number of rows and columns that the header states."""
     head, mark, body = text.partition("[Data]")
     pairs = dict(line.split("=", 1) for line in head.splitlines() if "=" in line)
@@ -27,13 +27,13 @@ def read(text: str, unit: str | None) -> Frames:
     if not mark or not lines:
         raise BadInput("IRBIS header without [Data]: the file is cut off; export it anew and give that")
     try:
-        separator = chr(int(pairs["DelimiterValue"], 16)) if "DelimiterValue" in pairs else _separator(lines[0])
+        separator = chr(int(pairs["DelimiterValue"], 16)) if "DelimiterValue" in pairs else _guess_separator(lines[0])
         point = chr(int(pairs["CommaValue"], 16)) if "CommaValue" in pairs else "." if "." in lines[0] else ","
         comma = point == "," != separator
-        stated = tuple(int(pairs[k]) for k in SIDES) if any(k in pairs for k in SIDES) else None
+        stated = tuple(int(pairs[k]) for k in SIZE_KEYS) if any(k in pairs for k in SIZE_KEYS) else None
     except (ValueError, KeyError, OverflowError) as fault:
-        raise BadInput(f"IRBIS header damaged or cut off ({short(str(fault))}); {AGAIN}") from fault
-    rows = [cells(line, separator) for line in lines]
+        raise BadInput(f"IRBIS header damaged or cut off ({shorten_text(str(fault))}); {ASCII_REMEDY}") from fault
+    rows = [split_cells(line, separator) for line in lines]
     if all(len(r) == len(rows[0]) and not r[-1] for r in rows):  # a separator at the end of every line
         rows = [r[:-1] for r in rows]
     widths = {len(r) for r in rows}
@@ -43,14 +43,14 @@ def read(text: str, unit: str | None) -> Frames:
             f"{len(rows)} rows of {min(widths)} to {max(widths)} values, the header says {size[1]} x {size[0]};"
             " the file is cut off: export it anew and give that"
         )
-    values = parsed(rows, separator, comma)
+    values = parse_cells(rows, separator, comma)
     if np.any(np.isinf(values)):
         raise BadInput("words stand among the numbers of [Data]; export it anew and give that")
     content = pairs.get("Content", "Temperature")
-    difference = content.lower() in NOT_DEGREES
-    T, note = celsius(values, agree_on_unit(unit, pairs.get("TempUnit"), "TempUnit of its header"), difference)
-    clock = moment(f"{pairs.get('Params.Rec.Date', '')} {pairs.get('Params.Rec.Time', '')}")
-    return Frames(
+    difference = content.lower() in DIFFERENCE_CONTENTS
+    T, note = to_celsius(values, agree_on_unit(unit, pairs.get("TempUnit"), "TempUnit of its header"), difference)
+    clock = parse_clock(f"{pairs.get('Params.Rec.Date', '')} {pairs.get('Params.Rec.Time', '')}")
+    return RawFrames(
         format="IRBIS ASCII",
         temperature=T[None],
         clock=None if clock is None else np.array([clock]),

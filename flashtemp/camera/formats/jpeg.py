@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 
-MAKERS = {  # letters that stand in the header: whose it is, and what to ask for
+MAKER_REMEDIES = {  # letters that stand in the header: whose it is, and what to ask for
     b"DJI": (
         "DJI R-JPEG: its temperatures are in a form that only DJI's Thermal SDK reads; convert it there (dji_irp -a"
         " measure) or in DJI Thermal Analysis Tool to TIFF and give that"
@@ -16,18 +16,18 @@ MAKERS = {  # letters that stand in the header: whose it is, and what to ask for
     b"InfraTec": "InfraTec JPEG: export it from IRBIS as ASCII and give that",
     b"Optris": "Optris JPEG: export the temperatures as CSV from PIX Connect and give that",
 }
-COMMON = (b"JFIF", b"JFXX", b"Exif", b"http://ns.adobe.com/", b"ICC_PROFILE", b"Photoshop", b"Adobe", b"MPF")
-OWN = 10_000  # bytes of a maker's own data: temperatures of the smallest sensors take more
+COMMON_SEGMENTS = (b"JFIF", b"JFXX", b"Exif", b"http://ns.adobe.com/", b"ICC_PROFILE", b"Photoshop", b"Adobe", b"MPF")
+MIN_MAKER_BYTES = 10_000  # bytes of a maker's own data: temperatures of the smallest sensors take more
 
 
-def without_flir(data: bytes) -> str:
+def describe_foreign_jpeg(data: bytes) -> str:
     """What to say of a JPEG in which FLIR's thermal data are missing."""
-    segments = list(_segments(data))
-    own = sum(len(body) for kind, body in segments if 0xE0 <= kind <= 0xEF and not body.startswith(COMMON))
-    if own < OWN:
+    segments = list(_iter_segments(data))
+    own = sum(len(body) for kind, body in segments if 0xE0 <= kind <= 0xEF and not body.startswith(COMMON_SEGMENTS))
+    if own < MIN_MAKER_BYTES:
         return "JPEG without thermal data"
     head = b"".join(body[:4096] for _, body in segments)
-    for letters, words in MAKERS.items():
+    for letters, words in MAKER_REMEDIES.items():
         if letters in head or letters.lower() in head:
             return words
     return (
@@ -36,7 +36,7 @@ def without_flir(data: bytes) -> str:
     )
 
 
-def _segments(data: bytes) -> Iterator[tuple[int, bytes]]:
+def _iter_segments(data: bytes) -> Iterator[tuple[int, bytes]]:
     """Kind and content of every segment before the image itself."""
     at = 2
     while at + 4 <= len(data) and data[at] == 0xFF and data[at + 1] not in (0xDA, 0xD9):

@@ -13,27 +13,27 @@ import numpy as np
 
 from flashtemp.camera import plausible
 from flashtemp.camera.formats import clean_text, irbis
-from flashtemp.camera.formats.cells import count_units, numeric, parsed
+from flashtemp.camera.formats.cells import count_units, count_numeric, parse_cells
 from flashtemp.camera.formats.text_blocks import arrange_images
-from flashtemp.camera.formats.text_header import Header, find_unit, read_header
-from flashtemp.camera.formats.text_labels import Trimmed, remove_labels
-from flashtemp.camera.formats.text_layout import AGAIN, SEPARATORS, Layout, read_layout
-from flashtemp.camera.raw_frames import UNSCALED, Frames, celsius, linear, temperature_unit
-from flashtemp.errors import BadInput, short
+from flashtemp.camera.formats.text_header import TextHeader, find_unit, read_header
+from flashtemp.camera.formats.text_labels import TrimmedMatrix, remove_labels
+from flashtemp.camera.formats.text_layout import EXPORT_REMEDY, SEPARATOR_WORDS, TextLayout, read_layout
+from flashtemp.camera.raw_frames import UNSCALED, RawFrames, to_celsius, scale_counts, temperature_unit
+from flashtemp.errors import BadInput, shorten_text
 from flashtemp.physics import bounded_reading
-from flashtemp.physics.tables.encoding import mend_signs, utf16_without_mark
+from flashtemp.physics.tables.encoding import repair_signs, detect_unmarked_utf16
 
-PER_BYTE = 25.0  # bytes of memory while a byte of text becomes numbers
+MEMORY_PER_TEXT_BYTE = 25.0  # bytes of memory while a byte of text becomes numbers
 NO_TEXT = "no text with a matrix of temperatures; choose a file of a kind listed in docs/reference/file_formats.md"
-NO_TEMPERATURE = -273.0  # degC: absolute zero, of a pixel without a value, in whole degrees or finer
-ALIKE = str.maketrans(
+ABSOLUTE_ZERO_MARK_DEGC = -273.0  # degC: absolute zero, of a pixel without a value, in whole degrees or finer
+SIGN_TRANSLATION = str.maketrans(
     {"−": "-", "\u00a0": " ", "\u202f": " ", "℃": "°C", "℉": "°F", "º": "°", "˚": "°", "\ufeff": None}
 )
-COLDEST_MEDIAN = -100.0  # degC: colder than any scene of a camera
+MIN_MEDIAN_DEGC = -100.0  # degC: colder than any scene of a camera
 
 
 @dataclass(frozen=True)
-class Image:
+class TextImage:
     """The numbers of one image (rows, columns), labels included, and the lines that stand before it.
 
     `cells` and the numbers `lines` from 1 are those of its rows, empty where nothing in them can be wrong.
@@ -47,69 +47,69 @@ class Image:
 
 
 @dataclass(frozen=True)
-class Matrices:
+class TextMatrices:
     """All images of a text, the unit that stands in their cells, and notes on what was recognised."""
 
-    images: list[Image]
+    images: list[TextImage]
     footer: Sequence[str]
     unit: str | None
     notes: list[str]
     commas_part: bool
 
 
-def read(data: bytes, unit=None, scale=None, offset=None, below=None, decimal=None, rows=None, labels=None) -> Frames:
+def read(data: bytes, unit=None, scale=None, offset=None, below=None, decimal=None, rows=None, labels=None) -> RawFrames:
     """The images of a text file, degC.
 
     `below` (degC) marks what is at or under the camera's range; without it, a plateau at the lowest or the highest
     value does.  `rows` of the file where it holds a part of an image; `labels` where they look like the image: "none",
     "columns", "rows" or "both".
     """
-    text, notes = _usable(decode_text(data))
-    if text.lstrip().startswith(irbis.START):
-        return irbis.read(text, unit)
-    found = _plain(text) if decimal is None else None
-    found = found or _careful(text, decimal, rows)
+    text, notes = _normalise_text(decode_text(data))
+    if text.lstrip().startswith(irbis.ASCII_START):
+        return irbis.read_ascii(text, unit)
+    found = _read_plain(text) if decimal is None else None
+    found = found or _read_any_layout(text, decimal, rows)
     lines = [line for image in found.images for line in image.header] + list(found.footer)
     head = read_header(lines, found.commas_part)
-    trimmed = [_without_labels(image, head.size, rows, labels) for image in found.images]
+    trimmed = [_trim_labels(image, head.size, rows, labels) for image in found.images]
     notes = [*found.notes, *notes, *trimmed[0].notes]
     for one in trimmed:
         if one.values.shape != trimmed[0].values.shape:
-            raise BadInput(f"images of {_size(trimmed[0])} and {_size(one)} pixels in one file; {AGAIN}")
-        plausible.matrix(one.values, head.size, rows, labels is not None)
+            raise BadInput(f"images of {_size_text(trimmed[0])} and {_size_text(one)} pixels in one file; {EXPORT_REMEDY}")
+        plausible.check_matrix(one.values, head.size, rows, labels is not None)
     values = np.stack([one.values for one in trimmed])
-    T, remark = _temperatures(values, head, found.unit, unit, scale, offset)
-    if (zero := T <= NO_TEMPERATURE).any():
+    T, remark = _to_temperatures(values, head, found.unit, unit, scale, offset)
+    if (zero := T <= ABSOLUTE_ZERO_MARK_DEGC).any():
         notes.append(f"{zero.sum()} pixels at absolute zero left out")
         T = np.where(zero, np.nan, T)
     marked = np.isnan(T)
-    ends = below >= T if below is not None else np.stack([plausible.clipped(image) for image in T])
+    ends = below >= T if below is not None else np.stack([plausible.saturated_pixels(image) for image in T])
     if below is None and ends.any():
         notes.append(f"{ends.sum()} pixels at the end of the camera's range left out (--below -273 keeps them)")
     clocks = [read_header(image.header).clock for image in found.images] if len(values) > 1 else [head.clock]
-    return Frames(
+    return RawFrames(
         format="text matrix",
         temperature=np.where(marked | ends, np.nan, T),
         clock=None if None in clocks else np.array(clocks),
-        said=head.said,
+        stated_parameters=head.stated_parameters,
         outside=int((marked | ends).sum()),
         notes=(*notes, *([remark] if remark else [])),
-        counted=scale is UNSCALED,
+        is_unscaled=scale is UNSCALED,
     )
 
 
-def _size(image: Trimmed) -> str:
+def _size_text(image: TrimmedMatrix) -> str:
     return f"{image.values.shape[1]} x {image.values.shape[0]}"
 
 
-def _temperatures(values: np.ndarray, head: Header, of_cells: str | None, unit, scale, offset):
+def _to_temperatures(values: np.ndarray, head: TextHeader, of_cells: str | None, unit, scale, offset):
     """Values in degC and a note on their unit."""
     if scale is not None or offset is not None:
-        return linear(values, scale, offset, "text"), ""
+        return scale_counts(values, scale, offset, "text"), ""
     known, where = find_unit(head, of_cells, unit, values)
-    T, note = celsius(values, known)
+    T, note = to_celsius(values, known)
     some = T[np.isfinite(T)]
-    if known and some.size and not np.median(some) > COLDEST_MEDIAN:
+    if known and some.size and not np.median(some) > MIN_MEDIAN_DEGC:
         raw = values[np.isfinite(values)]
         raise BadInput(
             f"unit: values of {raw.min():g} to {raw.max():g} in {known} would be {some.min():.1f} to {some.max():.1f}"
@@ -118,39 +118,39 @@ def _temperatures(values: np.ndarray, head: Header, of_cells: str | None, unit, 
     return T, where or note
 
 
-def _plain(text: str) -> Matrices | None:
+def _read_plain(text: str) -> TextMatrices | None:
     """A text without anything unusual, read at once; None where it is not of that kind."""
-    plain = clean_text.rows(text)
+    plain = clean_text.read_plain_rows(text)
     if plain is None:
         return None
     header, values, separator, comma = plain
-    notes = [f"{SEPARATORS[separator]} between the values" + (", decimal commas" if comma else "")]
-    return Matrices([Image(values, header)], [], None, notes, separator == "," and not comma)
+    notes = [f"{SEPARATOR_WORDS[separator]} between the values" + (", decimal commas" if comma else "")]
+    return TextMatrices([TextImage(values, header)], [], None, notes, separator == "," and not comma)
 
 
-def _careful(text: str, decimal: str | None, rows: int | None) -> Matrices:
+def _read_any_layout(text: str, decimal: str | None, rows: int | None) -> TextMatrices:
     """The images of any text; BadInput names the line that is in the way."""
-    layout = read_layout(bounded_reading.lines(text, "line"), decimal, text[-1] in "\r\n")
+    layout = read_layout(bounded_reading.split_bounded_lines(text, "line"), decimal, text[-1] in "\r\n")
     stated = read_header([line for _, line in layout.others]).size
     groups, notes = arrange_images(layout, stated[0], rows)
-    edge = None if layout.edge is None else parsed([layout.edge], layout.separator, layout.comma)[0]
+    edge = None if layout.edge is None else parse_cells([layout.edge], layout.separator, layout.comma)[0]
     images, before = [], 0
     for blocks in groups:
         begin, end = blocks[0].lines[0], blocks[-1].lines[-1]
         header = [line for number, line in layout.others if before < number < end]
-        header += [cell for cell in blocks[0].rows[0] if cell and not numeric([cell])]  # of a corner between labels
+        header += [cell for cell in blocks[0].rows[0] if cell and not count_numeric([cell])]  # of a corner between labels
         cells = [row for block in blocks for row in block.rows]
-        values = parsed(cells, layout.separator, layout.comma)
+        values = parse_cells(cells, layout.separator, layout.comma)
         lines = [number for block in blocks for number in block.lines]
-        images.append(Image(values, header, edge if begin == groups[0][0].lines[0] else None, cells, lines))
+        images.append(TextImage(values, header, edge if begin == groups[0][0].lines[0] else None, cells, lines))
         before = end
     footer = [line for number, line in layout.others if number > before]
-    sign = f"{SEPARATORS[layout.separator]} between the values" + (", decimal commas" if layout.comma else "")
+    sign = f"{SEPARATOR_WORDS[layout.separator]} between the values" + (", decimal commas" if layout.comma else "")
     commas_part = layout.separator == "," and not layout.comma
-    return Matrices(images, footer, _unit_of_cells(layout), [sign, *notes], commas_part)
+    return TextMatrices(images, footer, _find_cell_unit(layout), [sign, *notes], commas_part)
 
 
-def _unit_of_cells(layout: Layout) -> str | None:
+def _find_cell_unit(layout: TextLayout) -> str | None:
     """The unit that stands behind numbers of the cells.  BadInput where there are two."""
     found: dict[str, str] = {}
     for written in count_units(layout.rows):
@@ -167,7 +167,7 @@ def _unit_of_cells(layout: Layout) -> str | None:
     return next(iter(found), None)
 
 
-def _without_labels(image: Image, stated: tuple[int | None, int | None], rows: int | None, choice) -> Trimmed:
+def _trim_labels(image: TextImage, stated: tuple[int | None, int | None], rows: int | None, choice) -> TrimmedMatrix:
     """An image without labels and remarks.  BadInput for words that stand among its numbers."""
 
     def is_whole(height: int, width: int) -> bool | None:
@@ -176,7 +176,7 @@ def _without_labels(image: Image, stated: tuple[int | None, int | None], rows: i
             return False
         if wanted[0] is not None:
             return True if wanted[1] is not None else None
-        whole = plausible.SENSORS.get(width)
+        whole = plausible.SENSOR_SIZES.get(width)
         return None if whole is None else height in whole
 
     found = remove_labels(image.values, choice, is_whole, image.edge)
@@ -184,7 +184,7 @@ def _without_labels(image: Image, stated: tuple[int | None, int | None], rows: i
         words = np.argwhere(np.isinf(image.values)).tolist()
         inner = [(row, column) for row, column in words if row and 0 < column < image.values.shape[1] - 1]
         row, column = (inner or words or [(0, 0)])[0]
-        where = f"line {image.lines[row]}: {short(image.cells[row][column])!r} in column {column + 1}: "
+        where = f"line {image.lines[row]}: {shorten_text(image.cells[row][column])!r} in column {column + 1}: "
         raise BadInput(f"{where}words stand among the numbers of the matrix; remove or repair them")
     return found
 
@@ -193,7 +193,7 @@ def decode_text(data: bytes) -> str:
     """Text in whatever encoding an export uses, without its byte order mark; NULs stay."""
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         text = data.decode("utf-16", "replace")
-    elif order := utf16_without_mark(data[:200]):
+    elif order := detect_unmarked_utf16(data[:200]):
         text = data.decode(order, "replace")
     else:
         try:
@@ -210,11 +210,11 @@ def is_text(start: bytes) -> bool:
     return (
         b"\0" not in start.rstrip(b"\0")
         or start[:2] in (b"\xff\xfe", b"\xfe\xff")
-        or utf16_without_mark(start[:200]) is not None
+        or detect_unmarked_utf16(start[:200]) is not None
     )
 
 
-def _usable(text: str) -> tuple[str, list[str]]:
+def _normalise_text(text: str) -> tuple[str, list[str]]:
     """A text with signs that look alike in one spelling and without NULs at its end, and a note on those."""
     notes = []
     if text.endswith("\0"):
@@ -224,9 +224,9 @@ def _usable(text: str) -> tuple[str, list[str]]:
     if "\0" in text:
         at = text.index("\0")
         raise BadInput(
-            f"line {text.count(chr(10), 0, at) + 1} holds a NUL byte after {short(text[max(0, at - 20) : at])!r}:"
+            f"line {text.count(chr(10), 0, at) + 1} holds a NUL byte after {shorten_text(text[max(0, at - 20) : at])!r}:"
             f" {NO_TEXT}"
         )
     if not text.isascii() or "&deg;" in text or "?" in text:
-        text = mend_signs(text.translate(ALIKE))
+        text = repair_signs(text.translate(SIGN_TRANSLATION))
     return text, notes

@@ -8,24 +8,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flashtemp.camera.formats.cells import NO_VALUE, UNIT, cells, mostly_numbers, numeric, parsed
-from flashtemp.camera.formats.text_labels import is_even
-from flashtemp.camera.plausible import HOTTEST
-from flashtemp.errors import BadInput, short
+from flashtemp.camera.formats.cells import NO_VALUE, CELL_UNIT, split_cells, is_mostly_numbers, count_numeric, parse_cells
+from flashtemp.camera.formats.text_labels import is_evenly_spaced
+from flashtemp.camera.plausible import MAX_CAMERA_DEGC
+from flashtemp.errors import BadInput, shorten_text
 
-SEPARATORS = {"\t": "TAB", ";": "';'", ",": "','", None: "spaces"}
-SAMPLE, SEEN = 20, 4000  # lines that tell the separator, and characters of each
+SEPARATOR_WORDS = {"\t": "TAB", ";": "';'", ",": "','", None: "spaces"}
+SEPARATOR_LINES, SEPARATOR_CHARACTERS = 20, 4000  # lines that tell the separator, and characters of each
 COMMENT = ("#", "%", "//", "!")
 ASK_DECIMAL = "say which with --decimal comma or --decimal point, or export with TAB or ';' between the values"
-AGAIN = "copy it again or export it anew and give that"
-GROUPS = re.compile(r"[-+]?\d{1,3}(?:,\d{3})+")  # a number as thousands separators would have it
+EXPORT_REMEDY = "copy it again or export it anew and give that"
+THOUSANDS_GROUPS = re.compile(r"[-+]?\d{1,3}(?:,\d{3})+")  # a number as thousands separators would have it
 NUMBER_LIKE = re.compile(r"[-+]?[.,]?\d").match
 THOUSANDS = re.compile(r"(?<!\d)\d{1,3}(?:\.\d{3}){1,4},\d|(?<!\d)\d{1,3}(?:['\u2019]\d{3}){1,4}(?!\d)")
 SEVERAL_MARKS = re.compile(r"[.,]\d*[.,]|'")  # of a number with thousands separators: two signs, or apostrophes
 
 
 @dataclass(frozen=True)
-class Block:
+class RowBlock:
     """Rows of cells that follow each other, and the number from 1 of the line of each."""
 
     rows: list[list[str]]
@@ -33,14 +33,14 @@ class Block:
 
 
 @dataclass(frozen=True)
-class Layout:
+class TextLayout:
     """Blocks of rows, what stands between cells (None: blanks), whether commas are decimal, and all other lines.
 
     `others`: number from 1 and text of lines that are no rows; `edge`: a row of labels just above the first block,
     one cell shorter than its rows.
     """
 
-    blocks: tuple[Block, ...]
+    blocks: tuple[RowBlock, ...]
     separator: str | None
     comma: bool
     others: tuple[tuple[int, str], ...]
@@ -52,29 +52,29 @@ class Layout:
         return [row for block in self.blocks for row in block.rows]
 
 
-def read_layout(lines: Sequence[str], decimal: str | None, ended: bool) -> Layout:
+def read_layout(lines: Sequence[str], decimal: str | None, ended: bool) -> TextLayout:
     """The layout of a text; `decimal` "comma" or "point" where a person says it, `ended` with a line end.
 
     Raises BadInput naming the line for rows of another width, and where decimal and other commas cannot be told apart.
     """
     lines = _without_outer_quotes(lines)
-    separator = _separator(lines)
-    split = [cells(line, separator) for line in lines]
+    separator = _find_separator(lines)
+    split = [split_cells(line, separator) for line in lines]
     comment = [_is_comment(line, row, separator) for line, row in zip(lines, split, strict=True)]
-    wide = [k for k, c in enumerate(split) if len(c) > 1 and not comment[k] and mostly_numbers(c)]
+    wide = [k for k, c in enumerate(split) if len(c) > 1 and not comment[k] and is_mostly_numbers(c)]
     if not wide:
         raise BadInput(
             "no matrix of numbers in it; give files with a row of numbers per line, or a pattern that leaves this out"
         )
-    columns = _columns(split, wide, separator)
-    inside = {k: row for k in range(len(lines)) if not comment[k] and (row := _row(split[k], columns)) is not None}
-    first, last = _reach([k for k in wide if k in inside], inside)
-    blocks: list[Block] = []
+    columns = _count_columns(split, wide, separator)
+    inside = {k: row for k in range(len(lines)) if not comment[k] and (row := _matrix_row(split[k], columns)) is not None}
+    first, last = _find_matrix_lines([k for k in wide if k in inside], inside)
+    blocks: list[RowBlock] = []
     others: list[tuple[int, str]] = []
     for k, line in enumerate(lines):
         if first <= k <= last and k in inside and _has_values(inside[k]):
             if not (blocks and blocks[-1].lines[-1] == k):
-                blocks.append(Block([], []))
+                blocks.append(RowBlock([], []))
             blocks[-1].rows.append(inside[k])
             blocks[-1].lines.append(k + 1)
             continue
@@ -83,15 +83,15 @@ def read_layout(lines: Sequence[str], decimal: str | None, ended: bool) -> Layou
             after = k == last + 1 or first < k < last
             _refuse_part_of_row(split[k], k, columns, 0.0 if after else 0.5)
     rows = [row for block in blocks for row in block.rows]
-    comma = _has_decimal_commas(rows, separator, decimal, any('"' in lines[k - 1] for k in blocks[0].lines[:SAMPLE]))
+    comma = _has_decimal_commas(rows, separator, decimal, any('"' in lines[k - 1] for k in blocks[0].lines[:SEPARATOR_LINES]))
     if not ended and last == len(lines) - 1:
         _refuse_loose_end(rows, comma)
     elif not ended and last == len(lines) - 2 and not any(c.isalpha() for c in lines[-1]):
-        raise BadInput(f"it ends with {lines[-1][:40]!r} and without a line end: cut off; {AGAIN}")
+        raise BadInput(f"it ends with {lines[-1][:40]!r} and without a line end: cut off; {EXPORT_REMEDY}")
     edge = (
-        split[first - 1] if first and len(split[first - 1]) == columns - 1 and _is_running(split[first - 1]) else None
+        split[first - 1] if first and len(split[first - 1]) == columns - 1 and _is_evenly_counting(split[first - 1]) else None
     )
-    return Layout(tuple(blocks), separator, comma, tuple(others), edge)
+    return TextLayout(tuple(blocks), separator, comma, tuple(others), edge)
 
 
 def _is_comment(line: str, row: list[str], separator: str | None) -> bool:
@@ -113,16 +113,16 @@ def _without_outer_quotes(lines: Sequence[str]) -> list[str]:
     return [line.strip()[1:-1] if one else line for line, one in zip(lines, whole, strict=True)]
 
 
-def _separator(lines: Sequence[str]) -> str | None:
+def _find_separator(lines: Sequence[str]) -> str | None:
     """What parts the lines with most digits, and some of all, into most numbers."""
-    filled = [line[:SEEN] for line in lines if line.strip()]
-    sample = [*sorted(filled, key=_digits, reverse=True)[:SAMPLE], *filled[:: max(1, len(filled) // SAMPLE)]]
+    filled = [line[:SEPARATOR_CHARACTERS] for line in lines if line.strip()]
+    sample = [*sorted(filled, key=_count_digits, reverse=True)[:SEPARATOR_LINES], *filled[:: max(1, len(filled) // SEPARATOR_LINES)]]
 
     def clear(separator) -> int:
-        split = [cells(line, separator) for line in sample]
-        return sum(n if (n := numeric(c)) > 0.5 * len(c) and len(c) > 1 else 0 for c in split)
+        split = [split_cells(line, separator) for line in sample]
+        return sum(n if (n := count_numeric(c)) > 0.5 * len(c) and len(c) > 1 else 0 for c in split)
 
-    clearest = {separator: clear(separator) for separator in SEPARATORS}
+    clearest = {separator: clear(separator) for separator in SEPARATOR_WORDS}
     separator = max(clearest, key=lambda separator: clearest[separator])
     if not clearest[separator]:
         if any(THOUSANDS.search(line) for line in sample):
@@ -135,11 +135,11 @@ def _separator(lines: Sequence[str]) -> str | None:
     return separator
 
 
-def _digits(line: str) -> int:
+def _count_digits(line: str) -> int:
     return sum(map(line.count, "0123456789"))
 
 
-def _columns(split: list[list[str]], wide: list[int], separator: str | None) -> int:
+def _count_columns(split: list[list[str]], wide: list[int], separator: str | None) -> int:
     """The width of the rows without the empty cells that separators at their ends make."""
     counts = np.bincount([len(split[k]) for k in wide])
     columns = int(np.argmax(counts * np.arange(len(counts))))
@@ -149,20 +149,20 @@ def _columns(split: list[list[str]], wide: list[int], separator: str | None) -> 
     return columns
 
 
-def _row(row: list[str], columns: int) -> list[str] | None:
+def _matrix_row(row: list[str], columns: int) -> list[str] | None:
     """The first `columns` cells of a row where nothing or a remark stands after them, else None."""
-    if len(row) < columns or any(cell and (cell[0].isdigit() or numeric([cell])) for cell in row[columns:]):
+    if len(row) < columns or any(cell and (cell[0].isdigit() or count_numeric([cell])) for cell in row[columns:]):
         return None
     return row[:columns]
 
 
 def _has_values(row: list[str]) -> bool:
     """Whether a row as wide as the image holds more numbers and marks than words."""
-    numbers = numeric(row)
+    numbers = count_numeric(row)
     return numbers > 0 and numbers > sum(map(bool, row)) - numbers
 
 
-def _reach(wide: list[int], inside: dict[int, list[str]]) -> tuple[int, int]:
+def _find_matrix_lines(wide: list[int], inside: dict[int, list[str]]) -> tuple[int, int]:
     """First and last line of the matrix; rows that are empty but for a few numbers belong to it."""
     first, last = wide[0], wide[-1]
     while first - 1 in inside and _has_values(inside[first - 1]):
@@ -174,22 +174,22 @@ def _reach(wide: list[int], inside: dict[int, list[str]]) -> tuple[int, int]:
 
 def _refuse_part_of_row(row: list[str], k: int, columns: int, fraction: float) -> None:
     """BadInput where a line beside the matrix is a part of it: numbers, more than a fraction of a row, but no row."""
-    if len(row) > fraction * columns and numeric(row) > 0.5 * len(row) and not _is_running(row):
-        what = short(" ".join(row[:4]))
+    if len(row) > fraction * columns and count_numeric(row) > 0.5 * len(row) and not _is_evenly_counting(row):
+        what = shorten_text(" ".join(row[:4]))
         raise BadInput(
             f"line {k + 1} has {len(row)} values ({what}{' ...' if len(row) > 4 else ''}), others {columns}; the file"
-            f" is cut off or damaged: {AGAIN}"
+            f" is cut off or damaged: {EXPORT_REMEDY}"
         )
 
 
-def _is_running(row: list[str]) -> bool:
+def _is_evenly_counting(row: list[str]) -> bool:
     """Whether the cells of a line count evenly, as the numbers or places of columns do."""
     if len(row) < 3:
         return False
     for comma in (False, True):
-        values = parsed([row], None, comma)[0]
+        values = parse_cells([row], None, comma)[0]
         if np.isfinite(values).all():
-            return is_even(values)
+            return is_evenly_spaced(values)
     return False
 
 
@@ -202,7 +202,7 @@ def _refuse_loose_end(rows: list[list[str]], comma: bool) -> None:
     others = [c for row in rows for c in row[-1:]]
     usual = int(np.median([decimals(c) for c in others]))
     if decimals(rows[-1][-1]) < usual or (not rows[-1][-1] and any(others[:-1])):
-        raise BadInput(f"it ends with {rows[-1][-1]!r} and without a line end: cut off; {AGAIN}")
+        raise BadInput(f"it ends with {rows[-1][-1]!r} and without a line end: cut off; {EXPORT_REMEDY}")
 
 
 def _has_decimal_commas(rows: list[list[str]], separator: str | None, decimal: str | None, quoted: bool) -> bool:
@@ -211,29 +211,29 @@ def _has_decimal_commas(rows: list[list[str]], separator: str | None, decimal: s
     RFC 4180 puts a cell with a comma between quotes, so that it stays one cell where commas part cells.  Raises
     BadInput for thousands separators, for both signs in one file, and where a comma could be either.
     """
-    numbers = [c if c[-1].isdigit() else UNIT.sub("", c) for row in rows for c in row if NUMBER_LIKE(c)]
+    numbers = [c if c[-1].isdigit() else CELL_UNIT.sub("", c) for row in rows for c in row if NUMBER_LIKE(c)]
     commas = [c for c in numbers if "," in c]
     points = [c for c in numbers if "." in c]
     if double := next((c for c in (*commas, *points) if SEVERAL_MARKS.search(c)), None):
-        raise BadInput(f"{short(double)!r} has a thousands separator; export the numbers without it and give that")
+        raise BadInput(f"{shorten_text(double)!r} has a thousands separator; export the numbers without it and give that")
     if commas and points:
         raise BadInput(
-            f"{short(commas[0])!r} has a comma and {short(points[0])!r} a point: one is no decimal sign; export all"
+            f"{shorten_text(commas[0])!r} has a comma and {shorten_text(points[0])!r} a point: one is no decimal sign; export all"
             " numbers with one sign and without thousands separators and give that"
         )
     said = {"comma": points, "point": commas}.get(decimal or "", [])
     if said and (decimal == "comma" or separator != ","):
         raise BadInput(
-            f"decimal: {decimal} said, but {short(said[0])!r} is in the file; leave --decimal out or correct it"
+            f"decimal: {decimal} said, but {shorten_text(said[0])!r} is in the file; leave --decimal out or correct it"
         )
     if separator == "," and not commas:
         if decimal == "comma" or (decimal is None and not points and len(rows[0]) % 2 == 0):
             raise BadInput(f"commas between whole numbers could be decimal commas; {ASK_DECIMAL}")
         return False
-    grouped = separator == "," and quoted and decimal is None and all(map(GROUPS.fullmatch, commas))
-    if grouped and all(abs(float(c.replace(",", ""))) <= HOTTEST for c in commas):
+    grouped = separator == "," and quoted and decimal is None and all(map(THOUSANDS_GROUPS.fullmatch, commas))
+    if grouped and all(abs(float(c.replace(",", ""))) <= MAX_CAMERA_DEGC for c in commas):
         raise BadInput(
-            f"{short(commas[0])!r} could be {commas[0].replace(',', '')} or {commas[0].replace(',', '.')}; say"
+            f"{shorten_text(commas[0])!r} could be {commas[0].replace(',', '')} or {commas[0].replace(',', '.')}; say"
             " --decimal comma, or export the numbers without thousands separators"
         )
     return bool(commas)

@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flashtemp.discovery.estimation.linear_gaussian import Array, Block, Solution, System, residual
-from flashtemp.discovery.estimation.linearised_fit import Fit
+from flashtemp.discovery.estimation.linear_gaussian import Array, DataBlock, Solution, LinearSystem, whitened_residual
+from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
 from flashtemp.discovery.estimation.nuisance_priors import rigid_priors
-from flashtemp.discovery.estimation.whitening import Data
+from flashtemp.discovery.estimation.whitening import WhitenedData
 
-HELD_OUT = "held out"  # name of the fold of recordings and traces that are marked so
-MAX_PULL = 3.0  # prior standard deviations that a model may be bent by to be called the model as people know it
+HELD_OUT_FOLD = "held out"  # name of the fold of recordings and traces that are marked so
+MAX_RIGID_PULL = 3.0  # prior standard deviations that a model may be bent by to be called the model as people know it
 
-Keep = Callable[[Block], bool]
+BlockFilter = Callable[[DataBlock], bool]
 
 
 @dataclass(frozen=True)
@@ -35,30 +35,30 @@ class CrossValidation:
 
     @property
     def is_held_out(self) -> bool:
-        return self.labels == (HELD_OUT,)
+        return self.labels == (HELD_OUT_FOLD,)
 
 
-def without_flexible_terms(fit: Fit) -> Fit:
+def without_flexible_terms(fit: LinearisedFit) -> LinearisedFit:
     """A fit that may not bend the pressure, the walls or the friction of a repetition: the model as people know it.
 
     Nothing may go farther than MAX_PULL standard deviations from what was known, however badly the model fits.
     """
-    priors = rigid_priors(fit.priors) | fit.effects
-    solution = fit.system.bounded(priors, MAX_PULL, fit.equations)
-    return replace(fit, priors=priors, solution=fit.system.completed(solution, priors))
+    priors = rigid_priors(fit.priors) | fit.effect_priors
+    solution = fit.system.solve_bounded(priors, MAX_RIGID_PULL, fit.equations)
+    return replace(fit, priors=priors, solution=fit.system.fit_heldout_nuisances(solution, priors))
 
 
-def cross_validate(data: Data, fit: Fit) -> CrossValidation:
+def cross_validate(data: WhitenedData, fit: LinearisedFit) -> CrossValidation:
     """Predict recordings marked held out; where none is, every condition from the others, or every recording."""
     system, variances = fit.system, fit.hyper.variances
-    folds = _folds(system)
+    folds = _make_folds(system)
     densities, residuals, kelvins, count, total = [], [], 0.0, 0, 0
     for inside in folds.values():
-        every = system.solve(fit.priors, system.total(_with(inside), variances))
-        rest = system.solve(fit.priors, system.total(_without(inside), variances))
+        every = system.solve(fit.priors, system.normal_equations(_including_fold(inside), variances))
+        rest = system.solve(fit.priors, system.normal_equations(_excluding_fold(inside), variances))
         densities.append(every.ln_evidence - rest.ln_evidence)
         for block in (b for b in system.blocks if inside(b)):
-            left = _predicted(system, fit, rest, block)
+            left = _heldout_residual(system, fit, rest, block)
             residuals.append(left)
             total += block.count
             if block.label in data.noises:
@@ -84,37 +84,37 @@ def rms_change_error(before: Array, after: Array) -> float:
     return float(np.std(change) / np.sqrt(len(change)) / max(rms, 1e-300))
 
 
-def _folds(system: System) -> dict[str, Keep]:
+def _make_folds(system: LinearSystem) -> dict[str, BlockFilter]:
     if any(b.held_out for b in system.blocks):
-        return {HELD_OUT: lambda b: b.held_out}
+        return {HELD_OUT_FOLD: lambda b: b.held_out}
     numbers = sorted({b.condition for b in system.blocks})
     if len(numbers) > 1:
-        return {f"condition {n + 1}": _of_condition(n) for n in numbers}
-    return {b.label: _only(b) for b in system.blocks}
+        return {f"condition {n + 1}": _condition_filter(n) for n in numbers}
+    return {b.label: _block_filter(b) for b in system.blocks}
 
 
-def _with(fold: Keep) -> Keep:
+def _including_fold(fold: BlockFilter) -> BlockFilter:
     return lambda b: not b.held_out or fold(b)
 
 
-def _without(fold: Keep) -> Keep:
+def _excluding_fold(fold: BlockFilter) -> BlockFilter:
     return lambda b: not b.held_out and not fold(b)
 
 
-def _of_condition(number: int) -> Keep:
+def _condition_filter(number: int) -> BlockFilter:
     return lambda b: b.condition == number
 
 
-def _only(block: Block) -> Keep:
+def _block_filter(block: DataBlock) -> BlockFilter:
     return lambda b: b is block
 
 
-def _predicted(system: System, fit: Fit, rest: Solution, block: Block) -> Array:
+def _heldout_residual(system: LinearSystem, fit: LinearisedFit, training: Solution, block: DataBlock) -> Array:
     """Residual (n,) of a block with what others share of the parameters, and its own camera's unknowns fitted."""
     others = {p for b in system.blocks if b is not block for p, _ in b.names}
     priors = {}
-    for i, p in enumerate(rest.names):
-        known = float(np.sqrt(rest.covariance[i, i]))
-        shared = p in others and p.everywhere
-        priors[p] = (float(rest.d[i]), 1e-3 * known) if shared else fit.priors[p]
-    return residual(block, system.solve(priors, system.total(_only(block), fit.hyper.variances)))
+    for i, p in enumerate(training.names):
+        known = float(np.sqrt(training.covariance[i, i]))
+        shared = p in others and p.is_shared
+        priors[p] = (float(training.d[i]), 1e-3 * known) if shared else fit.priors[p]
+    return whitened_residual(block, system.solve(priors, system.normal_equations(_block_filter(block), fit.hyper.variances)))

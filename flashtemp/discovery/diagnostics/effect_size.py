@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flashtemp.comparison.compare import Pulling, Seeing
+from flashtemp.comparison.compare import ForceComparison, RecordingComparison
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.decision import EffectSize
-from flashtemp.discovery.estimation.linear_gaussian import System
-from flashtemp.discovery.estimation.linearised_fit import Fit
-from flashtemp.discovery.estimation.nuisance_priors import GROUPS
-from flashtemp.discovery.estimation.whitening import Data
-from flashtemp.discovery.hypotheses.candidates import Candidate
+from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
+from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
+from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD
+from flashtemp.discovery.estimation.whitening import WhitenedData
+from flashtemp.discovery.hypotheses.candidates import CandidateEffect
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction.prediction import Prediction
 
@@ -28,56 +28,56 @@ class LargestChange:
 
 
 def largest_change(
-    data: Data, before: tuple[Seeing, ...], after: tuple[Seeing, ...], pulled: tuple[Pulling, ...],
-    pulled_after: tuple[Pulling, ...],
+    data: WhitenedData, before: tuple[RecordingComparison, ...], after: tuple[RecordingComparison, ...], forces_before: tuple[ForceComparison, ...],
+    forces_after: tuple[ForceComparison, ...],
 ) -> LargestChange:  # fmt: skip
     """What an extended model changes against the base, both calibrated."""
-    changes = [_change(b, e) for b, e in zip(before, after, strict=True)]
+    changes = [_recording_change(b, e) for b, e in zip(before, after, strict=True)]
     file, changed, share = max(changes, key=lambda c: c[2], default=("", 0.0, 0.0))
-    friction = max((_friction_change(b, e) for b, e in zip(pulled, pulled_after, strict=True)), default=0.0)
+    friction = max((_friction_change(b, e) for b, e in zip(forces_before, forces_after, strict=True)), default=0.0)
     return LargestChange(file, EffectSize(share, friction, changed, _mesh_error(data, file)))
 
 
-def camera_fraction(data: Data, base: Fit, extended: Fit, candidates: Sequence[Candidate]) -> float:
+def camera_fraction(data: WhitenedData, base: LinearisedFit, extended: LinearisedFit, candidates: Sequence[CandidateEffect]) -> float:
     """The largest fraction of the rise of a recording that effects of an extended model change by themselves, if all of
     them act in the camera alone; else 0.  `base` has sensitivities of all `candidates`."""
     own = [c for c in candidates if c.effect in extended.model.effects]
-    if not all(c.optical for c in own):
+    if not all(c.is_optical for c in own):
         return 0.0
     changes = (
-        abs(extended.model.effects[c.effect][k] - c.off()[k])
-        * change_per_unit(data, base.predictions, base.system, c.column(k))
+        abs(extended.model.effects[c.effect][k] - c.neutral_values()[k])
+        * change_per_unit(data, base.predictions, base.system, c.strength_column(k))
         for c in own for k in c.strengths
     )  # fmt: skip
     return max(changes, default=0.0)
 
 
-def _mesh_error(data: Data, file: str) -> float:
+def _mesh_error(data: WhitenedData, file: str) -> float:
     """K rms by which a mesh may err in a recording once its columns are calibrated: half of what a coarser
     one changes is the error, of which they left 1 to 4 % where it was measured (docs: discovery_method)."""
     if (fixed := data.fixed.get(file)) is None:
         return 0.0
     columns = [fixed.F[:, k].astype(float) for k, p in enumerate(fixed.names) if p.kind is Kind.MESH]
-    coarser = [float(np.sqrt(np.mean(data.kelvin(file, c) ** 2))) for c in columns]
-    return CRITERIA.mesh_error_left * GROUPS[Kind.MESH] * max(coarser, default=0.0)
+    coarser = [float(np.sqrt(np.mean(data.to_kelvin(file, c) ** 2))) for c in columns]
+    return CRITERIA.mesh_error_left * NUISANCE_SD[Kind.MESH] * max(coarser, default=0.0)
 
 
-def change_per_unit(data: Data, predictions: Sequence[Prediction], system: System, p: ParameterId) -> float:
+def change_per_unit(data: WhitenedData, predictions: Sequence[Prediction], system: LinearSystem, p: ParameterId) -> float:
     """The largest fraction of the rise of a recording (rms), or of the friction of a trace, that one unit of a
     parameter of a system changes if nothing else moves; `predictions` of all conditions where the system is linear."""
     shown = {file: o for prediction in predictions for file, o in prediction.observables.items()}
     found = 0.0
     for b in system.blocks:
         for column in (c for q, c in b.names if q == p):
-            known, o = data.known[b.label], shown[b.label]
+            known, o = data.is_compared[b.label], shown[b.label]
             low = 0.0 if b.label in data.sigmas else float(np.nanmin(o.values))
             values = o.values if b.label in data.sigmas else o.values[:, o.inside] - low
-            change = data.kelvin(b.label, b.C[:, column].astype(float))[known]
+            change = data.to_kelvin(b.label, b.C[:, column].astype(float))[known]
             found = max(found, float(np.sqrt(np.mean(change**2) / np.mean(values[known] ** 2))))
     return found
 
 
-def _change(base: Seeing, extended: Seeing) -> tuple[str, float, float]:
+def _recording_change(base: RecordingComparison, extended: RecordingComparison) -> tuple[str, float, float]:
     """File, rms change (K) and its share of the rms rise of one recording."""
     here = np.isfinite(base.residual) & np.isfinite(extended.residual)
     r = base.view.recording
@@ -88,7 +88,7 @@ def _change(base: Seeing, extended: Seeing) -> tuple[str, float, float]:
     return base.view.file, changed, changed / max(float(np.sqrt(np.mean((base.predicted - low)[here] ** 2))), 1e-9)
 
 
-def _friction_change(base: Pulling, extended: Pulling) -> float:
+def _friction_change(base: ForceComparison, extended: ForceComparison) -> float:
     """rms change of one load-cell trace over its friction."""
     here = np.isfinite(base.residual) & np.isfinite(extended.residual)
     if not here.any():

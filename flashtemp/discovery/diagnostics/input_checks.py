@@ -16,12 +16,12 @@ import numpy as np
 
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.diagnostics.stated_inputs import StatedInput
-from flashtemp.discovery.estimation.linear_gaussian import NormalEquations, System
+from flashtemp.discovery.estimation.linear_gaussian import NormalEquations, LinearSystem
 from flashtemp.discovery.parameters import Kind, ParameterId, Prior, Priors
 
-CORRELATION_TOLD_TOGETHER = 0.9  # of columns that nuisances cannot absorb
-LN_FACTOR_MAX = 100.0  # of an estimate: where the data say nothing it may be any number
-FIXED_SHARE = 1e-4  # of a prior's standard deviation: as good as fixed, and safe in double precision
+MIN_GROUP_CORRELATION = 0.9  # of columns that nuisances cannot absorb
+MAX_INPUT_LN_FACTOR = 100.0  # of an estimate: where the data say nothing it may be any number
+FIXED_INPUT_SD_FRACTION = 1e-4  # of a prior's standard deviation: as good as fixed, and safe in double precision
 
 
 class InputVerdict(StrEnum):
@@ -62,7 +62,7 @@ class InputCheck:
         return abs(self.pull) > CRITERIA.pull_input and self.change < CRITERIA.visible_fraction
 
     @property
-    def words(self) -> str:
+    def summary_line(self) -> str:
         """One line for people."""
         i = self.input
         unit = "" if i.unit == "1" else f" {i.unit}"
@@ -80,7 +80,7 @@ class InputCheck:
 
 
 def check_inputs(
-    system: System, nuisance_priors: Priors, equations: NormalEquations | None, inputs: Sequence[StatedInput],
+    system: LinearSystem, nuisance_priors: Priors, equations: NormalEquations | None, inputs: Sequence[StatedInput],
     change_per_unit: Callable[[ParameterId], float],
 ) -> tuple[InputCheck, ...]:  # fmt: skip
     """Every input freed alone, with its prior, on top of the nuisances of a linearised fit.
@@ -89,40 +89,40 @@ def check_inputs(
     A column of the nuisances that is the same number (the length of the block) is taken out of them: against it stands
     the fit with the input held at what is stated.
     """
-    total = equations or system.total()
+    total = equations or system.normal_equations()
     plain = system.solve(nuisance_priors, total).ln_evidence
-    return tuple(_check(system, nuisance_priors, total, i, plain, change_per_unit) for i in inputs)
+    return tuple(_check_input(system, nuisance_priors, total, i, plain, change_per_unit) for i in inputs)
 
 
-def _check(
-    system: System, nuisances: Priors, total: NormalEquations, i: StatedInput, plain: float,
+def _check_input(
+    system: LinearSystem, nuisances: Priors, total: NormalEquations, i: StatedInput, plain: float,
     change_per_unit: Callable[[ParameterId], float],
 ) -> InputCheck:  # fmt: skip
-    column = column_of(system, i)
+    column = find_column(system, i)
     if column is None:
         return InputCheck(i, i.value, math.inf, 0.0, 0.0, 0.0, 0.0, InputVerdict.NOT_CHECKABLE)
-    twin = _twin(nuisances, i)
+    twin = _same_nuisance(nuisances, i)
     mean = nuisances[twin][0] if twin else 0.0
     others = {p: prior for p, prior in nuisances.items() if p != twin}
     prior: Prior = (mean, i.sd)
-    held = plain if twin is None else system.solve(others | {column: (mean, FIXED_SHARE * i.sd)}, total).ln_evidence
+    held = plain if twin is None else system.solve(others | {column: (mean, FIXED_INPUT_SD_FRACTION * i.sd)}, total).ln_evidence
     found = system.solve(others | {column: prior}, total)
-    change, sd = _data_alone(found[column], found.sd(column), prior)
+    change, sd = _remove_prior(found[column], found.sd(column), prior)
     ratio = min(found.sd(column) / i.sd, 1.0)
     change -= mean
     pull = change / math.hypot(sd, i.sd)  # two independent values of the same number: their variances add up
-    value = i.value * math.exp(min(change, LN_FACTOR_MAX)) if i.relative else i.value + change
+    value = i.value * math.exp(min(change, MAX_INPUT_LN_FACTOR)) if i.relative else i.value + change
     scale = abs(value) if i.relative else 1.0
     k = system.index[column]
     influence = i.sd * math.sqrt(max(float(total.matrix[k, k]), 0.0))
     check = InputCheck(
-        i, value, scale * sd, change / i.sd, pull, found.ln_evidence - held, influence, _verdict(ratio, pull),
+        i, value, scale * sd, change / i.sd, pull, found.ln_evidence - held, influence, _classify_pull(ratio, pull),
         abs(change) * change_per_unit(column),
     )  # fmt: skip
     return replace(check, verdict=InputVerdict.NOT_CHECKABLE) if check.is_invisible else check
 
 
-def _data_alone(posterior: float, sd: float, prior: Prior) -> tuple[float, float]:
+def _remove_prior(posterior: float, sd: float, prior: Prior) -> tuple[float, float]:
     """Estimate and standard deviation from the data without the prior of the input: normal densities divided."""
     mean, wide = prior
     precision = 1.0 / sd**2 - 1.0 / wide**2
@@ -131,25 +131,25 @@ def _data_alone(posterior: float, sd: float, prior: Prior) -> tuple[float, float
     return (posterior / sd**2 - mean / wide**2) / precision, precision**-0.5
 
 
-def _verdict(ratio: float, pull: float) -> InputVerdict:
+def _classify_pull(ratio: float, pull: float) -> InputVerdict:
     if ratio > CRITERIA.sd_ratio_uncheckable:
         return InputVerdict.NOT_CHECKABLE
     return InputVerdict.CONTRADICTED if abs(pull) > CRITERIA.pull_input else InputVerdict.CONSISTENT
 
 
-def column_of(system: System, i: StatedInput) -> ParameterId | None:
+def find_column(system: LinearSystem, i: StatedInput) -> ParameterId | None:
     """The column of an input in a system: its own, or that of a size of the block; None where there is none."""
-    ways = (i.parameter, ParameterId(Kind.SIZE, name=i.key), ParameterId.of_key(i.key))
+    ways = (i.column_id, ParameterId(Kind.SIZE, name=i.key), ParameterId.of_key(i.key))
     return next((p for p in ways if p in system.index), None)
 
 
-def _twin(nuisances: Priors, i: StatedInput) -> ParameterId | None:
+def _same_nuisance(nuisances: Priors, i: StatedInput) -> ParameterId | None:
     """The nuisance that is the same number as an input."""
     return next((p for p in (ParameterId(Kind.SIZE, name=i.key), ParameterId.of_key(i.key)) if p in nuisances), None)
 
 
-def groups_of_inputs(
-    system: System, nuisance_priors: Priors, equations: NormalEquations | None, inputs: Sequence[StatedInput]
+def group_inputs(
+    system: LinearSystem, nuisance_priors: Priors, equations: NormalEquations | None, inputs: Sequence[StatedInput]
 ) -> tuple[tuple[StatedInput, ...], ...]:
     """Inputs that the data can check but cannot tell from each other, in groups of two or more.
 
@@ -157,18 +157,18 @@ def groups_of_inputs(
     """
     from scipy.sparse.csgraph import connected_components
 
-    columns = {i.key: column_of(system, i) for i in inputs}
-    twins = {_twin(nuisance_priors, i) for i in inputs}
+    columns = {i.key: find_column(system, i) for i in inputs}
+    twins = {_same_nuisance(nuisance_priors, i) for i in inputs}
     known = [i for i in inputs if columns[i.key] is not None]
     if not known:
         return ()
     nuisances = {p: prior for p, prior in nuisance_priors.items() if p not in twins}
     wanted = [p for i in known if (p := columns[i.key]) is not None]
-    information = system.projected(nuisances, wanted, equations).information
+    information = system.project_out(nuisances, wanted, equations).information
     strength = np.diag(information) * np.array([i.sd for i in known]) ** 2
     able = np.flatnonzero(1.0 / (1.0 + np.maximum(strength, 0.0)) < CRITERIA.sd_ratio_uncheckable**2)
     size = np.sqrt(np.diag(information)[able])
-    alike = np.abs(information[np.ix_(able, able)]) / np.outer(size, size) > CORRELATION_TOLD_TOGETHER
+    alike = np.abs(information[np.ix_(able, able)]) / np.outer(size, size) > MIN_GROUP_CORRELATION
     _, label = connected_components(alike, directed=False)
     groups = [tuple(known[k] for k in able[label == n].tolist()) for n in range(label.max(initial=-1) + 1)]
     return tuple(g for g in groups if len(g) > 1)

@@ -8,24 +8,24 @@ from dataclasses import replace
 import numpy as np
 
 from flashtemp.discovery.diagnostics.stated_inputs import StatedInput
-from flashtemp.discovery.hypotheses.candidates import Model
-from flashtemp.discovery.prediction.prediction import Derivatives, Observable, Prediction, Single
+from flashtemp.discovery.hypotheses.candidates import ModelPoint
+from flashtemp.discovery.prediction.prediction import DerivativeRequest, Observable, Prediction, Single
 from flashtemp.discovery.prediction.problem import Problem
 
-COARSE_CELLS = (0.5, 0.5, 0.5)  # times the cells along, up and down: columns differ by 1 to 8 %, a prior's sd as little
+INPUT_CELL_FACTORS = (0.5, 0.5, 0.5)  # times the cells along, up and down: columns differ by 1 to 8 %, a prior's sd as little
 
 
 def add_input_columns(
-    problem: Problem, model: Model, predictions: Sequence[Prediction], inputs: Sequence[StatedInput],
-    cells: tuple[float, ...] | None = COARSE_CELLS,
+    problem: Problem, model: ModelPoint, predictions: Sequence[Prediction], inputs: Sequence[StatedInput],
+    cells: tuple[float, ...] | None = INPUT_CELL_FACTORS,
 ) -> list[Prediction]:  # fmt: skip
     """Predictions of all conditions at a point with columns of `inputs` besides their own, on a mesh of so many times
     the `cells` along, up and down; None: the mesh that data are compared with.
 
     Raises BadInput, SolverFailure.
     """
-    asked = Derivatives(inputs=tuple(i.parameter for i in inputs))
-    coarse = problem.predictions(problem.tasks(model, asked, cells))
+    asked = DerivativeRequest(inputs=tuple(i.column_id for i in inputs))
+    coarse = problem.predict(problem.make_tasks(model, asked, cells))
     return [merge_columns(fine, other) for fine, other in zip(predictions, coarse, strict=True)]
 
 
@@ -36,11 +36,11 @@ def merge_columns(fine: Prediction, coarse: Prediction) -> Prediction:
 
 
 def _with_columns(fine: Observable, coarse: Observable) -> Observable:
-    columns = {p: _on_pixels(fine, coarse, c) for p, c in coarse.columns.items() if p not in fine.columns}
+    columns = {p: _map_to_pixels(fine, coarse, c) for p, c in coarse.columns.items() if p not in fine.columns}
     return replace(fine, columns=fine.columns | columns)
 
 
-def _on_pixels(fine: Observable, coarse: Observable, column: Single) -> Single:
+def _map_to_pixels(fine: Observable, coarse: Observable, column: Single) -> Single:
     """A column of the pixels inside one observable, for those inside another; 0 where only the other has one."""
     if fine.values.ndim == 1 or np.array_equal(fine.inside, coarse.inside):
         return column

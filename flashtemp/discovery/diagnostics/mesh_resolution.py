@@ -8,15 +8,15 @@ import numpy as np
 
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.diagnostics.adequacy_tests import normalised_deviations
-from flashtemp.discovery.estimation.linearised_fit import Fit, Status
+from flashtemp.discovery.estimation.linearised_fit import LinearisedFit, FitStatus
 from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY
-from flashtemp.discovery.estimation.nuisance_priors import GROUPS
-from flashtemp.discovery.estimation.whitening import Data
+from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD
+from flashtemp.discovery.estimation.whitening import WhitenedData
 from flashtemp.discovery.parameters import Kind
 from flashtemp.discovery.prediction.prediction import Prediction
 
 
-def lateral_resolution_warnings(data: Data, predictions: Iterable[Prediction], coarser_across: int) -> list[str]:
+def lateral_resolution_warnings(data: WhitenedData, predictions: Iterable[Prediction], coarser_across: int) -> list[str]:
     """Whether half the cells across change a recording by more than the error that a model may have.
 
     `coarser_across`: number of the coarser mesh that has half the cells across, among all that were simulated; there is
@@ -28,12 +28,12 @@ def lateral_resolution_warnings(data: Data, predictions: Iterable[Prediction], c
             columns = {p.index: k for k, p in enumerate(data.fixed[file].names) if p.kind is Kind.MESH}
             if observable.values.ndim != 3 or (coarser_across,) not in columns:
                 continue
-            change = data.kelvin(file, data.fixed[file].F[:, columns[coarser_across,]].astype(float))
+            change = data.to_kelvin(file, data.fixed[file].F[:, columns[coarser_across,]].astype(float))
             rise = observable.values[:, observable.inside] - float(np.nanmin(observable.values))
             change_K, rise_K = (float(np.sqrt(np.mean(a**2))) for a in (change, rise))
             worst = max(worst, (change_K / max(rise_K, 1e-9), change_K, file))
     fraction, change_K, file = worst
-    if GROUPS[Kind.MESH] * fraction < LARGEST_DISCREPANCY:
+    if NUISANCE_SD[Kind.MESH] * fraction < LARGEST_DISCREPANCY:
         return []
     case = data.problem.case
     first = f" with numerics.first_y = {case['numerics.first_y']:g}" if case["numerics.first_y"] else ""
@@ -43,11 +43,11 @@ def lateral_resolution_warnings(data: Data, predictions: Iterable[Prediction], c
     ]
 
 
-def unconverged_fit_warnings(fits: Mapping[frozenset[str], Fit], mesh: float) -> list[str]:
+def unconverged_fit_warnings(fits: Mapping[frozenset[str], LinearisedFit], mesh: float) -> list[str]:
     """Whether a fit did not reach its best point while the mesh errs by more than its coarser ones can tell."""
     far = []
     for names, fit in fits.items():
-        if not fit.usable and fit.status is not Status.OUTRUN:
+        if not fit.is_comparable and fit.status is not FitStatus.OUTRUN:
             of_mesh = (abs(v) for p, v in normalised_deviations(fit).items() if p.kind is Kind.MESH)
             far.append((max(of_mesh, default=0.0), " with ".join(sorted(names)) or "the stated model"))
     worst, cause = max(far, default=(0.0, ""))

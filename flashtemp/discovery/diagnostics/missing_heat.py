@@ -9,25 +9,25 @@ import numpy.typing as npt
 
 from flashtemp.comparison.campaign import Condition
 from flashtemp.discovery.estimation.linear_gaussian import Array, Solution
-from flashtemp.discovery.estimation.linearised_fit import Fit
-from flashtemp.discovery.estimation.nuisance_priors import MODE, unnamed_heat
+from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
+from flashtemp.discovery.estimation.nuisance_priors import PRESSURE_MODE_SD, unnamed_heat_priors
 from flashtemp.discovery.parameters import Kind
 from flashtemp.discovery.prediction.problem import Problem
-from flashtemp.discovery.verdict import Missing
+from flashtemp.discovery.verdict import MissingHeatFlux
 from flashtemp.solver.run import Run
 
 
-def estimate_missing_heat(problem: Problem, fit: Fit) -> tuple[Missing, ...]:
+def estimate_missing_heat(problem: Problem, fit: LinearisedFit) -> tuple[MissingHeatFlux, ...]:
     """Heat and pressure along the contact that the model lacks: regularised inversion for cosines along the block."""
-    found = fit.solved(problem, fit.effects | unnamed_heat(fit.system.names))
+    found = fit.solve_with(problem, fit.effect_priors | unnamed_heat_priors(fit.system.names))
     out = []
     for number, (condition, prediction) in enumerate(zip(problem.conditions, fit.predictions, strict=True)):
-        out.append(_missing(_shape(found.solution, number, prediction.run), condition, prediction.run))
+        out.append(_missing_heat(_collect_series(found.solution, number, prediction.run), condition, prediction.run))
     return tuple(out)
 
 
 @dataclass(frozen=True)
-class Shape:
+class CosineSeries:
     """Cosines along the block at the run's columns, `waves` (n, k), and what was found of them: `d` (k,) with
     `covariance` and prior `sd` (k,); whether each is `steady` (k,) or grows over the repetitions."""
 
@@ -37,55 +37,55 @@ class Shape:
     sd: Array
     steady: npt.NDArray[np.bool_]
 
-    def along(self, weights: Array | float) -> tuple[Array, Array]:
+    def weighted_sum(self, weights: Array | float) -> tuple[Array, Array]:
         """The weighted sum of all cosines (n,), with its standard error."""
         B = self.waves * weights
         return B @ self.d, np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", B, self.covariance, B), 0.0))
 
-    def prior(self, weights: Array | float) -> Array:
+    def prior_error(self, weights: Array | float) -> Array:
         """Standard error (n,) of the sum before anything was measured."""
         B = self.waves * weights
         return np.sqrt(np.maximum((B**2) @ self.sd**2, 1e-300))
 
 
-def _shape(solution: Solution, number: int, run: Run) -> Shape:
+def _collect_series(solution: Solution, number: int, run: Run) -> CosineSeries:
     """What was found of the heat and pressure of one condition."""
-    free = unnamed_heat(solution.names)
+    free = unnamed_heat_priors(solution.names)
     names = [p for p in solution.names if p in free and p.condition == number]
     names += [p for p in solution.names if p.kind is Kind.MODE]
     at = [solution.names.index(p) for p in names]
     order = np.array([p.index[0] for p in names])
-    sd = np.array([free[p][1] if p in free else MODE / p.index[0] for p in names])
+    sd = np.array([free[p][1] if p in free else PRESSURE_MODE_SD / p.index[0] for p in names])
     length = run.mesh.x[run.mesh.last]
-    return Shape(
+    return CosineSeries(
         np.cos(np.outer(run.x, order) * np.pi / length), solution.d[at], solution.covariance[np.ix_(at, at)], sd,
         np.array([p.kind is not Kind.TREND for p in names]),
     )  # fmt: skip
 
 
-def _missing(shape: Shape, condition: Condition, run: Run) -> Missing:
+def _missing_heat(shape: CosineSeries, condition: Condition, run: Run) -> MissingHeatFlux:
     steady = shape.steady.astype(float)
-    pressure, band = shape.along(steady)
+    pressure, band = shape.weighted_sum(steady)
     repetition = np.unique(run.repetition)
     sliding = run.sliding & np.isfinite(run.friction)
     flux, flux_sd = [], []
     for r in repetition:
         grown = 2.0 * (r - 1) / max(repetition[-1] - 1, 1) - 1.0
-        heat = _heat(run, sliding & (run.repetition == r))
-        value, error = shape.along(np.where(shape.steady, 1.0, grown))
+        heat = _mean_heat_flux(run, sliding & (run.repetition == r))
+        value, error = shape.weighted_sum(np.where(shape.steady, 1.0, grown))
         flux.append(heat * value)
         flux_sd.append(heat * error)
-    return Missing(
+    return MissingHeatFlux(
         condition.words, run.x, repetition, np.array(flux), np.array(flux_sd), 1.0 + pressure, band,
-        np.clip(1.0 - (band / shape.prior(steady)) ** 2, 0.0, 1.0),
+        np.clip(1.0 - (band / shape.prior_error(steady)) ** 2, 0.0, 1.0),
     )  # fmt: skip
 
 
-def _heat(run: Run, on: npt.NDArray[np.bool_]) -> float:
+def _mean_heat_flux(run: Run, is_sliding: npt.NDArray[np.bool_]) -> float:
     """mu p v, W/m2 of nominal area, averaged over one repetition."""
-    if on.sum() < 2:
+    if is_sliding.sum() < 2:
         return 0.0
     dx = run.mesh.dx_block
-    p = float((run.pressure[on] @ dx).mean() / dx.sum())
-    v = float(np.ptp(run.slid[on]) / max(np.ptp(run.time[on]), 1e-12))
-    return float(np.mean(run.friction[on])) * p * v
+    p = float((run.pressure[is_sliding] @ dx).mean() / dx.sum())
+    v = float(np.ptp(run.slid[is_sliding]) / max(np.ptp(run.time[is_sliding]), 1e-12))
+    return float(np.mean(run.friction[is_sliding])) * p * v

@@ -7,24 +7,24 @@ import numpy as np
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction.problem import Problem
 
-CALLED = {Kind.SCALE: "pixel_scale", Kind.TURN: "image_turn", Kind.CLOCK: "clock"}
-SIZES = {"block.length": "block_length", "block.width": "block_width"}
-UNITS = {Kind.SCALE: "1", Kind.TURN: "degree", Kind.CLOCK: "s", Kind.SIZE: "1"}
-VIEWS = {"sidewall": "all side walls", "wake": "all wakes", "profile": "all profiles", "points": "all points"}
+SETUP_ERROR_NAMES = {Kind.SCALE: "pixel_scale", Kind.TURN: "image_turn", Kind.CLOCK: "clock"}
+BLOCK_SIZE_NAMES = {"block.length": "block_length", "block.width": "block_width"}
+SETUP_ERROR_UNITS = {Kind.SCALE: "1", Kind.TURN: "degree", Kind.CLOCK: "s", Kind.SIZE: "1"}
+ALL_IMAGES_WORDS = {"sidewall": "all side walls", "wake": "all wakes", "profile": "all profiles", "points": "all points"}
 
 
-def error_name(p: ParameterId) -> str:
+def setup_error_name(p: ParameterId) -> str:
     """As a cause is called in files.
 
     >>> error_name(ParameterId(Kind.SCALE, file="wall.nc")), error_name(ParameterId(Kind.SIZE, name="block.length"))
     ('pixel_scale', 'block_length')
     """
-    return SIZES[p.name] if p.kind is Kind.SIZE else CALLED[p.kind]
+    return BLOCK_SIZE_NAMES[p.name] if p.kind is Kind.SIZE else SETUP_ERROR_NAMES[p.kind]
 
 
-def describe_error(problem: Problem, p: ParameterId, value: float) -> str:
+def describe_setup_error(problem: Problem, p: ParameterId, value: float) -> str:
     """An error in plain words; `value` relative, in rad or in s."""
-    where = VIEWS.get(p.name, p.name) if p.name else p.file.rpartition("/")[2]
+    where = ALL_IMAGES_WORDS.get(p.name, p.name) if p.name else p.file.rpartition("/")[2]
     if p.kind is Kind.SCALE:
         return f"the pixel scale of {where} is {100.0 * abs(value):.2g} % too {'small' if value > 0 else 'large'}"
     if p.kind is Kind.TURN:

@@ -16,17 +16,17 @@ import numpy as np
 
 from flashtemp.discovery.criteria import Criteria
 from flashtemp.discovery.diagnostics.effect_size import change_per_unit
-from flashtemp.discovery.diagnostics.setup_error_words import UNITS, describe_error, error_name
+from flashtemp.discovery.diagnostics.setup_error_words import SETUP_ERROR_UNITS, describe_setup_error, setup_error_name
 from flashtemp.discovery.diagnostics.stated_inputs import StatedInput
-from flashtemp.discovery.estimation.linear_gaussian import Array, System
-from flashtemp.discovery.estimation.linearised_fit import Fit
+from flashtemp.discovery.estimation.linear_gaussian import Array, LinearSystem
+from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
 from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY
-from flashtemp.discovery.estimation.nuisance_priors import GROUPS
-from flashtemp.discovery.estimation.whitening import Data
-from flashtemp.discovery.parameters import PLACED, Kind, ParameterId, Priors
+from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD
+from flashtemp.discovery.estimation.whitening import WhitenedData
+from flashtemp.discovery.parameters import PLACEMENT_KINDS, Kind, ParameterId, Priors
 from flashtemp.discovery.prediction.problem import Problem
 
-MAX_ALTERNATIVES = 3  # that a sentence lists
+MAX_LISTED_ALTERNATIVES = 3  # that a sentence lists
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class SetupError:
 
 
 @dataclass(frozen=True)
-class Reduced:
+class ReducedFit:
     """The fit as a quadratic in errors of the set-up alone, all nuisances eliminated: ln probability of the data is
     x.g - x.I.x / 2 up to a constant, x (k,) the errors themselves."""
 
@@ -79,18 +79,18 @@ class Reduced:
         return 0.5 * float(half @ half) - 0.5 * ln_det, covariance @ self.gradient[at], np.sqrt(np.diag(covariance))
 
 
-def setup_errors(
-    problem: Problem, data: Data, fit: Fit, with_inputs: System, inputs: Sequence[StatedInput], criteria: Criteria
+def find_setup_errors(
+    problem: Problem, data: WhitenedData, fit: LinearisedFit, with_inputs: LinearSystem, inputs: Sequence[StatedInput], criteria: Criteria
 ) -> tuple[SetupError, ...]:
     """Errors of the set-up and of stated inputs that a fit shows, the most certain first.
 
     `with_inputs`: the system of the fit with columns of all stated inputs.
     """
-    known = {i.parameter: i for i in inputs}
-    system, largest = (_reduced(problem, fit, with_inputs, known, floor) for floor in (None, LARGEST_DISCREPANCY))
+    known = {i.column_id: i for i in inputs}
+    system, largest = (_reduce_fit(problem, fit, with_inputs, known, floor) for floor in (None, LARGEST_DISCREPANCY))
     if system is None or largest is None:
         return ()
-    sets = _stepwise(system, criteria.ln_bayes_named)
+    sets = _select_stepwise(system, criteria.ln_bayes_named)
     free = max(sets, key=lambda s: sets[s])
     alike = sorted((s for s in sets if sets[free] - sets[s] < criteria.ln_bayes_distinct), key=lambda s: -sets[s])
     best = system.solve(free)
@@ -105,31 +105,31 @@ def setup_errors(
         # what changes all that is measured by less than the model may err is no finding, whatever absorbs it: the
         # height of a block through which no heat has come yet
         if certain and _visible_fraction(data, fit, with_inputs, p, value, gain) > criteria.visible_fraction:
-            others = _alternatives(problem, known, system, free, [s for s in alike if k not in s])
-            found.append(_error(problem, known, system.names[k], value, sd, gain, others))
+            others = _list_alternatives(problem, known, system, free, [s for s in alike if k not in s])
+            found.append(_make_error(problem, known, system.names[k], value, sd, gain, others))
     return tuple(sorted(found, key=lambda e: -e.ln_bayes))
 
 
-def _stepwise(system: Reduced, price: float) -> dict[tuple[int, ...], float]:
+def _select_stepwise(system: ReducedFit, price: float) -> dict[tuple[int, ...], float]:
     """Sets of errors in which each is worth its `price`, with ln evidence less the price of all of them."""
     sets: dict[tuple[int, ...], float] = {}
     every = tuple(range(len(system.names)))
 
-    def reduced(free: tuple[int, ...], kept: tuple[int, ...] = ()) -> tuple[int, ...]:
-        found = _eliminate(system, free, kept, price)
+    def eliminate_and_store(free: tuple[int, ...], kept: tuple[int, ...] = ()) -> tuple[int, ...]:
+        found = _eliminate_backward(system, free, kept, price)
         sets[found] = system.solve(found)[0] - price * len(found)
         return found
 
-    best = reduced(every)
+    best = eliminate_and_store(every)
     while True:
-        tried = [reduced(tuple(sorted((*best, q))), (q,)) for q in every if q not in best]
+        tried = [eliminate_and_store(tuple(sorted((*best, q))), (q,)) for q in every if q not in best]
         better = max(tried, key=lambda s: sets[s], default=best)
         if sets[better] <= sets[best]:
             return sets
         best = better
 
 
-def _eliminate(system: Reduced, free: tuple[int, ...], kept: tuple[int, ...], price: float) -> tuple[int, ...]:
+def _eliminate_backward(system: ReducedFit, free: tuple[int, ...], kept: tuple[int, ...], price: float) -> tuple[int, ...]:
     """Errors that the data need, by backward elimination; those `kept` stay."""
     while set(free) - set(kept):
         now = system.solve(free)[0]
@@ -141,8 +141,8 @@ def _eliminate(system: Reduced, free: tuple[int, ...], kept: tuple[int, ...], pr
     return free
 
 
-def _alternatives(
-    problem: Problem, known: Mapping[ParameterId, StatedInput], system: Reduced, free: tuple[int, ...],
+def _list_alternatives(
+    problem: Problem, known: Mapping[ParameterId, StatedInput], system: ReducedFit, free: tuple[int, ...],
     others: Sequence[tuple[int, ...]],
 ) -> tuple[tuple[str, str], ...]:  # fmt: skip
     """Name and words of what other sets have in place of an error: single ones, or the fewest where none does alone."""
@@ -154,70 +154,70 @@ def _alternatives(
     for instead, other in new.items():
         if instead and len(instead) == fewest:
             values = dict(zip(other, system.solve(other)[1].tolist(), strict=True))
-            called = [_called(problem, known, system.names[q], values[q]) for q in instead]
+            called = [_name_and_words(problem, known, system.names[q], values[q]) for q in instead]
             out.append((called[0][0], " and ".join(words for _, words in called)))
-    return tuple(out[:MAX_ALTERNATIVES])
+    return tuple(out[:MAX_LISTED_ALTERNATIVES])
 
 
-def _reduced(
-    problem: Problem, fit: Fit, system: System, known: Mapping[ParameterId, StatedInput], discrepancy: float | None
-) -> Reduced | None:
+def _reduce_fit(
+    problem: Problem, fit: LinearisedFit, system: LinearSystem, known: Mapping[ParameterId, StatedInput], discrepancy: float | None
+) -> ReducedFit | None:
     """All errors that may be asked: of the block, of all images of a view, of each of several, of stated inputs."""
     views = {v.file: v.recording.view for v in problem.campaign.views}
     count = {view: sum(v == view for v in views.values()) for view in views.values()}
     names = tuple(
         p for p in fit.solution.names
-        if p.kind is Kind.SIZE or (p.kind in PLACED and (not p.file or count[views[p.file]] > 1))
+        if p.kind is Kind.SIZE or (p.kind in PLACEMENT_KINDS and (not p.file or count[views[p.file]] > 1))
     )  # fmt: skip
     sizes = {p.name for p in names if p.kind is Kind.SIZE}
     names = (*names, *(p for p in known if p in system.index and p.name not in sizes))
     if not names:
         return None
-    priors: Priors = {p: v for p, v in fit.nuisances.items() if p.kind not in PLACED and p.kind is not Kind.SIZE}
+    priors: Priors = {p: v for p, v in fit.free_priors.items() if p.kind not in PLACEMENT_KINDS and p.kind is not Kind.SIZE}
     if discrepancy is not None:
         priors |= {p: (mean, discrepancy) for p, (mean, _) in priors.items() if p.kind is Kind.FLOOR}
     # a recording that is the only one of its view lies where the fit has it: its error is that of the view
-    alone = {views[p.file]: p for p in fit.solution.names if p.kind in PLACED and p.file and count[views[p.file]] == 1}
+    alone = {views[p.file]: p for p in fit.solution.names if p.kind in PLACEMENT_KINDS and p.file and count[views[p.file]] == 1}
     # cameras of data that are held out stand somewhere too
-    found = system.projected(priors, list(names), system.total(lambda b: True, fit.hyper.variances))
+    found = system.project_out(priors, list(names), system.normal_equations(lambda b: True, fit.hyper.variances))
     places = []
     for p in names:
-        single = alone.get(p.name) if p.kind in PLACED and not p.file else None
-        places.append(fit.model.placed(replace(p, name="", file=single.file) if single else p))
+        single = alone.get(p.name) if p.kind in PLACEMENT_KINDS and not p.file else None
+        places.append(fit.model.setup_value(replace(p, name="", file=single.file) if single else p))
     gradient = found.score + found.information @ np.array(places)
-    sd = np.array([known[p].sd if p in known else GROUPS[p.kind] for p in names])
-    return Reduced(names, gradient, found.information, sd)
+    sd = np.array([known[p].sd if p in known else NUISANCE_SD[p.kind] for p in names])
+    return ReducedFit(names, gradient, found.information, sd)
 
 
-def _called(
+def _name_and_words(
     problem: Problem, known: Mapping[ParameterId, StatedInput], p: ParameterId, value: float
 ) -> tuple[str, str]:
     """Name and words of an error."""
     if p not in known:
-        return error_name(p), describe_error(problem, p, value)
+        return setup_error_name(p), describe_setup_error(problem, p, value)
     i = known[p]
     found = i.value * float(np.exp(value)) if i.relative else i.value + value
     unit = "" if i.unit == "1" else f" {i.unit}"
     return i.key, f"{i.key} is {found:.4g}{unit}, not {i.value:.4g}{unit}"
 
 
-def _error(
+def _make_error(
     problem: Problem, known: Mapping[ParameterId, StatedInput], p: ParameterId, value: float, sd: float, gain: float,
     others: tuple[tuple[str, str], ...],
 ) -> SetupError:  # fmt: skip
-    key, sentence = _called(problem, known, p, value)
+    key, sentence = _name_and_words(problem, known, p, value)
     factor = 180.0 / np.pi if p.kind is Kind.TURN else 1.0
-    usual, unit = (known[p].sd, "1") if p in known else (GROUPS[p.kind], UNITS[p.kind])
+    usual, unit = (known[p].sd, "1") if p in known else (NUISANCE_SD[p.kind], SETUP_ERROR_UNITS[p.kind])
     return SetupError(key, p, factor * value, factor * sd, unit, value / usual, gain, sentence, others)
 
 
-def _visible_fraction(data: Data, fit: Fit, system: System, p: ParameterId, value: float, gain: float) -> float:
+def _visible_fraction(data: WhitenedData, fit: LinearisedFit, system: LinearSystem, p: ParameterId, value: float, gain: float) -> float:
     """How much of the rise of recordings, or of the friction of a trace, an error changes.
 
     Of an image what no other unknown can imitate, rms over all that it acts on; of an input and of a size of the block
     all that it changes where it shows most.
     """
-    if p.kind not in PLACED:
+    if p.kind not in PLACEMENT_KINDS:
         return abs(value) * change_per_unit(data, fit.predictions, system, p)
     shown = {file: o for prediction in fit.predictions for file, o in prediction.observables.items()}
     squares = 0.0

@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from flashtemp.camera.instrument import TYPICAL
+from flashtemp.camera.instrument import TYPICAL_EMISSIVITY
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.known_inputs import VIEW_KEYS, StatedUncertainty
 from flashtemp.discovery.hypotheses.input_kinds import (
-    CHOICE,
+    MODEL_CHOICE,
     course_values,
-    exemption,
+    exemption_reason,
     input_kind,
     physical_keys,
 )
@@ -22,12 +22,12 @@ from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.errors import BadInput
 from flashtemp.model.case import Case
-from flashtemp.model.priors import with_materials
+from flashtemp.model.priors import expand_materials
 
-STATED, BY_KIND = "stated", "by kind"
-VIEW_WORDS = {"sidewall": "the side walls", "wake": "the wakes", "profile": "the profiles"}
-NAME_WORDS = {"emissivity": "emissivity", "reflected_temperature": "reflected temperature"}
-OPAQUE = ("sidewall", "wake")  # views whose emissivity is assumed where a recording does not state it
+SOURCE_STATED, SOURCE_BY_KIND = "stated", "by kind"
+VIEW_PLURALS = {"sidewall": "the side walls", "wake": "the wakes", "profile": "the profiles"}
+CAMERA_INPUT_WORDS = {"emissivity": "emissivity", "reflected_temperature": "reflected temperature"}
+OPAQUE_VIEWS = ("sidewall", "wake")  # views whose emissivity is assumed where a recording does not state it
 
 
 @dataclass(frozen=True)
@@ -50,75 +50,75 @@ class StatedInput:
     values: tuple[float, ...] = ()
 
     @property
-    def parameter(self) -> ParameterId:
+    def column_id(self) -> ParameterId:
         """Its column in predictions: per ln of the value, or per unit."""
         return ParameterId.of_input(self.key)
 
 
-def stated_inputs(problem: Problem) -> tuple[StatedInput, ...]:
+def list_stated_inputs(problem: Problem) -> tuple[StatedInput, ...]:
     """Every stated number of case and setup that is physical and not free.  Raises BadInput.
 
     BadInput names a key of `known` that is no measured input of this campaign.
     """
     campaign = problem.campaign
-    cases = [with_materials(problem.case.with_values(c.given)) for c in problem.conditions]
-    found = [*_of_case(problem, cases), *_of_cameras(problem, cases)]
+    cases = [expand_materials(problem.case.with_values(c.given)) for c in problem.conditions]
+    found = [*_case_inputs(problem, cases), *_camera_inputs(problem, cases)]
     for key in campaign.known.keys() - {i.key for i in found}:
-        raise BadInput(f"campaign: known: {key}: {_refusal(problem, cases, key)}; leave it out")
+        raise BadInput(f"campaign: known: {key}: {_refusal_reason(problem, cases, key)}; leave it out")
     return tuple(found)
 
 
-def _of_case(problem: Problem, cases: list[Case]) -> Iterator[StatedInput]:
+def _case_inputs(problem: Problem, cases: list[Case]) -> Iterator[StatedInput]:
     units: dict[str, str] = {}
     for case in cases:
         units |= physical_keys(case)
-        units |= {k: case.declared(t)[n].unit for t, n, k in _choices(case, problem.campaign.known)}
+        units |= {k: case.declared_params(t)[n].unit for t, n, k in _uncertain_choices(case, problem.campaign.known)}
     for key, unit in units.items():
         if key not in problem.campaign.free:
             values = [v for case in cases if (v := course_values(case, key))]
-            about = cases[0].declared(key.rpartition(".")[0])[key.rpartition(".")[2]].about
-            yield _input(problem, key, _words(key, about), unit, tuple(dict.fromkeys(max(v, key=abs) for v in values)))
+            about = cases[0].declared_params(key.rpartition(".")[0])[key.rpartition(".")[2]].about
+            yield _make_input(problem, key, _describe_key(key, about), unit, tuple(dict.fromkeys(max(v, key=abs) for v in values)))
 
 
-def _choices(case: Case, known: Mapping[str, StatedUncertainty]) -> Iterator[tuple[str, str, str]]:
+def _uncertain_choices(case: Case, known: Mapping[str, StatedUncertainty]) -> Iterator[tuple[str, str, str]]:
     """Table, name and key of choices of the model that a campaign calls uncertain all the same."""
     for key in known:
         table, _, name = key.rpartition(".")
-        if name in case.values.get(table, {}) and exemption(case, key) == CHOICE:
+        if name in case.values.get(table, {}) and exemption_reason(case, key) == MODEL_CHOICE:
             yield table, name, key
 
 
-def _of_cameras(problem: Problem, cases: list[Case]) -> Iterator[StatedInput]:
+def _camera_inputs(problem: Problem, cases: list[Case]) -> Iterator[StatedInput]:
     ambient = float(cases[0]["ambient.temperature"])
     recordings = [v.recording for v in problem.campaign.views]
-    for view, words in VIEW_WORDS.items():
-        own = [r for r in recordings if r.view == view and (view in OPAQUE or r.emissivity is not None)]
+    for view, words in VIEW_PLURALS.items():
+        own = [r for r in recordings if r.view == view and (view in OPAQUE_VIEWS or r.emissivity is not None)]
         for name, unit in VIEW_KEYS.items() if own else ():
-            values = tuple(dict.fromkeys(_of_recording(r, name, ambient) for r in own))
-            yield _input(problem, f"{view}.{name}", f"{NAME_WORDS[name]} of {words}", unit, values)
+            values = tuple(dict.fromkeys(_recorded_value(r, name, ambient) for r in own))
+            yield _make_input(problem, f"{view}.{name}", f"{CAMERA_INPUT_WORDS[name]} of {words}", unit, values)
 
 
-def _of_recording(recording: Recording, name: str, ambient: float) -> float:
+def _recorded_value(recording: Recording, name: str, ambient: float) -> float:
     """What a recording states, or what the camera model takes where it does not."""
     if name == "emissivity":
-        return TYPICAL if recording.emissivity is None else recording.emissivity
+        return TYPICAL_EMISSIVITY if recording.emissivity is None else recording.emissivity
     return ambient if recording.reflected_degC is None else recording.reflected_degC
 
 
-def _input(problem: Problem, key: str, words: str, unit: str, values: tuple[float, ...]) -> StatedInput:
+def _make_input(problem: Problem, key: str, words: str, unit: str, values: tuple[float, ...]) -> StatedInput:
     kind, value = input_kind(key, unit), values[0]
     own = problem.campaign.known.get(key)
-    sd, source, reason = kind.sd, BY_KIND, kind.reason
+    sd, source, reason = kind.sd, SOURCE_BY_KIND, kind.reason
     if own is not None:
-        sd, source, reason = own.sd_of(value), STATED, "the campaign"
+        sd, source, reason = own.sd_of(value), SOURCE_STATED, "the campaign"
     elif key in problem.case.priors:
-        sd, source, reason = problem.case.priors[key], STATED, "the case"
-    if source == STATED and kind.relative:
+        sd, source, reason = problem.case.priors[key], SOURCE_STATED, "the case"
+    if source == SOURCE_STATED and kind.relative:
         sd /= abs(value)
     return StatedInput(key, words, value, unit, sd, kind.relative, source, reason, values)
 
 
-def _words(key: str, about: str) -> str:
+def _describe_key(key: str, about: str) -> str:
     """A key in plain words, with the material or layer that it is of.
 
     >>> _words("materials.asphalt.density", "density"), _words("friction.mu", "friction coefficient; or a table")
@@ -128,10 +128,10 @@ def _words(key: str, about: str) -> str:
     return about.split(";")[0].split(", mean")[0] + (f" of {names[0]}" if names else "")
 
 
-def _refusal(problem: Problem, cases: list[Case], key: str) -> str:
+def _refusal_reason(problem: Problem, cases: list[Case], key: str) -> str:
     """Why a key is no input of a campaign."""
     table, _, name = key.rpartition(".")
-    reasons = [exemption(case, key) for case in cases if name in case.values.get(table, {})]
+    reasons = [exemption_reason(case, key) for case in cases if name in case.values.get(table, {})]
     if reasons:
         return reasons[0]
     shown = ", ".join(sorted({v.recording.view for v in problem.campaign.views})) or "none"

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from flashtemp.discovery.criteria import CRITERIA
-from flashtemp.discovery.parameters import ALL, OF_A_POINT, Kind, ParameterId
+from flashtemp.discovery.parameters import ALL_CONDITIONS, POINT_KINDS, Kind, ParameterId
 from flashtemp.discovery.prediction.problem import ASSUMED_CAMERA_VALUES
-from flashtemp.discovery.verdict import Cause, Estimate, Held, InputResult, LearnedLaw, RuleResult, Verdict
+from flashtemp.discovery.verdict import Cause, ParameterEstimate, InputCorrection, InputResult, LearnedLaw, RuleResult, Verdict
 from flashtemp.physics.effect import Effect
 
-MAX_LISTED = 3  # of each kind in the text; the report lists all
+MAX_LISTED_ITEMS = 3  # of each kind in the text; the report lists all
 CLEARLY_VISIBLE_SIGMA = 5.0  # of a typical amplitude: data that show most candidates less clearly say little
 SHIFT_STANDARD_ERRORS = 2.0  # by which a calibrated parameter must move to be mentioned
 CHANGE_STANDARD_ERRORS = 2.0  # by which a root mean square must change not to be called the same: 1 in 20 by chance
@@ -129,11 +129,11 @@ def describe_nuisance(p: ParameterId) -> str:
     >>> describe_nuisance(ParameterId(Kind.LEVEL, condition=1))
     'friction of condition 2'
     """
-    if p.kind in OF_A_POINT:
+    if p.kind in POINT_KINDS:
         point = p.name or f"{p.index[0] + 1} of {p.file.rpartition('/')[2]}"
         along = f" along {'xyz'[p.index[-1]]}" if p.kind is Kind.PLACE else ""
         return f"{NUISANCE_WORDS[p.kind].removesuffix('a point of')}point {point}{along}"
-    where = p.name or p.file.rpartition("/")[2] if p.condition == ALL else f"condition {p.condition + 1}"
+    where = p.name or p.file.rpartition("/")[2] if p.condition == ALL_CONDITIONS else f"condition {p.condition + 1}"
     number = f" ({', '.join(map(str, p.index))})" if p.index else ""
     return f"{NUISANCE_WORDS.get(p.kind, p.kind)} {where}{number}".strip()
 
@@ -151,19 +151,19 @@ def describe_assumed_optics(file: str, names: tuple[str, ...]) -> str:
 def describe_verdict(v: Verdict, known: Mapping[str, type[Effect]]) -> tuple[str, ...]:
     """A whole verdict in sentences, the verdict itself first; `known` effects by name."""
     answers = {
-        "named": _named, "learned": _learned, "held_key": _contradicted_input, "weak": _weak,
-        "unexplained": _unexplained, "none_needed": _none_needed, "no_verdict": _no_verdict,
+        "named": _answer_named, "learned": _answer_learned, "held_key": _answer_input_wrong, "weak": _answer_weak,
+        "unexplained": _answer_unexplained, "none_needed": _answer_none_needed, "no_verdict": _answer_no_verdict,
     }  # fmt: skip
-    answer = list(_group(v, known) if v.kind == "group" else answers[v.kind](v))
-    if v.kind == "named" and (own := _effects(v)) and all(_acts_in_camera(c, known) for c in own):
+    answer = list(_answer_group(v, known) if v.kind == "group" else answers[v.kind](v))
+    if v.kind == "named" and (own := _physical_causes(v)) and all(_acts_in_camera(c, known) for c in own):
         lead = "No effect on heat is missing from the model, but the measurement has an error"
-        answer[0] = f"{lead}: {' and '.join(map(_cause, own))}."
-    is_setup_in_answer = (v.kind == "named" and not _effects(v)) or (v.kind == "group" and not _is_physical(v, known))
+        answer[0] = f"{lead}: {' and '.join(map(_cause_words, own))}."
+    is_setup_in_answer = (v.kind == "named" and not _physical_causes(v)) or (v.kind == "group" and not _is_physical(v, known))
     setup = [] if is_setup_in_answer else [_setup_difference(c) for c in v.causes if c.laboratory]
-    return (*answer, *setup, *_contradictions(v), *_gain(v), *_alternative(v), *_shifts(v), *_usual_errors(v))
+    return (*answer, *setup, *_describe_contradictions(v), *_describe_gain(v), *_describe_alternative(v), *_describe_shifts(v), *_describe_usual_errors(v))
 
 
-def _effects(v: Verdict) -> list[Cause]:
+def _physical_causes(v: Verdict) -> list[Cause]:
     """Causes that are physics."""
     return [c for c in v.causes if not c.laboratory]
 
@@ -174,62 +174,62 @@ def _acts_in_camera(c: Cause, known: Mapping[str, type[Effect]]) -> bool:
 
 
 # --- the answer of each kind of verdict ------------------------------------------------------------------------
-def _named(v: Verdict) -> Iterator[str]:
-    effects = _effects(v)
+def _answer_named(v: Verdict) -> Iterator[str]:
+    effects = _physical_causes(v)
     if not effects:
         yield from (_setup_difference(c) for c in v.causes)
         yield "No effect is missing from the model."
         return
     count = "one effect" if len(effects) == 1 else f"{len(effects)} effects"
-    yield f"The model lacks {count}: {' and '.join(map(_cause, effects))}."
+    yield f"The model lacks {count}: {' and '.join(map(_cause_words, effects))}."
     for c in effects:
-        yield f"{_parameters(c)}ln Bayes factor {c.ln_bayes:.0f} against the model without {c.effect}."
-        yield from _doubt(c)
+        yield f"{_parameter_words(c)}ln Bayes factor {c.ln_bayes:.0f} against the model without {c.effect}."
+        yield from _describe_doubt(c)
 
 
-def _learned(v: Verdict) -> Iterator[str]:
-    law, effects = v.law, _effects(v)
+def _answer_learned(v: Verdict) -> Iterator[str]:
+    law, effects = v.law, _physical_causes(v)
     if law is None:
         yield "A law outside the catalogue was learned from the data."
         return
     gain = f"; ln Bayes factor {effects[0].ln_bayes:.0f} against the model without it" if effects else ""
     yield f"A law outside the catalogue was learned from the data: {law.words}{gain}."
-    yield _law_values(law)
+    yield _law_words(law)
     yield f"As a formula: {law.formula}." if law.formula else "No formula of the family fits the curve."
     if law.beside:
-        others = "; ".join(f"{words} ({gain:.0f})" for words, gain in list(law.beside.items())[:MAX_LISTED])
+        others = "; ".join(f"{words} ({gain:.0f})" for words, gain in list(law.beside.items())[:MAX_LISTED_ITEMS])
         yield f"Other laws that may explain the data, with the ln Bayes factors of their sensitivities: {others}."
 
 
-def _contradicted_input(v: Verdict) -> Iterator[str]:
+def _answer_input_wrong(v: Verdict) -> Iterator[str]:
     if v.held_key is None:
         yield "No effect is missing, but the data contradict a stated input."
         return
-    yield f"No effect is missing, but the data contradict a stated input: {_held(v.held_key)}."
+    yield f"No effect is missing, but the data contradict a stated input: {_correction_words(v.held_key)}."
     yield f"Correct {v.held_key.key}, or let the campaign calibrate it (`free`)."
 
 
-def _weak(v: Verdict) -> Iterator[str]:
-    effects = _effects(v)
+def _answer_weak(v: Verdict) -> Iterator[str]:
+    effects = _physical_causes(v)
     if effects:
-        parts = f"{_parameters(effects[0])}ln Bayes factor {effects[0].ln_bayes:.1f}"
-        yield f"A missing effect is likely, but not established: {_cause(effects[0])}; {parts}."
+        parts = f"{_parameter_words(effects[0])}ln Bayes factor {effects[0].ln_bayes:.1f}"
+        yield f"A missing effect is likely, but not established: {_cause_words(effects[0])}; {parts}."
     else:
         yield "A missing effect is likely, but not established."
     if v.not_named:
         yield f"Not more certain because: {'; '.join(v.not_named)}."
 
 
-def _group(v: Verdict, known: Mapping[str, type[Effect]]) -> Iterator[str]:
+def _answer_group(v: Verdict, known: Mapping[str, type[Effect]]) -> Iterator[str]:
     words = _group_words(v, known)
     if not _is_physical(v, known):
         yield f"The set-up differs from what is stated, and these data cannot distinguish how: {words}."
         yield "An independent measurement of one of these decides between them."
         return
-    confirmed = [c for c in _effects(v) if c.effect in v.certain]
+    confirmed = [c for c in _physical_causes(v) if c.effect in v.certain]
     count = "One more effect" if confirmed else "One effect"
     yield f"{count} is missing, and these data cannot distinguish which: {words}."
-    yield from (f"Confirmed: {_cause(c)}; {_parameters(c)}".removesuffix("; ") + "." for c in confirmed)
+    yield from (f"Confirmed: {_cause_words(c)}; {_parameter_words(c)}".removesuffix("; ") + "." for c in confirmed)
     if v.next_experiment:
         yield f"To distinguish them: {v.next_experiment}."
 
@@ -246,24 +246,24 @@ def _group_words(v: Verdict, known: Mapping[str, type[Effect]]) -> str:
         return "; ".join(setup)
     if v.held_key is not None and v.held_key.key in v.group:
         others = [name.replace("_", " ") for name in v.group if name != v.held_key.key]
-        return f"{_held(v.held_key)}; or {' or '.join(others)} is wrong"
+        return f"{_correction_words(v.held_key)}; or {' or '.join(others)} is wrong"
     return " or ".join(f"{known[name].cause} ({name})" if name in known else name for name in v.group)
 
 
-def _unexplained(v: Verdict) -> Iterator[str]:
+def _answer_unexplained(v: Verdict) -> Iterator[str]:
     yield "Something is missing that the catalogue does not contain."
     failures = [describe_failure(r) for r in v.rules if not r.passed]
     if failures:
         yield f"What was tested and failed: {'; '.join(failures)}."
-    effects = _effects(v)
+    effects = _physical_causes(v)
     if effects:
         names = " with ".join(c.effect for c in effects)
         yield f"The closest explanation in the catalogue is {names}, but the model is not adequate with it."
     if v.law is not None:
-        yield f"The closest law is only a hint: {v.law.words}. {_law_values(v.law)}"
+        yield f"The closest law is only a hint: {v.law.words}. {_law_words(v.law)}"
 
 
-def _none_needed(v: Verdict) -> Iterator[str]:
+def _answer_none_needed(v: Verdict) -> Iterator[str]:
     yield "No extension is needed: the calibrated model explains the data within their noise."
     tried = [r for r in v.rivals if math.isfinite(r.score) and r.seen > 0.0]
     clear = [r.effect for r in sorted(tried, key=lambda r: -r.seen) if r.seen >= CLEARLY_VISIBLE_SIGMA]
@@ -284,10 +284,10 @@ def _none_needed(v: Verdict) -> Iterator[str]:
         )
 
 
-def _no_verdict(v: Verdict) -> Iterator[str]:
+def _answer_no_verdict(v: Verdict) -> Iterator[str]:
     reasons = "; ".join(v.not_named) or "the fit of the final model did not converge"
     yield f"There is no verdict: {reasons}."
-    best = sorted((r for r in v.rivals if math.isfinite(r.score)), key=lambda r: -r.score)[:MAX_LISTED]
+    best = sorted((r for r in v.rivals if math.isfinite(r.score)), key=lambda r: -r.score)[:MAX_LISTED_ITEMS]
     if best:
         listed = ", ".join(f"{r.effect} ({r.score:.0f})" for r in best)
         yield f"The strongest candidates so far, with their ln Bayes factors: {listed}."
@@ -295,36 +295,36 @@ def _no_verdict(v: Verdict) -> Iterator[str]:
 
 
 # --- what else the data say ------------------------------------------------------------------------------------
-def contradicted_inputs(inputs: Sequence[InputResult]) -> list[InputResult]:
+def select_contradicted(inputs: Sequence[InputResult]) -> list[InputResult]:
     """Stated inputs that the data contradict by more than chance, the most certain first."""
     some = [i for i in inputs if i.verdict == "contradicted" and i.ln_bayes > CRITERIA.ln_bayes_hint]
     return sorted(some, key=lambda i: -i.ln_bayes)
 
 
-def _contradictions(v: Verdict) -> Iterator[str]:
+def _describe_contradictions(v: Verdict) -> Iterator[str]:
     """Stated inputs that the data contradict, without the one that the answer names."""
     in_answer = v.held_key.key if v.held_key is not None and v.kind in ("held_key", "group") else ""
-    some = [i for i in contradicted_inputs(v.inputs) if i.key != in_answer]
+    some = [i for i in select_contradicted(v.inputs) if i.key != in_answer]
     if v.held_key is not None and not in_answer and v.held_key.key not in {i.key for i in some}:
-        yield f"The data contradict a stated input: {_held(v.held_key)}."
-    for i in some[:MAX_LISTED]:
-        unit, sd_unit = _unit(i.unit), _unit("K" if i.unit == "degC" else i.unit)
+        yield f"The data contradict a stated input: {_correction_words(v.held_key)}."
+    for i in some[:MAX_LISTED_ITEMS]:
+        unit, sd_unit = _unit_suffix(i.unit), _unit_suffix("K" if i.unit == "degC" else i.unit)
         sd = f"{100.0 * i.sd:.2g} %" if i.relative else f"{i.sd:.2g}{sd_unit}"
         yield (
-            f"The data contradict a stated input: {i.key} is stated as {_digits(i.stated)}{unit} +- {sd}; "
-            f"the data require {_digits(i.estimate)} +- {_digits(i.stderr, 2)}{unit}, {abs(i.pull):.1f} standard "
+            f"The data contradict a stated input: {i.key} is stated as {_format_digits(i.stated)}{unit} +- {sd}; "
+            f"the data require {_format_digits(i.estimate)} +- {_format_digits(i.stderr, 2)}{unit}, {abs(i.pull):.1f} standard "
             f"deviations away (ln Bayes factor {i.ln_bayes:.0f})."
         )
-    if len(some) > MAX_LISTED:
-        yield f"The report lists {len(some) - MAX_LISTED} more."
+    if len(some) > MAX_LISTED_ITEMS:
+        yield f"The report lists {len(some) - MAX_LISTED_ITEMS} more."
 
 
-def _gain(v: Verdict) -> Iterator[str]:
+def _describe_gain(v: Verdict) -> Iterator[str]:
     """What the extension gains."""
     if v.extended is None or v.base is None:
         return
     size = v.gain or {}
-    changes = f"{size['file']} changes by {_kelvin(size['changed_K'])} rms, " if size.get("file") else ""
+    changes = f"{size['file']} changes by {_format_kelvin(size['changed_K'])} rms, " if size.get("file") else ""
     yield (
         f"With the extension, and everything calibrated again, {changes}chi2/dof goes from "
         f"{v.base.chi2_per_dof:.4g} to {v.extended.chi2_per_dof:.4g}."
@@ -345,7 +345,7 @@ def is_within_noise(before: float, after: float, error: float) -> bool:
     return abs(after - before) < CHANGE_STANDARD_ERRORS * error
 
 
-def _alternative(v: Verdict) -> Iterator[str]:
+def _describe_alternative(v: Verdict) -> Iterator[str]:
     """The best alternative to a named cause."""
     some = [r for r in v.rivals if r.left is not None and r.score > CRITERIA.ln_bayes_hint]
     if v.kind == "named" and some:
@@ -354,70 +354,70 @@ def _alternative(v: Verdict) -> Iterator[str]:
         yield f"The best alternative, {best.effect}, is less probable by a ln Bayes factor of {about}{best.left:.0f}."
 
 
-def _shifts(v: Verdict) -> Iterator[str]:
+def _describe_shifts(v: Verdict) -> Iterator[str]:
     """Calibrated parameters that were biased without the extension."""
     for name, before, after, error in () if v.kind == "unexplained" else v.shifts:
         if error and abs(after - before) > SHIFT_STANDARD_ERRORS * error:
             yield f"Without it, {name} would be estimated as {before:.4g} instead of {after:.4g} +- {error:.2g}."
 
 
-def _usual_errors(v: Verdict) -> Iterator[str]:
+def _describe_usual_errors(v: Verdict) -> Iterator[str]:
     """Errors of the set-up within usual limits; of a fit that explains nothing they mean little."""
-    absolute = {i.key: _unit("K" if i.unit == "degC" else i.unit) for i in v.inputs if not i.relative}
-    for f in () if v.kind in ("no_verdict", "unexplained") else v.laboratory[:MAX_LISTED]:
-        error = f"{f.stderr:.2g}{absolute[f.name]}" if f.name in absolute else _size(f.stderr, f.unit)
+    absolute = {i.key: _unit_suffix("K" if i.unit == "degC" else i.unit) for i in v.inputs if not i.relative}
+    for f in () if v.kind in ("no_verdict", "unexplained") else v.laboratory[:MAX_LISTED_ITEMS]:
+        error = f"{f.stderr:.2g}{absolute[f.name]}" if f.name in absolute else _format_error(f.stderr, f.unit)
         yield f"The data suggest that {f.words} (+- {error}), which is within usual limits."
 
 
 # --- parts of sentences ----------------------------------------------------------------------------------------
-def _cause(c: Cause) -> str:
+def _cause_words(c: Cause) -> str:
     return f"{c.words or c.effect.replace('_', ' ')} ({c.effect})"
 
 
-def _parameters(c: Cause) -> str:
+def _parameter_words(c: Cause) -> str:
     """Parameters with their intervals, ready for more; empty where there are none."""
-    return "".join(f"{_estimate(p)}; " for p in c.parameters)
+    return "".join(f"{_estimate_words(p)}; " for p in c.parameters)
 
 
-def _estimate(p: Estimate) -> str:
+def _estimate_words(p: ParameterEstimate) -> str:
     if p.bound or p.ci95[1] <= p.ci95[0]:
-        return f"{p.name} = {p.value:.4g}{_unit(p.unit)} (at its bound)"
-    return f"{p.name} = {p.value:.4g}{_unit(p.unit)} (95 % interval {p.ci95[0]:.4g} to {p.ci95[1]:.4g})"
+        return f"{p.name} = {p.value:.4g}{_unit_suffix(p.unit)} (at its bound)"
+    return f"{p.name} = {p.value:.4g}{_unit_suffix(p.unit)} (95 % interval {p.ci95[0]:.4g} to {p.ci95[1]:.4g})"
 
 
 def _setup_difference(c: Cause) -> str:
     """An error of the set-up or of a recording, with its size and evidence."""
-    size = "; ".join(f"{_size(abs(p.value), p.unit)} +- {_size(p.stderr, p.unit)}" for p in c.parameters)
+    size = "; ".join(f"{_format_error(abs(p.value), p.unit)} +- {_format_error(p.stderr, p.unit)}" for p in c.parameters)
     line = f"The set-up differs from what is stated: {c.words}{f' ({size})' if size else ''}"
     if c.ln_bayes >= LN_BAYES_IMPOSSIBLE:
         return f"{line}; as stated it is impossible."
     return f"{line}; ln Bayes factor {c.ln_bayes:.0f}."
 
 
-def _held(h: Held) -> str:
-    unit = _unit(h.unit)
+def _correction_words(h: InputCorrection) -> str:
+    unit = _unit_suffix(h.unit)
     return (
-        f"{h.key} is stated as {_digits(h.told)}{unit}; the data require {_digits(h.value)} +- "
-        f"{_digits(h.stderr, 2)}{unit} (ln Bayes factor {h.ln_bayes:.0f})"
+        f"{h.key} is stated as {_format_digits(h.told)}{unit}; the data require {_format_digits(h.value)} +- "
+        f"{_format_digits(h.stderr, 2)}{unit} (ln Bayes factor {h.ln_bayes:.0f})"
     )
 
 
-def _law_values(law: LearnedLaw) -> str:
+def _law_words(law: LearnedLaw) -> str:
     """A law at its nodes, with 95 % bands."""
     kind = "Factor" if law.unit == "1" else "Value"
     rows = ", ".join(
         f"{np.interp(n, law.at, law.curve):.3g} ({np.interp(n, law.at, law.low):.3g} to "
-        f"{np.interp(n, law.at, law.high):.3g}){_unit(law.unit)} at {n:.4g}{_unit(law.argument_unit)}"
+        f"{np.interp(n, law.at, law.high):.3g}){_unit_suffix(law.unit)} at {n:.4g}{_unit_suffix(law.argument_unit)}"
         for n in law.nodes
     )
     return f"{kind}, with 95 % band: {rows}."
 
 
-def _doubt(c: Cause) -> Iterator[str]:
+def _describe_doubt(c: Cause) -> Iterator[str]:
     """That a cause is certain and its law is not, where conditions hardly agree on its amplitude."""
-    if not c.doubted:
+    if not c.is_doubtful:
         return
-    unit = _unit(c.parameters[0].unit)
+    unit = _unit_suffix(c.parameters[0].unit)
     each = "; ".join(f"{own.value:.4g} +- {own.stderr:.2g}{unit} ({own.condition})" for own in c.per_condition)
     yield (
         f"The conditions hardly agree on {c.parameters[0].name}: {each}; the probability of such scatter is "
@@ -426,7 +426,7 @@ def _doubt(c: Cause) -> Iterator[str]:
     yield "The cause is certain, its law is not: measure a condition in between, or beyond."
 
 
-def _digits(value: float, count: int = 4) -> str:
+def _format_digits(value: float, count: int = 4) -> str:
     """A number to some significant digits, without a power of ten where it is of everyday size.
 
     >>> _digits(150000.0), _digits(7134.4, 2), _digits(1.5e-7), _digits(0.9600001)
@@ -437,11 +437,11 @@ def _digits(value: float, count: int = 4) -> str:
     return f"{value:.{count}g}"
 
 
-def _unit(unit: str) -> str:
+def _unit_suffix(unit: str) -> str:
     return "" if unit == "1" else f" {unit}"
 
 
-def _size(value: float, unit: str) -> str:
+def _format_error(value: float, unit: str) -> str:
     """The size of an error of the set-up.
 
     >>> _size(0.0123, "1"), _size(2.0, "degree"), _size(0.02, "s")
@@ -452,7 +452,7 @@ def _size(value: float, unit: str) -> str:
     return f"{value:.2g} {'degrees' if unit == 'degree' else unit}"
 
 
-def _kelvin(T: float) -> str:
+def _format_kelvin(T: float) -> str:
     """A difference in kelvin, below one in millikelvin.
 
     >>> _kelvin(1.132), _kelvin(0.0131)

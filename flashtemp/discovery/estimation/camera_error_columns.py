@@ -15,30 +15,30 @@ import numpy.typing as npt
 from scipy.ndimage import binary_dilation, gaussian_filter
 
 from flashtemp.camera.camera_classes import CAMERA_CLASSES, CameraErrors
-from flashtemp.camera.image_screening import shutter_events, temporal_noise
+from flashtemp.camera.image_screening import find_shutter_events, temporal_noise
 from flashtemp.camera.recording import Recording
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction.prediction import Observable, Single, flatten_valid_pixels
 
 Array = npt.NDArray[np.float64]
-ORDER = 4  # total order of Legendre products: vignetting by the fourth power of the cosine has no more
-GROWING = 2  # order of maps that a warming lens makes grow with time
-MOST_MODES = 16  # of the offset between shutter events
-ALIKE = 0.5  # fraction of pixels of a residual that must share a jump: what is left of heat covers the others
-HALOS = (0.05, 0.2)  # fractions of an image over which light goes astray
-UNFOLLOWED = (0.1, 0.3)  # fractions of the motion that a camera which follows the body may miss
-FAMILIES: dict[Kind, tuple[float, ...]] = {  # times its usual size that a family of errors may have
+MAX_MAP_ORDER = 4  # total order of Legendre products: vignetting by the fourth power of the cosine has no more
+MAX_GROWING_MAP_ORDER = 2  # order of maps that a warming lens makes grow with time
+MAX_WIENER_MODES = 16  # of the offset between shutter events
+MIN_JUMP_PIXEL_FRACTION = 0.5  # fraction of pixels of a residual that must share a jump: what is left of heat covers the others
+HALO_WIDTH_FRACTIONS = (0.05, 0.2)  # fractions of an image over which light goes astray
+UNTRACKED_MOTION_FRACTIONS = (0.1, 0.3)  # fractions of the motion that a camera which follows the body may miss
+CAMERA_ERROR_SCALES: dict[Kind, tuple[float, ...]] = {  # times its usual size that a family of errors may have
     Kind.OFFSET: (0.0, 0.3, 1.0, 3.0),
     Kind.STATIC: (0.0, 0.3, 1.0, 3.0),
     Kind.MAP: (0.0, 0.5, 1.0, 2.0),
     Kind.OPTICS: (0.0, 1.0),
 }
-NONE: Mapping[Kind, float] = dict.fromkeys(FAMILIES, 0.0)
-USUAL: Mapping[Kind, float] = dict.fromkeys(FAMILIES, 1.0)
+NO_CAMERA_ERRORS: Mapping[Kind, float] = dict.fromkeys(CAMERA_ERROR_SCALES, 0.0)
+USUAL_CAMERA_ERRORS: Mapping[Kind, float] = dict.fromkeys(CAMERA_ERROR_SCALES, 1.0)
 
 
 def camera_columns(
-    r: Recording, seen: Observable, left: Array, speed: Array | None = None
+    r: Recording, predicted: Observable, residual: Array, speed: Array | None = None
 ) -> dict[ParameterId, Single]:
     """Columns (frames, pixels inside) K of all camera errors of a recording as predicted; none of points.
 
@@ -48,41 +48,41 @@ def camera_columns(
     if r.places is not None:
         return {}
     sizes = CAMERA_CLASSES[r.camera]
-    ones = np.ones((1, *seen.values.shape[1:]))
+    ones = np.ones((1, *predicted.values.shape[1:]))
     out: dict[ParameterId, Single] = {}
-    for k, wave in enumerate(_offsets(r, left, sizes)):
-        out[ParameterId(Kind.OFFSET, (k,))] = flatten_valid_pixels(wave[:, None, None] * ones, seen.inside)
-    rise = seen.values - _reflected(r, seen.values)
+    for k, wave in enumerate(_iter_offsets(r, residual, sizes)):
+        out[ParameterId(Kind.OFFSET, (k,))] = flatten_valid_pixels(wave[:, None, None] * ones, predicted.inside)
+    rise = predicted.values - _reflected_temperature(r, predicted.values)
     ramp = ((r.time - r.time.mean()) / max(float(np.ptp(r.time)), 1e-12))[:, None, None]
-    for (m, n), shape in smooth_maps(r, ORDER):
+    for (m, n), shape in smooth_maps(r, MAX_MAP_ORDER):
         if m + n:  # the constant one is the offset's, or the gain's
-            flat = np.broadcast_to(sizes.map_K * shape, seen.values.shape)
-            out[ParameterId(Kind.STATIC, (m, n))] = flatten_valid_pixels(flat, seen.inside)
-            if m + n <= GROWING:
-                out[ParameterId(Kind.STATIC, (m, n, 1))] = flatten_valid_pixels(ramp * flat, seen.inside)
-            out[ParameterId(Kind.MAP, (m, n, 1))] = flatten_valid_pixels(rise * shape, seen.inside)
-    for k, change in enumerate((*_smeared(r, seen, sizes, speed), *_stray_light(seen.values, sizes))):
-        out[ParameterId(Kind.OPTICS, (k,))] = flatten_valid_pixels(change, seen.inside)
+            flat = np.broadcast_to(sizes.map_K * shape, predicted.values.shape)
+            out[ParameterId(Kind.STATIC, (m, n))] = flatten_valid_pixels(flat, predicted.inside)
+            if m + n <= MAX_GROWING_MAP_ORDER:
+                out[ParameterId(Kind.STATIC, (m, n, 1))] = flatten_valid_pixels(ramp * flat, predicted.inside)
+            out[ParameterId(Kind.MAP, (m, n, 1))] = flatten_valid_pixels(rise * shape, predicted.inside)
+    for k, change in enumerate((*_iter_smear(r, predicted, sizes, speed), *_iter_stray_light(predicted.values, sizes))):
+        out[ParameterId(Kind.OPTICS, (k,))] = flatten_valid_pixels(change, predicted.inside)
     return out
 
 
-def _reflected(r: Recording, values: Array) -> float:
+def _reflected_temperature(r: Recording, values: Array) -> float:
     return r.reflected_degC if r.reflected_degC is not None else float(np.nanmin(values))
 
 
 # --- offset in time --------------------------------------------------------------------------------------
-def _offsets(r: Recording, left: Array, sizes: CameraErrors) -> Iterator[Array]:
+def _iter_offsets(r: Recording, residual: Array, sizes: CameraErrors) -> Iterator[Array]:
     """Offsets (frames,) K: a steady drift, and between shutter events a free level and modes of a Wiener process."""
     ramp = (r.time - r.time[0]) / max(float(np.ptp(r.time)), 1e-12)
     for curve in (ramp, ramp * (1.0 - ramp)):  # a camera that settles drifts faster at first
         yield sizes.warm_up_K * curve
-    events = shutter_events(left, r, temporal_noise(left), ALIKE)
+    events = find_shutter_events(residual, r, temporal_noise(residual), MIN_JUMP_PIXEL_FRACTION)
     for begin, end in zip((0, *events), (*events, r.frames), strict=True):
         part = slice(int(begin), int(end))
         level = np.zeros(r.frames)
         level[part] = sizes.level_K
         yield level
-        for mode in wiener_modes(r.time[part] - r.time[part][0], MOST_MODES):
+        for mode in wiener_modes(r.time[part] - r.time[part][0], MAX_WIENER_MODES):
             wave = np.zeros(r.frames)
             wave[part] = sizes.drift_K_per_sqrt_s * mode
             yield wave
@@ -111,13 +111,13 @@ def smooth_maps(r: Recording, order: int) -> Iterator[tuple[tuple[int, int], Arr
 
     Powers of the distance from any point, hence vignetting and narcissus, are sums of them.
     """
-    x, y = _legendre(r.u, order), _legendre(r.v, order)
+    x, y = _legendre_waves(r.u, order), _legendre_waves(r.v, order)
     for m in range(len(x)):
         for n in range(min(len(y), order + 1 - m)):
             yield (m, n), np.sqrt(0.5) * y[n][:, None] * x[m]
 
 
-def _legendre(centres: Array, order: int) -> Array:
+def _legendre_waves(centres: Array, order: int) -> Array:
     """Legendre polynomials (orders, n) over the pixels of an axis, of unit rms; the constant alone of one pixel."""
     if len(centres) <= order:
         order = len(centres) - 1
@@ -127,7 +127,7 @@ def _legendre(centres: Array, order: int) -> Array:
 
 
 # --- what moves and scatters light ------------------------------------------------------------------------
-def _smeared(r: Recording, seen: Observable, sizes: CameraErrors, speed: Array | None) -> Iterator[Array]:
+def _iter_smear(r: Recording, predicted: Observable, sizes: CameraErrors, speed: Array | None) -> Iterator[Array]:
     """Changes (frames, nv, nu) K where a part of the motion is not followed, either way along u.
 
     A pixel that answers with a time constant shows the mean of what it saw, weighed by exp(-age / constant): a body
@@ -135,15 +135,15 @@ def _smeared(r: Recording, seen: Observable, sizes: CameraErrors, speed: Array |
     """
     if speed is None or len(r.u) < 3 or not np.any(speed):
         return
-    body = binary_dilation(seen.inside.any(axis=0), iterations=2)  # pixels near an edge are compared by nobody
-    scene = np.where(body, seen.values, _reflected(r, seen.values)) if r.view == "sidewall" else seen.values
-    for part in UNFOLLOWED:
+    body = binary_dilation(predicted.inside.any(axis=0), iterations=2)  # pixels near an edge are compared by nobody
+    scene = np.where(body, predicted.values, _reflected_temperature(r, predicted.values)) if r.view == "sidewall" else predicted.values
+    for part in UNTRACKED_MOTION_FRACTIONS:
         length = part * np.abs(speed) * sizes.smear_s / r.pitch[0]
         for way in (1, -1):
-            yield _drawn_out(scene[:, :, ::way], length)[:, :, ::way] - scene
+            yield _filter_along_u(scene[:, :, ::way], length)[:, :, ::way] - scene
 
 
-def _drawn_out(images: Array, length: Array) -> Array:
+def _filter_along_u(images: Array, length: Array) -> Array:
     """Images (frames, nv, nu) after a one-sided exponential filter along u of a `length` (frames,) px of each frame."""
     kept = np.exp(-1.0 / np.maximum(length, 1e-3))[:, None]
     out = np.empty_like(images)
@@ -153,8 +153,8 @@ def _drawn_out(images: Array, length: Array) -> Array:
     return out
 
 
-def _stray_light(values: Array, sizes: CameraErrors) -> Iterator[Array]:
+def _iter_stray_light(values: Array, sizes: CameraErrors) -> Iterator[Array]:
     """Changes (frames, nv, nu) K by light that is spread over a wide part of the image (veiling glare, ISO 9358)."""
-    for width in HALOS:
+    for width in HALO_WIDTH_FRACTIONS:
         wide = [width * max(values.shape[1:])] * 2
         yield sizes.halo * (gaussian_filter(values, (0.0, *wide), mode="nearest") - values)

@@ -14,16 +14,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from flashtemp.discovery.estimation.camera_error_columns import NONE
-from flashtemp.discovery.estimation.linear_gaussian import NormalEquations, Solution, System
+from flashtemp.discovery.estimation.camera_error_columns import NO_CAMERA_ERRORS
+from flashtemp.discovery.estimation.linear_gaussian import NormalEquations, Solution, LinearSystem
 from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY, LEAST_DISCREPANCY
 from flashtemp.discovery.estimation.nuisance_priors import is_camera_gain, nuisance_priors, scale_priors
-from flashtemp.discovery.estimation.prior_widths import COSTS, likeliest_widths
-from flashtemp.discovery.hypotheses.candidates import Model
-from flashtemp.discovery.parameters import OF_THE_CAMERA, Kind, Priors
+from flashtemp.discovery.estimation.prior_widths import LN_ODDS_AGAINST_FAMILY, find_likeliest_widths
+from flashtemp.discovery.hypotheses.candidates import ModelPoint
+from flashtemp.discovery.parameters import CAMERA_ERROR_KINDS, Kind, Priors
 from flashtemp.discovery.prediction.problem import Problem
 
-MAX_SWEEPS = 6  # over noise variances and sizes in turn
+MAX_NOISE_SWEEPS = 6  # over noise variances and sizes in turn
 VARIANCE_TOLERANCE = 0.02  # relative change of a noise variance below which the sweeps end
 
 
@@ -35,12 +35,12 @@ class Hyperparameters:
 
     scale: float
     discrepancy: float
-    families: Mapping[Kind, float] = field(default_factory=lambda: NONE)
+    families: Mapping[Kind, float] = field(default_factory=lambda: NO_CAMERA_ERRORS)
     variances: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
-class Estimated:
+class EvidenceMaximum:
     """The `solution` of all linear unknowns with their `priors` at the `hyper` parameters of largest evidence."""
 
     solution: Solution
@@ -48,23 +48,23 @@ class Estimated:
     hyper: Hyperparameters
 
 
-def estimate(
-    problem: Problem, system: System, model: Model, more: Priors, *, variances: Mapping[str, float] | None = None,
+def maximise_evidence(
+    problem: Problem, system: LinearSystem, model: ModelPoint, more: Priors, *, variances: Mapping[str, float] | None = None,
     equations: NormalEquations | None = None,
     discrepancies: tuple[float, ...] = (LARGEST_DISCREPANCY, LEAST_DISCREPANCY),
-) -> Estimated:  # fmt: skip
+) -> EvidenceMaximum:  # fmt: skip
     """Nuisances as seen from a point, and `more` unknowns, at the hyperparameters of largest evidence.
 
     With `variances` the noise stays as it is; `equations` are then those of the system with them, if they are known.
     """
     plain = nuisance_priors(problem, system.names, model)
     if variances is not None:
-        asked = equations or system.total(variances=variances)
-        return _estimate(system, plain, more, asked, variances, discrepancies, problem)
+        asked = equations or system.normal_equations(variances=variances)
+        return _maximise_at_noise(system, plain, more, asked, variances, discrepancies, problem)
     found, now = None, {b.label: 1.0 for b in system.blocks}
-    for _ in range(MAX_SWEEPS):
-        found = _estimate(system, plain, more, system.total(variances=now), now, discrepancies, problem)
-        wanted = noise_variances(system, found.solution)
+    for _ in range(MAX_NOISE_SWEEPS):
+        found = _maximise_at_noise(system, plain, more, system.normal_equations(variances=now), now, discrepancies, problem)
+        wanted = estimate_noise_variances(system, found.solution)
         if all(abs(wanted[k] - now[k]) <= VARIANCE_TOLERANCE * now[k] for k in now):
             break
         now = wanted
@@ -72,30 +72,30 @@ def estimate(
     return found
 
 
-def noise_variances(system: System, solution: Solution) -> dict[str, float]:
+def estimate_noise_variances(system: LinearSystem, solution: Solution) -> dict[str, float]:
     """Variance of the noise of every block that its residual asks for, in units of the stated one, at least 1.
 
     This is the square of Birge's ratio: chi2 per datum where that exceeds one.
     """
-    left = zip(system.blocks, system.left(solution), strict=True)
+    left = zip(system.blocks, system.block_chi2(solution), strict=True)
     return {b.label: max(1.0, chi2 / b.count) for b, chi2 in left}
 
 
-def _estimate(
-    system: System, plain: Priors, more: Priors, equations: NormalEquations, variances: Mapping[str, float],
+def _maximise_at_noise(
+    system: LinearSystem, plain: Priors, more: Priors, equations: NormalEquations, variances: Mapping[str, float],
     discrepancies: tuple[float, ...], problem: Problem,
-) -> Estimated:  # fmt: skip
-    best = likeliest_widths(system, plain | more, more, equations, discrepancies)
+) -> EvidenceMaximum:  # fmt: skip
+    best = find_likeliest_widths(system, plain | more, more, equations, discrepancies)
     priors = scale_priors(plain, best.scale, best.floor, best.families) | more
-    solution = system.completed(system.solve(priors, equations), priors)
-    families = {p.kind for p in priors if p.kind in OF_THE_CAMERA or is_camera_gain(p)}
+    solution = system.fit_heldout_nuisances(system.solve(priors, equations), priors)
+    families = {p.kind for p in priors if p.kind in CAMERA_ERROR_KINDS or is_camera_gain(p)}
     # a larger variance of n data costs n/2 of its logarithm: the normalisation of their normal distribution
     noise = 0.5 * sum(b.count * np.log(variances.get(b.label, 1.0)) for b in system.blocks if not b.held_out)
-    solution = replace(solution, ln_evidence=solution.ln_evidence - COSTS * len(families) - noise)
-    return Estimated(solution, priors, Hyperparameters(best.scale, best.floor, best.families, variances))
+    solution = replace(solution, ln_evidence=solution.ln_evidence - LN_ODDS_AGAINST_FAMILY * len(families) - noise)
+    return EvidenceMaximum(solution, priors, Hyperparameters(best.scale, best.floor, best.families, variances))
 
 
-def at_hyperparameters(problem: Problem, system: System, model: Model, hyper: Hyperparameters, more: Priors) -> Priors:
+def priors_at_hyperparameters(problem: Problem, system: LinearSystem, model: ModelPoint, hyper: Hyperparameters, more: Priors) -> Priors:
     """Priors of the nuisances as seen from a point, and of `more`, at given hyperparameters."""
     plain = nuisance_priors(problem, system.names, model)
     return scale_priors(plain, hyper.scale, hyper.discrepancy, hyper.families) | more

@@ -12,23 +12,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flashtemp.discovery.estimation.hyperparameters import Hyperparameters, at_hyperparameters
-from flashtemp.discovery.estimation.linear_gaussian import Array, System
+from flashtemp.discovery.estimation.hyperparameters import Hyperparameters, priors_at_hyperparameters
+from flashtemp.discovery.estimation.linear_gaussian import Array, LinearSystem
 from flashtemp.discovery.estimation.nuisance_priors import nuisance_priors
-from flashtemp.discovery.estimation.trust_region import Quadratic, TrustRegion
-from flashtemp.discovery.estimation.whitening import Data
-from flashtemp.discovery.hypotheses.candidates import Model
-from flashtemp.discovery.parameters import BEADS, PLACED, SHIFTS, Kind, ParameterId, Priors
-from flashtemp.discovery.prediction.prediction import LAG, Prediction, Task, observe_again
+from flashtemp.discovery.estimation.trust_region import QuadraticModel, TrustRegion
+from flashtemp.discovery.estimation.whitening import WhitenedData
+from flashtemp.discovery.hypotheses.candidates import ModelPoint
+from flashtemp.discovery.parameters import BEAD_KINDS, PLACEMENT_KINDS, SHIFT_KINDS, Kind, ParameterId, Priors
+from flashtemp.discovery.prediction.prediction import CLOCK_STEP_S, Prediction, PredictionTask, predict_again
 from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.errors import FlashtempError, SolverFailure
 
 MAX_ALIGNMENTS = 8  # images predicted again per simulation; two or three as a rule
-NEGLIGIBLE_GAIN = 0.1  # ln evidence: no decision turns on less
-FIXED_SD = 1e-6  # of what stands still in a solution of all unknowns, relative: nothing moves it, nothing overflows
+NEGLIGIBLE_ALIGNMENT_GAIN = 0.1  # ln evidence: no decision turns on less
+FIXED_STEP_SD = 1e-6  # of what stands still in a solution of all unknowns, relative: nothing moves it, nothing overflows
 # Scale of a step of each kind: the contrast at an edge bends over a pixel, fields are kept within LAG of a frame
-STEP_SCALE = {
-    Kind.SHIFT_U: 0.5, Kind.SHIFT_V: 0.5, Kind.SCALE: 0.01, Kind.TURN: 0.01, Kind.CLOCK: 0.5 * LAG, Kind.PLACE: 2.5e-4,
+IMAGE_STEP_SCALES = {
+    Kind.SHIFT_U: 0.5, Kind.SHIFT_V: 0.5, Kind.SCALE: 0.01, Kind.TURN: 0.01, Kind.CLOCK: 0.5 * CLOCK_STEP_S, Kind.PLACE: 2.5e-4,
     Kind.LAG: 0.25,
 }  # fmt: skip
 
@@ -37,58 +37,58 @@ STEP_SCALE = {
 class Linearisation:
     """A model with what it predicts and the linearised `system` there; `tasks` that made the predictions."""
 
-    model: Model
-    tasks: tuple[Task, ...]
+    model: ModelPoint
+    tasks: tuple[PredictionTask, ...]
     predictions: tuple[Prediction, ...]
-    system: System
+    system: LinearSystem
 
-    def bare(self) -> Linearisation:
+    def without_fields(self) -> Linearisation:
         """The same without the fields of the runs."""
-        return replace(self, predictions=tuple(p.bare for p in self.predictions))
+        return replace(self, predictions=tuple(p.without_columns for p in self.predictions))
 
 
-def image_parameters(system: System) -> tuple[ParameterId, ...]:
+def image_parameters(system: LinearSystem) -> tuple[ParameterId, ...]:
     """Parameters of images and sensors that a system has columns for, each recording's own."""
-    own = (*SHIFTS, *PLACED)
-    return tuple(p for p in system.names if p.kind in BEADS or (p.kind in own and p.file))
+    own = (*SHIFT_KINDS, *PLACEMENT_KINDS)
+    return tuple(p for p in system.names if p.kind in BEAD_KINDS or (p.kind in own and p.file))
 
 
 def align_images(
-    problem: Problem, data: Data, at: Linearisation, hyper: Hyperparameters, fixed: frozenset[ParameterId]
+    problem: Problem, data: WhitenedData, start: Linearisation, hyper: Hyperparameters, fixed: frozenset[ParameterId]
 ) -> Linearisation:
     """Images where the data want them with the physics (`fixed` parameters) as it is.  Raises SolverFailure."""
-    marched, region = at.model, TrustRegion()
-    value = objective(problem, at, hyper, fixed, every=True)
+    marched, region = start.model, TrustRegion()
+    value = profile_objective(problem, start, hyper, fixed, with_heldout=True)
     for _ in range(MAX_ALIGNMENTS):
-        names, model = _quadratic(problem, at, hyper, fixed, marched)
-        if model.reduction(model.best_step()) < NEGLIGIBLE_GAIN:
+        names, model = _quadratic_model(problem, start, hyper, fixed, marched)
+        if model.predicted_reduction(model.best_step()) < NEGLIGIBLE_ALIGNMENT_GAIN:
             break
-        scale = step_scale(names)
-        step = _of_promising_images(names, model, region.step(model, scale))
+        scale = step_scales(names)
+        step = _of_promising_images(names, model, region.limited_step(model, scale))
         if not step.any():
             break
-        trial = _seen_again(problem, data, at, moved_images(at.model, dict(zip(names, step.tolist(), strict=True))))
-        there = objective(problem, trial, hyper, fixed, every=True)
-        ratio = (value - there) / max(model.reduction(step), 1e-300)
-        region = region.after(ratio, step, scale)
+        trial = _predict_images(problem, data, start, move_images(start.model, dict(zip(names, step.tolist(), strict=True))))
+        there = profile_objective(problem, trial, hyper, fixed, with_heldout=True)
+        ratio = (value - there) / max(model.predicted_reduction(step), 1e-300)
+        region = region.next_region(ratio, step, scale)
         if ratio > 0.0:
-            at, value = trial, there
-    return at
+            start, value = trial, there
+    return start
 
 
-def _of_promising_images(names: Sequence[ParameterId], model: Quadratic, step: Array) -> Array:
+def _of_promising_images(names: Sequence[ParameterId], model: QuadraticModel, step: Array) -> Array:
     """A step without images that promise less than their share of what is negligible: they are not predicted again."""
     promised = step * (model.gradient - 0.5 * model.hessian @ step)  # adds up to the reduction by the step
     files = [p.file for p in names]
     gains = dict.fromkeys(files, 0.0)
     for file, gain in zip(files, promised.tolist(), strict=True):
         gains[file] += gain
-    moves = np.array([gains[file] > NEGLIGIBLE_GAIN / len(gains) for file in files], bool)
+    moves = np.array([gains[file] > NEGLIGIBLE_ALIGNMENT_GAIN / len(gains) for file in files], bool)
     return np.where(moves, step, 0.0)
 
 
-def objective(
-    problem: Problem, at: Linearisation, hyper: Hyperparameters, fixed: frozenset[ParameterId], every: bool = False
+def profile_objective(
+    problem: Problem, at: Linearisation, hyper: Hyperparameters, fixed: frozenset[ParameterId], with_heldout: bool = False
 ) -> float:
     """Half of chi2 of data and priors at a point: physics and images stand still, all else is at its optimum.
 
@@ -96,7 +96,7 @@ def objective(
     """
     images = image_parameters(at.system)
     free = _nuisance_priors(problem, at, hyper, fixed)
-    total = at.system.total((lambda b: True) if every else None, hyper.variances)
+    total = at.system.normal_equations((lambda b: True) if with_heldout else None, hyper.variances)
     found = at.system.solve(free, total)
     mean, precision = _image_prior(problem, at, images)
     return 0.5 * (found.chi2 + float(mean @ precision @ mean))
@@ -109,37 +109,37 @@ def step_beyond_fields(
 
     Alignment has clocks no farther than LAG from those of the run: beyond that the campaign is simulated anew.
     """
-    names, model = _quadratic(problem, at, hyper, fixed)
-    step = region.step(model, step_scale(names))
-    return model.reduction(model.best_step()), model.reduction(step), dict(zip(names, step.tolist(), strict=True))
+    names, model = _quadratic_model(problem, at, hyper, fixed)
+    step = region.limited_step(model, step_scales(names))
+    return model.predicted_reduction(model.best_step()), model.predicted_reduction(step), dict(zip(names, step.tolist(), strict=True))
 
 
-def step_scale(names: Iterable[ParameterId]) -> Array:
+def step_scales(names: Iterable[ParameterId]) -> Array:
     """Scales (k,) of steps of images' parameters."""
-    return np.array([STEP_SCALE[p.kind] for p in names])
+    return np.array([IMAGE_STEP_SCALES[p.kind] for p in names])
 
 
-def _quadratic(
+def _quadratic_model(
     problem: Problem, at: Linearisation, hyper: Hyperparameters, fixed: frozenset[ParameterId],
-    marched: Model | None = None,
-) -> tuple[tuple[ParameterId, ...], Quadratic]:  # fmt: skip
+    marched: ModelPoint | None = None,
+) -> tuple[tuple[ParameterId, ...], QuadraticModel]:  # fmt: skip
     """The objective to second order in what images and sensors do; clocks within reach of the model `marched`."""
     images = image_parameters(at.system)
     free = _nuisance_priors(problem, at, hyper, fixed)
-    keep = at.system.total(lambda b: True, hyper.variances)  # cameras of data that are held out stand somewhere too
-    found = at.system.projected(free, list(images), keep)
+    keep = at.system.normal_equations(lambda b: True, hyper.variances)  # cameras of data that are held out stand somewhere too
+    found = at.system.project_out(free, list(images), keep)
     mean, precision = _image_prior(problem, at, images)
     limits = [_clock_limits(p, at.model, marched) for p in images]
     low, high = (np.array([limit[i] for limit in limits]) for i in (0, 1))
-    return images, Quadratic(found.score + precision @ mean, found.information + precision, low, high)
+    return images, QuadraticModel(found.score + precision @ mean, found.information + precision, low, high)
 
 
 def _nuisance_priors(
     problem: Problem, at: Linearisation, hyper: Hyperparameters, fixed: frozenset[ParameterId]
 ) -> Priors:
     """Priors of everything linear but what images and sensors do."""
-    priors = at_hyperparameters(problem, at.system, at.model, hyper, {})
-    moving = (*SHIFTS, *PLACED, *BEADS)
+    priors = priors_at_hyperparameters(problem, at.system, at.model, hyper, {})
+    moving = (*SHIFT_KINDS, *PLACEMENT_KINDS, *BEAD_KINDS)
     return {p: v for p, v in priors.items() if p not in fixed and p.kind not in moving}
 
 
@@ -151,74 +151,74 @@ def _image_prior(problem: Problem, at: Linearisation, images: tuple[ParameterId,
     mean, sd = (np.array([priors[p][i] for p in images]) for i in (0, 1))
     covariance = np.diag(sd**2)
     for p in priors:
-        if p.kind in PLACED and not p.file:
+        if p.kind in PLACEMENT_KINDS and not p.file:
             own = [i for i, q in enumerate(images) if q.kind is p.kind and q.file and views[q.file] == p.name]
             covariance[np.ix_(own, own)] += priors[p][1] ** 2
     return mean, np.linalg.inv(covariance)
 
 
-def image_steps(
-    problem: Problem, system: System, nuisances_there: Priors, steps: Mapping[ParameterId, float],
+def predict_image_steps(
+    problem: Problem, system: LinearSystem, nuisances_there: Priors, steps: Mapping[ParameterId, float],
     hyper: Hyperparameters,
 ) -> dict[ParameterId, float]:  # fmt: skip
     """How far images move, by the linearised model, when the physics takes given `steps`.
 
     Images of data that are held out stay: data that are fitted would have them where they are stated to lie.
     """
-    fixed = {p: (step, FIXED_SD * max(abs(step), FIXED_SD)) for p, step in steps.items()}
-    found = system.solve(nuisances_there | fixed, system.total(variances=hyper.variances))
+    fixed = {p: (step, FIXED_STEP_SD * max(abs(step), FIXED_STEP_SD)) for p, step in steps.items()}
+    found = system.solve(nuisances_there | fixed, system.normal_equations(variances=hyper.variances))
     views = {v.file: v.recording.view for v in problem.campaign.views}
-    out, seen = {}, system.seen
+    out, seen = {}, system.fitted_columns
     for p in image_parameters(system):
-        parts = {p, replace(p, file="", name=views[p.file])} if p.kind in PLACED else {p}
+        parts = {p, replace(p, file="", name=views[p.file])} if p.kind in PLACEMENT_KINDS else {p}
         out[p] = sum(found[q] for q in parts if q in found.names) if p in seen else 0.0
     return out
 
 
-def moved_images(model: Model, steps: Mapping[ParameterId, float]) -> Model:
+def move_images(model: ModelPoint, steps: Mapping[ParameterId, float]) -> ModelPoint:
     """The model with its images and sensors moved."""
     for p, step in steps.items():
-        if p.kind in SHIFTS:
-            shift = list(model.shift(p.file))
-            shift[p.axis] += step
+        if p.kind in SHIFT_KINDS:
+            shift = list(model.image_shift(p.file))
+            shift[p.shift_axis] += step
             model = replace(model, shifts=model.shifts | {p.file: (shift[0], shift[1])})
         else:
-            model = model.moved(p, step)
+            model = model.with_step(p, step)
     return model
 
 
-def _clock_limits(p: ParameterId, model: Model, marched: Model | None) -> tuple[float, float]:
+def _clock_limits(p: ParameterId, model: ModelPoint, marched: ModelPoint | None) -> tuple[float, float]:
     """How far a clock may step down and up: fields were kept within LAG of the one that the run was made for."""
     if p.kind is not Kind.CLOCK or marched is None:
         return -np.inf, np.inf
-    now, middle = model.placed(p), marched.placed(p)
-    return min(middle - LAG - now, 0.0), max(middle + LAG - now, 0.0)
+    now, middle = model.setup_value(p), marched.setup_value(p)
+    return min(middle - CLOCK_STEP_S - now, 0.0), max(middle + CLOCK_STEP_S - now, 0.0)
 
 
-def _seen_again(problem: Problem, data: Data, at: Linearisation, model: Model) -> Linearisation:
+def _predict_images(problem: Problem, data: WhitenedData, at: Linearisation, model: ModelPoint) -> Linearisation:
     """The linearisation with images predicted again where they moved; columns of the physics stay."""
     changed, predictions = {}, []
     blocks = {b.label: b for b in at.system.blocks}
     for number, (task, prediction) in enumerate(zip(at.tasks, at.predictions, strict=True)):
         shown = dict(prediction.observables)
         for view in task.views:
-            if not _moves(view.file, at.model, model):
+            if not _has_moved(view.file, at.model, model):
                 continue
-            assert prediction.full is not None
+            assert prediction.full_run is not None
             try:
-                observable = observe_again(task, prediction.full, view, model)
+                observable = predict_again(task, prediction.full_run, view, model)
             except FlashtempError as fault:
                 raise SolverFailure(str(fault)) from fault
-            block = data.block(number, view, observable)
-            changed[view.file] = block.joined(blocks[view.file], lambda p: True)
+            block = data.make_block(number, view, observable)
+            changed[view.file] = block.with_columns_of(blocks[view.file], lambda p: True)
             shown[view.file] = replace(observable, columns={})
         predictions.append(replace(prediction, observables=shown))
     return Linearisation(model, at.tasks, tuple(predictions), at.system.with_blocks(changed))
 
 
-def _moves(file: str, before: Model, after: Model) -> bool:
+def _has_moved(file: str, before: ModelPoint, after: ModelPoint) -> bool:
     """Whether an image lies elsewhere, or any sensor does: sensors carry names that several recordings share."""
     return (
-        before.shift(file) != after.shift(file) or before.place(file) != after.place(file)
-        or before.beads != after.beads
+        before.image_shift(file) != after.image_shift(file) or before.image_placement(file) != after.image_placement(file)
+        or before.bead_offsets != after.bead_offsets
     )  # fmt: skip

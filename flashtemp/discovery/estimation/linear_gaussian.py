@@ -23,11 +23,11 @@ Array = npt.NDArray[np.float64]
 Columns = npt.NDArray[np.floating[Any]]  # kept in single precision, multiplied in double
 Indices = npt.NDArray[np.int64]
 MAX_KEPT_BYTES = 1e8  # of what eliminated recordings take from products: some sizes of 40 recordings
-ROWS = 8192  # of columns that are multiplied at a time: about what a core keeps near it
+GRAM_CHUNK_ROWS = 8192  # of columns that are multiplied at a time: about what a core keeps near it
 
 
 @dataclass(frozen=True)
-class Block:
+class DataBlock:
     """Whitened data of one recording or trace: residual `r` (n,), columns `C` (n, k), several `names` per column.
 
     `F` (n, f) are columns that many blocks share, with their products `FF`; they are numbered after those of C.
@@ -47,10 +47,10 @@ class Block:
     def count(self) -> int:
         return len(self.r)
 
-    def joined(self, other: Block, wanted: Callable[[ParameterId], bool]) -> Block:
+    def with_columns_of(self, other: DataBlock, is_wanted: Callable[[ParameterId], bool]) -> DataBlock:
         """With those wanted columns of another block of the same data that this one lacks."""
         have, own, others = {n for n, _ in self.names}, self.C.shape[1], other.C.shape[1]
-        lent = [(n, c) for n, c in other.names if c < others and n not in have and wanted(n)]
+        lent = [(n, c) for n, c in other.names if c < others and n not in have and is_wanted(n)]
         columns = sorted({c for _, c in lent})
         at = {c: own + i for i, c in enumerate(columns)}
         shared = tuple((n, c if c < own else c + len(columns)) for n, c in self.names)
@@ -71,7 +71,7 @@ class Block:
         square, cross = gram_matrices([self.C[:, :own]], [self.C[:, own:], self.F])
         return np.block([[square, cross.T], [cross, known[np.ix_(columns, columns)]]])
 
-    def with_residual(self, r: Array) -> Block:
+    def with_residual(self, r: Array) -> DataBlock:
         """The same columns with another residual."""
         out = replace(self, r=r)
         if "gram" in vars(self):
@@ -111,15 +111,15 @@ class Solution:
     count: int
 
     @cached_property
-    def _at(self) -> dict[ParameterId, int]:
+    def _column_index(self) -> dict[ParameterId, int]:
         return {n: i for i, n in enumerate(self.names)}
 
     def __getitem__(self, name: ParameterId) -> float:
-        return float(self.d[self._at[name]])
+        return float(self.d[self._column_index[name]])
 
     def sd(self, name: ParameterId) -> float:
         """Standard error of one column's strength."""
-        i = self._at[name]
+        i = self._column_index[name]
         return float(np.sqrt(self.covariance[i, i]))
 
     def as_dict(self) -> dict[ParameterId, float]:
@@ -140,79 +140,79 @@ def gram_matrices(own: Sequence[Columns], others: Sequence[Columns] = ()) -> tup
 
     By parts of the rows, each converted once: a copy of all of them would be much memory.
     """
-    square, cross, n = np.zeros((_width(own),) * 2), np.zeros((_width(others), _width(own))), len(own[0])
-    for first in range(0, n, ROWS):
-        a, b = (_beside(columns, slice(first, min(first + ROWS, n))) for columns in (own, others))
+    square, cross, n = np.zeros((_count_columns(own),) * 2), np.zeros((_count_columns(others), _count_columns(own))), len(own[0])
+    for first in range(0, n, GRAM_CHUNK_ROWS):
+        a, b = (_stack_rows(columns, slice(first, min(first + GRAM_CHUNK_ROWS, n))) for columns in (own, others))
         square += a.T @ a
         cross += b.T @ a
     return square, cross
 
 
-def _width(columns: Sequence[Columns]) -> int:
+def _count_columns(columns: Sequence[Columns]) -> int:
     return sum(1 if c.ndim == 1 else c.shape[1] for c in columns)
 
 
-def _beside(columns: Sequence[Columns], part: slice) -> Array:
+def _stack_rows(columns: Sequence[Columns], part: slice) -> Array:
     """A part of the rows of columns, side by side in double precision."""
-    out, at = np.empty((part.stop - part.start, _width(columns)), order="F"), 0
+    out, at = np.empty((part.stop - part.start, _count_columns(columns)), order="F"), 0
     for c in columns:
-        wide = _width((c,))
+        wide = _count_columns((c,))
         out[:, at : at + wide] = c[part].reshape(len(out), wide)
         at += wide
     return out
 
 
-class System:
+class LinearSystem:
     """Products of all columns of all blocks."""
 
-    def __init__(self, blocks: Iterable[Block]):
+    def __init__(self, blocks: Iterable[DataBlock]):
         self.blocks = list(blocks)
-        self.index = _numbered(self.blocks)
+        self.index = _number_columns(self.blocks)
         self.names = list(self.index)
-        self.parts = [self._products(b) for b in self.blocks]
+        self.parts = [self._block_equations(b) for b in self.blocks]
 
-    def shown(self, residuals: Mapping[str, Array]) -> System:
+    def with_residuals(self, residuals: Mapping[str, Array]) -> LinearSystem:
         """The same columns with other residuals, by label."""
         out = copy(self)
         out.blocks = [b.with_residual(residuals[b.label]) for b in self.blocks]
-        out.parts = [replace(p, equations=_moved(p.equations, b)) for p, b in zip(self.parts, out.blocks, strict=True)]
+        out.parts = [replace(p, equations=_with_block_residual(p.equations, b)) for p, b in zip(self.parts, out.blocks, strict=True)]
         return out
 
-    def with_blocks(self, changed: Mapping[str, Block]) -> System:
+    def with_blocks(self, changed: Mapping[str, DataBlock]) -> LinearSystem:
         """The same with other blocks by label; products of those that stay are kept."""
         out = copy(self)
         out.blocks = [changed.get(b.label, b) for b in self.blocks]
-        out.index = _numbered(out.blocks)
+        out.index = _number_columns(out.blocks)
         out.names = list(out.index)
         out.parts = [
-            out._products(b) if b.label in changed else replace(p, at=out._at(b))
+            out._block_equations(b) if b.label in changed else replace(p, at=out._column_numbers(b))
             for p, b in zip(self.parts, out.blocks, strict=True)
         ]
         return out
 
-    def split(self, own: Iterable[ParameterId]) -> System:
+    def split_by_condition(self, own: Iterable[ParameterId]) -> LinearSystem:
         """The same products with some columns of all conditions one for each of them, named with its number."""
         out, mine = copy(self), set(own)
         out.blocks = [
             replace(b, names=tuple((replace(n, condition=b.condition) if n in mine else n, c) for n, c in b.names))
             for b in self.blocks
         ]
-        out.index = _numbered(out.blocks)
+        out.index = _number_columns(out.blocks)
         out.names = list(out.index)
-        out.parts = [replace(p, at=out._at(b)) for p, b in zip(self.parts, out.blocks, strict=True)]
+        out.parts = [replace(p, at=out._column_numbers(b)) for p, b in zip(self.parts, out.blocks, strict=True)]
         return out
 
-    def _products(self, block: Block) -> BlockEquations:
+    def _block_equations(self, block: DataBlock) -> BlockEquations:
         square, cross = gram_matrices([block.r], [block.C, block.F])
-        col = _columns(block)
+        col = _column_of_names(block)
         own = NormalEquations(block.gram[np.ix_(col, col)], cross[col, 0], float(square[0, 0]), block.count)
-        return BlockEquations(self._at(block), own)
+        return BlockEquations(self._column_numbers(block), own)
 
-    def _at(self, block: Block) -> npt.NDArray[np.int64]:
+    def _column_numbers(self, block: DataBlock) -> npt.NDArray[np.int64]:
         return np.array([self.index[n] for n, _ in block.names], dtype=int)
 
-    def total(
-        self, keep: Callable[[Block], bool] | None = None, variances: Mapping[str, float] | None = None
+    def normal_equations(
+        self, keep: Callable[[DataBlock], bool] | None = None, variances: Mapping[str, float] | None = None
     ) -> NormalEquations:
         """Those of the blocks for which keep(block) holds, of those fitted by default.
 
@@ -228,7 +228,7 @@ class System:
                 rr, count = rr + weight * own.square, count + own.count
         return NormalEquations(N, b, rr, count)
 
-    def left(self, solution: Solution) -> list[float]:
+    def block_chi2(self, solution: Solution) -> list[float]:
         """Sum of squares of what a solution leaves of every block's data."""
         found, out = solution.as_dict(), []
         d = np.array([found.get(n, 0.0) for n in self.names])
@@ -239,33 +239,33 @@ class System:
 
     def solve(self, priors: Priors, equations: NormalEquations | None = None) -> Solution:
         """Estimate the columns named in `priors`; those that no block knows are left out."""
-        total = equations or self.total()
-        names = self.known(priors)
-        right, matrix = self._of(names, total)
-        found = _whole(right, matrix, total.square, *_parts(priors, names))
+        total = equations or self.normal_equations()
+        names = self.known_columns(priors)
+        right, matrix = self._select_columns(names, total)
+        found = _solve_posterior(right, matrix, total.square, *_prior_moments(priors, names))
         inverse = cho_solve((found.lower, True), np.eye(len(names)), check_finite=False)
         covariance = found.sd[:, None] * inverse * found.sd[None]
         return Solution(names, found.sd * found.u, covariance, found.ln_evidence, found.chi2, total.count)
 
     @property
-    def seen(self) -> frozenset[ParameterId]:
+    def fitted_columns(self) -> frozenset[ParameterId]:
         """Columns that any block knows which is fitted."""
         return frozenset(n for b in self.blocks if not b.held_out for n, _ in b.names)
 
-    def completed(self, solution: Solution, priors: Priors) -> Solution:
+    def fit_heldout_nuisances(self, solution: Solution, priors: Priors) -> Solution:
         """With what only blocks know that are held out, of their own, such as where their images lie, estimated from
         them; all that is shared or fitted stands as it was found."""
         if not any(b.held_out for b in self.blocks):
             return solution
-        seen = self.seen
-        own = np.flatnonzero([n not in seen and not n.everywhere for n in solution.names])
+        seen = self.fitted_columns
+        own = np.flatnonzero([n not in seen and not n.is_shared for n in solution.names])
         if not len(own):
             return solution
-        total, at = self.total(lambda b: b.held_out), np.array([self.index[n] for n in solution.names])
+        total, at = self.normal_equations(lambda b: b.held_out), np.array([self.index[n] for n in solution.names])
         matrix, others = total.matrix[np.ix_(at, at)], np.setdiff1d(np.arange(len(at)), own)
         right = total.right[at[own]] - matrix[np.ix_(own, others)] @ solution.d[others]
-        mean, sd = _parts(priors, tuple(solution.names[i] for i in own.tolist()))
-        found = _whole(right, matrix[np.ix_(own, own)], total.square, mean, sd)
+        mean, sd = _prior_moments(priors, tuple(solution.names[i] for i in own.tolist()))
+        found = _solve_posterior(right, matrix[np.ix_(own, own)], total.square, mean, sd)
         inverse = sd[:, None] * cho_solve((found.lower, True), np.diag(sd), check_finite=False)
         follow = -inverse @ matrix[np.ix_(own, others)]  # what is found when what is shared differs by one
         d, covariance = solution.d.copy(), solution.covariance.copy()
@@ -275,9 +275,9 @@ class System:
         covariance[np.ix_(own, own)] = inverse + covariance[np.ix_(own, others)] @ follow.T
         return replace(solution, d=d, covariance=covariance)
 
-    def evidence(self, priors: Priors, equations: NormalEquations | None = None) -> Evidence:
+    def evidence_function(self, priors: Priors, equations: NormalEquations | None = None) -> EvidenceFunction:
         """The ln evidence as a function of the standard deviations of the columns that `priors` name."""
-        total, names = equations or self.total(), self.known(priors)
+        total, names = equations or self.normal_equations(), self.known_columns(priors)
         at = np.array([self.index[n] for n in names], dtype=int)
         files = [n.file for n in names]
         groups = [
@@ -285,35 +285,35 @@ class System:
         ]
         shared = np.array([i for i, f in enumerate(files) if not f], dtype=int)
         everything = np.array([i for i, n in enumerate(self.names) if not n.file], dtype=int)
-        return Evidence(total, at, _parts(priors, names)[0], shared, tuple(groups), everything)
+        return EvidenceFunction(total, at, _prior_moments(priors, names)[0], shared, tuple(groups), everything)
 
-    def known(self, priors: Priors) -> tuple[ParameterId, ...]:
+    def known_columns(self, priors: Priors) -> tuple[ParameterId, ...]:
         """Columns of those named that a block knows."""
         return tuple(n for n in priors if n in self.index)
 
-    def _of(self, names: tuple[ParameterId, ...], total: NormalEquations) -> tuple[Array, Array]:
+    def _select_columns(self, names: tuple[ParameterId, ...], total: NormalEquations) -> tuple[Array, Array]:
         """Right-hand side and matrix of some columns."""
         at = [self.index[n] for n in names]
         return total.right[at], total.matrix[np.ix_(at, at)]
 
-    def bounded(self, priors: Priors, most: float, equations: NormalEquations | None = None) -> Solution:
+    def solve_bounded(self, priors: Priors, max_deviation: float, equations: NormalEquations | None = None) -> Solution:
         """As `solve`, but no column may leave its prior mean by more than `most` standard deviations."""
-        total = equations or self.total()
+        total = equations or self.normal_equations()
         free = self.solve(priors, total)
         at = [self.index[n] for n in free.names]
         mean, sd = (np.array([priors[n][i] for n in free.names]) for i in (0, 1))
         A = sd[:, None] * total.matrix[np.ix_(at, at)] * sd[None] + np.eye(len(at))
         rhs, middle = sd * total.right[at] + mean / sd, mean / sd
         L = np.linalg.cholesky(A)
-        u = lsq_linear(L.T, np.linalg.solve(L, rhs), (middle - most, middle + most)).x
+        u = lsq_linear(L.T, np.linalg.solve(L, rhs), (middle - max_deviation, middle + max_deviation)).x
         chi2 = total.square + float(middle @ middle) + float(u @ A @ u - 2.0 * rhs @ u)
         return Solution(free.names, sd * u, free.covariance, free.ln_evidence, chi2, total.count)
 
-    def projected(
+    def project_out(
         self, nuisance: Priors, wanted: list[ParameterId], equations: NormalEquations | None = None
     ) -> Projection:
         """What the nuisances cannot absorb of the columns `wanted`."""
-        total = equations or self.total()
+        total = equations or self.normal_equations()
         N, b = total.matrix, total.right
         at = [self.index[n] for n in nuisance if n in self.index]
         sd = np.array([nuisance[n][1] for n in nuisance if n in self.index])
@@ -327,7 +327,7 @@ class System:
         return Projection(u, raw - cross.T @ solved, np.diag(raw))
 
 
-def _numbered(blocks: Iterable[Block]) -> dict[ParameterId, int]:
+def _number_columns(blocks: Iterable[DataBlock]) -> dict[ParameterId, int]:
     """All columns that blocks know, in the order in which they name them."""
     return {n: i for i, n in enumerate(dict.fromkeys(n for b in blocks for n, _ in b.names))}
 
@@ -341,7 +341,7 @@ class Eliminated(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Evidence:
+class EvidenceFunction:
     """ln evidence of data for columns of many widths: those of one recording alone (`groups`, indices) are eliminated
     recording by recording, so that only the `shared` ones are a dense matrix (block arrowhead, Schur complement).
 
@@ -396,7 +396,7 @@ class Evidence:
         return kept[key]
 
 
-class _Whole(NamedTuple):
+class _PosteriorEstimate(NamedTuple):
     """Estimate `u` in units of `sd`, with the Cholesky factor `lower` of its inverse covariance."""
 
     u: Array
@@ -406,13 +406,13 @@ class _Whole(NamedTuple):
     ln_evidence: float
 
 
-def _parts(priors: Priors, names: tuple[ParameterId, ...]) -> tuple[Array, Array]:
+def _prior_moments(priors: Priors, names: tuple[ParameterId, ...]) -> tuple[Array, Array]:
     """Means and standard deviations of the columns."""
     both = np.array([priors[n] for n in names]).reshape(-1, 2)
     return both[:, 0], both[:, 1]
 
 
-def _whole(right: Array, matrix: Array, square: float, mean: Array, sd: Array) -> _Whole:
+def _solve_posterior(right: Array, matrix: Array, square: float, mean: Array, sd: Array) -> _PosteriorEstimate:
     """The estimate from normal equations of the columns and their priors."""
     A = sd[:, None] * matrix * sd[None]
     A[np.diag_indices_from(A)] += 1.0
@@ -421,21 +421,21 @@ def _whole(right: Array, matrix: Array, square: float, mean: Array, sd: Array) -
     u = cho_solve((lower, True), rhs, check_finite=False)
     chi2 = square + float(np.sum((mean / sd) ** 2)) - float(rhs @ u)
     ln_det = 2.0 * float(np.sum(np.log(np.diag(lower))))
-    return _Whole(u, sd, lower, chi2, -0.5 * (chi2 + ln_det))
+    return _PosteriorEstimate(u, sd, lower, chi2, -0.5 * (chi2 + ln_det))
 
 
-def _moved(equations: NormalEquations, block: Block) -> NormalEquations:
+def _with_block_residual(equations: NormalEquations, block: DataBlock) -> NormalEquations:
     """Normal equations with the residual that a block has now."""
     square, cross = gram_matrices([block.r], [block.C, block.F])
-    return replace(equations, right=cross[_columns(block), 0], square=float(square[0, 0]))
+    return replace(equations, right=cross[_column_of_names(block), 0], square=float(square[0, 0]))
 
 
-def _columns(block: Block) -> npt.NDArray[np.int64]:
+def _column_of_names(block: DataBlock) -> npt.NDArray[np.int64]:
     """Which column every name of a block stands for."""
     return np.array([c for _, c in block.names], dtype=int)
 
 
-def predicted_change(block: Block, solution: Solution) -> Array:
+def predicted_change(block: DataBlock, solution: Solution) -> Array:
     """What a solution adds to a block's prediction (n,), in sigma."""
     found = solution.as_dict()
     k = block.C.shape[1]
@@ -443,12 +443,12 @@ def predicted_change(block: Block, solution: Solution) -> Array:
     for name, column in block.names:
         d[column] += found.get(name, 0.0)
     out = np.empty(block.count)
-    for first in range(0, len(out), ROWS):
-        part = slice(first, first + ROWS)
+    for first in range(0, len(out), GRAM_CHUNK_ROWS):
+        part = slice(first, first + GRAM_CHUNK_ROWS)
         out[part] = block.C[part] @ d[:k] + block.F[part] @ d[k:]
     return out
 
 
-def residual(block: Block, solution: Solution) -> Array:
+def whitened_residual(block: DataBlock, solution: Solution) -> Array:
     """What is left of a block's data (n,), in sigma."""
     return block.r - predicted_change(block, solution)

@@ -8,16 +8,16 @@ from functools import cached_property
 
 import numpy as np
 
-from flashtemp.discovery.estimation.hyperparameters import Estimated, Hyperparameters, estimate
-from flashtemp.discovery.estimation.linear_gaussian import Block, NormalEquations, Solution, System
+from flashtemp.discovery.estimation.hyperparameters import EvidenceMaximum, Hyperparameters, maximise_evidence
+from flashtemp.discovery.estimation.linear_gaussian import DataBlock, NormalEquations, Solution, LinearSystem
 from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY
-from flashtemp.discovery.hypotheses.candidates import Model
+from flashtemp.discovery.hypotheses.candidates import ModelPoint
 from flashtemp.discovery.parameters import ParameterId, Priors
 from flashtemp.discovery.prediction.prediction import Prediction
 from flashtemp.discovery.prediction.problem import Problem
 
 
-class Status(StrEnum):
+class FitStatus(StrEnum):
     """How a fit ended."""
 
     CONVERGED = "converged"  # no step promises a gain that any decision could feel
@@ -28,7 +28,7 @@ class Status(StrEnum):
 
 
 @dataclass(frozen=True)
-class Fit:
+class LinearisedFit:
     """A model at its best point: `predictions` there, the linearised `system`, its `solution` with `priors` as seen
     from the point, at hyperparameters `hyper`.
 
@@ -36,40 +36,40 @@ class Fit:
     model; `evaluations` simulations of the campaign that it took; `history` predicted gain at each accepted point.
     """
 
-    model: Model
+    model: ModelPoint
     predictions: tuple[Prediction, ...]
-    system: System
+    system: LinearSystem
     solution: Solution
     priors: Priors
     hyper: Hyperparameters
-    status: Status
+    status: FitStatus
     bound: frozenset[ParameterId] = frozenset()
     promise: float = np.inf
     evaluations: int = 0
     history: tuple[float, ...] = ()
 
     @property
-    def blocks(self) -> list[Block]:
+    def blocks(self) -> list[DataBlock]:
         return self.system.blocks
 
     @property
-    def converged(self) -> bool:
-        return self.status is Status.CONVERGED
+    def is_converged(self) -> bool:
+        return self.status is FitStatus.CONVERGED
 
     @property
-    def usable(self) -> bool:
+    def is_comparable(self) -> bool:
         """Whether it may be compared with others: it is at its best point as far as numerics can tell."""
-        return self.status in (Status.CONVERGED, Status.STALLED)
+        return self.status in (FitStatus.CONVERGED, FitStatus.STALLED)
 
     @cached_property
     def equations(self) -> NormalEquations:
         """Normal equations of all that is fitted, with the noise that the fit found."""
-        return self.system.total(variances=self.hyper.variances)
+        return self.system.normal_equations(variances=self.hyper.variances)
 
     @cached_property
     def chi2(self) -> float:
         """Sum of squares of what is left of all data that are fitted, in stated standard deviations."""
-        left = zip(self.blocks, self.system.left(self.solution), strict=True)
+        left = zip(self.blocks, self.system.block_chi2(self.solution), strict=True)
         return float(sum(chi2 for b, chi2 in left if not b.held_out))
 
     @property
@@ -77,36 +77,36 @@ class Fit:
         return self.solution.ln_evidence
 
     @property
-    def secured(self) -> float:
+    def secured_evidence(self) -> float:
         """ln evidence that is certain: of a fit that did not converge, without what its linearised model promises."""
-        return self.ln_evidence - (0.0 if self.converged else self.promise)
+        return self.ln_evidence - (0.0 if self.is_converged else self.promise)
 
     @property
-    def nuisances(self) -> Priors:
+    def free_priors(self) -> Priors:
         """Priors of all that may move, but for what lies on a bound."""
         return {p: v for p, v in self.priors.items() if p not in self.bound}
 
     @property
-    def effects(self) -> Priors:
+    def effect_priors(self) -> Priors:
         """Those of the parameters of effects."""
         return {p: v for p, v in self.priors.items() if p.effect in self.model.effects}
 
     @property
-    def fitted(self) -> list[ParameterId]:
+    def effect_parameters(self) -> list[ParameterId]:
         """Parameters of effects that were estimated."""
         return [p for p in self.solution.names if p.effect in self.model.effects]
 
-    def solved(
+    def solve_with(
         self, problem: Problem, more: Priors, equations: NormalEquations | None = None, noise: bool = False
-    ) -> Estimated:
+    ) -> EvidenceMaximum:
         """The same data and point with other priors than those of the nuisances; with `noise` its variances too are
         found anew, else they stay as the fit has them."""
         variances = None if noise else self.hyper.variances
-        return estimate(problem, self.system, self.model, more, variances=variances, equations=equations)
+        return maximise_evidence(problem, self.system, self.model, more, variances=variances, equations=equations)
 
-    def at_largest(self, problem: Problem, more: Priors) -> float:
+    def evidence_at_max_discrepancy(self, problem: Problem, more: Priors) -> float:
         """ln evidence with these priors where the model's own error may be as large as it ever is."""
-        found = estimate(
+        found = maximise_evidence(
             problem, self.system, self.model, more, variances=self.hyper.variances, discrepancies=(LARGEST_DISCREPANCY,)
         )
         return found.solution.ln_evidence

@@ -12,17 +12,17 @@ import numpy as np
 import numpy.typing as npt
 
 from flashtemp.camera.recording import Recording
-from flashtemp.comparison.campaign import View
+from flashtemp.comparison.campaign import RecordingEntry
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction.prediction import Observable, Single, flatten_valid_pixels
 
 # of the rise, rms over a view: what discretisation and closures state (docs: verification); evidence chooses one
 LEAST_DISCREPANCY, LARGEST_DISCREPANCY = 1e-3, 3e-3
-ORDER = 3  # half waves at most, along, up, within a repetition and over the repetitions together
+MAX_DISCREPANCY_ORDER = 3  # half waves at most, along, up, within a repetition and over the repetitions together
 TYPICAL_DISCREPANCY = 2e-3  # by which pulls are judged
 
 
-def discrepancy_basis(view: View, seen: Observable) -> dict[ParameterId, Single]:
+def discrepancy_basis(view: RecordingEntry, predicted: Observable) -> dict[ParameterId, Single]:
     """Columns of a view: products of half waves along and up the image, in a repetition and over all, times the rise.
 
     Each is weighted so that a prior of one size for all is an error of that size (rms, relative), less for finer ones.
@@ -30,11 +30,11 @@ def discrepancy_basis(view: View, seen: Observable) -> dict[ParameterId, Single]
     r = view.recording
     if r.places is not None:
         return {}
-    rise = seen.values - (r.reflected_degC if r.reflected_degC is not None else float(np.nanmin(seen.values)))
-    x, y = _waves(_unit(r.u)), _waves(_unit(r.v))
-    inside, between = (_waves(t) for t in _times(r))
+    rise = predicted.values - (r.reflected_degC if r.reflected_degC is not None else float(np.nanmin(predicted.values)))
+    x, y = _half_waves(_scale_to_unit(r.u)), _half_waves(_scale_to_unit(r.v))
+    inside, between = (_half_waves(t) for t in _relative_times(r))
     up = r.view == "sidewall"
-    found = [k for k in product(range(ORDER + 1), repeat=4) if sum(k) <= ORDER and (up or not k[1])]
+    found = [k for k in product(range(MAX_DISCREPANCY_ORDER + 1), repeat=4) if sum(k) <= MAX_DISCREPANCY_ORDER and (up or not k[1])]
     found = [(m, n, q, s) for m, n, q, s in found if (not q or np.ptp(inside[1])) and (not s or np.ptp(between[1]))]
     weight = np.array([1.0 / (1.0 + sum(k)) for k in found])
     square = [np.mean(x[m] ** 2) * np.mean(y[n] ** 2) * np.mean((inside[q] * between[s]) ** 2) for m, n, q, s in found]
@@ -42,25 +42,25 @@ def discrepancy_basis(view: View, seen: Observable) -> dict[ParameterId, Single]
     out = {}
     for (m, n, q, s), w in zip(found, weight, strict=True):
         wave = (w * inside[q] * between[s])[:, None, None] * y[n][:, None] * x[m]
-        out[ParameterId(Kind.FLOOR, (m, n, q, s))] = flatten_valid_pixels(rise * wave, seen.inside)
+        out[ParameterId(Kind.FLOOR, (m, n, q, s))] = flatten_valid_pixels(rise * wave, predicted.inside)
     return out
 
 
-def _times(r: Recording) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _relative_times(r: Recording) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Where every frame stands in its repetition, and this among all, from 0 to 1."""
     inside = np.zeros(r.frames)
     for number in np.unique(r.repetition):
         own = r.repetition == number
-        inside[own] = _unit(r.time[own])
-    return inside, _unit(r.repetition.astype(float))
+        inside[own] = _scale_to_unit(r.time[own])
+    return inside, _scale_to_unit(r.repetition.astype(float))
 
 
-def _unit(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _scale_to_unit(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Values from 0 to 1, all 0 where they are the same."""
     values = np.asarray(values, float)
     out: npt.NDArray[np.float64] = (values - values[0]) / max(float(values[-1] - values[0]), 1e-12)
     return out
 
 
-def _waves(t: npt.NDArray[np.float64]) -> list[npt.NDArray[np.float64]]:
-    return [np.cos(m * np.pi * t) for m in range(ORDER + 1)]
+def _half_waves(t: npt.NDArray[np.float64]) -> list[npt.NDArray[np.float64]]:
+    return [np.cos(m * np.pi * t) for m in range(MAX_DISCREPANCY_ORDER + 1)]

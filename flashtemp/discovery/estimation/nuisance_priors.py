@@ -8,28 +8,28 @@ import numpy as np
 import numpy.typing as npt
 
 from flashtemp.camera.camera_classes import CAMERA_CLASSES
-from flashtemp.camera.placement import Place
+from flashtemp.camera.placement import ImagePlacement
 from flashtemp.camera.recording import Recording
-from flashtemp.comparison.campaign import View
-from flashtemp.discovery.estimation.camera_error_columns import NONE
+from flashtemp.comparison.campaign import RecordingEntry
+from flashtemp.discovery.estimation.camera_error_columns import NO_CAMERA_ERRORS
 from flashtemp.discovery.estimation.model_discrepancy import TYPICAL_DISCREPANCY
-from flashtemp.discovery.hypotheses.candidates import Model
+from flashtemp.discovery.hypotheses.candidates import ModelPoint
 from flashtemp.discovery.parameters import (
-    OF_A_POINT,
-    OF_THE_CAMERA,
-    OF_THE_LABORATORY,
-    PLACED,
-    SHIFTS,
+    POINT_KINDS,
+    CAMERA_ERROR_KINDS,
+    SETUP_KINDS,
+    PLACEMENT_KINDS,
+    SHIFT_KINDS,
     Kind,
     ParameterId,
     Priors,
 )
-from flashtemp.discovery.prediction.prediction import Derivatives, Observable, Single, flatten_valid_pixels
+from flashtemp.discovery.prediction.prediction import DerivativeRequest, Observable, Single, flatten_valid_pixels
 from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.discovery.prediction.sensor_parameters import sensor_priors
 
-MODES = 6  # cosines of the pressure along the block
-GROUPS = {  # standard deviations, by the kind of nuisance
+PRESSURE_MODE_COUNT = 6  # cosines of the pressure along the block
+NUISANCE_SD = {  # standard deviations, by the kind of nuisance
     Kind.SCATTER: 0.01,  # of friction from repetition to repetition
     Kind.LEVEL: 0.02,  # of friction from condition to condition
     Kind.GAIN: 0.01,  # what a view takes the radiance times
@@ -44,69 +44,69 @@ GROUPS = {  # standard deviations, by the kind of nuisance
     Kind.CLOCK: 0.02,  # s: clock of a camera against the schedule, half a frame of 25 Hz
     Kind.SIZE: 0.01,  # length and width of the block
 }
-UNSURE = 0.4  # relative width of optics that a recording does not say
-MODE = 0.01  # of the first pressure mode; the n-th has an n-th of it
-MAPS = ((1, 0), (2, 0), (0, 1), (1, 1), (0, 2))
-ABOUT = 3.0**-0.5  # of half an image: standard deviation of the point in it about which it is turned
-CARELESS = 0.5  # of a usual scale: from where the point about which it is off is not the one that was marked
-LARGER = (Kind.SCATTER, Kind.MAP, Kind.WALL)  # than said where deviations of unknown shape are, up to MOST times
-MOST = 3.0
-FLUX = 0.05  # of the local heat: standard deviation of modes that have no name
-PLAIN = frozenset(  # what everybody would calibrate
+UNSTATED_OPTICS_SD = 0.4  # relative width of optics that a recording does not say
+PRESSURE_MODE_SD = 0.01  # of the first pressure mode; the n-th has an n-th of it
+GAIN_MAP_HALF_WAVES = ((1, 0), (2, 0), (0, 1), (1, 1), (0, 2))
+PIVOT_SD_FRACTION = 3.0**-0.5  # of half an image: standard deviation of the point in it about which it is turned
+USUAL_SCALE_FRACTION = 0.5  # of a usual scale: from where the point about which it is off is not the one that was marked
+SCALED_KINDS = (Kind.SCATTER, Kind.MAP, Kind.WALL)  # than said where deviations of unknown shape are, up to MOST times
+MAX_SCALED_FACTOR = 3.0
+HEAT_MODE_SD = 0.05  # of the local heat: standard deviation of modes that have no name
+RIGID_KINDS = frozenset(  # what everybody would calibrate
     {
         Kind.KEY,
-        *SHIFTS,
-        *PLACED,
+        *SHIFT_KINDS,
+        *PLACEMENT_KINDS,
         Kind.GAIN,
         Kind.SPREAD,
         Kind.LEVEL,
         Kind.CELL,
         Kind.MESH,
         Kind.SIZE,
-        *OF_A_POINT,
-        *OF_THE_CAMERA,
+        *POINT_KINDS,
+        *CAMERA_ERROR_KINDS,
     }
 )
-WALLS = (1e-3, 4e-3)  # m: depths over which the wall's own cooling fades up the block
+WALL_COOLING_DEPTHS_M = (1e-3, 4e-3)  # m: depths over which the wall's own cooling fades up the block
 
 
-def all_derivatives(problem: Problem) -> Derivatives:
+def all_derivatives(problem: Problem) -> DerivativeRequest:
     """Derivatives by all that calibration may move."""
-    return Derivatives(problem.free, True, MODES, True, optics=True, laboratory=True)
+    return DerivativeRequest(problem.free_keys, True, PRESSURE_MODE_COUNT, True, optics=True, block_sizes=True)
 
 
-def nuisance_priors(problem: Problem, names: Iterable[ParameterId], model: Model) -> Priors:
+def nuisance_priors(problem: Problem, names: Iterable[ParameterId], model: ModelPoint) -> Priors:
     """(mean, standard deviation) of everything that calibration may move, seen from a point."""
     out: Priors = {}
-    free = problem.priors
+    free = problem.key_priors
     recordings = {v.file: v.recording for v in problem.campaign.views}
     points = sensor_priors(problem.campaign.views)
     for p in names:
         if p in free:
             out[p] = (-model.free[p.name], free[p])
-        elif p.kind in SHIFTS:
-            sd = position_sd_px(recordings[p.file], model.place(p.file), p.axis)
-            out[p] = (-model.shift(p.file)[p.axis], sd)
-        elif p.kind in OF_A_POINT:
-            out[p] = (-model.beads.get(p, 0.0), points[p])
-        elif p.kind in OF_THE_CAMERA or is_camera_gain(p):
-            out[p] = (0.0, _usual(recordings[p.file], p))
-        elif p.kind in OF_THE_LABORATORY:
-            out[p] = (-model.placed(p), GROUPS[p.kind])
+        elif p.kind in SHIFT_KINDS:
+            sd = position_sd_px(recordings[p.file], model.image_placement(p.file), p.shift_axis)
+            out[p] = (-model.image_shift(p.file)[p.shift_axis], sd)
+        elif p.kind in POINT_KINDS:
+            out[p] = (-model.bead_offsets.get(p, 0.0), points[p])
+        elif p.kind in CAMERA_ERROR_KINDS or is_camera_gain(p):
+            out[p] = (0.0, _camera_error_sd(recordings[p.file], p))
+        elif p.kind in SETUP_KINDS:
+            out[p] = (-model.setup_value(p), NUISANCE_SD[p.kind])
         elif p.kind in (Kind.MODE, Kind.TREND):
-            out[p] = (0.0, MODE / p.index[0])
-        elif p.kind in GROUPS:
+            out[p] = (0.0, PRESSURE_MODE_SD / p.index[0])
+        elif p.kind in NUISANCE_SD:
             unsure = p.kind is Kind.SPREAD and "psf_sigma_px" in problem.assumed_camera_facts.get(p.file, ())
-            out[p] = (0.0, UNSURE if unsure else GROUPS[p.kind])
+            out[p] = (0.0, UNSTATED_OPTICS_SD if unsure else NUISANCE_SD[p.kind])
     return out
 
 
-def _usual(recording: Recording, p: ParameterId) -> float:
+def _camera_error_sd(recording: Recording, p: ParameterId) -> float:
     """Usual size of an error of a real camera; most columns are as large as it is already."""
     return CAMERA_CLASSES[recording.camera].gain_map if is_camera_gain(p) else 1.0
 
 
-def position_sd_px(recording: Recording, place: Place, axis: int) -> float:
+def position_sd_px(recording: Recording, place: ImagePlacement, axis: int) -> float:
     """Standard deviation (px along u, 0, or v, 1) of where an image with a `place` stands.
 
     Nobody notes about which point a camera was turned: any that the image shows, alike; nor about which a scale is off
@@ -114,7 +114,7 @@ def position_sd_px(recording: Recording, place: Place, axis: int) -> float:
     """
     if recording.view != "sidewall":
         return recording.registration_sigma_px or 0.0
-    wrong = max(abs(place.scale) - CARELESS * GROUPS[Kind.SCALE], 0.0), ABOUT * abs(place.turn)
+    wrong = max(abs(place.scale) - USUAL_SCALE_FRACTION * NUISANCE_SD[Kind.SCALE], 0.0), PIVOT_SD_FRACTION * abs(place.turn)
     reach = [0.5 * float(centres[-1] - centres[0]) for centres in (recording.u, recording.v)]
     moved = np.hypot(wrong[0] * reach[axis], wrong[1] * reach[1 - axis])
     return float(np.hypot(recording.registration_sigma_px or 0.0, moved / recording.pitch[axis]))
@@ -122,7 +122,7 @@ def position_sd_px(recording: Recording, place: Place, axis: int) -> float:
 
 def prior_scale_factors(scale: float) -> dict[Kind, float]:
     """Times as wide as said: priors of what is small and unknown in shape, at a `scale`."""
-    return {Kind.MODE: scale, Kind.TREND: scale, **dict.fromkeys(LARGER, min(scale, MOST))}
+    return {Kind.MODE: scale, Kind.TREND: scale, **dict.fromkeys(SCALED_KINDS, min(scale, MAX_SCALED_FACTOR))}
 
 
 def is_camera_gain(p: ParameterId) -> bool:
@@ -130,17 +130,17 @@ def is_camera_gain(p: ParameterId) -> bool:
     return p.kind is Kind.MAP and len(p.index) > 2
 
 
-def factors(scale: float, families: Mapping[Kind, float]) -> dict[tuple[Kind, bool], float]:
+def width_factors(scale: float, families: Mapping[Kind, float]) -> dict[tuple[Kind, bool], float]:
     """Times as wide as said, by kind and whether only real cameras have it (`is_camera_gain`): priors of what is small
     and unknown in shape, at a `scale`, and of camera errors by family; 0 of errors that a camera does not have."""
     out = {(kind, False): times for kind, times in (dict(families) | prior_scale_factors(scale)).items()}
     return out | {(Kind.MAP, True): families[Kind.MAP]}
 
 
-def scale_priors(priors: Priors, scale: float, floor: float, families: Mapping[Kind, float] = NONE) -> Priors:
+def scale_priors(priors: Priors, scale: float, floor: float, families: Mapping[Kind, float] = NO_CAMERA_ERRORS) -> Priors:
     """The same at a `scale` of what is small and unknown in shape, a `floor` of the model's own relative error, and
     sizes of the `families` of camera errors; those that are none are left out."""
-    out, times = {}, factors(scale, families)
+    out, times = {}, width_factors(scale, families)
     for p, (mean, sd) in priors.items():
         wide = floor if p.kind is Kind.FLOOR else sd * times.get((p.kind, is_camera_gain(p)), 1.0)
         if wide > 0.0:
@@ -151,33 +151,33 @@ def scale_priors(priors: Priors, scale: float, floor: float, families: Mapping[K
 def rigid_priors(priors: Priors) -> Priors:
     """Priors of nuisances that may not bend the pressure, the walls or the friction of a repetition; gain maps are
     calibrated where a camera clearly has one."""
-    kinds = PLAIN | ({Kind.MAP} if any(map(is_camera_gain, priors)) else set())
+    kinds = RIGID_KINDS | ({Kind.MAP} if any(map(is_camera_gain, priors)) else set())
     return {p: v for p, v in priors.items() if p.kind in kinds}
 
 
-def unnamed_heat(names: Iterable[ParameterId]) -> Priors:
+def unnamed_heat_priors(names: Iterable[ParameterId]) -> Priors:
     """Priors of heat of any shape along the block, per condition and growing over the repetitions."""
-    return {p: (0.0, FLUX / p.index[0] ** 0.5) for p in names if p.kind in (Kind.FLUX, Kind.TREND)}
+    return {p: (0.0, HEAT_MODE_SD / p.index[0] ** 0.5) for p in names if p.kind in (Kind.FLUX, Kind.TREND)}
 
 
-def camera_smooth_basis(view: View, seen: Observable) -> dict[ParameterId, Single]:
+def camera_smooth_basis(view: RecordingEntry, predicted: Observable) -> dict[ParameterId, Single]:
     """Smooth maps that no run explains: a slight gain along a view, and the wall's own cooling."""
     r = view.recording
     if r.places is not None:  # points are no image
         return {}
-    rise = seen.values - (r.reflected_degC or float(np.nanmin(seen.values)))
+    rise = predicted.values - (r.reflected_degC or float(np.nanmin(predicted.values)))
     out = {}
-    x, y = _unit(r.u), _unit(r.v)
-    for m, n in MAPS:
+    x, y = _scale_to_unit(r.u), _scale_to_unit(r.v)
+    for m, n in GAIN_MAP_HALF_WAVES:
         if n and len(r.v) == 1:
             continue
         out[ParameterId(Kind.MAP, (m, n))] = rise * np.cos(n * np.pi * y)[:, None] * np.cos(m * np.pi * x)
     if r.view == "sidewall":
-        for k, depth in enumerate(WALLS):
+        for k, depth in enumerate(WALL_COOLING_DEPTHS_M):
             out[ParameterId(Kind.WALL, (k,))] = rise * np.exp(-np.maximum(r.v, 0.0) / depth)[:, None]
-    return {k: flatten_valid_pixels(values, seen.inside) for k, values in out.items()}
+    return {k: flatten_valid_pixels(values, predicted.inside) for k, values in out.items()}
 
 
-def _unit(centres: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _scale_to_unit(centres: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Centres of pixels from 0 to 1."""
     return (centres - centres[0]) / max(centres[-1] - centres[0], 1e-12) if len(centres) > 1 else np.zeros(1)

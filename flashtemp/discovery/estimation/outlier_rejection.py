@@ -11,37 +11,37 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from flashtemp.camera.image_screening import flickering_lines, outlying_pixels, temporal_noise
-from flashtemp.comparison.campaign import View
+from flashtemp.camera.image_screening import find_flickering_lines, find_outlying_pixels, temporal_noise
+from flashtemp.comparison.campaign import RecordingEntry
 from flashtemp.discovery.estimation.model_discrepancy import discrepancy_basis
 from flashtemp.discovery.estimation.nuisance_priors import camera_smooth_basis
 from flashtemp.discovery.prediction.prediction import Observable, Prediction
 from flashtemp.discovery.prediction.problem import Problem, replace_views
-from flashtemp.showing import several
+from flashtemp.showing import format_count
 
 Array = npt.NDArray[np.float64]
-RIDGE = 1e-6  # of the largest product of columns: those that nearly are sums of others get small coefficients
+RIDGE_FRACTION = 1e-6  # of the largest product of columns: those that nearly are sums of others get small coefficients
 
 
-def calibrated_residual(view: View, seen: Observable) -> Array:
+def calibrated_residual(view: RecordingEntry, predicted: Observable) -> Array:
     """Measured less predicted (frames, nv, nu) K, NaN where not compared, less a least-squares fit of all traces
     and of smooth errors of the model.
 
     The fit has no priors: it stands for nothing but the smooth part of what a calibration will explain.
     """
-    left: Array = np.where(seen.inside, view.recording.temperature - seen.values, np.nan)
-    known = np.isfinite(left[:, seen.inside])
-    shapes = seen.columns | camera_smooth_basis(view, seen) | discrepancy_basis(view, seen)
+    left: Array = np.where(predicted.inside, view.recording.temperature - predicted.values, np.nan)
+    known = np.isfinite(left[:, predicted.inside])
+    shapes = predicted.columns | camera_smooth_basis(view, predicted) | discrepancy_basis(view, predicted)
     columns = [c[known].astype(float) for c in shapes.values()]
     if view.recording.places is not None or not columns or known.sum() < 2 * len(columns):
         return left
     C = np.stack(columns, axis=1)
     C /= np.maximum(np.sqrt(np.mean(C**2, axis=0)), 1e-12)
-    inside = left[:, seen.inside]
+    inside = left[:, predicted.inside]
     square = C.T @ C
-    square[np.diag_indices_from(square)] += RIDGE * float(square.diagonal().max())
+    square[np.diag_indices_from(square)] += RIDGE_FRACTION * float(square.diagonal().max())
     inside[known] -= C @ np.linalg.solve(square, C.T @ inside[known])
-    left[:, seen.inside] = inside
+    left[:, predicted.inside] = inside
     return left
 
 
@@ -54,15 +54,15 @@ def reject_outliers(problem: Problem, first: Sequence[Prediction]) -> Problem:
                 continue
             left = calibrated_residual(view, prediction.observables[view.file])
             sigma = temporal_noise(view.recording.temperature)
-            rows, columns = (flickering_lines(left, axis, sigma) for axis in (1, 2))
+            rows, columns = (find_flickering_lines(left, axis, sigma) for axis in (1, 2))
             left[:, list(rows)], left[:, :, list(columns)] = np.nan, np.nan
-            bad = outlying_pixels(left)
+            bad = find_outlying_pixels(left)
             also = [(len(rows), "flickering row"), (len(columns), "flickering column"),
                     (int(bad.sum()), "outlying pixel")]  # fmt: skip
             bad[list(rows)], bad[:, list(columns)] = True, True
             if bad.any():
                 T = np.where(bad, np.nan, view.recording.temperature)
                 views.append(replace(view, recording=replace(view.recording, temperature=T)))
-                said = "left out " + ", ".join(several(n, what) for n, what in also if n)
+                said = "left out " + ", ".join(format_count(n, what) for n, what in also if n)
                 found[view.file] = "; ".join(filter(None, (found.get(view.file, ""), said)))
     return replace(replace_views(problem, views), screening=found) if views else problem

@@ -7,19 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flashtemp.discovery.estimation.linear_gaussian import Array, Block, Solution
-from flashtemp.discovery.estimation.linearised_fit import Fit
-from flashtemp.discovery.hypotheses.piecewise_linear_law import EFFECT_NAME
+from flashtemp.discovery.estimation.linear_gaussian import Array, DataBlock, Solution
+from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
+from flashtemp.discovery.hypotheses.piecewise_linear_law import LEARNED_LAW_NAME
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction.problem import Problem
-from flashtemp.discovery.verdict import OwnValue
+from flashtemp.discovery.verdict import ConditionEstimate
 
 
 @dataclass(frozen=True)
 class PerConditionEstimates:
     """What each condition would have of something that all share, with the `covariance` (n, n) of these values."""
 
-    conditions: tuple[OwnValue, ...]
+    conditions: tuple[ConditionEstimate, ...]
     covariance: Array
 
     @property
@@ -34,65 +34,65 @@ class PerConditionEstimates:
         return float(chi2.sf(away @ precision @ away, len(value) - 1))
 
 
-def estimate_per_condition(
-    problem: Problem, fit: Fit, parameter: ParameterId, every: bool = False
+def estimate_by_condition(
+    problem: Problem, fit: LinearisedFit, parameter: ParameterId, every: bool = False
 ) -> PerConditionEstimates:
     """A parameter of an effect as each condition would have it, if it were one for each and all else shared; by `every`
     datum, those held out too."""
-    now, (words, split, own) = fit.model.value(parameter), _split_by_condition(problem, fit, [parameter], every)
-    return _estimates(words, [now + split[p] for [p] in own], _covariance(split, [p for [p] in own]))
+    now, (words, split, own) = fit.model.effect_value(parameter), _split_by_condition(problem, fit, [parameter], every)
+    return _make_estimates(words, [now + split[p] for [p] in own], _select_covariance(split, [p for [p] in own]))
 
 
-def law_scale_per_condition(problem: Problem, fit: Fit, effect: str, every: bool = False) -> PerConditionEstimates:
+def estimate_law_by_condition(problem: Problem, fit: LinearisedFit, effect: str, every: bool = False) -> PerConditionEstimates:
     """How many times a law as found each condition would have it, all its nodes free there.
 
     A node alone says little: nodes beside it, kept as all conditions want them, leave it no room.
     """
-    nodes = [p for p in fit.fitted if p.effect == effect]
+    nodes = [p for p in fit.effect_parameters if p.effect == effect]
     if not nodes:  # all on their bounds
         return PerConditionEstimates((), np.zeros((0, 0)))
-    found = np.array([fit.model.value(p) + fit.solution[p] for p in nodes])
+    found = np.array([fit.model.effect_value(p) + fit.solution[p] for p in nodes])
     words, split, own = _split_by_condition(problem, fit, nodes, every)
     sizes, weights = [], np.zeros((len(own), len(own) * len(nodes)))
     for k, names in enumerate(own):
-        precision = np.linalg.inv(_covariance(split, names)) @ found
+        precision = np.linalg.inv(_select_covariance(split, names)) @ found
         weights[k, k * len(nodes) : (k + 1) * len(nodes)] = precision / (found @ precision)
-        theirs = [fit.model.value(p) + split[q] for p, q in zip(nodes, names, strict=True)]
+        theirs = [fit.model.effect_value(p) + split[q] for p, q in zip(nodes, names, strict=True)]
         sizes.append(float(precision @ theirs / (found @ precision)))
-    return _estimates(words, sizes, weights @ _covariance(split, [p for names in own for p in names]) @ weights.T)
+    return _make_estimates(words, sizes, weights @ _select_covariance(split, [p for names in own for p in names]) @ weights.T)
 
 
 def _split_by_condition(
-    problem: Problem, fit: Fit, own: list[ParameterId], every: bool
+    problem: Problem, fit: LinearisedFit, own: list[ParameterId], every: bool
 ) -> tuple[list[str], Solution, list[list[ParameterId]]]:
     """Conditions in words, the solution with some parameters one for each of them, and what these are called there."""
 
-    def asked(b: Block) -> bool:
+    def is_counted(b: DataBlock) -> bool:
         return every or not b.held_out
 
-    seen = {b.condition for b in fit.blocks if asked(b) and {n for n, _ in b.names} >= set(own)}
-    split = fit.system.split(own)
+    seen = {b.condition for b in fit.blocks if is_counted(b) and {n for n, _ in b.names} >= set(own)}
+    split = fit.system.split_by_condition(own)
     names = [[replace(p, condition=n) for p in own] for n in sorted(seen)]
     loose = {q: (0.0, 1e3 * fit.priors[p][1]) for each in names for p, q in zip(own, each, strict=True)}
     shared = {p: v for p, v in fit.priors.items() if p not in own}
-    solution = split.solve(shared | loose, split.total(asked, fit.hyper.variances))
+    solution = split.solve(shared | loose, split.normal_equations(is_counted, fit.hyper.variances))
     return [problem.conditions[n].words for n in sorted(seen)], solution, names
 
 
-def _covariance(solution: Solution, names: list[ParameterId]) -> Array:
+def _select_covariance(solution: Solution, names: list[ParameterId]) -> Array:
     at = [solution.names.index(p) for p in names]
     return solution.covariance[np.ix_(at, at)]
 
 
-def _estimates(words: Sequence[str], values: Sequence[float], covariance: Array) -> PerConditionEstimates:
+def _make_estimates(words: Sequence[str], values: Sequence[float], covariance: Array) -> PerConditionEstimates:
     errors = np.sqrt(np.diag(covariance)).tolist()
-    return PerConditionEstimates(tuple(OwnValue(*own) for own in zip(words, values, errors, strict=True)), covariance)
+    return PerConditionEstimates(tuple(ConditionEstimate(*own) for own in zip(words, values, errors, strict=True)), covariance)
 
 
-def estimates_per_condition(
-    problem: Problem, fit: Fit, effect: str, every: bool = False
+def estimate_effect_by_condition(
+    problem: Problem, fit: LinearisedFit, effect: str, every: bool = False
 ) -> list[PerConditionEstimates]:
     """The same of everything that says how large an effect is: its parameters one by one, or a learned law whole."""
-    if effect == EFFECT_NAME:
-        return [law_scale_per_condition(problem, fit, effect, every)]
-    return [estimate_per_condition(problem, fit, p, every) for p in fit.fitted if p.effect == effect]
+    if effect == LEARNED_LAW_NAME:
+        return [estimate_law_by_condition(problem, fit, effect, every)]
+    return [estimate_by_condition(problem, fit, p, every) for p in fit.effect_parameters if p.effect == effect]

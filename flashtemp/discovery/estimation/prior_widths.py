@@ -7,63 +7,63 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flashtemp.discovery.estimation.camera_error_columns import FAMILIES, NONE, USUAL
-from flashtemp.discovery.estimation.linear_gaussian import Array, NormalEquations, System
-from flashtemp.discovery.estimation.nuisance_priors import factors, is_camera_gain
+from flashtemp.discovery.estimation.camera_error_columns import CAMERA_ERROR_SCALES, NO_CAMERA_ERRORS, USUAL_CAMERA_ERRORS
+from flashtemp.discovery.estimation.linear_gaussian import Array, NormalEquations, LinearSystem
+from flashtemp.discovery.estimation.nuisance_priors import width_factors, is_camera_gain
 from flashtemp.discovery.parameters import Kind, Priors
 
-SCALES = (0.3, 1.0, 3.0, 10.0, 30.0)  # of deviations of unknown shape: chosen under each hypothesis
-COSTS = 3.0  # ln of the prior odds against each family of camera errors, as of any more freedom
-SWEEPS = 4  # over the families of camera errors, at most
+DEVIATION_SCALES = (0.3, 1.0, 3.0, 10.0, 30.0)  # of deviations of unknown shape: chosen under each hypothesis
+LN_ODDS_AGAINST_FAMILY = 3.0  # ln of the prior odds against each family of camera errors, as of any more freedom
+MAX_FAMILY_SWEEPS = 4  # over the families of camera errors, at most
 
 
 @dataclass(frozen=True)
-class Widths:
+class PriorWidths:
     """Hyperparameters: `scale` of deviations, `floor` of the model's own error, sizes of `families`."""
 
     scale: float
     floor: float
     families: Mapping[Kind, float]
 
-    def of(self, sd: Array, columns: Mapping[tuple[Kind, bool], list[int]]) -> Array:
+    def column_sd(self, sd: Array, columns: Mapping[tuple[Kind, bool], list[int]]) -> Array:
         """Standard deviations of columns whose usual ones are `sd`, with the indices of those of each kind."""
         out = sd.copy()
-        for kind, times in factors(self.scale, self.families).items():
+        for kind, times in width_factors(self.scale, self.families).items():
             out[columns.get(kind, [])] *= times
         out[columns.get((Kind.FLOOR, False), [])] = self.floor
         return out
 
 
-def likeliest_widths(
-    system: System, given: Priors, more: Priors, equations: NormalEquations, floors: tuple[float, ...]
-) -> Widths:
+def find_likeliest_widths(
+    system: LinearSystem, given: Priors, more: Priors, equations: NormalEquations, floors: tuple[float, ...]
+) -> PriorWidths:
     """Hyperparameters of the largest evidence: scale and floor together, for one hides the other, then the families of
     camera errors one after the other until none changes; from cameras without errors and from usual ones.
 
     Each family that there is costs COSTS of ln evidence, its prior odds.
     """
-    evidence, names = system.evidence(given, equations), system.known(given)
+    evidence, names = system.evidence_function(given, equations), system.known_columns(given)
     sd = np.array([given[p][1] for p in names])
     columns: dict[tuple[Kind, bool], list[int]] = {}
     for i, p in enumerate(names):
         if p not in more:
             columns.setdefault((p.kind, is_camera_gain(p)), []).append(i)
-    families = [kind for kind in FAMILIES if any(p.kind is kind for p in names)]
+    families = [kind for kind in CAMERA_ERROR_SCALES if any(p.kind is kind for p in names)]
 
-    def value(way: Widths) -> float:
-        return evidence(way.of(sd, columns)) - COSTS * sum(way.families[kind] > 0.0 for kind in families)
+    def penalised_evidence(way: PriorWidths) -> float:
+        return evidence(way.column_sd(sd, columns)) - LN_ODDS_AGAINST_FAMILY * sum(way.families[kind] > 0.0 for kind in families)
 
-    def best(ways: Iterator[Widths]) -> tuple[float, Widths]:
-        return max(((value(way), way) for way in ways), key=lambda pair: pair[0])
+    def select_best(options: Iterator[PriorWidths]) -> tuple[float, PriorWidths]:
+        return max(((penalised_evidence(way), way) for way in options), key=lambda pair: pair[0])
 
     ends = []
-    for start in (NONE, USUAL) if families else (NONE,):
-        now, way = -np.inf, Widths(SCALES[0], floors[0], start)
-        for _ in range(SWEEPS):
+    for start in (NO_CAMERA_ERRORS, USUAL_CAMERA_ERRORS) if families else (NO_CAMERA_ERRORS,):
+        now, way = -np.inf, PriorWidths(DEVIATION_SCALES[0], floors[0], start)
+        for _ in range(MAX_FAMILY_SWEEPS):
             before = now
-            now, way = best(Widths(s, f, way.families) for f in floors for s in SCALES)
+            now, way = select_best(PriorWidths(s, f, way.families) for f in floors for s in DEVIATION_SCALES)
             for kind in families:
-                now, way = best(Widths(way.scale, way.floor, {**way.families, kind: size}) for size in FAMILIES[kind])
+                now, way = select_best(PriorWidths(way.scale, way.floor, {**way.families, kind: size}) for size in CAMERA_ERROR_SCALES[kind])
             if now <= before + 1e-9 or not families:
                 break
         ends.append((now, way))

@@ -18,12 +18,12 @@ Array = npt.NDArray[np.float64]
 FIRST_RADIUS = 2.0  # in units of the scale of each parameter: prior standard deviations
 MAX_RADIUS = 8.0
 POOR_RATIO, GOOD_RATIO = 0.25, 0.75  # of actual to predicted reduction (Nocedal and Wright, algorithm 4.1)
-SHRINK, GROW = 0.25, 2.0  # of the radius (same)
-EDGE = 0.99  # fraction of the radius from which a step counts as limited by it
+SHRINK_FACTOR, GROW_FACTOR = 0.25, 2.0  # of the radius (same)
+LIMITED_STEP_FRACTION = 0.99  # fraction of the radius from which a step counts as limited by it
 
 
 @dataclass(frozen=True)
-class Quadratic:
+class QuadraticModel:
     """A quadratic model of an objective: reduction g.d - d.S.d/2 by a step d (k,), with d in [low, high] (k,)."""
 
     gradient: Array
@@ -31,7 +31,7 @@ class Quadratic:
     low: Array
     high: Array
 
-    def reduction(self, step: Array) -> float:
+    def predicted_reduction(self, step: Array) -> float:
         """What a step reduces the objective by, as predicted."""
         return float(self.gradient @ step - 0.5 * step @ self.hessian @ step)
 
@@ -63,14 +63,14 @@ class TrustRegion:
 
     radius: float = FIRST_RADIUS
 
-    def step(self, model: Quadratic, scale: Array) -> Array:
+    def limited_step(self, model: QuadraticModel, scale: Array) -> Array:
         return model.best_step(self.radius * scale)
 
-    def after(self, ratio: float, step: Array, scale: Array) -> TrustRegion:
+    def next_region(self, ratio: float, step: Array, scale: Array) -> TrustRegion:
         """The region for the next step, by the ratio of actual to predicted reduction of the last one."""
         size = float(np.max(np.abs(step) / scale, initial=0.0))
         if ratio < POOR_RATIO:
-            return TrustRegion(SHRINK * size)
-        if ratio > GOOD_RATIO and size > EDGE * self.radius:
-            return TrustRegion(min(GROW * self.radius, MAX_RADIUS))
+            return TrustRegion(SHRINK_FACTOR * size)
+        if ratio > GOOD_RATIO and size > LIMITED_STEP_FRACTION * self.radius:
+            return TrustRegion(min(GROW_FACTOR * self.radius, MAX_RADIUS))
         return self

@@ -8,30 +8,30 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.camera.placement import AS_TOLD, Place
-from flashtemp.discovery.parameters import BEADS, PLACED, Kind, ParameterId, Priors
+from flashtemp.camera.placement import STATED_PLACEMENT, ImagePlacement
+from flashtemp.discovery.parameters import BEAD_KINDS, PLACEMENT_KINDS, Kind, ParameterId, Priors
 from flashtemp.errors import BadInput
 from flashtemp.model.case import Case
 from flashtemp.physics.effect import Effect, Param
 
-PRIORS = {  # relative standard deviation: how well a laboratory knows what it may calibrate
+KEY_PRIOR_SD = {  # relative standard deviation: how well a laboratory knows what it may calibrate
     "friction.mu": 0.1,
     "contact.spot_fraction": 0.1,
     "ambient.convection": 0.3,
 }
-OTHERWISE = 0.2
-SHARE = 0.01  # of an effect's typical strength: the step of its trace
+DEFAULT_KEY_PRIOR_SD = 0.2
+STRENGTH_STEP_FRACTION = 0.01  # of an effect's typical strength: the step of its trace
 
 
 def prior_sd_of_key(key: str) -> float:
     """Relative standard deviation of a free key."""
-    return PRIORS.get(key, OTHERWISE)
+    return KEY_PRIOR_SD.get(key, DEFAULT_KEY_PRIOR_SD)
 
 
 def parameter_spec(case: Case, key: str) -> Param:
     """What is declared of a key of a case."""
     table, name = key.rsplit(".", 1)
-    return case.declared(table)[name]
+    return case.declared_params(table)[name]
 
 
 def clip_to_bounds(param: Param, value: float) -> float:
@@ -41,7 +41,7 @@ def clip_to_bounds(param: Param, value: float) -> float:
 
 
 @dataclass(frozen=True)
-class Model:
+class ModelPoint:
     """The believed case at a point: `free` {key: ln of the factor}, `effects` beyond it {name: {parameter: value}},
     `shifts` (px along u and v) of the images of recordings by file, and their `places`: scale, turn and clock; `beads`
     (m, s): by which points lie elsewhere along an axis, or are slower; `sizes` {key: share} by which the block is
@@ -50,16 +50,16 @@ class Model:
     free: dict[str, float] = field(default_factory=dict)
     effects: dict[str, dict[str, float]] = field(default_factory=dict)
     shifts: dict[str, tuple[float, float]] = field(default_factory=dict)
-    places: dict[str, Place] = field(default_factory=dict)
-    beads: dict[ParameterId, float] = field(default_factory=dict)
+    placements: dict[str, ImagePlacement] = field(default_factory=dict)
+    bead_offsets: dict[ParameterId, float] = field(default_factory=dict)
     sizes: dict[str, float] = field(default_factory=dict)
 
-    def on(self, case: Case) -> Case:
+    def apply_to(self, case: Case) -> Case:
         """The case at this point.  Raises BadInput."""
         ruler = {key: case[key] * (1.0 + share) for key, share in self.sizes.items()}
-        return case.with_values(self.overrides(case) | ruler)
+        return case.with_values(self.case_overrides(case) | ruler)
 
-    def overrides(self, case: Case) -> dict[str, Any]:
+    def case_overrides(self, case: Case) -> dict[str, Any]:
         """Keys of the case that this point changes; values are kept within their bounds."""
         out: dict[str, Any] = {}
         for key, factor in self.free.items():
@@ -67,48 +67,48 @@ class Model:
         if self.effects:
             out["effects"] = [*case.effects, *self.effects]
         for name, values in self.effects.items():
-            params = case.known[name].params()
+            params = case.known_effects[name].params()
             out |= {f"{name}.{k}": clip_to_bounds(params[k], v) for k, v in values.items()}
         return out
 
-    def value(self, p: ParameterId) -> float:
+    def effect_value(self, p: ParameterId) -> float:
         """Where a parameter of one of the effects stands."""
         return self.effects[p.effect][p.name]
 
-    def shift(self, file: str) -> tuple[float, float]:
+    def image_shift(self, file: str) -> tuple[float, float]:
         """Where the image of a recording stands, px along u and v."""
         return self.shifts.get(file, (0.0, 0.0))
 
-    def place(self, file: str) -> Place:
+    def image_placement(self, file: str) -> ImagePlacement:
         """Scale, turn and clock of a recording."""
-        return self.places.get(file, AS_TOLD)
+        return self.placements.get(file, STATED_PLACEMENT)
 
-    def placed(self, p: ParameterId) -> float:
+    def setup_value(self, p: ParameterId) -> float:
         """Where scale, turn or clock of a recording, or a size, stands; 0 for all else that only adds a column."""
         if p.kind is Kind.SIZE:
             return self.sizes.get(p.name, 0.0)
-        return float(getattr(self.place(p.file), p.kind.value)) if p.kind in PLACED and p.file else 0.0
+        return float(getattr(self.image_placement(p.file), p.kind.value)) if p.kind in PLACEMENT_KINDS and p.file else 0.0
 
-    def moved(self, p: ParameterId, step: float) -> Model:
+    def with_step(self, p: ParameterId, step: float) -> ModelPoint:
         """The same with a free key, the place of an image, or a parameter of one of the effects, moved."""
-        if p.kind in BEADS:
-            return replace(self, beads=self.beads | {p: self.beads.get(p, 0.0) + step})
+        if p.kind in BEAD_KINDS:
+            return replace(self, beads=self.bead_offsets | {p: self.bead_offsets.get(p, 0.0) + step})
         if p.kind is Kind.SIZE:
-            return replace(self, sizes=self.sizes | {p.name: self.placed(p) + step})
-        if p.kind in PLACED:
-            there = replace(self.place(p.file), **{p.kind.value: self.placed(p) + step})
-            return replace(self, places=self.places | {p.file: there})
+            return replace(self, sizes=self.sizes | {p.name: self.setup_value(p) + step})
+        if p.kind in PLACEMENT_KINDS:
+            there = replace(self.image_placement(p.file), **{p.kind.value: self.setup_value(p) + step})
+            return replace(self, places=self.placements | {p.file: there})
         if p.kind is Kind.KEY:
             return replace(self, free=self.free | {p.name: self.free.get(p.name, 0.0) + step})
-        return self.with_effect(p.effect, self.effects[p.effect] | {p.name: self.value(p) + step})
+        return self.with_effect(p.effect, self.effects[p.effect] | {p.name: self.effect_value(p) + step})
 
-    def with_effect(self, effect: str, values: dict[str, float]) -> Model:
+    def with_effect(self, effect: str, values: dict[str, float]) -> ModelPoint:
         """The same with an effect added or changed."""
         return replace(self, effects=self.effects | {effect: values})
 
 
 @dataclass(frozen=True)
-class Candidate:
+class CandidateEffect:
     """An effect that may be missing: `strengths` {parameter: typical change from off}, `shapes` {parameter: default}.
 
     `params` are its declarations; `optical`: it acts in the camera only.
@@ -118,15 +118,15 @@ class Candidate:
     params: dict[str, Param]
     strengths: dict[str, float]
     shapes: dict[str, float]
-    optical: bool
+    is_optical: bool
 
     @property
-    def first(self) -> tuple[str, float]:
+    def leading_strength(self) -> tuple[str, float]:
         """The strength that stands for the effect, and its typical change from off."""
         return next(iter(self.strengths.items()))
 
     @property
-    def variants(self) -> tuple[dict[str, float], ...]:
+    def shape_variants(self) -> tuple[dict[str, float], ...]:
         """Values of the shapes from which a fit may start: defaults, then each lower and higher by its spread."""
         out = [dict(self.shapes)]
         for k, value in self.shapes.items():
@@ -135,37 +135,37 @@ class Candidate:
                 out += [self.shapes | {k: clip_to_bounds(self.params[k], value * f)} for f in (1 / spread, spread)]
         return tuple(out)
 
-    def off(self, variant: int = 0) -> dict[str, float]:
+    def neutral_values(self, variant: int = 0) -> dict[str, float]:
         """Values of all parameters with every strength off."""
         idle = {k: p.off for k, p in self.params.items() if p.off is not None}
-        return idle | self.variants[variant]
+        return idle | self.shape_variants[variant]
 
-    def column(self, k: str, variant: int = 0) -> ParameterId:
+    def strength_column(self, k: str, variant: int = 0) -> ParameterId:
         """The trace of a strength."""
         return ParameterId.of_effect(self.effect, k, variant)
 
-    def columns(self, variant: int = 0) -> list[ParameterId]:
-        return [self.column(k, variant) for k in self.strengths]
+    def strength_columns(self, variant: int = 0) -> list[ParameterId]:
+        return [self.strength_column(k, variant) for k in self.strengths]
 
-    def priors(self) -> Priors:
+    def parameter_priors(self) -> Priors:
         """Of all that a full fit may move: strengths about off, shapes about their defaults."""
         out = {}
         for k, a in self.strengths.items():
-            out[self.column(k)] = (self.params[k].off or 0.0, abs(a))
+            out[self.strength_column(k)] = (self.params[k].off or 0.0, abs(a))
         for k, value in self.shapes.items():
             if self.params[k].spread > 1.0:
-                out[self.column(k)] = (value, abs(value) * float(np.log(self.params[k].spread)))
+                out[self.strength_column(k)] = (value, abs(value) * float(np.log(self.params[k].spread)))
         return out
 
 
-def candidates(case: Case, names: tuple[str, ...] | None) -> tuple[list[Candidate], dict[str, str]]:
+def find_candidates(case: Case, names: tuple[str, ...] | None) -> tuple[list[CandidateEffect], dict[str, str]]:
     """Effects that may be missing in a case, and for each that cannot be tried the reason."""
     found, left = [], {}
-    for name, effect in case.known.items():
+    for name, effect in case.known_effects.items():
         if effect.base or (names is not None and name not in names):
             continue
-        reason = _unfit(case, name, effect, names is not None)
-        candidate = _candidate(name, effect)
+        reason = _exclusion_reason(case, name, effect, names is not None)
+        candidate = _make_candidate(name, effect)
         if reason:
             left[name] = reason
         elif candidate.strengths:
@@ -173,13 +173,13 @@ def candidates(case: Case, names: tuple[str, ...] | None) -> tuple[list[Candidat
     return found, left
 
 
-def _unfit(case: Case, name: str, effect: type[Effect], asked: bool) -> str:
+def _exclusion_reason(case: Case, name: str, effect: type[Effect], is_requested: bool) -> str:
     """Why an effect cannot be tried; empty where it can."""
     if name in case.effects:
         return "the case holds it already"
-    if not effect.candidate and not asked:
+    if not effect.candidate and not is_requested:
         return "its file does not declare it a candidate; name it in candidates to try it too"
-    if effect.alike and not asked:
+    if effect.alike and not is_requested:
         return f"looks like {effect.alike}, which is tried; name it in candidates to try it too"
     try:
         case.with_values({"effects": [*case.effects, name]})
@@ -189,7 +189,7 @@ def _unfit(case: Case, name: str, effect: type[Effect], asked: bool) -> str:
     return ""
 
 
-def _candidate(name: str, effect: type[Effect]) -> Candidate:
+def _make_candidate(name: str, effect: type[Effect]) -> CandidateEffect:
     params = effect.params()
     plain = {k: p for k, p in params.items() if "number" in p.kinds and isinstance(p.value, (int, float))}
     strengths = {
@@ -198,4 +198,4 @@ def _candidate(name: str, effect: type[Effect]) -> Candidate:
         if p.off is not None and math.isfinite(p.off) and math.isfinite(p.value) and p.value != p.off
     }
     shapes = {k: float(p.value) for k, p in plain.items() if p.off is None and not isinstance(p.value, bool)}
-    return Candidate(name, params, strengths, shapes, effect.heat is Effect.heat)
+    return CandidateEffect(name, params, strengths, shapes, effect.heat is Effect.heat)

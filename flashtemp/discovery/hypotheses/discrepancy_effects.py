@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.model.scene import Acting, Scene
+from flashtemp.model.scene import ActiveEffect, Scene
 from flashtemp.physics.effect import Effect, Factor, Term
 
 
@@ -43,14 +43,14 @@ class PressureCosineMode(Effect):
 
 def add_friction_scatter(scene: Scene, repetition: int, size: float) -> Scene:
     """The scene with friction higher by a share `size` in one repetition."""
-    return _with(scene, RepetitionFrictionScatter(), number=repetition, size=size)
+    return _add_effect(scene, RepetitionFrictionScatter(), number=repetition, size=size)
 
 
 def add_pressure_mode(scene: Scene, number: int, size: float, trend: bool = False) -> Scene:
     """The scene with a cosine of `number` half waves along the block added to its relative pressure."""
-    return _with(scene, PressureCosineMode(), number=number, size=size, trend=trend)
+    return _add_effect(scene, PressureCosineMode(), number=number, size=size, trend=trend)
 
 
-def _with(scene: Scene, effect: Effect, **values: float) -> Scene:
-    part = Acting(type(effect).__name__.lower(), effect, SimpleNamespace(**values))
+def _add_effect(scene: Scene, effect: Effect, **values: float) -> Scene:
+    part = ActiveEffect(type(effect).__name__.lower(), effect, SimpleNamespace(**values))
     return replace(scene, acting=(*scene.acting, part))

@@ -14,9 +14,9 @@ from flashtemp.discovery.hypotheses.piecewise_linear_law import DISCRETE_REGRESS
 from flashtemp.physics.arrays import Array
 from flashtemp.physics.quantities import KELVIN
 
-MIN_WIDTH = {"saturating": 0.02, "peak": 0.05}  # share of the range: families whose last number is a width
+MIN_WIDTH_FRACTION = {"saturating": 0.02, "peak": 0.05}  # share of the range: families whose last number is a width
 PROJECTION_POINTS = 400  # over the range, at which a line is fitted to a formula
-MAX_RESIDUAL = 1e9  # standard deviations: a trial step may go where nothing is finite
+MAX_RESIDUAL_SD = 1e9  # standard deviations: a trial step may go where nothing is finite
 MIN_P_VALUE = 0.05  # of the misfit, below which a formula does not fit
 
 
@@ -57,21 +57,21 @@ def _allows_power(law: PiecewiseLinearLaw) -> bool:
     return (law.nodes[0] > 0.0 or from_zero) and law.regressor.unit != "degC" and law.period is None
 
 
-def _power(u: Array, s: Array, r: Array, a: float, n: float) -> Array:
+def _power_law(u: Array, s: Array, r: Array, a: float, n: float) -> Array:
     return np.asarray(a * r ** (n if np.min(r) > 0.0 else max(n, 1e-3)))
 
 
-def _width(w: float, name: str) -> float:
+def _limit_width(w: float, name: str) -> float:
     """The width in a family: positive, and no narrower than nodes can show."""
-    return max(abs(w), MIN_WIDTH[name])
+    return max(abs(w), MIN_WIDTH_FRACTION[name])
 
 
-FAMILIES = (
+FORMULA_FAMILIES = (
     FormulaFamily("constant", "{0:.4g}", lambda u, s, r, a: a + 0.0 * s, ((1.0,),), lambda law: True),
     FormulaFamily(
         "linear", "{0:.4g} (1 + {1:.3g} s)", lambda u, s, r, a, b: a * (1.0 + b * s), ((1.0, 0.1), (1.0, -0.1)),
     ),
-    FormulaFamily("power", "{0:.4g} r^{1:.3g}", _power, ((1.0, 0.3), (1.0, -0.3)), _allows_power),
+    FormulaFamily("power", "{0:.4g} r^{1:.3g}", _power_law, ((1.0, 0.3), (1.0, -0.3)), _allows_power),
     FormulaFamily(
         "exponential", "{0:.4g} exp({1:.3g} s)", lambda u, s, r, a, b: a * np.exp(b * s), ((1.0, 0.3), (1.0, -0.3)),
     ),
@@ -82,12 +82,12 @@ FAMILIES = (
     ),
     FormulaFamily(
         "saturating", "{0:.4g} (1 + {1:.3g} (1 - exp(-s/{2:.3g})))",
-        lambda u, s, r, a, b, w: a * (1.0 + b * (1.0 - np.exp(-s / _width(w, "saturating")))),
+        lambda u, s, r, a, b, w: a * (1.0 + b * (1.0 - np.exp(-s / _limit_width(w, "saturating")))),
         ((1.0, 0.3, 0.3), (1.0, -0.3, 0.3)),
     ),
     FormulaFamily(
         "peak", "{0:.4g} (1 + {1:.3g} exp(-(s - {2:.3g})^2/(2 {3:.3g}^2)))",
-        lambda u, s, r, a, h, m, w: a * (1.0 + h * np.exp(-0.5 * ((s - m) / _width(w, "peak")) ** 2)),
+        lambda u, s, r, a, h, m, w: a * (1.0 + h * np.exp(-0.5 * ((s - m) / _limit_width(w, "peak")) ** 2)),
         ((1.0, 0.3, 0.5, 0.25), (1.0, -0.3, 0.5, 0.25), (1.0, 0.3, 0.2, 0.25), (1.0, 0.3, 0.8, 0.25)),
     ),
     FormulaFamily(
@@ -105,7 +105,7 @@ def fit_simplest_formula(law: PiecewiseLinearLaw, covariance: Array) -> FittedFo
     A formula needs fewer numbers than the law has nodes.  The smallest adequate family is taken, not the lowest BIC:
     of so few nodes the penalty of BIC is too small, and noise would pass for a bend.
     """
-    fitted = (_fit_family(f, law, covariance) for f in FAMILIES if f.applies(law) and len(f.starts[0]) < len(law.nodes))
+    fitted = (_fit_family(f, law, covariance) for f in FORMULA_FAMILIES if f.applies(law) and len(f.starts[0]) < len(law.nodes))
     return min((f for f in fitted if f.is_adequate), key=lambda f: (len(f.numbers), f.chi2), default=None)
 
 
@@ -117,33 +117,33 @@ def _fit_family(family: FormulaFamily, law: PiecewiseLinearLaw, covariance: Arra
 
     def curve(at: Array, numbers: Array) -> Array:
         low, high = law.domain
-        out = size * family.curve(at, (at - low) / (high - low), at / _middle(law), *numbers)
+        out = size * family.curve(at, (at - low) / (high - low), at / _geometric_middle(law), *numbers)
         return np.log(np.maximum(out, 1e-9)) if factor else out
 
-    def fit(covariance: Array, starts: Iterable[Array]) -> Any:
+    def fit_numbers(covariance: Array, starts: Iterable[Array]) -> Any:
         sd = np.sqrt(np.maximum(np.diag(covariance), 1e-12))
         white = np.linalg.cholesky(np.linalg.inv(covariance + np.diag((1e-3 * sd) ** 2))).T
 
         def residuals(numbers: Array) -> Array:
             with np.errstate(over="ignore", invalid="ignore"):
-                out = white @ np.clip(values - curve(nodes, numbers), -MAX_RESIDUAL, MAX_RESIDUAL)
-            return np.asarray(np.nan_to_num(out, nan=MAX_RESIDUAL), float)
+                out = white @ np.clip(values - curve(nodes, numbers), -MAX_RESIDUAL_SD, MAX_RESIDUAL_SD)
+            return np.asarray(np.nan_to_num(out, nan=MAX_RESIDUAL_SD), float)
 
         ends = (least_squares(residuals, start, method="lm", max_nfev=120) for start in starts)
         return min(ends, key=lambda f: f.cost)
 
-    best = fit(covariance, map(np.array, family.starts))
+    best = fit_numbers(covariance, map(np.array, family.starts))
     # a fitted line lies above what bends up, between its nodes and at them: not by how much the law is wrong
-    bias = _projected_on_nodes(law, lambda at: curve(at, best.x)) - curve(nodes, best.x)
-    best = fit(covariance + np.diag(bias**2), [best.x])
+    bias = _project_on_nodes(law, lambda at: curve(at, best.x)) - curve(nodes, best.x)
+    best = fit_numbers(covariance + np.diag(bias**2), [best.x])
     numbers = [size * float(best.x[0]), *map(float, best.x[1:])]
-    if family.name in MIN_WIDTH:
-        numbers[-1] = _width(numbers[-1], family.name)
+    if family.name in MIN_WIDTH_FRACTION:
+        numbers[-1] = _limit_width(numbers[-1], family.name)
     text, dof = family.template.format(*numbers), len(values) - len(numbers)
     return FittedFormula(family.name, text, tuple(numbers), 2.0 * float(best.cost), dof)
 
 
-def _projected_on_nodes(law: PiecewiseLinearLaw, curve: Callable[[Array], Array]) -> Array:
+def _project_on_nodes(law: PiecewiseLinearLaw, curve: Callable[[Array], Array]) -> Array:
     """Values at the nodes of the piecewise-linear function that is nearest to a curve, by least squares."""
     if law.regressor.name in DISCRETE_REGRESSORS:
         return curve(np.array(law.nodes))
@@ -151,7 +151,7 @@ def _projected_on_nodes(law: PiecewiseLinearLaw, curve: Callable[[Array], Array]
     return np.asarray(np.linalg.lstsq(law.hat_functions(at), curve(at), rcond=None)[0])
 
 
-def _middle(law: PiecewiseLinearLaw) -> float:
+def _geometric_middle(law: PiecewiseLinearLaw) -> float:
     """The geometric middle of the nodes of a regressor that is positive, or begins at zero; else 1."""
     above = [u for u in law.nodes if u > 0.0]
     return float(np.sqrt(above[0] * above[-1])) if law.nodes[0] >= 0.0 and above else 1.0
@@ -162,4 +162,4 @@ def variable_legend(law: PiecewiseLinearLaw) -> str:
     (low, high), name = law.domain, law.regressor.name
     unit = "" if law.regressor.unit == "1" else f" {law.regressor.unit}"
     s = f"s = ({name} - {low:.4g}{unit})/{high - low:.4g}{unit}"
-    return f"{s}, r = {name}/{_middle(law):.4g}{unit}" if _allows_power(law) else s
+    return f"{s}, r = {name}/{_geometric_middle(law):.4g}{unit}" if _allows_power(law) else s

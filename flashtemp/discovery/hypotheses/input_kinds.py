@@ -15,8 +15,8 @@ from typing import Any
 from flashtemp.errors import BadInput
 from flashtemp.model import layers
 from flashtemp.model.case import Case
-from flashtemp.model.priors import USUAL
-from flashtemp.model.schema import APART, COMPUTATION, TABLES
+from flashtemp.model.priors import USUAL_SD
+from flashtemp.model.schema import COMMAND_TABLES, COMPUTATION_TABLES, CASE_TABLES
 from flashtemp.physics.effect import Param
 
 
@@ -30,7 +30,7 @@ class InputKind:
     reason: str
 
 
-LAW = "law parameter"
+LAW_PARAMETER = "law parameter"
 INPUT_KINDS: dict[str, InputKind] = {
     k.name: k
     for k in (
@@ -50,7 +50,7 @@ INPUT_KINDS: dict[str, InputKind] = {
         InputKind("temperature", 0.5, False, "thermometer, and drift of a laboratory within an hour"),
         InputKind("emissivity", 0.05, False, "tables for a material, without knowing its finish"),
         InputKind("reflected temperature", 2.0, False, "surroundings that nobody measured, such as walls and lamps"),
-        InputKind(LAW, 0.2, True, "fitted constant of a law, as for a free key"),
+        InputKind(LAW_PARAMETER, 0.2, True, "fitted constant of a law, as for a free key"),
     )
 }
 KIND_OF_KEY = {
@@ -81,22 +81,22 @@ KIND_OF_NAME = {  # where the key itself is not listed: keys of materials, layer
     "reflected_temperature": "reflected temperature",
 }
 KIND_OF_UNIT = {"degC": "temperature", "W/m2K": "conductance"}  # of what is left
-CHOICE = "choice of the model, which nobody measures"
-EXTENT = "extent of the road that is simulated, no property of the test"
-DEFINITION = "reference point of a law, a definition"
+MODEL_CHOICE = "choice of the model, which nobody measures"
+ROAD_EXTENT = "extent of the road that is simulated, no property of the test"
+LAW_DEFINITION = "reference point of a law, a definition"
 EXEMPT_KEYS = {
-    "road.depth": EXTENT,
-    "road.upstream": EXTENT,
-    "road.downstream": EXTENT,
-    "contact.heat_split": CHOICE,
-    "contact.flash_factor": CHOICE,
-    "contact.lane_widening": CHOICE,
-    "contact.reference_pressure": DEFINITION,
+    "road.depth": ROAD_EXTENT,
+    "road.upstream": ROAD_EXTENT,
+    "road.downstream": ROAD_EXTENT,
+    "contact.heat_split": MODEL_CHOICE,
+    "contact.flash_factor": MODEL_CHOICE,
+    "contact.lane_widening": MODEL_CHOICE,
+    "contact.reference_pressure": LAW_DEFINITION,
     "schedule.alone": "ends the run; every frame carries its own time",
 }
-EXEMPT_NAMES = {"reference": DEFINITION, "weight": "switch of an effect", "cells": "count of cells"}
-OF_SLIDING = ("road", "contact", "friction", "schedule")  # tables that mean nothing where the block is by itself
-COURSES = ("contact.pressure", "schedule.speed")  # may be a file or rows over time, with one common factor
+EXEMPT_NAMES = {"reference": LAW_DEFINITION, "weight": "switch of an effect", "cells": "count of cells"}
+SLIDING_TABLES = ("road", "contact", "friction", "schedule")  # tables that mean nothing where the block is by itself
+COURSE_KEYS = ("contact.pressure", "schedule.speed")  # may be a file or rows over time, with one common factor
 
 
 def input_kind(key: str, unit: str) -> InputKind:
@@ -111,29 +111,29 @@ def input_kind(key: str, unit: str) -> InputKind:
     found = KIND_OF_KEY.get(key) or KIND_OF_NAME.get(name)
     if found is None and table in ("block", "road") and unit == "m":
         found = "geometry"
-    if found is None and table not in TABLES and key in USUAL:
-        return InputKind(LAW, *USUAL[key])
-    return INPUT_KINDS[found or KIND_OF_UNIT.get(unit, LAW)]
+    if found is None and table not in CASE_TABLES and key in USUAL_SD:
+        return InputKind(LAW_PARAMETER, *USUAL_SD[key])
+    return INPUT_KINDS[found or KIND_OF_UNIT.get(unit, LAW_PARAMETER)]
 
 
-def exemption(case: Case, key: str) -> str:
+def exemption_reason(case: Case, key: str) -> str:
     """Why a key of a case is no measured input; empty where it is one.
 
     `case` has its ready materials written out (`model.priors.with_materials`).
     """
     table, name = key.rsplit(".", 1)
-    value, param = case.values[table][name], case.declared(table)[name]
-    if table in COMPUTATION or table in APART:
+    value, param = case.values[table][name], case.declared_params(table)[name]
+    if table in COMPUTATION_TABLES or table in COMMAND_TABLES:
         return "belongs to the computation, or to another command"
     if "whole" in param.kinds:
         return "a count"
     if key in EXEMPT_KEYS or name in EXEMPT_NAMES:
         return EXEMPT_KEYS.get(key) or EXEMPT_NAMES[name]
-    if case.values["schedule"]["alone"] and (table in OF_SLIDING or table == _road_material(case)):
+    if case.values["schedule"]["alone"] and (table in SLIDING_TABLES or table == _road_material(case)):
         return "nothing slides: the block is by itself"
-    if table == "block" and name in layers.FOLLOW and layers.names(case.values):
+    if table == "block" and name in layers.LAYER_DERIVED_KEYS and layers.layer_names(case.values):
         return "follows from the layers"
-    return _no_number(key, value, param)
+    return _missing_sd_reason(key, value, param)
 
 
 def _road_material(case: Case) -> str:
@@ -143,14 +143,14 @@ def _road_material(case: Case) -> str:
     return "" if road in names else f"materials.{road}"
 
 
-def _no_number(key: str, value: Any, param: Param) -> str:
+def _missing_sd_reason(key: str, value: Any, param: Param) -> str:
     """Why the value of a key has no standard deviation; empty where it has one."""
     if value is None:
         return "not given; follows from the other numbers"
     if isinstance(value, bool) or "number" not in param.kinds:
         return "no number"
     if not isinstance(value, (int, float)):
-        return "" if key in COURSES else "a table, not one number"
+        return "" if key in COURSE_KEYS else "a table, not one number"
     if not math.isfinite(value):
         return "infinite: an ideal limit"
     return "zero: switched off" if value == 0 and param.unit != "degC" else ""
@@ -160,9 +160,9 @@ def physical_keys(case: Case) -> dict[str, str]:
     """Every key of a case that is a measured input, with its unit."""
     out = {}
     for table, own in case.values.items():
-        declared: Mapping[str, Param] = case.declared(table)
+        declared: Mapping[str, Param] = case.declared_params(table)
         for name in own:
-            if name in declared and not exemption(case, f"{table}.{name}"):
+            if name in declared and not exemption_reason(case, f"{table}.{name}"):
                 out[f"{table}.{name}"] = declared[name].unit
     return out
 
@@ -170,13 +170,13 @@ def physical_keys(case: Case) -> dict[str, str]:
 def course_values(case: Case, key: str) -> tuple[float, ...]:
     """The number that a key has, or all values of its course over time; none where it is no input of the case."""
     table, name = key.rsplit(".", 1)
-    if name not in case.values.get(table, {}) or exemption(case, key) not in ("", CHOICE):
+    if name not in case.values.get(table, {}) or exemption_reason(case, key) not in ("", MODEL_CHOICE):
         return ()
     value = case.values[table][name]
-    return (float(value),) if isinstance(value, (int, float)) else _course(value, key, case.folder)[1]
+    return (float(value),) if isinstance(value, (int, float)) else _read_course(value, key, case.folder)[1]
 
 
-def scaled_value(case: Case, key: str, factor: float) -> Any:
+def scale_value(case: Case, key: str, factor: float) -> Any:
     """The number that a key has times a factor, or the rows of its course over time with values times it.
 
     Raises BadInput for a value that is neither.
@@ -185,15 +185,15 @@ def scaled_value(case: Case, key: str, factor: float) -> Any:
     value = case.values[table][name]
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         return value * factor
-    if key not in COURSES:
+    if key not in COURSE_KEYS:
         raise BadInput(f"{key}: {value!r} is no number")
-    times, values = _course(value, key, case.folder)
+    times, values = _read_course(value, key, case.folder)
     return [[t, v * factor] for t, v in zip(times, values, strict=True)]
 
 
-def _course(value: Any, key: str, folder: Path) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _read_course(value: Any, key: str, folder: Path) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Times and values of a file or list of rows.  Raises BadInput."""
-    from flashtemp.physics.interpolation import pairs
+    from flashtemp.physics.interpolation import read_xy_pairs
     from flashtemp.physics.tables.wanted import PRESSURE, SPEED, TIME
 
-    return pairs(value, folder, key, columns=(TIME, SPEED if key == "schedule.speed" else PRESSURE))
+    return read_xy_pairs(value, folder, key, columns=(TIME, SPEED if key == "schedule.speed" else PRESSURE))

@@ -7,34 +7,34 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from flashtemp.discovery.hypotheses.input_kinds import input_kind, scaled_value
+from flashtemp.discovery.hypotheses.input_kinds import input_kind, scale_value
 from flashtemp.errors import BadInput
 from flashtemp.model.case import Case
-from flashtemp.model.priors import with_materials
+from flashtemp.model.priors import expand_materials
 from flashtemp.model.scene import Scene
-from flashtemp.solver.stretching import stretched
+from flashtemp.solver.stretching import stretch_mesh
 
-TANGENT_STEP = 1e-3  # of the ln of a value: tangents are exact in it but for curvature
+TANGENT_STEP_LN = 1e-3  # of the ln of a value: tangents are exact in it but for curvature
 TANGENT_STEP_SD = 0.02  # usual standard deviations of a value that moves in its own unit
-RUN_STEP = 10.0  # times as far where two separate runs are subtracted: their solver errors do not cancel
+RUN_STEP_RATIO = 10.0  # times as far where two separate runs are subtracted: their solver errors do not cancel
 CAMERA_INPUTS = {  # stated by a recording: effect and parameter that move it, and the step in its own unit
     "emissivity": ("emissivity", "change", -1e-3),
     "reflected_temperature": ("reflection", "excess", 0.1),
 }
 
 
-def stepped_cases(case: Case, key: str, scale: float = 1.0) -> Iterator[tuple[Case, float]]:
+def iter_stepped_cases(case: Case, key: str, scale: float = 1.0) -> Iterator[tuple[Case, float]]:
     """The case with a key moved up, then down, each with its step; a step that the case refuses is left out.
 
     Steps are in ln of the value, or in the key's own unit where its kind is absolute; `scale` multiplies them.
     """
-    full = with_materials(case)
+    full = expand_materials(case)
     table, name = key.rsplit(".", 1)
     kind = input_kind(key, full.declared(table)[name].unit)
-    size = scale * (TANGENT_STEP if kind.relative else TANGENT_STEP_SD * kind.sd)
+    size = scale * (TANGENT_STEP_LN if kind.relative else TANGENT_STEP_SD * kind.sd)
     for step in (size, -size):
         try:
-            value = scaled_value(full, key, math.exp(step)) if kind.relative else full[key] + step
+            value = scale_value(full, key, math.exp(step)) if kind.relative else full[key] + step
             moved = full.with_values({key: value})
         except BadInput:
             continue
@@ -43,10 +43,10 @@ def stepped_cases(case: Case, key: str, scale: float = 1.0) -> Iterator[tuple[Ca
 
 def is_neighbour(plain: Scene, moved: Scene) -> bool:
     """Whether tangents can follow a moved scene: the same schedule, and the same cells but for their size."""
-    if _events(plain) != _events(moved):
+    if _phase_times(plain) != _phase_times(moved):
         return False
     try:
-        stretched(plain, moved)
+        stretch_mesh(plain, moved)
     except ValueError:
         return False
     return True
@@ -57,6 +57,6 @@ def has_same_mesh(plain: Scene, moved: Scene) -> bool:
     return all(np.array_equal(getattr(plain.mesh, k), getattr(moved.mesh, k)) for k in ("x", "thickness", "y"))
 
 
-def _events(scene: Scene) -> list[tuple[bool, float, float]]:
+def _phase_times(scene: Scene) -> list[tuple[bool, float, float]]:
     """Beginning and end of all phases of a scene, s."""
     return [(p.sliding, p.begin, p.end) for p in scene.schedule.phases]

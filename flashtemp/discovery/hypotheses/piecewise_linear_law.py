@@ -16,13 +16,13 @@ import numpy as np
 
 from flashtemp.model.scene import Scene
 from flashtemp.physics.arrays import Array
-from flashtemp.physics.own_effects import OwnEffect
+from flashtemp.physics.own_effects import UserEffect
 from flashtemp.solver.run import Run
 
 Runs = Sequence[Run]  # of the conditions of a campaign, and their scenes
 Scenes = Sequence[Scene]
-EFFECT_NAME = "learned"
-INITIAL_NODES, MAX_NODES = 5, 17  # at first, and from which on a law is not refined
+LEARNED_LAW_NAME = "learned"
+INITIAL_LAW_NODES, MAX_LAW_NODES = 5, 17  # at first, and from which on a law is not refined
 MAX_LN_FACTOR = 3.0  # of a quantity, either way
 MAX_SIZE_RATIO = 1e3  # of a term or film, to what is typical of it
 DISCRETE_REGRESSORS = ("speed", "repetition")  # a campaign has a few values of them: nodes are there and nowhere else
@@ -85,7 +85,7 @@ REGRESSORS = {
         Regressor("repetition", "the number of the repetition", "1", "now.repetition"),
     )
 }
-WALLS, HOLDER = ("block.leading", "block.trailing", "block.sides"), ("block.holder",)
+WALL_SITES, HOLDER_SITES = ("block.leading", "block.trailing", "block.sides"), ("block.holder",)
 CONTACT_TARGETS = ("friction.", "contact.")  # where they begin so, a law acts only while the block is on the road
 LEARNABLE_QUANTITIES = (
     LearnableQuantity(
@@ -115,9 +115,9 @@ LEARNABLE_QUANTITIES = (
     ),
     LearnableQuantity("air", "the temperature of the air", "term", ("ambient.temperature",), ("time",), 1.0, "K"),
     LearnableQuantity(
-        "walls", "what cools the walls of the block", "film", WALLS, ("speed", "time", "wall"), 20.0, "W/m2K",
+        "walls", "what cools the walls of the block", "film", WALL_SITES, ("speed", "time", "wall"), 20.0, "W/m2K",
     ),
-    LearnableQuantity("holder", "what the holder takes", "film", HOLDER, ("speed", "time", "wall"), 50.0, "W/m2K"),
+    LearnableQuantity("holder", "what the holder takes", "film", HOLDER_SITES, ("speed", "time", "wall"), 50.0, "W/m2K"),
 )  # fmt: skip
 MATERIAL_TARGETS = {  # of the block, and what a law of one of its layers is called
     "block.conductivity": ("conductivity", "the thermal conductivity"),
@@ -141,11 +141,11 @@ def learnable_quantities(scenes: Scenes) -> Iterator[LearnableQuantity]:
             continue
         short, description = MATERIAL_TARGETS[target]
         for n, layer in enumerate(layers):
-            name, words = f"layer_{n + 1}_{short}", f"{description} of layer {_printable(layer.name)}"
+            name, words = f"layer_{n + 1}_{short}", f"{description} of layer {_sanitise_name(layer.name)}"
             yield replace(quantity, name=name, description=words, layer=layer.name)
 
 
-def _printable(name: str) -> str:
+def _sanitise_name(name: str) -> str:
     """A name from a case in text that becomes source code: no quotes, backslashes or line breaks."""
     return re.sub(r"[^\w .,+-]", "_", name)
 
@@ -172,7 +172,7 @@ class PiecewiseLinearLaw:
     @property
     def name(self) -> str:
         """Name of the effect while the law is one of many candidates."""
-        return f"{EFFECT_NAME}_{self.quantity.name}_{self.regressor.name}"
+        return f"{LEARNED_LAW_NAME}_{self.quantity.name}_{self.regressor.name}"
 
     @property
     def domain(self) -> tuple[float, float]:
@@ -183,15 +183,15 @@ class PiecewiseLinearLaw:
     @property
     def refined_nodes(self) -> tuple[float, ...]:
         """The nodes with others half way between; unchanged where the regressor is discrete, or they are enough."""
-        if self.regressor.name in DISCRETE_REGRESSORS or len(self.nodes) >= MAX_NODES:
+        if self.regressor.name in DISCRETE_REGRESSORS or len(self.nodes) >= MAX_LAW_NODES:
             return self.nodes
         ends = self.nodes if self.period is None else (*self.nodes, self.domain[1])
-        return _rounded(np.sort([*self.nodes, *(0.5 * (a + b) for a, b in pairwise(ends))]))
+        return _round_nodes(np.sort([*self.nodes, *(0.5 * (a + b) for a, b in pairwise(ends))]))
 
-    def as_effect(self, name: str = EFFECT_NAME) -> OwnEffect:
+    def as_effect(self, name: str = LEARNED_LAW_NAME) -> UserEffect:
         """The law as an effect file of a case."""
         path = f"{name}.py"
-        return OwnEffect(name, path, path, effect_source(self))
+        return UserEffect(name, path, path, effect_source(self))
 
     def hat_functions(self, at: Array) -> Array:
         """The weight (len(at), n) of every node at values of the regressor."""
@@ -203,19 +203,19 @@ class PiecewiseLinearLaw:
         return np.exp(values) if self.quantity.action == "factor" else values
 
 
-def graded_nodes(low: float, high: float, count: int = INITIAL_NODES, decays: bool = False) -> tuple[float, ...]:
+def graded_nodes(low: float, high: float, count: int = INITIAL_LAW_NODES, decays: bool = False) -> tuple[float, ...]:
     """Nodes over a range: even, or closer to the start where something begins there and `decays`."""
-    return _rounded(low + (high - low) * np.linspace(0.0, 1.0, count) ** (2 if decays else 1))
+    return _round_nodes(low + (high - low) * np.linspace(0.0, 1.0, count) ** (2 if decays else 1))
 
 
 def nodes_at_values(values: Iterable[float]) -> tuple[float, ...]:
     """Nodes at values that a campaign has: at all of them where they are few."""
     distinct = np.unique(np.round(np.asarray(list(values), float), 12))
-    few = len(distinct) <= INITIAL_NODES
-    return _rounded(distinct if few else np.quantile(distinct, np.linspace(0.0, 1.0, INITIAL_NODES)))
+    few = len(distinct) <= INITIAL_LAW_NODES
+    return _round_nodes(distinct if few else np.quantile(distinct, np.linspace(0.0, 1.0, INITIAL_LAW_NODES)))
 
 
-def _rounded(nodes: Array) -> tuple[float, ...]:
+def _round_nodes(nodes: Array) -> tuple[float, ...]:
     """Nodes as they are written in a file."""
     return tuple(float(f"{v:.6g}") for v in nodes)
 
@@ -262,7 +262,7 @@ def _over_own_temperature(quantity: LearnableQuantity, runs: Runs, scenes: Scene
 def _over_wall_temperature(quantity: LearnableQuantity, runs: Runs, scenes: Scenes) -> tuple[float, ...]:
     fields = [r.field[:, r.mesh.patches[site][0]] for r in runs for site in quantity.targets]
     # walls are warmest where they meet the face, which is recorded at all times
-    faces = [] if quantity.targets == HOLDER else [r.T_block for r in runs]
+    faces = [] if quantity.targets == HOLDER_SITES else [r.T_block for r in runs]
     return _over_range([*fields, *faces], MIN_TEMPERATURE_RANGE_K)
 
 
@@ -272,7 +272,7 @@ def _over_pressure(quantity: LearnableQuantity, runs: Runs, scenes: Scenes) -> t
         return ()
     highest = max(float(p.max()) for p in pressures)
     if max(float(np.ptp(p)) for p in pressures) < MIN_RELATIVE_RANGE * highest:  # even: the loads of the campaign
-        return _if_varied(nodes_at_values(float(p.mean()) for p in pressures))
+        return _discard_constant(nodes_at_values(float(p.mean()) for p in pressures))
     return _over_range(pressures, MIN_RELATIVE_RANGE * highest)
 
 
@@ -281,7 +281,7 @@ def _over_speed(quantity: LearnableQuantity, runs: Runs, scenes: Scenes) -> tupl
     waits = any(s.schedule.wait > 0 and s.schedule.repetitions > 1 for s in scenes)
     rest = [0.0] if quantity.action == "film" and waits else []  # walls cool then too
     if all(high - low <= MIN_RELATIVE_RANGE * high for low, high in ends):
-        return _if_varied(nodes_at_values([*rest, *(high for _, high in ends)]))
+        return _discard_constant(nodes_at_values([*rest, *(high for _, high in ends)]))
     return _over_range([np.array([*rest, *(v for pair in ends for v in pair)])], 0.0)
 
 
@@ -301,7 +301,7 @@ def _over_track(quantity: LearnableQuantity, runs: Runs, scenes: Scenes) -> tupl
         return ()
     again = any(s.schedule.distance * s.schedule.repetitions > lap for s in scenes)
     one_way = len({d for s in scenes for d in s.schedule.directions}) == 1
-    return graded_nodes(0.0, lap, INITIAL_NODES + 1)[:-1] if again and one_way else ()
+    return graded_nodes(0.0, lap, INITIAL_LAW_NODES + 1)[:-1] if again and one_way else ()
 
 
 def _over_distance(quantity: LearnableQuantity, runs: Runs, scenes: Scenes) -> tuple[float, ...]:
@@ -315,7 +315,7 @@ def _over_whole_distance(quantity: LearnableQuantity, runs: Runs, scenes: Scenes
 
 
 def _over_time(quantity: LearnableQuantity, runs: Runs, scenes: Scenes) -> tuple[float, ...]:
-    return graded_nodes(0.0, max(s.schedule.end for s in scenes), decays=True)
+    return graded_nodes(0.0, max(s.schedule.end_time for s in scenes), decays=True)
 
 
 _POSITIONS: dict[str, Callable[[LearnableQuantity, Runs, Scenes], tuple[float, ...]]] = {
@@ -333,16 +333,16 @@ _POSITIONS: dict[str, Callable[[LearnableQuantity, Runs, Scenes], tuple[float, .
 }
 
 
-def _over_range(values: list[Array], least: float) -> tuple[float, ...]:
+def _over_range(values: list[Array], min_range: float) -> tuple[float, ...]:
     """Even nodes over all finite values, none where they differ by no more than `least`."""
     finite = [f for v in values if (f := v[np.isfinite(v)]).size]
     if not finite:
         return ()
     low, high = min(float(f.min()) for f in finite), max(float(f.max()) for f in finite)
-    return graded_nodes(low, high) if high - low > least else ()
+    return graded_nodes(low, high) if high - low > min_range else ()
 
 
-def _if_varied(nodes: tuple[float, ...]) -> tuple[float, ...]:
+def _discard_constant(nodes: tuple[float, ...]) -> tuple[float, ...]:
     return nodes if nodes[-1] - nodes[0] > MIN_RELATIVE_RANGE * nodes[-1] else ()
 
 
@@ -369,7 +369,7 @@ def effect_source(law: PiecewiseLinearLaw) -> str:
     constants = [f"NODES = {law.nodes!r}"]
     constants += [f"TRACK = {law.period!r}  # m, the first node comes again"] if law.period is not None else []
     constants += [f"LAYER = {json.dumps(quantity.layer)}"] if quantity.layer is not None else []
-    return TEMPLATE.format(
+    return EFFECT_FILE_TEMPLATE.format(
         Quantity=quantity.description[0].upper() + quantity.description[1:],
         regressor=regressor.description,
         numpy="import numpy as np\n\n" if factor else "",
@@ -409,7 +409,7 @@ def _law_body(law: PiecewiseLinearLaw, names: list[str]) -> str:
     )
 
 
-TEMPLATE = '''"""{Quantity} over {regressor}, as measured temperatures want it: a line between nodes.
+EFFECT_FILE_TEMPLATE = '''"""{Quantity} over {regressor}, as measured temperatures want it: a line between nodes.
 
 >>> from types import SimpleNamespace as N
 >>> parts = list(Learned().heat({example}, N({numbers})))

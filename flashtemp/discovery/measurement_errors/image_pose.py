@@ -13,31 +13,31 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from flashtemp.camera.placement import AS_TOLD, Place, corner, pivot
+from flashtemp.camera.placement import STATED_PLACEMENT, ImagePlacement, scale_origin, rotation_centre
 from flashtemp.camera.recording import Recording
-from flashtemp.discovery.estimation.nuisance_priors import GROUPS, position_sd_px
-from flashtemp.discovery.hypotheses.candidates import PRIORS, Model
+from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD, position_sd_px
+from flashtemp.discovery.hypotheses.candidates import KEY_PRIOR_SD, ModelPoint
 from flashtemp.discovery.parameters import Kind
 from flashtemp.discovery.prediction.prediction import Observable
 from flashtemp.discovery.prediction.problem import Problem
 
 Array = npt.NDArray[np.float64]
 # Factor by which unknown friction may change all rises: three standard deviations of its prior
-RISE_FACTOR = float(np.exp(3.0 * PRIORS["friction.mu"]))
-START_TURNS = (0.0, -2.0, 2.0)  # starting points, in standard deviations of a usual turn
-REACH_PX = 1.0  # displacement that Gauss-Newton steps follow: the contrast at an edge bends over a pixel
+MAX_RISE_FACTOR = float(np.exp(3.0 * KEY_PRIOR_SD["friction.mu"]))
+START_TURNS_SD = (0.0, -2.0, 2.0)  # starting points, in standard deviations of a usual turn
+MAX_ALIGNED_SHIFT_PX = 1.0  # displacement that Gauss-Newton steps follow: the contrast at an edge bends over a pixel
 
 
 @dataclass(frozen=True)
 class ImagePose:
     """Where an image lies: its `place` (scale, turn) and its `shift` (px along u and v)."""
 
-    place: Place = AS_TOLD
+    place: ImagePlacement = STATED_PLACEMENT
     shift: tuple[float, float] = (0.0, 0.0)
 
-    def apply_to(self, model: Model, file: str) -> Model:
+    def apply_to(self, model: ModelPoint, file: str) -> ModelPoint:
         """The model with the image of a recording in this pose."""
-        return replace(model, places=model.places | {file: self.place}, shifts=model.shifts | {file: self.shift})
+        return replace(model, places=model.placements | {file: self.place}, shifts=model.shifts | {file: self.shift})
 
 
 STATED_POSE = ImagePose()
@@ -47,7 +47,7 @@ def with_poses(problem: Problem, poses: dict[str, ImagePose]) -> Problem:
     """The problem with images that begin in other poses, by file."""
     places = {file: pose.place for file, pose in poses.items()}
     shifts = {file: pose.shift for file, pose in poses.items()}
-    return replace(problem, places=problem.places | places, shifts=problem.shifts | shifts)
+    return replace(problem, places=problem.placements | places, shifts=problem.shifts | shifts)
 
 
 def register_image(problem: Problem, recording: Recording, predicted: Observable) -> ImagePose | None:
@@ -63,21 +63,21 @@ def register_image(problem: Problem, recording: Recording, predicted: Observable
         or min(len(recording.u), len(recording.v)) < 2
     ):
         return None
-    picture = _MeanPicture(problem, recording, predicted)
+    picture = _MeanImage(problem, recording, predicted)
     if picture.measured.size < 4:
         return None
-    ends = [least_squares(picture.residuals, [0.0, 0.0, 0.0, turn]) for turn in START_TURNS]
+    ends = [least_squares(picture.residuals, [0.0, 0.0, 0.0, turn]) for turn in START_TURNS_SD]
     best = min(ends, key=lambda end: float(end.cost)).x
-    pose = picture.pose(best)
+    pose = picture.to_pose(best)
     return pose if is_far_from(recording, picture.length, pose, STATED_POSE) else None
 
 
-def displaced_positions(
+def displace_pixels(
     recording: Recording, length: float, pose: ImagePose, u: Array, v: Array
 ) -> tuple[Array, Array]:
     """Where pixels at stated u and v (m) of a wall of a block of a `length` (m) lie in a pose, as `observe` has it."""
-    pitch, about = recording.pitch, pivot(recording, length)
-    grown, start = 1.0 + pose.place.scale, corner(recording, length)
+    pitch, about = recording.pitch, rotation_centre(recording, length)
+    grown, start = 1.0 + pose.place.scale, scale_origin(recording, length)
     x = start + (u + pose.shift[0] * pitch[0] - start) * grown - about[0]
     y = (v + pose.shift[1] * pitch[1]) * grown - about[1]
     cos, sin = np.cos(pose.place.turn), np.sin(pose.place.turn)
@@ -87,11 +87,11 @@ def displaced_positions(
 def is_far_from(recording: Recording, length: float, pose: ImagePose, other: ImagePose) -> bool:
     """Whether a corner of the image lies so far from where another pose has it that no alignment leads there."""
     u, v = (a.ravel() for a in np.meshgrid(recording.u[[0, -1]], recording.v[[0, -1]]))
-    (x, y), (X, Y) = (displaced_positions(recording, length, p, u, v) for p in (pose, other))
-    return bool(np.max(np.hypot((x - X) / recording.pitch[0], (y - Y) / recording.pitch[1])) > REACH_PX)
+    (x, y), (X, Y) = (displace_pixels(recording, length, p, u, v) for p in (pose, other))
+    return bool(np.max(np.hypot((x - X) / recording.pitch[0], (y - Y) / recording.pitch[1])) > MAX_ALIGNED_SHIFT_PX)
 
 
-class _MeanPicture:
+class _MeanImage:
     """Mean measured rise (pixels,) K and the mean predicted one as displaced pixels see it.
 
     `z` (4,) holds a shift along u and v in px, and a scale and a turn in their prior standard deviations.
@@ -110,25 +110,25 @@ class _MeanPicture:
         self.predicted = spline_filter(mean, mode="nearest")
         self.u, self.v = (a[known] for a in np.meshgrid(recording.u, recording.v))
         self.length: float = problem.case["block.length"]
-        self.noise = max(float(np.sqrt(np.mean(self.difference(np.zeros(4)) ** 2))) if known.any() else 0.0, 1e-12)
+        self.noise = max(float(np.sqrt(np.mean(self.rise_difference(np.zeros(4)) ** 2))) if known.any() else 0.0, 1e-12)
 
-    def pose(self, z: Array) -> ImagePose:
-        scale, turn = GROUPS[Kind.SCALE] * z[2], GROUPS[Kind.TURN] * z[3]
-        return ImagePose(Place(scale=float(scale), turn=float(turn)), (float(z[0]), float(z[1])))
+    def to_pose(self, z: Array) -> ImagePose:
+        scale, turn = NUISANCE_SD[Kind.SCALE] * z[2], NUISANCE_SD[Kind.TURN] * z[3]
+        return ImagePose(ImagePlacement(scale=float(scale), turn=float(turn)), (float(z[0]), float(z[1])))
 
-    def difference(self, z: Array) -> Array:
+    def rise_difference(self, z: Array) -> Array:
         """Measured less predicted (pixels,) K, with all rises multiplied by what unknown friction may explain."""
         from scipy.ndimage import map_coordinates
 
-        x, y = displaced_positions(self.recording, self.length, self.pose(z), self.u, self.v)
+        x, y = displace_pixels(self.recording, self.length, self.to_pose(z), self.u, self.v)
         centres = (y, self.recording.v), (x, self.recording.u)
         pixels = [np.interp(at, c, np.arange(len(c))) for at, c in centres]
         rise = map_coordinates(self.predicted, pixels, order=3, mode="nearest", prefilter=False)
-        factor = np.clip(self.measured @ rise / max(float(rise @ rise), 1e-300), 1.0 / RISE_FACTOR, RISE_FACTOR)
+        factor = np.clip(self.measured @ rise / max(float(rise @ rise), 1e-300), 1.0 / MAX_RISE_FACTOR, MAX_RISE_FACTOR)
         return np.asarray(self.measured - factor * rise)
 
     def residuals(self, z: Array) -> Array:
         """Differences in units of those in the stated pose (Birge's ratio), and pulls of the pose's priors."""
-        pose = self.pose(z)
+        pose = self.to_pose(z)
         pulls = [s / position_sd_px(self.recording, pose.place, axis) for axis, s in enumerate(pose.shift)]
-        return np.concatenate([self.difference(z) / self.noise, pulls, z[2:]])
+        return np.concatenate([self.rise_difference(z) / self.noise, pulls, z[2:]])

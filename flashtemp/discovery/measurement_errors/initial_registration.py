@@ -23,7 +23,7 @@ from flashtemp.discovery.measurement_errors.recording_fit import (
     compare_fits,
     fit_at_pose,
 )
-from flashtemp.discovery.prediction.prediction import Prediction, Task
+from flashtemp.discovery.prediction.prediction import Prediction, PredictionTask
 from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.errors import FlashtempError
 
@@ -35,7 +35,7 @@ def register_images(problem: Problem, predictions: Sequence[Prediction]) -> Prob
     problem that comes back is not the one given.
     """
     poses = {}
-    tasks = problem.tasks(problem.start, replace(all_derivatives(problem), fields=True))
+    tasks = problem.make_tasks(problem.stated_model, replace(all_derivatives(problem), fields=True))
     for number, (condition, prediction) in enumerate(zip(problem.conditions, predictions, strict=True)):
         for view in condition.views:
             hypothesis = RecordingHypothesis(view, number)
@@ -45,7 +45,7 @@ def register_images(problem: Problem, predictions: Sequence[Prediction]) -> Prob
 
 
 def _registered_pose(
-    problem: Problem, task: Task, prediction: Prediction, hypothesis: RecordingHypothesis
+    problem: Problem, task: PredictionTask, prediction: Prediction, hypothesis: RecordingHypothesis
 ) -> ImagePose | None:
     """The pose of an image that is registered elsewhere, if the evidence is clear; None where it stays."""
     recording = hypothesis.view.recording
@@ -53,10 +53,10 @@ def _registered_pose(
     if pose is None:
         return None
     stated = fit_at_pose(problem, task, prediction, hypothesis, STATED_POSE)
-    if stated.is_adequate or (stated := stated.aligned()).is_adequate:
+    if stated.is_adequate or (stated := stated.with_aligned_image()).is_adequate:
         return None
     try:
-        registered = fit_at_pose(problem, task, prediction, hypothesis, pose, stated.noise).aligned()
+        registered = fit_at_pose(problem, task, prediction, hypothesis, pose, stated.noise).with_aligned_image()
     except FlashtempError:  # a pose in which the image shows nothing of the block
         return None
     is_other = is_far_from(recording, problem.case["block.length"], registered.pose, stated.pose)

@@ -16,12 +16,12 @@ from functools import cached_property
 import numpy as np
 
 from flashtemp.camera.recording import Recording
-from flashtemp.comparison.campaign import View
-from flashtemp.comparison.compare import check
-from flashtemp.comparison.noise import Noise
+from flashtemp.comparison.campaign import RecordingEntry
+from flashtemp.comparison.compare import check_recording
+from flashtemp.comparison.noise import NoiseLevels
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.estimation.nuisance_priors import all_derivatives
-from flashtemp.discovery.measurement_errors.image_pose import RISE_FACTOR, STATED_POSE, ImagePose, with_poses
+from flashtemp.discovery.measurement_errors.image_pose import MAX_RISE_FACTOR, STATED_POSE, ImagePose, with_poses
 from flashtemp.discovery.measurement_errors.recording_fit import (
     NO_COMPANIONS,
     Companions,
@@ -31,13 +31,13 @@ from flashtemp.discovery.measurement_errors.recording_fit import (
     compare_fits,
     fit_recording,
     fit_traces,
-    flipped_recordings,
+    flip_recording,
     has_same_moments,
-    predict_otherwise,
-    resampled_images,
+    predict_hypothesis,
+    resample_images,
 )
-from flashtemp.discovery.prediction.prediction import Observable, Prediction, Task
-from flashtemp.discovery.prediction.problem import Problem, _pins
+from flashtemp.discovery.prediction.prediction import Observable, Prediction, PredictionTask
+from flashtemp.discovery.prediction.problem import Problem, pin_mesh
 from flashtemp.errors import FlashtempError
 from flashtemp.model.scene import Scene
 
@@ -45,7 +45,7 @@ from flashtemp.model.scene import Scene
 # effect may make the picture of a recording as it is this much worse than one that is turned over.
 SCREENING_RATIO = 2.0
 MIN_SHARED_FRACTION = 0.5  # of the values of two recordings that both know, to be compared at all
-END_TOLERANCE = 0.05  # relative: last frames of two cameras that run through the same test
+END_TIME_TOLERANCE = 0.05  # relative: last frames of two cameras that run through the same test
 
 
 class ErrorKind(StrEnum):
@@ -60,7 +60,7 @@ class ErrorKind(StrEnum):
     DUPLICATE = "duplicate"
 
 
-FLIPS = {ErrorKind.MIRRORED: (2,), ErrorKind.UPSIDE_DOWN: (1,), ErrorKind.ROTATED: (1, 2)}
+FLIP_AXES = {ErrorKind.MIRRORED: (2,), ErrorKind.UPSIDE_DOWN: (1,), ErrorKind.ROTATED: (1, 2)}
 FLIP_WORDS = {
     ErrorKind.MIRRORED: "is mirrored: its leading and trailing end are exchanged",
     ErrorKind.UPSIDE_DOWN: "is upside down",
@@ -68,7 +68,7 @@ FLIP_WORDS = {
 }
 
 
-IMPOSSIBLE = HypothesisEvidence(np.inf)
+IMPOSSIBLE_EVIDENCE = HypothesisEvidence(np.inf)
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class RecordingError:
     files: tuple[str, ...]
     words: str
     evidence: HypothesisEvidence
-    corrected: dict[str, tuple[int, View]] = field(default_factory=dict)
+    corrected: dict[str, tuple[int, RecordingEntry]] = field(default_factory=dict)
     left_out: tuple[str, ...] = ()
     poses: dict[str, ImagePose] = field(default_factory=dict)
 
@@ -95,36 +95,36 @@ def find_schedule_errors(problem: Problem) -> tuple[RecordingError, ...]:
     Two are exchanged where each may be what the other is stated to be, and no third one may.  One is moved where only
     one condition is possible and its frames end like those of a recording there.
     """
-    scenes = _scenes(problem)
+    scenes = _condition_scenes(problem)
     entries = [(n, v) for n, c in enumerate(problem.conditions) for v in c.views]
-    homes = {v.file: [n for n, scene in enumerate(scenes) if is_possible(v, scene)] for _, v in entries}
+    homes = {v.file: [n for n, scene in enumerate(scenes) if is_schedule_possible(v, scene)] for _, v in entries}
     lost = [(n, v) for n, v in entries if n not in homes[v.file]]
     out: list[RecordingError] = []
     for number, view in lost:
         if any(view.file in e.files for e in out):
             continue
         partners = [
-            (n, v) for n, v in entries if _is_alike(v, view) and n in homes[view.file] and number in homes[v.file]
+            (n, v) for n, v in entries if _has_same_view(v, view) and n in homes[view.file] and number in homes[v.file]
         ]
         partners = [pair for pair in partners if pair in lost] or partners
         if len(partners) == 1:
             [(other, their)] = partners
-            out.append(_exchange((view, other), (their, number), IMPOSSIBLE))
-        elif not partners and len(homes[view.file]) == 1 and _ends_alike(problem, view, homes[view.file][0]):
-            out.append(_move(problem, view, homes[view.file][0], IMPOSSIBLE))
+            out.append(_exchange_error((view, other), (their, number), IMPOSSIBLE_EVIDENCE))
+        elif not partners and len(homes[view.file]) == 1 and _has_same_end(problem, view, homes[view.file][0]):
+            out.append(_moved_error(problem, view, homes[view.file][0], IMPOSSIBLE_EVIDENCE))
     return tuple(out)
 
 
-def _ends_alike(problem: Problem, view: View, number: int) -> bool:
+def _has_same_end(problem: Problem, view: RecordingEntry, number: int) -> bool:
     """Whether a recording of a condition ends when this one does; else the schedule may be what is stated wrongly."""
     end = view.recording.time[-1]
     others = (v.recording for v in problem.conditions[number].views if v.file != view.file)
-    return any(abs(r.time[-1] - end) <= END_TOLERANCE * end for r in others)
+    return any(abs(r.time[-1] - end) <= END_TIME_TOLERANCE * end for r in others)
 
 
-def _scenes(problem: Problem) -> list[Scene]:
+def _condition_scenes(problem: Problem) -> list[Scene]:
     """The scene of every condition."""
-    pairs = zip(problem.conditions, problem.pins, strict=True)
+    pairs = zip(problem.conditions, problem.mesh_overrides, strict=True)
     return [problem.case.with_values(c.given | pins).scene for c, pins in pairs]
 
 
@@ -138,9 +138,9 @@ def find_recording_errors(problem: Problem, predictions: Sequence[Prediction]) -
     fields=True)`).  Nothing is simulated again unless a recording is not adequate as stated and may belong to a
     condition with frames at other times.
     """
-    search = _Search(problem, tuple(predictions))
+    search = _ErrorSearch(problem, tuple(predictions))
     found: list[RecordingError] = []
-    for look in (_duplicates, _other_views, _turned_over, _elsewhere):
+    for look in (_find_duplicates, _find_exchanged_views, _find_flipped, _find_misplaced):
         explained = {file for e in found if e.evidence.is_adequate for file in e.files}
         found += look(search, tuple(e for e in search.entries if e.view.file not in explained))
     return tuple(_best_for_each_file(found))
@@ -163,14 +163,14 @@ def correct_recordings(problem: Problem, errors: Sequence[RecordingError]) -> Pr
     moved = {file: place for e in errors for file, place in e.corrected.items()}
     gone = {file for e in errors for file in e.left_out}
     conditions, pins = [], []
-    for number, (c, own) in enumerate(zip(problem.conditions, problem.pins, strict=True)):
+    for number, (c, own) in enumerate(zip(problem.conditions, problem.mesh_overrides, strict=True)):
         stay = [moved.get(v.file, (number, v)) for v in c.views if v.file not in gone]
         come = [place for file, place in moved.items() if all(v.file != file for v in c.views)]
         views = tuple(replace(v, given=c.given) for n, v in (*stay, *come) if n == number)
         new = replace(c, views=views)
         if new.entries:
             conditions.append(new)
-            pins.append(own if views == c.views else _pins(problem.campaign, new, list(problem.candidates)))
+            pins.append(own if views == c.views else pin_mesh(problem.campaign, new, list(problem.candidates)))
     right = {v.file: v for c in conditions for v in c.views}
     views = tuple(right[v.file] for v in problem.campaign.views if v.file in right)
     poses = {file: pose for e in errors for file, pose in e.poses.items()}
@@ -182,66 +182,66 @@ def correct_recordings(problem: Problem, errors: Sequence[RecordingError]) -> Pr
 
 # --- fits of single recordings, each made once -------------------------------------------------------------------
 @dataclass(frozen=True)
-class _Entry:
+class _StatedRecording:
     """A recording where it is stated to belong: condition `number` and what is predicted of it there."""
 
     number: int
-    view: View
+    view: RecordingEntry
     predicted: Observable
 
 
 @dataclass(frozen=True)
-class _Search:
+class _ErrorSearch:
     """The stated problem with its predictions, and fits of recordings under hypotheses."""
 
     problem: Problem
     predictions: tuple[Prediction, ...]
 
     @cached_property
-    def tasks(self) -> list[Task]:
-        return self.problem.tasks(self.problem.start, replace(all_derivatives(self.problem), fields=True))
+    def tasks(self) -> list[PredictionTask]:
+        return self.problem.make_tasks(self.problem.stated_model, replace(all_derivatives(self.problem), fields=True))
 
     @cached_property
-    def entries(self) -> tuple[_Entry, ...]:
+    def entries(self) -> tuple[_StatedRecording, ...]:
         pairs = enumerate(zip(self.problem.conditions, self.predictions, strict=True))
-        return tuple(_Entry(n, v, made.observables[v.file]) for n, (c, made) in pairs for v in c.views)
+        return tuple(_StatedRecording(n, v, made.observables[v.file]) for n, (c, made) in pairs for v in c.views)
 
     @cached_property
     def scenes(self) -> list[Scene]:
-        return _scenes(self.problem)
+        return _condition_scenes(self.problem)
 
     @cached_property
-    def _fits(self) -> dict[tuple[str, bool], RecordingFit]:
+    def _fit_cache(self) -> dict[tuple[str, bool], RecordingFit]:
         return {}
 
-    def stated(self, e: _Entry) -> RecordingFit:
+    def stated_fit(self, e: _StatedRecording) -> RecordingFit:
         """The linearised fit of a recording as stated."""
         key = e.view.file, False
-        if key not in self._fits:
-            self._fits[key] = self.fit_stated(e)
-        return self._fits[key]
+        if key not in self._fit_cache:
+            self._fit_cache[key] = self.fit_stated(e)
+        return self._fit_cache[key]
 
-    def fit_stated(self, e: _Entry, noise: Noise | None = None) -> RecordingFit:
+    def fit_stated(self, e: _StatedRecording, noise: NoiseLevels | None = None) -> RecordingFit:
         hypothesis = RecordingHypothesis(e.view, e.number)
         return fit_recording(self.problem, self.tasks[e.number], self.predictions[e.number], hypothesis, noise)
 
-    def stated_aligned(self, e: _Entry) -> RecordingFit:
+    def aligned_stated_fit(self, e: _StatedRecording) -> RecordingFit:
         """The same with its image aligned."""
         key = e.view.file, True
-        if key not in self._fits:
-            self._fits[key] = self.stated(e).aligned()
-        return self._fits[key]
+        if key not in self._fit_cache:
+            self._fit_cache[key] = self.stated_fit(e).with_aligned_image()
+        return self._fit_cache[key]
 
-    def otherwise(self, e: _Entry, hypothesis: RecordingHypothesis, source: View) -> RecordingFit | None:
+    def fit_under_hypothesis(self, e: _StatedRecording, hypothesis: RecordingHypothesis, source: RecordingEntry) -> RecordingFit | None:
         """The fit of a recording under a hypothesis, from fields and sensitivities of `source`; None if none is."""
         n = hypothesis.condition
         try:
-            hypothesis, made = predict_otherwise(self.problem, self.tasks[n], self.predictions[n], source, hypothesis)
-            return fit_recording(self.problem, self.tasks[n], made, hypothesis, self.stated(e).noise)
+            hypothesis, made = predict_hypothesis(self.problem, self.tasks[n], self.predictions[n], source, hypothesis)
+            return fit_recording(self.problem, self.tasks[n], made, hypothesis, self.stated_fit(e).noise)
         except FlashtempError:  # under this hypothesis nothing of it would be seen
             return None
 
-    def picture_misfit(self, view: View, predicted: np.ndarray) -> float:
+    def image_misfit(self, view: RecordingEntry, predicted: np.ndarray) -> float:
         """What predicted images (frames, nv, nu) leave of a recording, times what friction may explain: rms, K."""
         ambient = self.problem.case["ambient.temperature"]
         measured, rise = view.recording.temperature - ambient, predicted - ambient
@@ -249,18 +249,18 @@ class _Search:
         if not known.any():
             return float("inf")
         own, rise = measured[known], rise[known]
-        factor = np.clip(own @ rise / max(float(rise @ rise), 1e-300), 1.0 / RISE_FACTOR, RISE_FACTOR)
+        factor = np.clip(own @ rise / max(float(rise @ rise), 1e-300), 1.0 / MAX_RISE_FACTOR, MAX_RISE_FACTOR)
         return float(np.sqrt(np.mean((own - factor * rise) ** 2)))
 
-    def stated_misfit(self, e: _Entry) -> float:
-        return self.picture_misfit(e.view, np.where(e.predicted.inside, e.predicted.values, np.nan))
+    def stated_misfit(self, e: _StatedRecording) -> float:
+        return self.image_misfit(e.view, np.where(e.predicted.inside, e.predicted.values, np.nan))
 
-    def hypotheses_about(self, e: _Entry) -> int:
+    def count_hypotheses(self, e: _StatedRecording) -> int:
         """Number of hypotheses about a recording."""
         return len(_possible_flips(e.view)) + len(self.problem.conditions) - 1
 
-    def judged(
-        self, e: Sequence[_Entry], fits: Sequence[RecordingFit], is_expected: bool = False
+    def evidence_if_clear(
+        self, recordings: Sequence[_StatedRecording], fits: Sequence[RecordingFit], is_expected: bool = False
     ) -> HypothesisEvidence | None:
         """Evidence of hypotheses about recordings together against these as stated; None if it is not clear.
 
@@ -268,46 +268,46 @@ class _Search:
 
         Images are aligned only where the linearised fits are better: those of wrong hypotheses go astray at great cost.
         """
-        if compare_fits(self.problem, [self.stated(a) for a in e], fits).ln_bayes <= 0.0:
+        if compare_fits(self.problem, [self.stated_fit(a) for a in recordings], fits).ln_bayes <= 0.0:
             return None
         try:
-            stated, aligned = [self.stated_aligned(a) for a in e], [fit.aligned() for fit in fits]
-            found = compare_fits(self.problem, stated, aligned, self._companions(e, fits))
+            stated, aligned = [self.aligned_stated_fit(a) for a in recordings], [fit.with_aligned_image() for fit in fits]
+            found = compare_fits(self.problem, stated, aligned, self._find_companions(recordings, fits))
         except FlashtempError:
             return None
         if is_expected and found.ln_bayes > CRITERIA.ln_bayes_distinct:
             return found
-        return found if found.is_clear(self.hypotheses_about(e[0])) else None
+        return found if found.is_clear(self.count_hypotheses(recordings[0])) else None
 
-    def _companions(self, e: Sequence[_Entry], fits: Sequence[RecordingFit]) -> Companions:
+    def _find_companions(self, recordings: Sequence[_StatedRecording], fits: Sequence[RecordingFit]) -> Companions:
         """All else that was measured under the conditions between which recordings may have to move."""
-        numbers = {a.number for a in e} | {fit.hypothesis.condition for fit in fits}
-        if all(a.number == fit.hypothesis.condition for a, fit in zip(e, fits, strict=True)):
+        numbers = {a.number for a in recordings} | {fit.hypothesis.condition for fit in fits}
+        if all(a.number == fit.hypothesis.condition for a, fit in zip(recordings, fits, strict=True)):
             return NO_COMPANIONS
-        files = {a.view.file for a in e}
+        files = {a.view.file for a in recordings}
         others = tuple(o for o in self.entries if o.number in numbers and o.view.file not in files)
         traces = (fit_traces(self.problem, self.predictions[n], n) for n in sorted(numbers))
-        return Companions(tuple(map(self.stated_aligned, others)), tuple(b for found in traces for b in found))
+        return Companions(tuple(map(self.aligned_stated_fit, others)), tuple(b for found in traces for b in found))
 
 
 # --- copies ------------------------------------------------------------------------------------------------------
-def _duplicates(search: _Search, entries: Sequence[_Entry]) -> Iterator[RecordingError]:
+def _find_duplicates(search: _ErrorSearch, entries: Sequence[_StatedRecording]) -> Iterator[RecordingError]:
     """Recordings that hold the values of another one: noise does not repeat.  The one that fits worse is left out."""
     for k, second in enumerate(entries):
         first = next((e for e in entries[:k] if _has_same_values(e.view, second.view)), None)
         if first is None:
             continue
-        other = search.stated(second)
-        if other.noise != (noise := search.stated(first).noise):  # the same values have the same noise
+        other = search.stated_fit(second)
+        if other.noise != (noise := search.stated_fit(first).noise):  # the same values have the same noise
             other = search.fit_stated(second, noise)
-        fits = {second.view.file: other, first.view.file: search.stated(first)}
+        fits = {second.view.file: other, first.view.file: search.stated_fit(first)}
         wrong, right = sorted(fits, key=lambda file: fits[file].ln_evidence)
         evidence = HypothesisEvidence(np.inf, fits[wrong].chi2_per_datum, fits[right].chi2_per_datum)
         words = f"{wrong} holds the same values as {right}"
         yield RecordingError(ErrorKind.DUPLICATE, (wrong, right), words, evidence, left_out=(wrong,))
 
 
-def _has_same_values(a: View, b: View) -> bool:
+def _has_same_values(a: RecordingEntry, b: RecordingEntry) -> bool:
     """Whether all values that two recordings both know are equal, and vary."""
     first, second = a.recording.temperature, b.recording.temperature
     if first.shape != second.shape:
@@ -322,7 +322,7 @@ def _has_same_values(a: View, b: View) -> bool:
 
 
 # --- images that are turned over ---------------------------------------------------------------------------------
-def _possible_flips(view: View) -> list[ErrorKind]:
+def _possible_flips(view: RecordingEntry) -> list[ErrorKind]:
     """Ways in which the images of a recording may be turned over; wakes are alike up and down."""
     r = view.recording
     if r.places is not None or len(r.u) < 2:
@@ -331,7 +331,7 @@ def _possible_flips(view: View) -> list[ErrorKind]:
     return [ErrorKind.MIRRORED, *((ErrorKind.UPSIDE_DOWN, ErrorKind.ROTATED) if has_rows else ())]
 
 
-def _turned_over(search: _Search, entries: Sequence[_Entry]) -> Iterator[RecordingError]:
+def _find_flipped(search: _ErrorSearch, entries: Sequence[_StatedRecording]) -> Iterator[RecordingError]:
     """Images that are clearly turned over, and with them those of the same view that rather are than not.
 
     A camera is set up, and its images exported, in one way: what happened once has no small prior odds any more.
@@ -347,17 +347,17 @@ def _turned_over(search: _Search, entries: Sequence[_Entry]) -> Iterator[Recordi
                 yield from filter(None, [_flip_error(search, entry, kind, True)])
 
 
-def _flip_error(search: _Search, e: _Entry, kind: ErrorKind, is_expected: bool = False) -> RecordingError | None:
+def _flip_error(search: _ErrorSearch, e: _StatedRecording, kind: ErrorKind, is_expected: bool = False) -> RecordingError | None:
     """The error that a recording is turned over, if it clearly is."""
     length = search.problem.case["block.length"]
-    views = [replace(e.view, recording=r) for r in flipped_recordings(e.view.recording, FLIPS[kind], length)]
-    misfits = [search.picture_misfit(v, resampled_images(e.predicted, e.view, v)) for v in views]
+    views = [replace(e.view, recording=r) for r in flip_recording(e.view.recording, FLIP_AXES[kind], length)]
+    misfits = [search.image_misfit(v, resample_images(e.predicted, e.view, v)) for v in views]
     best = int(np.argmin(misfits))
     if not is_expected and not misfits[best] < SCREENING_RATIO * search.stated_misfit(e):
         return None
-    hypothesis = RecordingHypothesis(views[best], e.number, FLIPS[kind])
-    fit = search.otherwise(e, hypothesis, e.view)
-    found = fit and search.judged([e], [fit], is_expected)
+    hypothesis = RecordingHypothesis(views[best], e.number, FLIP_AXES[kind])
+    fit = search.fit_under_hypothesis(e, hypothesis, e.view)
+    found = fit and search.evidence_if_clear([e], [fit], is_expected)
     if not fit or not found:
         return None
     file = e.view.file
@@ -367,29 +367,29 @@ def _flip_error(search: _Search, e: _Entry, kind: ErrorKind, is_expected: bool =
 
 
 # --- recordings of another condition -----------------------------------------------------------------------------
-def _elsewhere(search: _Search, entries: Sequence[_Entry]) -> Iterator[RecordingError]:
+def _find_misplaced(search: _ErrorSearch, entries: Sequence[_StatedRecording]) -> Iterator[RecordingError]:
     """Recordings that belong to another condition, and pairs of them that are exchanged."""
     for e in entries:
-        host = _likeliest_host(search, e)
-        visit = None if host is None else _visiting_fit(search, e, host)
+        host = _find_likeliest_host(search, e)
+        visit = None if host is None else _fit_at_host(search, e, host)
         if host is None or visit is None:
             continue
-        back = _visiting_fit(search, host, e)
-        if back is not None and (found := search.judged([e, host], [visit, back])):
-            yield _exchange((e.view, host.number), (host.view, e.number), found)
-        if found := search.judged([e], [visit]):
-            yield _move(search.problem, e.view, host.number, found)
+        back = _fit_at_host(search, host, e)
+        if back is not None and (found := search.evidence_if_clear([e, host], [visit, back])):
+            yield _exchange_error((e.view, host.number), (host.view, e.number), found)
+        if found := search.evidence_if_clear([e], [visit]):
+            yield _moved_error(search.problem, e.view, host.number, found)
 
 
-def _likeliest_host(search: _Search, e: _Entry) -> _Entry | None:
+def _find_likeliest_host(search: _ErrorSearch, e: _StatedRecording) -> _StatedRecording | None:
     """The recording of another condition whose predicted picture is nearest to this one, nearer than its own."""
-    others = [o for o in search.entries if o.number != e.number and _is_alike(e.view, o.view)]
-    found = [(search.picture_misfit(e.view, resampled_images(o.predicted, o.view, e.view)), o) for o in others]
+    others = [o for o in search.entries if o.number != e.number and _has_same_view(e.view, o.view)]
+    found = [(search.image_misfit(e.view, resample_images(o.predicted, o.view, e.view)), o) for o in others]
     best = min(found, key=lambda pair: pair[0], default=None)
     return best[1] if best and best[0] < search.stated_misfit(e) else None
 
 
-def _is_alike(a: View, b: View) -> bool:
+def _has_same_view(a: RecordingEntry, b: RecordingEntry) -> bool:
     """Whether two recordings are of one view, and points of the same places."""
     first, second = a.recording, b.recording
     if first.view != second.view:
@@ -400,39 +400,39 @@ def _is_alike(a: View, b: View) -> bool:
     return np.array_equal(a_places, b_places)
 
 
-def _visiting_fit(search: _Search, e: _Entry, host: _Entry) -> RecordingFit | None:
+def _fit_at_host(search: _ErrorSearch, e: _StatedRecording, host: _StatedRecording) -> RecordingFit | None:
     """The fit of a recording under the condition of another one; None where it cannot belong there.
 
     Where their frames are of other moments the condition is simulated again, for recordings alone that are not
     adequate as stated.
     """
-    if not is_possible(e.view, search.scenes[host.number]):
+    if not is_schedule_possible(e.view, search.scenes[host.number]):
         return None
     hypothesis = RecordingHypothesis(e.view, host.number)
     if has_same_moments(e.view, host.view):
-        return search.otherwise(e, hypothesis, host.view)
-    if search.stated_aligned(e).is_adequate:
+        return search.fit_under_hypothesis(e, hypothesis, host.view)
+    if search.aligned_stated_fit(e).is_adequate:
         return None
     task = replace(search.tasks[host.number], views=(e.view,), forces=())
     [made] = search.problem.run([task])
     if isinstance(made, FlashtempError):
         return None
     try:
-        return fit_recording(search.problem, task, made, hypothesis, search.stated(e).noise)
+        return fit_recording(search.problem, task, made, hypothesis, search.stated_fit(e).noise)
     except FlashtempError:
         return None
 
 
-def is_possible(view: View, scene: Scene) -> bool:
+def is_schedule_possible(view: RecordingEntry, scene: Scene) -> bool:
     """Whether the frames of a recording can belong to the schedule of a scene."""
     try:
-        check(view, scene)
+        check_recording(view, scene)
     except FlashtempError:
         return False
     return True
 
 
-def _other_views(search: _Search, entries: Sequence[_Entry]) -> Iterator[RecordingError]:
+def _find_exchanged_views(search: _ErrorSearch, entries: Sequence[_StatedRecording]) -> Iterator[RecordingError]:
     """Pairs of recordings of one condition whose images bear the view and the pixels of each other."""
     for k, a in enumerate(entries):
         for b in entries[k + 1 :]:
@@ -446,12 +446,12 @@ def _other_views(search: _Search, entries: Sequence[_Entry]) -> Iterator[Recordi
                 yield error
 
 
-def _view_error(search: _Search, a: _Entry, b: _Entry) -> RecordingError | None:
+def _view_error(search: _ErrorSearch, a: _StatedRecording, b: _StatedRecording) -> RecordingError | None:
     """The error that two recordings bear the view of each other, if they clearly do."""
     pairs = (a, b), (b, a)
-    views = [replace(e.view, recording=with_images(o.view.recording, e.view.recording)) for e, o in pairs]
+    views = [replace(e.view, recording=place_images(o.view.recording, e.view.recording)) for e, o in pairs]
     before = [search.stated_misfit(e) for e in (a, b)]
-    after = [search.picture_misfit(v, o.predicted.values) for v, (_, o) in zip(views, pairs, strict=True)]
+    after = [search.image_misfit(v, o.predicted.values) for v, (_, o) in zip(views, pairs, strict=True)]
     if not sum(x**2 for x in after) < sum(x**2 for x in before):
         return None
     fits = []
@@ -459,10 +459,10 @@ def _view_error(search: _Search, a: _Entry, b: _Entry) -> RecordingError | None:
         made = replace(search.predictions[e.number], observables={view.file: other.predicted})
         hypothesis = RecordingHypothesis(view, e.number)
         try:
-            fits.append(fit_recording(search.problem, search.tasks[e.number], made, hypothesis, search.stated(e).noise))
+            fits.append(fit_recording(search.problem, search.tasks[e.number], made, hypothesis, search.stated_fit(e).noise))
         except FlashtempError:
             return None
-    found = search.judged([a, b], fits)
+    found = search.evidence_if_clear([a, b], fits)
     if not found:
         return None
     files = a.view.file, b.view.file
@@ -471,17 +471,17 @@ def _view_error(search: _Search, a: _Entry, b: _Entry) -> RecordingError | None:
     return RecordingError(ErrorKind.OTHER_VIEW, files, words, found, right)
 
 
-def with_images(pixels: Recording, images: Recording) -> Recording:
+def place_images(pixels: Recording, images: Recording) -> Recording:
     """The images of one recording on the pixels of another, as the view of that."""
     return replace(images, view=pixels.view, u=pixels.u, v=pixels.v)
 
 
-def _move(problem: Problem, view: View, to: int, evidence: HypothesisEvidence) -> RecordingError:
+def _moved_error(problem: Problem, view: RecordingEntry, to: int, evidence: HypothesisEvidence) -> RecordingError:
     words = f"{view.file} belongs to another condition: {problem.conditions[to].words}"
     return RecordingError(ErrorKind.OTHER_CONDITION, (view.file,), words, evidence, {view.file: (to, view)})
 
 
-def _exchange(first: tuple[View, int], second: tuple[View, int], evidence: HypothesisEvidence) -> RecordingError:
+def _exchange_error(first: tuple[RecordingEntry, int], second: tuple[RecordingEntry, int], evidence: HypothesisEvidence) -> RecordingError:
     """Two recordings, each with the condition that it belongs to."""
     (a, to), (b, back) = first, second
     words = f"{a.file} and {b.file} are exchanged: each belongs to the condition of the other"

@@ -14,22 +14,22 @@ import numpy as np
 import numpy.typing as npt
 
 from flashtemp.camera.recording import Recording
-from flashtemp.comparison.campaign import View
-from flashtemp.comparison.noise import Noise
+from flashtemp.comparison.campaign import RecordingEntry
+from flashtemp.comparison.noise import NoiseLevels
 from flashtemp.discovery.criteria import CRITERIA
-from flashtemp.discovery.estimation.hyperparameters import Estimated, estimate
+from flashtemp.discovery.estimation.hyperparameters import EvidenceMaximum, maximise_evidence
 from flashtemp.discovery.estimation.image_alignment import Linearisation, align_images
-from flashtemp.discovery.estimation.linear_gaussian import Block, System, gram_matrices
-from flashtemp.discovery.estimation.whitening import Data
+from flashtemp.discovery.estimation.linear_gaussian import DataBlock, LinearSystem, gram_matrices
+from flashtemp.discovery.estimation.whitening import WhitenedData
 from flashtemp.discovery.measurement_errors.image_pose import STATED_POSE, ImagePose, register_image
-from flashtemp.discovery.parameters import ALL, Kind, ParameterId
+from flashtemp.discovery.parameters import ALL_CONDITIONS, Kind, ParameterId
 from flashtemp.discovery.prediction.prediction import (
     Observable,
     Prediction,
     Single,
-    Task,
+    PredictionTask,
     flatten_valid_pixels,
-    observe_again,
+    predict_again,
 )
 from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.errors import BadInput, FlashtempError
@@ -49,7 +49,7 @@ class RecordingHypothesis:
     `flipped`: axes of its images (1 up, 2 along) whose order is reversed against the file.
     """
 
-    view: View
+    view: RecordingEntry
     condition: int
     flipped: tuple[int, ...] = ()
 
@@ -77,30 +77,30 @@ class RecordingFit:
 
     hypothesis: RecordingHypothesis
     problem: Problem
-    data: Data
+    data: WhitenedData
     known: Mask
-    at: Linearisation
-    estimated: Estimated
+    linearisation: Linearisation
+    maximum: EvidenceMaximum
 
     @property
-    def block(self) -> Block:
-        return self.at.system.blocks[0]
+    def block(self) -> DataBlock:
+        return self.linearisation.system.blocks[0]
 
     @property
     def ln_evidence(self) -> float:
-        return self.estimated.solution.ln_evidence
+        return self.maximum.solution.ln_evidence
 
     @property
     def chi2_per_datum(self) -> float:
         """Sum of squares that the best calibration leaves over the number of data, in stated variances."""
-        return float(self.at.system.left(self.estimated.solution)[0]) / max(self.block.count, 1)
+        return float(self.linearisation.system.block_chi2(self.maximum.solution)[0]) / max(self.block.count, 1)
 
     @property
     def pose(self) -> ImagePose:
-        return ImagePose(self.at.model.place(self.hypothesis.file), self.at.model.shift(self.hypothesis.file))
+        return ImagePose(self.linearisation.model.image_placement(self.hypothesis.file), self.linearisation.model.image_shift(self.hypothesis.file))
 
     @property
-    def noise(self) -> Noise:
+    def noise(self) -> NoiseLevels:
         return self.data.noises[self.hypothesis.file]
 
     @property
@@ -113,27 +113,27 @@ class RecordingFit:
         """Whether what is left may be noise of the stated size, as well as that is known."""
         return is_adequate(self.chi2_per_datum, self.block.count)
 
-    def aligned(self) -> RecordingFit:
+    def with_aligned_image(self) -> RecordingFit:
         """The fit with its image where the data want it.  Raises SolverFailure."""
         if self.hypothesis.view.recording.places is not None:
             return self
-        at = align_images(self.problem, self.data, self.at, self.estimated.hyper, frozenset())
-        return replace(self, at=at, estimated=estimate(self.problem, at.system, at.model, {}))
+        at = align_images(self.problem, self.data, self.linearisation, self.maximum.hyper, frozenset())
+        return replace(self, at=at, estimated=maximise_evidence(self.problem, at.system, at.model, {}))
 
-    def restricted_to(self, common: Mask) -> RecordingFit:
+    def restrict_to(self, common: Mask) -> RecordingFit:
         """The same with those data alone that are `common` (frames, nv, nu), in the order of the file."""
         keep = self.hypothesis.in_file_order(common)[self.known]
         if keep.all():
             return self
         F = self.block.F[keep]
         block = replace(self.block, r=self.block.r[keep], C=self.block.C[keep], F=F, FF=gram_matrices([F])[0])
-        at = replace(self.at, system=System([block]))
+        at = replace(self.linearisation, system=LinearSystem([block]))
         known = self.hypothesis.in_file_order(common)
-        return replace(self, known=known, at=at, estimated=estimate(self.problem, at.system, at.model, {}))
+        return replace(self, known=known, at=at, estimated=maximise_evidence(self.problem, at.system, at.model, {}))
 
 
 def fit_recording(
-    problem: Problem, task: Task, prediction: Prediction, hypothesis: RecordingHypothesis, noise: Noise | None = None
+    problem: Problem, task: PredictionTask, prediction: Prediction, hypothesis: RecordingHypothesis, noise: NoiseLevels | None = None
 ) -> RecordingFit:
     """The better of linearised fits at the stated pose and, where that is not adequate, at the registered one.
 
@@ -153,24 +153,24 @@ def fit_recording(
 
 
 def fit_at_pose(
-    problem: Problem, task: Task, prediction: Prediction, hypothesis: RecordingHypothesis, pose: ImagePose,
-    noise: Noise | None = None,
+    problem: Problem, task: PredictionTask, prediction: Prediction, hypothesis: RecordingHypothesis, pose: ImagePose,
+    noise: NoiseLevels | None = None,
 ) -> RecordingFit:  # fmt: skip
     """The linearised fit of one recording with its image in a pose.  Raises BadInput, SolverFailure."""
     view, alone = hypothesis.view, single_recording_problem(problem, hypothesis)
-    model, observable, task = alone.start, prediction.observables[view.file], replace(task, views=(view,), forces=())
+    model, observable, task = alone.stated_model, prediction.observables[view.file], replace(task, views=(view,), forces=())
     if pose != STATED_POSE:
-        assert prediction.full is not None
+        assert prediction.full_run is not None
         model = pose.apply_to(model, view.file)
-        moved = observe_again(task, prediction.full, view, model)
+        moved = predict_again(task, prediction.full_run, view, model)
         observable = replace(moved, columns=observable.columns | moved.columns)
     shown = replace(prediction, observables={view.file: observable})
-    data = Data.begin(alone, [shown], noises=None if noise is None else {view.file: noise})
-    block = replace(data.blocks([shown])[0], held_out=False)  # where a camera stood is no claim about heat
-    at = Linearisation(model, (task,), (shown,), System([block]))
+    data = WhitenedData.from_predictions(alone, [shown], noises=None if noise is None else {view.file: noise})
+    block = replace(data.make_blocks([shown])[0], held_out=False)  # where a camera stood is no claim about heat
+    at = Linearisation(model, (task,), (shown,), LinearSystem([block]))
     known = np.zeros(observable.values.shape, bool)
-    known[:, observable.inside] = data.known[view.file]
-    return RecordingFit(hypothesis, alone, data, known, at, estimate(alone, at.system, model, {}))
+    known[:, observable.inside] = data.is_compared[view.file]
+    return RecordingFit(hypothesis, alone, data, known, at, maximise_evidence(alone, at.system, model, {}))
 
 
 def single_recording_problem(problem: Problem, hypothesis: RecordingHypothesis) -> Problem:
@@ -178,7 +178,7 @@ def single_recording_problem(problem: Problem, hypothesis: RecordingHypothesis) 
     view, number = hypothesis.view, hypothesis.condition
     condition = replace(problem.conditions[number], views=(view,), forces=())
     return replace(
-        problem, conditions=(condition,), pins=(problem.pins[number],),
+        problem, conditions=(condition,), pins=(problem.mesh_overrides[number],),
         campaign=replace(problem.campaign, views=(view,), forces=()),
     )  # fmt: skip
 
@@ -200,7 +200,7 @@ class HypothesisEvidence:
         return not np.isfinite(self.ln_bayes) or is_adequate(self.chi2_corrected, self.count)
 
     @property
-    def halves_excess(self) -> bool:
+    def is_excess_halved(self) -> bool:
         """Whether the hypothesis leaves at most half of the excess chi2, or none.
 
         Misfit of a model that lacks something is smooth, and the number of pixels overstates its evidence: a
@@ -216,7 +216,7 @@ class HypothesisEvidence:
         """
         odds = CRITERIA.ln_odds_handling_error + float(np.log(max(hypotheses, 1)))
         needed = CRITERIA.ln_bayes_distinct + odds
-        return self.ln_bayes > needed and self.halves_excess
+        return self.ln_bayes > needed and self.is_excess_halved
 
 
 @dataclass(frozen=True)
@@ -225,7 +225,7 @@ class Companions:
     (blocks) of load cells of the conditions concerned, as stated under every hypothesis."""
 
     fits: tuple[RecordingFit, ...] = ()
-    traces: tuple[Block, ...] = ()
+    traces: tuple[DataBlock, ...] = ()
 
 
 NO_COMPANIONS = Companions()
@@ -241,8 +241,8 @@ def compare_fits(
         common = a.known_in_file & b.known_in_file
         if np.count_nonzero(common) < MIN_COMMON_FRACTION * np.count_nonzero(a.known):
             return HypothesisEvidence(-np.inf)
-        before.append(a.restricted_to(common))
-        after.append(b.restricted_to(common))
+        before.append(a.restrict_to(common))
+        after.append(b.restrict_to(common))
     (ln_stated, chi2_stated, count), (ln_other, chi2_other, _) = (
         _joint_fit(problem, fits, companions) for fits in (before, after)
     )
@@ -260,38 +260,38 @@ def _joint_fit(problem: Problem, fits: Sequence[RecordingFit], companions: Compa
     together = (*fits, *companions.fits)
     views = tuple(fit.hypothesis.view for fit in together)
     whole = replace(problem, campaign=replace(problem.campaign, views=views, forces=()))
-    model = whole.start
+    model = whole.stated_model
     for fit in together:
         model = fit.pose.apply_to(model, fit.hypothesis.file)
-    blocks = [numbered_block(fit.block, fit.hypothesis.condition) for fit in together]
-    system = System([*blocks, *companions.traces])
+    blocks = [number_block(fit.block, fit.hypothesis.condition) for fit in together]
+    system = LinearSystem([*blocks, *companions.traces])
     levels = {p: (0.0, FRICTION_LAW_SD) for p in system.names if p.kind is Kind.LEVEL}
-    solution = estimate(whole, system, model, levels).solution
+    solution = maximise_evidence(whole, system, model, levels).solution
     count = sum(b.count for b in system.blocks)
-    return solution.ln_evidence, sum(system.left(solution)) / max(count, 1), count
+    return solution.ln_evidence, sum(system.block_chi2(solution)) / max(count, 1), count
 
 
-def fit_traces(problem: Problem, prediction: Prediction, number: int) -> tuple[Block, ...]:
+def fit_traces(problem: Problem, prediction: Prediction, number: int) -> tuple[DataBlock, ...]:
     """Load-cell traces of one condition as whitened blocks."""
     condition = replace(problem.conditions[number], views=())
     if not condition.forces:
         return ()
     alone = replace(
-        problem, conditions=(condition,), pins=(problem.pins[number],),
+        problem, conditions=(condition,), pins=(problem.mesh_overrides[number],),
         campaign=replace(problem.campaign, views=(), forces=condition.forces),
     )  # fmt: skip
-    blocks = Data.begin(alone, [prediction]).blocks([prediction])
-    return tuple(numbered_block(replace(b, held_out=False), number) for b in blocks)
+    blocks = WhitenedData.from_predictions(alone, [prediction]).make_blocks([prediction])
+    return tuple(number_block(replace(b, held_out=False), number) for b in blocks)
 
 
-def numbered_block(block: Block, condition: int) -> Block:
+def number_block(block: DataBlock, condition: int) -> DataBlock:
     """A block of a problem of one condition, numbered as in the whole one."""
-    names = tuple((n if n.condition == ALL else replace(n, condition=condition), k) for n, k in block.names)
+    names = tuple((n if n.condition == ALL_CONDITIONS else replace(n, condition=condition), k) for n, k in block.names)
     return replace(block, condition=condition, names=names)
 
 
 # --- predictions of a recording that is seen otherwise -----------------------------------------------------------
-def flipped_recordings(r: Recording, axes: tuple[int, ...], length: float) -> list[Recording]:
+def flip_recording(r: Recording, axes: tuple[int, ...], length: float) -> list[Recording]:
     """A recording with the order of its pixels reversed along some axes: 1 up, 2 along.
 
     Pixels keep their places, as where a file was written in another order; or the block of a `length` (m) keeps its
@@ -306,20 +306,20 @@ def flipped_recordings(r: Recording, axes: tuple[int, ...], length: float) -> li
     return [in_place, replace(flipped, u=np.ascontiguousarray((length - r.u)[::-1]))]
 
 
-def predict_otherwise(
-    problem: Problem, task: Task, prediction: Prediction, source: View, hypothesis: RecordingHypothesis
+def predict_hypothesis(
+    problem: Problem, task: PredictionTask, prediction: Prediction, source: RecordingEntry, hypothesis: RecordingHypothesis
 ) -> tuple[RecordingHypothesis, Prediction]:
     """A recording predicted from fields that exist, with its pixels left out where sensitivities are not known.
 
     Its images are predicted exactly; sensitivities to the physics are interpolated from those of `source`, a recording
     of the same condition, view and moments.  Raises BadInput, SolverFailure.
     """
-    assert prediction.full is not None
+    assert prediction.full_run is not None
     view = hypothesis.view
-    seen = observe_again(replace(task, views=(view,), forces=()), prediction.full, view, problem.start)
+    seen = predict_again(replace(task, views=(view,), forces=()), prediction.full_run, view, problem.stated_model)
     columns: dict[ParameterId, Single] = {}
     valid = seen.inside.copy()
-    for p, values in _interpolated_columns(prediction.observables[source.file], source.recording, view.recording):
+    for p, values in _interpolate_columns(prediction.observables[source.file], source.recording, view.recording):
         if p not in seen.columns:
             columns[p] = values
             valid &= np.isfinite(values).all(axis=0)
@@ -332,7 +332,7 @@ def predict_otherwise(
     return replace(hypothesis, view=view), replace(prediction, observables={view.file: observable})
 
 
-def _interpolated_columns(
+def _interpolate_columns(
     observable: Observable, source: Recording, wanted: Recording
 ) -> Iterator[tuple[ParameterId, Single]]:
     """Sensitivities as images (frames, nv, nu) on the pixels of another recording, NaN beyond those of the source."""
@@ -340,10 +340,10 @@ def _interpolated_columns(
     images = np.full(observable.values.shape, np.nan, np.float32)
     for p, values in observable.columns.items():
         images[:, observable.inside] = values
-        yield p, _interpolated(_interpolated(images, weights[0], 1), weights[1], 2)
+        yield p, _interpolate_axis(_interpolate_axis(images, weights[0], 1), weights[1], 2)
 
 
-def resampled_images(observable: Observable, source: View, wanted: View) -> Array:
+def resample_images(observable: Observable, source: RecordingEntry, wanted: RecordingEntry) -> Array:
     """Predicted images (frames, nv, nu) at the moments and pixels of another recording, NaN where not predicted.
 
     Linear between frames and pixels: good enough to see which pictures are alike.
@@ -352,9 +352,9 @@ def resampled_images(observable: Observable, source: View, wanted: View) -> Arra
     images = np.where(observable.inside, observable.values, np.nan).astype(np.float32)
     if not has_same_moments(source, wanted):
         at = np.clip(b.time, a.time[0], a.time[-1])
-        images = _interpolated(images, _linear_weights(a.time, at), 0)
-    images = _interpolated(images, _linear_weights(a.v, b.v), 1)
-    return np.asarray(_interpolated(images, _linear_weights(a.u, b.u), 2), float)
+        images = _interpolate_axis(images, _linear_weights(a.time, at), 0)
+    images = _interpolate_axis(images, _linear_weights(a.v, b.v), 1)
+    return np.asarray(_interpolate_axis(images, _linear_weights(a.u, b.u), 2), float)
 
 
 def _linear_weights(centres: Array, at: Array) -> Weights:
@@ -367,14 +367,14 @@ def _linear_weights(centres: Array, at: Array) -> Weights:
     return low, high, (position - low).astype(np.float32)
 
 
-def _interpolated(images: Single, weights: Weights, axis: int) -> Single:
+def _interpolate_axis(images: Single, weights: Weights, axis: int) -> Single:
     low, high, share = weights
     share = share.reshape([-1 if k == axis else 1 for k in range(images.ndim)])
     lower = images.take(low, axis)
     return np.asarray(lower + share * (images.take(high, axis) - lower), np.float32)
 
 
-def has_same_moments(first: View, second: View) -> bool:
+def has_same_moments(first: RecordingEntry, second: RecordingEntry) -> bool:
     """Whether two recordings show the same moments, frame by frame."""
     a, b = first.recording, second.recording
     if len(a.time) != len(b.time) or first.means != second.means:

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from flashtemp.comparison.campaign import Campaign, View
-from flashtemp.comparison.means import Means
+from flashtemp.comparison.campaign import Campaign, RecordingEntry
+from flashtemp.comparison.means import AveragedFrames
 from flashtemp.model.case import Case
 
-MOST = 4_000_000  # pixels of all recordings of a campaign that are taken frame by frame
-SHARE = 0.2  # of the time to the nearest event: sqrt(t) is then near enough to a parabola, to 1e-4
+MAX_UNAVERAGED_PIXELS = 4_000_000  # pixels of all recordings of a campaign that are taken frame by frame
+MAX_GROUP_TIME_FRACTION = 0.2  # of the time to the nearest event: sqrt(t) is then near enough to a parabola, to 1e-4
 
 
 def average_frames(campaign: Campaign) -> Campaign:
@@ -21,26 +21,26 @@ def average_frames(campaign: Campaign) -> Campaign:
     The rise after an event goes as the root of the time since, so over a share of that time a parabola says what the
     mean is (`Means`); white noise falls with the root of their number.
     """
-    if sum(v.recording.temperature.size for v in campaign.views) <= MOST:
+    if sum(v.recording.temperature.size for v in campaign.views) <= MAX_UNAVERAGED_PIXELS:
         return campaign
-    return replace(campaign, views=tuple(_condensed(v, campaign.load(v.given)) for v in campaign.views))
+    return replace(campaign, views=tuple(_average_view(v, campaign.load(v.given)) for v in campaign.views))
 
 
-def _condensed(view: View, case: Case) -> View:
+def _average_view(view: RecordingEntry, case: Case) -> RecordingEntry:
     r = view.recording
     begins = np.array([p.begin for p in case.scene.schedule.phases])
-    starts = frame_groups(r.time, r.repetition, begins, case.scene.schedule.end)
+    starts = group_frames(r.time, r.repetition, begins, case.scene.schedule.end_time)
     counts = np.diff([*starts, r.frames])
     means = np.stack([r.temperature[i : i + n].mean(axis=0) for i, n in zip(starts, counts, strict=True)])
     time = np.add.reduceat(r.time, starts) / counts
     spread = np.sqrt(np.add.reduceat((r.time - np.repeat(time, counts)) ** 2, starts) / counts)
     part = np.searchsorted(begins, time, side="right")
     short = replace(r, temperature=means, time=time, repetition=r.repetition[starts])
-    over = Means(tuple(map(int, counts)), tuple(map(float, spread)), tuple(map(int, part)))
+    over = AveragedFrames(tuple(map(int, counts)), tuple(map(float, spread)), tuple(map(int, part)))
     return replace(view, recording=short, means=over)
 
 
-def frame_groups(
+def group_frames(
     time: npt.NDArray[np.float64], repetition: npt.NDArray[np.int_], begins: npt.NDArray[np.float64], end: float
 ) -> list[int]:
     """First frames of groups that last no longer than SHARE of the time to the nearest event.
@@ -58,6 +58,6 @@ def frame_groups(
     for k in range(1, len(time)):
         first = starts[-1]
         near = min(time[first] - last[first], coming[k] - time[k])
-        if after[k] != after[first] or repetition[k] != repetition[first] or time[k] - time[first] > SHARE * near:
+        if after[k] != after[first] or repetition[k] != repetition[first] or time[k] - time[first] > MAX_GROUP_TIME_FRACTION * near:
             starts.append(k)
     return starts

@@ -13,63 +13,63 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from flashtemp.camera.observation import Seen, observe
-from flashtemp.camera.pixels import Kept
-from flashtemp.camera.placement import Place
-from flashtemp.camera.recording import VIEWS, Recording
-from flashtemp.camera.wall import Face
-from flashtemp.comparison.campaign import Force, View
-from flashtemp.comparison.compare import check, grip, moments
-from flashtemp.discovery.hypotheses.candidates import SHARE, Candidate, Model, parameter_spec
+from flashtemp.camera.observation import PredictedImage, observe
+from flashtemp.camera.pixels import MatrixCache
+from flashtemp.camera.placement import ImagePlacement
+from flashtemp.camera.recording import VIEW_DESCRIPTIONS, Recording
+from flashtemp.camera.wall import FaceHistory
+from flashtemp.comparison.campaign import LoadCellEntry, RecordingEntry
+from flashtemp.comparison.compare import check_recording, predict_friction, required_times
+from flashtemp.discovery.hypotheses.candidates import STRENGTH_STEP_FRACTION, CandidateEffect, ModelPoint, parameter_spec
 from flashtemp.discovery.hypotheses.discrepancy_effects import add_friction_scatter, add_pressure_mode
 from flashtemp.discovery.hypotheses.input_steps import (
     CAMERA_INPUTS,
-    RUN_STEP,
+    RUN_STEP_RATIO,
     has_same_mesh,
     is_neighbour,
-    stepped_cases,
+    iter_stepped_cases,
 )
-from flashtemp.discovery.parameters import SHIFTS, Kind, ParameterId
+from flashtemp.discovery.parameters import SHIFT_KINDS, Kind, ParameterId
 from flashtemp.discovery.prediction import sensor_parameters
 from flashtemp.model.case import Case
-from flashtemp.model.numerics import Settings
-from flashtemp.model.scene import Acting, Scene
+from flashtemp.model.numerics import SolverSettings
+from flashtemp.model.scene import ActiveEffect, Scene
 from flashtemp.physics.effect import Effect, Param
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
-from flashtemp.solver.sensitivity import Move, Neighbourhood, explore
+from flashtemp.solver.sensitivity import Perturbation, RunWithSensitivities, run_with_sensitivities
 
 Array = npt.NDArray[np.float64]
 Single = npt.NDArray[np.float32]
 Columns = dict[ParameterId, Array]
-FREE, SCATTER, MODE = 1e-3, 1e-2, 1e-2  # steps: of ln factors, of friction, of relative pressure
-SIZES, SIZED = ("block.length", "block.width"), 1e-3  # keys that a ruler gives, and their relative step
-LAG = 0.02  # s: step of what moves frames in time
-DULL = 5e-3  # K: a trace in the camera below it is taken again with the whole strength
+LN_FACTOR_STEP, FRICTION_SCATTER_STEP, PRESSURE_MODE_STEP = 1e-3, 1e-2, 1e-2  # steps: of ln factors, of friction, of relative pressure
+BLOCK_SIZE_KEYS, BLOCK_SIZE_STEP = ("block.length", "block.width"), 1e-3  # keys that a ruler gives, and their relative step
+CLOCK_STEP_S = 0.02  # s: step of what moves frames in time
+MIN_CAMERA_SIGNAL_K = 5e-3  # K: a trace in the camera below it is taken again with the whole strength
 
 
 @dataclass(frozen=True)
-class Derivatives:
+class DerivativeRequest:
     """Which to compute: by the model's `own` parameters, by `scatter` of friction per repetition, by pressure
     `modes` (and their `trends`), by strengths of `candidates`, by the camera's `optics` and clock, by the
     `laboratory`: sizes of the block, by stated `inputs` of case and cameras.
 
     Columns by inputs are per ln of the value, or per unit of one whose kind is absolute (K, emissivity)."""
 
-    own: tuple[ParameterId, ...] = ()
+    model_parameters: tuple[ParameterId, ...] = ()
     scatter: bool = False
     modes: int = 0
     trends: bool = False
-    candidates: tuple[Candidate, ...] = ()
+    candidates: tuple[CandidateEffect, ...] = ()
     optics: bool = False
-    laboratory: bool = False
+    block_sizes: bool = False
     fields: bool = False
     inputs: tuple[ParameterId, ...] = ()
 
 
 @dataclass(frozen=True)
-class Task:
+class PredictionTask:
     """One condition at one point: the `case` with overrides `given` and `pins` of the mesh.
 
     The case brings the effect files that were read with it: no process reads or judges them again.
@@ -77,11 +77,11 @@ class Task:
 
     case: Case
     given: dict[str, Any]
-    pins: dict[str, Any]
-    model: Model
-    views: tuple[View, ...]
-    forces: tuple[Force, ...]
-    derivatives: Derivatives = field(default_factory=Derivatives)
+    mesh_overrides: dict[str, Any]
+    model: ModelPoint
+    views: tuple[RecordingEntry, ...]
+    forces: tuple[LoadCellEntry, ...]
+    derivatives: DerivativeRequest = field(default_factory=DerivativeRequest)
 
 
 @dataclass(frozen=True)
@@ -104,157 +104,157 @@ class Prediction:
     observables: dict[str, Observable]
     run: Run
     steps: dict[ParameterId, float]
-    full: Run | None = None
+    full_run: Run | None = None
 
     @property
-    def bare(self) -> Prediction:
+    def without_columns(self) -> Prediction:
         """The same without columns, which blocks hold whitened, and without fields."""
         return replace(self, observables={f: replace(o, columns={}) for f, o in self.observables.items()}, full=None)
 
 
 @dataclass(frozen=True)
-class Point:
+class EvaluationPoint:
     """The scene of a task at its point, with what its neighbours are made from."""
 
-    task: Task
+    task: PredictionTask
     case: Case  # without what the model changes
     scene: Scene
 
-    def neighbour(self, model: Model) -> Scene:
+    def perturbed_scene(self, model: ModelPoint) -> Scene:
         """The scene with another model on the same case."""
-        return model.on(self.case).scene
+        return model.apply_to(self.case).scene
 
-    def param(self, p: ParameterId) -> Param:
+    def effect_parameter(self, p: ParameterId) -> Param:
         """What is declared of a parameter of an effect."""
-        return self.case.known[p.effect].params()[p.name]
+        return self.case.known_effects[p.effect].params()[p.name]
 
-    def step(self, p: ParameterId) -> float:
+    def step_size(self, p: ParameterId) -> float:
         """Of a parameter of an effect that the model holds already, away from the nearer bound."""
-        param, now = self.param(p), self.task.model.value(p)
+        param, now = self.effect_parameter(p), self.task.model.effect_value(p)
         size = abs(param.value - param.off) if param.off is not None else abs(now)
-        step = SHARE * float(size or 1.0)
+        step = STRENGTH_STEP_FRACTION * float(size or 1.0)
         return -step if now + step > param.high else step
 
-    def acting(self, effect: str, values: dict[str, float]) -> Acting:
-        return Acting(effect, self.case.known[effect](), SimpleNamespace(**values))
+    def make_active_effect(self, effect: str, values: dict[str, float]) -> ActiveEffect:
+        return ActiveEffect(effect, self.case.known_effects[effect](), SimpleNamespace(**values))
 
 
-def predict_condition(task: Task) -> Prediction:
+def predict_condition(task: PredictionTask) -> Prediction:
     """Simulate a condition at a point with all derivatives asked for.  Raises BadInput, SolverFailure."""
-    base = task.case.with_values(task.given | task.pins)
-    case = task.model.on(base)
+    base = task.case.with_values(task.given | task.mesh_overrides)
+    case = task.model.apply_to(base)
     scene = case.scene
     for view in task.views:
-        check(view, scene)
-    point = Point(task, base, scene)
-    moves = dict(_moves(point))
-    frames = moments(task.views, scene, {v.file: task.model.place(v.file).clock for v in task.views})
+        check_recording(view, scene)
+    point = EvaluationPoint(task, base, scene)
+    moves = dict(_iter_perturbations(point))
+    frames = required_times(task.views, scene, {v.file: task.model.image_placement(v.file).clock for v in task.views})
     asked = task.derivatives
-    early = tuple(t - LAG for t in frames if t > LAG) if asked.candidates or asked.optics or asked.fields else ()
-    late = tuple(t + LAG for t in frames if t + LAG < scene.schedule.end) if asked.fields else ()
+    early = tuple(t - CLOCK_STEP_S for t in frames if t > CLOCK_STEP_S) if asked.candidates or asked.optics or asked.fields else ()
+    late = tuple(t + CLOCK_STEP_S for t in frames if t + CLOCK_STEP_S < scene.schedule.end_time) if asked.fields else ()
     settings = replace(case.settings, times=tuple(sorted({*frames, *early, *late})), fields=2)
     if moves:
-        near = explore(scene, settings, moves, case.title, frames, bool(task.forces))
+        near = run_with_sensitivities(scene, settings, moves, case.title, frames, bool(task.forces))
     else:
-        near = Neighbourhood[ParameterId](march(scene, settings, case.title), None, {}, {})
-    other = _separate_runs(point, settings, moves)
-    shown = {view.file: _view(point, view, near, moves, other) for view in task.views}
-    shown |= {force.file: _force(force, near, other) for force in task.forces}
+        near = RunWithSensitivities[ParameterId](march(scene, settings, case.title), None, {}, {})
+    other = _run_separate_scenes(point, settings, moves)
+    shown = {view.file: _predict_recording(point, view, near, moves, other) for view in task.views}
+    shown |= {force.file: _predict_trace(force, near, other) for force in task.forces}
     thin = replace(near.run, field=near.run.field[:0], frames=near.run.frames[:0])
     return Prediction(shown, thin, {k: m.step for k, m in moves.items()}, near.run if asked.fields else None)
 
 
-def observe_again(task: Task, run: Run, view: View, model: Model) -> Observable:
+def predict_again(task: PredictionTask, run: Run, view: RecordingEntry, model: ModelPoint) -> Observable:
     """A recording whose image lies where another model of the same physics has it, of a run that kept its fields.
 
     Columns of the camera's own unknowns come along.  A clock may differ by LAG from the one that the run was made for.
     """
-    base = task.case.with_values(task.given | task.pins)
-    moved = replace(task, model=model, derivatives=Derivatives(optics=True))
-    point = Point(moved, base, model.on(base).scene)
-    return _view(point, view, Neighbourhood[ParameterId](run, None, {}, {}), {}, {})
+    base = task.case.with_values(task.given | task.mesh_overrides)
+    moved = replace(task, model=model, derivatives=DerivativeRequest(optics=True))
+    point = EvaluationPoint(moved, base, model.apply_to(base).scene)
+    return _predict_recording(point, view, RunWithSensitivities[ParameterId](run, None, {}, {}), {}, {})
 
 
 # --- neighbouring scenes: everything that is asked for and acts on heat ---------------------------------------
-def _moves(point: Point) -> Iterator[tuple[ParameterId, Move]]:
+def _iter_perturbations(point: EvaluationPoint) -> Iterator[tuple[ParameterId, Perturbation]]:
     asked = point.task.derivatives
-    yield from (pair for p in asked.own for pair in _own(point, p))
-    yield from _inputs(point)
+    yield from (pair for p in asked.model_parameters for pair in _perturb_model(point, p))
+    yield from _perturb_inputs(point)
     if not point.scene.schedule.alone:  # else no contact to press or to rub
         if asked.scatter:
-            yield from _scatter(point.scene)
-        yield from _modes(point.scene, asked.modes, asked.trends)
-    if asked.laboratory and any(v.recording.places is None for v in point.task.views):
-        yield from _sizes(point)
+            yield from _perturb_friction(point.scene)
+        yield from _perturb_modes(point.scene, asked.modes, asked.trends)
+    if asked.block_sizes and any(v.recording.places is None for v in point.task.views):
+        yield from _perturb_sizes(point)
     for c in asked.candidates:
-        if not c.optical:
-            yield from _strengths(point, c)
+        if not c.is_optical:
+            yield from _perturb_strengths(point, c)
 
 
-def _own(point: Point, p: ParameterId) -> Iterator[tuple[ParameterId, Move]]:
+def _perturb_model(point: EvaluationPoint, p: ParameterId) -> Iterator[tuple[ParameterId, Perturbation]]:
     """A free key, or a parameter of an effect that the model holds already."""
     model = point.task.model
     if p.kind is Kind.KEY:
-        now = model.overrides(point.case).get(p.name, point.case[p.name])
-        step = -FREE if now * np.exp(FREE) > parameter_spec(point.case, p.name).high else FREE
-    elif point.case.known[p.effect].heat is not Effect.heat:
-        step = point.step(p)
+        now = model.case_overrides(point.case).get(p.name, point.case[p.name])
+        step = -LN_FACTOR_STEP if now * np.exp(LN_FACTOR_STEP) > parameter_spec(point.case, p.name).high else LN_FACTOR_STEP
+    elif point.case.known_effects[p.effect].heat is not Effect.heat:
+        step = point.step_size(p)
     else:
         return
-    yield p, Move(point.neighbour(model.moved(p, step)), step)
+    yield p, Perturbation(point.perturbed_scene(model.with_step(p, step)), step)
 
 
-def _scatter(scene: Scene) -> Iterator[tuple[ParameterId, Move]]:
+def _perturb_friction(scene: Scene) -> Iterator[tuple[ParameterId, Perturbation]]:
     """Friction of each repetition; nothing differs before it begins."""
     for r in range(2, scene.schedule.repetitions + 1):
         begin = next(p.begin for p in scene.schedule.phases if p.repetition == r)
-        yield ParameterId(Kind.SCATTER, (r,)), Move(add_friction_scatter(scene, r, SCATTER), SCATTER, begin)
-    yield ParameterId(Kind.SCATTER, (1,)), Move(add_friction_scatter(scene, 1, SCATTER), SCATTER)
+        yield ParameterId(Kind.SCATTER, (r,)), Perturbation(add_friction_scatter(scene, r, FRICTION_SCATTER_STEP), FRICTION_SCATTER_STEP, begin)
+    yield ParameterId(Kind.SCATTER, (1,)), Perturbation(add_friction_scatter(scene, 1, FRICTION_SCATTER_STEP), FRICTION_SCATTER_STEP)
 
 
-def _modes(scene: Scene, modes: int, trends: bool) -> Iterator[tuple[ParameterId, Move]]:
+def _perturb_modes(scene: Scene, modes: int, trends: bool) -> Iterator[tuple[ParameterId, Perturbation]]:
     for n in range(1, modes + 1):
-        yield ParameterId(Kind.MODE, (n,)), Move(add_pressure_mode(scene, n, MODE), MODE)
+        yield ParameterId(Kind.MODE, (n,)), Perturbation(add_pressure_mode(scene, n, PRESSURE_MODE_STEP), PRESSURE_MODE_STEP)
         if trends and scene.schedule.repetitions > 1:
-            yield ParameterId(Kind.TREND, (n,)), Move(add_pressure_mode(scene, n, MODE, True), MODE)
+            yield ParameterId(Kind.TREND, (n,)), Perturbation(add_pressure_mode(scene, n, PRESSURE_MODE_STEP, True), PRESSURE_MODE_STEP)
 
 
-def _sizes(point: Point) -> Iterator[tuple[ParameterId, Move]]:
+def _perturb_sizes(point: EvaluationPoint) -> Iterator[tuple[ParameterId, Perturbation]]:
     """The block a little longer and wider; shorter, where longer would ask for another cell."""
     mesh = point.scene.mesh
-    for key in SIZES:
-        for step in (SIZED, -SIZED):
-            scene = point.task.model.on(point.case.with_values({key: point.case[key] * (1.0 + step)})).scene
+    for key in BLOCK_SIZE_KEYS:
+        for step in (BLOCK_SIZE_STEP, -BLOCK_SIZE_STEP):
+            scene = point.task.model.apply_to(point.case.with_values({key: point.case[key] * (1.0 + step)})).scene
             if all(len(getattr(scene.mesh, k)) == len(getattr(mesh, k)) for k in ("x", "depth", "height", "y")):
-                yield ParameterId(Kind.SIZE, name=key), Move(scene, step, stretched=True)
+                yield ParameterId(Kind.SIZE, name=key), Perturbation(scene, step, is_stretched=True)
                 break
 
 
-def _strengths(point: Point, c: Candidate) -> Iterator[tuple[ParameterId, Move]]:
-    for number in range(len(c.variants)):
-        off = c.off(number)
+def _perturb_strengths(point: EvaluationPoint, c: CandidateEffect) -> Iterator[tuple[ParameterId, Perturbation]]:
+    for number in range(len(c.shape_variants)):
+        off = c.neutral_values(number)
         for k, a in c.strengths.items():
-            step = a if c.params[k].curved else SHARE * a
+            step = a if c.params[k].curved else STRENGTH_STEP_FRACTION * a
             moved = point.task.model.with_effect(c.effect, off | {k: off[k] + step})
-            yield c.column(k, number), Move(point.neighbour(moved), step)
+            yield c.strength_column(k, number), Perturbation(point.perturbed_scene(moved), step)
 
 
-def _inputs(point: Point) -> Iterator[tuple[ParameterId, Move]]:
+def _perturb_inputs(point: EvaluationPoint) -> Iterator[tuple[ParameterId, Perturbation]]:
     """Stated numbers of the case that leave schedule and cells as they are, or make cells a little larger."""
-    for p in _inputs_of_case(point):
-        for case, step in stepped_cases(point.case, p.name):
-            scene = point.task.model.on(case).scene
+    for p in _case_inputs(point):
+        for case, step in iter_stepped_cases(point.case, p.name):
+            scene = point.task.model.apply_to(case).scene
             if is_neighbour(point.scene, scene):
-                yield p, Move(scene, step, stretched=not has_same_mesh(point.scene, scene))
+                yield p, Perturbation(scene, step, is_stretched=not has_same_mesh(point.scene, scene))
                 break
 
 
-def _inputs_of_case(point: Point) -> tuple[ParameterId, ...]:
+def _case_inputs(point: EvaluationPoint) -> tuple[ParameterId, ...]:
     """Inputs that are keys of the case, without sizes that the laboratory's columns hold already."""
     images = any(v.recording.places is None for v in point.task.views)
-    twice = SIZES if point.task.derivatives.laboratory and images else ()
+    twice = BLOCK_SIZE_KEYS if point.task.derivatives.block_sizes and images else ()
     asked = (p for p in point.task.derivatives.inputs if p.name not in twice)
-    return tuple(p for p in asked if p.name.partition(".")[0] not in VIEWS)
+    return tuple(p for p in asked if p.name.partition(".")[0] not in VIEW_DESCRIPTIONS)
 
 
 @dataclass(frozen=True)
@@ -266,92 +266,92 @@ class SeparateRun:
     step: float
 
 
-def _separate_runs(point: Point, settings: Settings, moves: dict[ParameterId, Move]) -> dict[ParameterId, SeparateRun]:
+def _run_separate_scenes(point: EvaluationPoint, settings: SolverSettings, moves: dict[ParameterId, Perturbation]) -> dict[ParameterId, SeparateRun]:
     """One run for each stated number of the case that changes the schedule or the cells.
 
     The step is the one that makes the schedule longer, so that no frame comes after its end.
     """
     out = {}
     views, model = point.task.views, point.task.model
-    clocks = {v.file: model.place(v.file).clock for v in views}
-    for p in _inputs_of_case(point):
+    clocks = {v.file: model.image_placement(v.file).clock for v in views}
+    for p in _case_inputs(point):
         if p in moves:
             continue
-        ways = [(model.on(case).scene, step) for case, step in stepped_cases(point.case, p.name, RUN_STEP)]
+        ways = [(model.apply_to(case).scene, step) for case, step in iter_stepped_cases(point.case, p.name, RUN_STEP_RATIO)]
         if ways:
-            scene, step = max(ways, key=lambda way: way[0].schedule.end)
-            times = tuple(sorted({*moments(views, scene, clocks)}))
+            scene, step = max(ways, key=lambda way: way[0].schedule.end_time)
+            times = tuple(sorted({*required_times(views, scene, clocks)}))
             out[p] = SeparateRun(scene, march(scene, replace(settings, times=times), point.case.title), step)
     return out
 
 
 # --- what instruments show ------------------------------------------------------------------------------------
-def _view(
-    point: Point, view: View, near: Neighbourhood[ParameterId], moves: dict[ParameterId, Move],
+def _predict_recording(
+    point: EvaluationPoint, view: RecordingEntry, near: RunWithSensitivities[ParameterId], moves: dict[ParameterId, Perturbation],
     other: Mapping[ParameterId, SeparateRun] = MappingProxyType({}),
 ) -> Observable:  # fmt: skip
     recording = sensor_parameters.place_sensors(view, point.task.model)
     scene, asked = point.scene, point.task.derivatives
-    shift, place = point.task.model.shift(view.file), point.task.model.place(view.file)
-    ruler, kept = (point.case["block.length"], point.case["block.width"]), Kept()
+    shift, place = point.task.model.image_shift(view.file), point.task.model.image_placement(view.file)
+    ruler, kept = (point.case["block.length"], point.case["block.width"]), MatrixCache()
     walls = recording.view in ("sidewall", "wake") and not scene.resolved
-    face = Face.of(near.run, scene) if walls else None
+    face = FaceHistory.from_run(near.run, scene) if walls else None
 
-    def see(
+    def predict_images(
         run: Any = near.run, scene: Scene = scene, acting: Any = scene.acting, recording: Any = recording,
-        place: Place = place, history: Face | None = None,
+        place: ImagePlacement = place, history: FaceHistory | None = None,
     ) -> Array:  # fmt: skip
         if history is None and face is not None:
-            history = face if run is near.run else face.beside(run, near.level, scene)
-        return mean(observe(run, scene, recording, acting, shift, 0.0, place, kept, history, ruler).temperature)
+            history = face if run is near.run else face.for_perturbed_run(run, near.reference, scene)
+        return group_means(observe(run, scene, recording, acting, shift, 0.0, place, kept, history, ruler).temperature)
 
-    def mean(values: Array) -> Array:
+    def group_means(values: Array) -> Array:
         """What a recording that was condensed keeps of frames."""
-        return values if view.means is None else view.means.of(recording.time, values)
+        return values if view.means is None else view.means.time_mean(recording.time, values)
 
     now = observe(near.run, scene, recording, scene.acting, shift, 0.0, place, kept, face, ruler, asked.optics)
-    seen = replace(now, temperature=mean(now.temperature))
+    seen = replace(now, temperature=group_means(now.temperature))
     columns: dict[ParameterId, Single] = {}
 
-    def keep(name: ParameterId, change: Array) -> None:
+    def keep_column(name: ParameterId, change: Array) -> None:
         # at once: all of them in double precision would be much memory
         columns[name] = flatten_valid_pixels(change, seen.inside)
 
-    level = see(near.level) if moves else seen.temperature
+    level = predict_images(near.reference) if moves else seen.temperature
     for name, move in moves.items():
-        keep(name, (see(near.moved[name], move.scene, move.scene.acting) - level) / move.step)
+        keep_column(name, (predict_images(near.perturbed[name], move.scene, move.scene.acting) - level) / move.step)
     for name, one in other.items():
-        history = Face.of(one.run, one.scene) if walls else None
-        keep(name, (see(one.run, one.scene, one.scene.acting, history=history) - seen.temperature) / one.step)
-    for name, change in _in_the_camera(point, see, seen.temperature, recording.view):
-        keep(name, change)
+        history = FaceHistory.from_run(one.run, one.scene) if walls else None
+        keep_column(name, (predict_images(one.run, one.scene, one.scene.acting, history=history) - seen.temperature) / one.step)
+    for name, change in _iter_camera_columns(point, predict_images, seen.temperature, recording.view):
+        keep_column(name, change)
     if asked.optics:
-        for name, change in _optics(now, recording).items():
-            keep(name, mean(change))
+        for name, change in _optics_columns(now, recording).items():
+            keep_column(name, group_means(change))
         if recording.places is not None:
             rise = seen.temperature - scene.ambient + KELVIN
-            for name, change in sensor_parameters.sensor_columns(see, recording, rise).items():
-                keep(name, change)
-        later = see(place=replace(place, clock=place.clock + LAG))
-        keep(ParameterId(Kind.CLOCK), (later - seen.temperature) / LAG)
+            for name, change in sensor_parameters.sensor_columns(predict_images, recording, rise).items():
+                keep_column(name, change)
+        later = predict_images(place=replace(place, clock=place.clock + CLOCK_STEP_S))
+        keep_column(ParameterId(Kind.CLOCK), (later - seen.temperature) / CLOCK_STEP_S)
     return Observable(seen.temperature, seen.inside, columns)
 
 
-def _in_the_camera(
-    point: Point, see: Callable[..., Array], plain: Array, view: str
+def _iter_camera_columns(
+    point: EvaluationPoint, predict_images: Callable[..., Array], plain: Array, view: str
 ) -> Iterator[tuple[ParameterId, Array]]:
     """Traces of what acts in the camera: of candidates, of effects that the model holds, of inputs of its `view`."""
     for name, (effect, param, step) in CAMERA_INPUTS.items():
         if (p := ParameterId.of_input(f"{view}.{name}")) in point.task.derivatives.inputs:
-            moved = (*point.scene.acting, point.acting(effect, {param: step}))
-            yield p, (see(acting=moved) - plain) / step
+            moved = (*point.scene.acting, point.make_active_effect(effect, {param: step}))
+            yield p, (predict_images(acting=moved) - plain) / step
     for c in point.task.derivatives.candidates:
-        if c.optical:
+        if c.is_optical:
             for k, a in c.strengths.items():
-                yield c.column(k), _optical(point, see, c, k, a, plain)
-    for p in point.task.derivatives.own:
-        if p.kind is Kind.EFFECT and point.case.known[p.effect].heat is Effect.heat:
-            yield p, _refined(point, see, p, plain)
+                yield c.strength_column(k), _candidate_column(point, predict_images, c, k, a, plain)
+    for p in point.task.derivatives.model_parameters:
+        if p.kind is Kind.EFFECT and point.case.known_effects[p.effect].heat is Effect.heat:
+            yield p, _effect_column(point, predict_images, p, plain)
 
 
 def flatten_valid_pixels(values: Array, inside: npt.NDArray[np.bool_]) -> Single:
@@ -359,32 +359,32 @@ def flatten_valid_pixels(values: Array, inside: npt.NDArray[np.bool_]) -> Single
     return values[:, inside].astype(np.float32)
 
 
-def _optical(point: Point, see: Callable[..., Array], c: Candidate, k: str, a: float, plain: Array) -> Array:
+def _candidate_column(point: EvaluationPoint, predict_images: Callable[..., Array], c: CandidateEffect, k: str, a: float, plain: Array) -> Array:
     """Trace of an effect in the camera; with its whole strength where it is flat at off."""
-    off = c.off()
-    for share in (SHARE, 1.0):
+    off = c.neutral_values()
+    for share in (STRENGTH_STEP_FRACTION, 1.0):
         step = share * a
-        slope = (see(acting=(*point.scene.acting, point.acting(c.effect, off | {k: off[k] + step}))) - plain) / step
-        if np.nanmax(np.abs(slope)) * abs(a) > DULL:
+        slope = (predict_images(acting=(*point.scene.acting, point.make_active_effect(c.effect, off | {k: off[k] + step}))) - plain) / step
+        if np.nanmax(np.abs(slope)) * abs(a) > MIN_CAMERA_SIGNAL_K:
             break
     return slope
 
 
-def _refined(point: Point, see: Callable[..., Array], p: ParameterId, plain: Array) -> Array:
+def _effect_column(point: EvaluationPoint, predict_images: Callable[..., Array], p: ParameterId, plain: Array) -> Array:
     """Trace of a parameter of an effect in the camera that the model holds already."""
-    step, model = point.step(p), point.task.model
+    step, model = point.step_size(p), point.task.model
     others = tuple(a for a in point.scene.acting if a.name != p.effect)
-    moved = point.acting(p.effect, model.effects[p.effect] | {p.name: model.value(p) + step})
-    return (see(acting=(*others, moved)) - plain) / step
+    moved = point.make_active_effect(p.effect, model.effects[p.effect] | {p.name: model.effect_value(p) + step})
+    return (predict_images(acting=(*others, moved)) - plain) / step
 
 
-def _optics(seen: Seen, recording: Recording) -> Columns:
+def _optics_columns(image: PredictedImage, recording: Recording) -> Columns:
     """What the camera's own unknowns change: shift along u and v (px), scale, turn, gain, point spread (relative)."""
-    told, slopes = bool(recording.registration_sigma_px), seen.slopes
+    told, slopes = bool(recording.registration_sigma_px), image.slopes
     wide, high = len(recording.u) > 1, len(recording.v) > 1
     unknown = {
-        SHIFTS[0]: told and wide,
-        SHIFTS[1]: told and high and recording.view != "wake",
+        SHIFT_KINDS[0]: told and wide,
+        SHIFT_KINDS[1]: told and high and recording.view != "wake",
         Kind.SCALE: True,
         Kind.TURN: wide and high,
         Kind.GAIN: recording.view != "profile",
@@ -393,8 +393,8 @@ def _optics(seen: Seen, recording: Recording) -> Columns:
     return {ParameterId(k): slopes[k.value] for k, is_so in unknown.items() if is_so and slopes}
 
 
-def _force(force: Force, near: Neighbourhood[ParameterId], other: Mapping[ParameterId, SeparateRun]) -> Observable:
-    on, predicted = grip(near.run, force)
-    columns = {name: near.slope(lambda run: grip(run, force)[1], name) for name in near.moved}
-    columns |= {name: (grip(one.run, force)[1] - predicted) / one.step for name, one in other.items()}
+def _predict_trace(force: LoadCellEntry, near: RunWithSensitivities[ParameterId], other: Mapping[ParameterId, SeparateRun]) -> Observable:
+    on, predicted = predict_friction(near.run, force)
+    columns = {name: near.derivative_of(lambda run: predict_friction(run, force)[1], name) for name in near.perturbed}
+    columns |= {name: (predict_friction(one.run, force)[1] - predicted) / one.step for name, one in other.items()}
     return Observable(predicted, on, {k: v.astype(np.float32) for k, v in columns.items()})

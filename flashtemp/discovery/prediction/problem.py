@@ -8,27 +8,27 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.camera.placement import Place
-from flashtemp.comparison.campaign import Campaign, Condition, View
-from flashtemp.comparison.compare import window
+from flashtemp.camera.placement import ImagePlacement
+from flashtemp.comparison.campaign import Campaign, Condition, RecordingEntry
+from flashtemp.comparison.compare import view_overrides
 from flashtemp.comparison.screening import screen_campaign
-from flashtemp.discovery.hypotheses.candidates import Candidate, Model, candidates, prior_sd_of_key
+from flashtemp.discovery.hypotheses.candidates import CandidateEffect, ModelPoint, find_candidates, prior_sd_of_key
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction.frame_averaging import average_frames
-from flashtemp.discovery.prediction.prediction import Derivatives, Prediction, Task
+from flashtemp.discovery.prediction.prediction import DerivativeRequest, Prediction, PredictionTask
 from flashtemp.errors import BadInput, FlashtempError
 from flashtemp.model import layers
 from flashtemp.model.build import first_cells
 from flashtemp.model.case import Case
-from flashtemp.model.schema import refinement
-from flashtemp.solver.circular_track import remembers
+from flashtemp.model.schema import refinement_factor
+from flashtemp.solver.circular_track import has_road_memory
 
-LEAST = 0.1  # of numerics.finer that a case may give
+MIN_MESH_REFINEMENT = 0.1  # of numerics.finer that a case may give
 # rtol at most where road comes back: at 1e-3 another sequence of steps changed a wake's ln evidence by 70, at 1e-4 by 2
-FINE = 1e-4
+MAX_REVISIT_RTOL = 1e-4
 ASSUMED_CAMERA_VALUES = {"registration_sigma_px": 0.5, "psf_sigma_px": 0.7}  # px: of an image that does not say it
 
-Run = Callable[[list[Task]], Sequence[Prediction | FlashtempError]]
+TaskRunner = Callable[[list[PredictionTask]], Sequence[Prediction | FlashtempError]]
 
 
 @dataclass(frozen=True)
@@ -43,53 +43,53 @@ class Problem:
 
     campaign: Campaign
     conditions: tuple[Condition, ...]
-    pins: tuple[dict[str, Any], ...]
-    candidates: tuple[Candidate, ...]
+    mesh_overrides: tuple[dict[str, Any], ...]
+    candidates: tuple[CandidateEffect, ...]
     excluded_candidates: dict[str, str]
-    run: Run
+    run: TaskRunner
     case: Case
-    places: dict[str, Place] = field(default_factory=dict)
+    placements: dict[str, ImagePlacement] = field(default_factory=dict)
     shifts: dict[str, tuple[float, float]] = field(default_factory=dict)
     assumed_camera_facts: dict[str, tuple[str, ...]] = field(default_factory=dict)
     screening: dict[str, str] = field(default_factory=dict)
 
-    def tasks(self, model: Model, derivatives: Derivatives, coarse: tuple[float, ...] | None = None) -> list[Task]:
+    def make_tasks(self, model: ModelPoint, derivatives: DerivativeRequest, cell_factors: tuple[float, ...] | None = None) -> list[PredictionTask]:
         """One task per condition; `coarse` (3,) or (4,) multiplies the number of cells along, up, down and across."""
         out = []
-        for c, pins in zip(self.conditions, self.pins, strict=True):
-            if coarse:
-                pins = pins | self._coarser(*coarse)
-            out.append(Task(self.case, c.given, pins, model, c.views, c.forces, derivatives))
+        for c, pins in zip(self.conditions, self.mesh_overrides, strict=True):
+            if cell_factors:
+                pins = pins | self._coarser_mesh(*cell_factors)
+            out.append(PredictionTask(self.case, c.given, pins, model, c.views, c.forces, derivatives))
         return out
 
-    def _coarser(self, along: float, up: float, down: float, across: float = 1.0) -> dict[str, Any]:
+    def _coarser_mesh(self, along: float, up: float, down: float, across: float = 1.0) -> dict[str, Any]:
         """Keys of a mesh that has so many times the cells."""
         finer = zip((along, up, down), self.case["numerics.finer"], strict=True)
-        out: dict[str, Any] = {"numerics.finer": [max(LEAST, k * f) for k, f in finer]}
+        out: dict[str, Any] = {"numerics.finer": [max(MIN_MESH_REFINEMENT, k * f) for k, f in finer]}
         if across < 1.0:
             out["numerics.across"] = max(2, round(across * self.case["numerics.across"]))
             if first := self.case["numerics.first_y"]:
                 out["numerics.first_y"] = first / across
         return out
 
-    def predictions(self, tasks: list[Task]) -> list[Prediction]:
+    def predict(self, tasks: list[PredictionTask]) -> list[Prediction]:
         """Answers to tasks, in order; a failure among them is raised."""
         return [raise_if_error(answer) for answer in self.run(tasks)]
 
     @property
-    def priors(self) -> dict[ParameterId, float]:
+    def key_priors(self) -> dict[ParameterId, float]:
         """Standard deviation of the ln of every free key."""
         stated = self.campaign.priors
         return {ParameterId.of_key(key): stated.get(key, prior_sd_of_key(key)) for key in self.campaign.free}
 
     @property
-    def free(self) -> tuple[ParameterId, ...]:
+    def free_keys(self) -> tuple[ParameterId, ...]:
         return tuple(map(ParameterId.of_key, self.campaign.free))
 
     @property
-    def start(self) -> Model:
+    def stated_model(self) -> ModelPoint:
         """The case as it is believed."""
-        return Model(dict.fromkeys(self.campaign.free, 0.0), shifts=self.shifts, places=self.places)
+        return ModelPoint(dict.fromkeys(self.campaign.free, 0.0), shifts=self.shifts, placements=self.placements)
 
 
 def raise_if_error(answer: Prediction | FlashtempError) -> Prediction:
@@ -99,13 +99,13 @@ def raise_if_error(answer: Prediction | FlashtempError) -> Prediction:
     return answer
 
 
-def prepare_problem(campaign: Campaign, run: Run) -> Problem:
+def prepare_problem(campaign: Campaign, run: TaskRunner) -> Problem:
     """Check a campaign for what fitting needs; long recordings are condensed.  Raises BadInput."""
     if campaign.entries and all(entry.held_out for entry in campaign.entries):
         raise BadInput("campaign: held_out = true of every recording and trace; leave at least one to be fitted")
     assumed = {v.file: missing for v in campaign.views if (missing := _unstated_facts(v))}
     campaign, screening = screen_campaign(campaign)
-    campaign = average_frames(replace(campaign, views=tuple(map(_with_assumed_facts, campaign.views))))
+    campaign = average_frames(replace(campaign, views=tuple(map(_assume_facts, campaign.views))))
     case = campaign.load({})
     for key in campaign.free:
         value = case[key]
@@ -115,22 +115,22 @@ def prepare_problem(campaign: Campaign, run: Run) -> Problem:
             )
         check_free_key(campaign, case, key)
     named = campaign.candidates if campaign.candidates is not None else case.candidates
-    found, excluded = candidates(case, named)
-    pins = tuple(_pins(campaign, c, found) for c in campaign.conditions)
+    found, excluded = find_candidates(case, named)
+    pins = tuple(pin_mesh(campaign, c, found) for c in campaign.conditions)
     return Problem(
         campaign, campaign.conditions, pins, tuple(found), excluded, run, case, assumed_camera_facts=assumed,
         screening=screening,
     )  # fmt: skip
 
 
-def _unstated_facts(view: View) -> tuple[str, ...]:
+def _unstated_facts(view: RecordingEntry) -> tuple[str, ...]:
     """What an image does not say of its camera: nobody knows exactly where it lies, and no optics are sharp."""
     if view.recording.view not in ("sidewall", "wake"):
         return ()
     return tuple(name for name in ASSUMED_CAMERA_VALUES if getattr(view.recording, name) is None)
 
 
-def _with_assumed_facts(view: View) -> View:
+def _assume_facts(view: RecordingEntry) -> RecordingEntry:
     """A view with what is usual for what it does not say."""
     usual: dict[str, Any] = {name: ASSUMED_CAMERA_VALUES[name] for name in _unstated_facts(view)}
     return replace(view, recording=replace(view.recording, **usual)) if usual else view
@@ -141,39 +141,39 @@ def check_free_key(campaign: Campaign, case: Case, key: str) -> None:
     pins = first_cells(case.scene, case.values["numerics"])
     scene, moved = case.with_values(pins).scene, case.with_values(pins | {key: case[key] * 0.99}).scene
     same = all(np.array_equal(getattr(moved.mesh, k), getattr(scene.mesh, k)) for k in ("x", "height"))
-    if not same or moved.schedule.end != scene.schedule.end:
+    if not same or moved.schedule.end_time != scene.schedule.end_time:
         what = "schedule" if same else "mesh"
         raise BadInput(f"{campaign.case}: free: {key!r} changes the {what}; free a parameter of the physics instead")
 
 
-def _pins(campaign: Campaign, condition: Condition, found: list[Candidate]) -> dict[str, Any]:
+def pin_mesh(campaign: Campaign, condition: Condition, tried: list[CandidateEffect]) -> dict[str, Any]:
     """Overrides that give a condition one mesh, whatever is tried on it."""
     case = campaign.load(condition.given)
-    others = [c.effect for c in found if not c.optical]
+    others = [c.effect for c in tried if not c.is_optical]
     scenes = [case.scene, *(case.with_values({"effects": [*case.effects, other]}).scene for other in others)]
     meshes = [s.mesh for s in scenes]
-    returns = len(case.scene.schedule.directions) > 1 or any(map(remembers, scenes))
-    refine = refinement(case["numerics.mesh"]) * case["numerics.finer"][1]
+    returns = len(case.scene.schedule.directions) > 1 or any(map(has_road_memory, scenes))
+    refine = refinement_factor(case["numerics.mesh"]) * case["numerics.finer"][1]
     return (
-        window(case, condition.views)
-        | layers.cells(case.scene, case.values["numerics"])
+        view_overrides(case, condition.views)
+        | layers.layer_cells(case.scene, case.values["numerics"])
         | {
             "road.depth": float(max(m.depth[-1] for m in meshes)),
             "numerics.first_block": float(min(m.height[1] for m in meshes)) * refine,
             "numerics.first_road": first_cells(case.scene, case.values["numerics"])["numerics.first_road"],
         }
-        | ({"numerics.rtol": min(FINE, case["numerics.rtol"])} if returns else {})
+        | ({"numerics.rtol": min(MAX_REVISIT_RTOL, case["numerics.rtol"])} if returns else {})
     )
 
 
-def replace_views(problem: Problem, turned: Sequence[View]) -> Problem:
+def replace_views(problem: Problem, changed: Sequence[RecordingEntry]) -> Problem:
     """The problem with other images of some recordings."""
-    by_file = {v.file: v for v in turned}
+    by_file = {v.file: v for v in changed}
 
-    def right(views: Sequence[View]) -> tuple[View, ...]:
+    def updated_views(views: Sequence[RecordingEntry]) -> tuple[RecordingEntry, ...]:
         return tuple(by_file.get(v.file, v) for v in views)
 
-    conditions = tuple(replace(c, views=right(c.views)) for c in problem.conditions)
+    conditions = tuple(replace(c, views=updated_views(c.views)) for c in problem.conditions)
     return replace(
-        problem, conditions=conditions, campaign=replace(problem.campaign, views=right(problem.campaign.views))
+        problem, conditions=conditions, campaign=replace(problem.campaign, views=updated_views(problem.campaign.views))
     )

@@ -8,80 +8,80 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from flashtemp.camera.points import Places
+from flashtemp.camera.points import SensorPositions
 from flashtemp.camera.recording import Recording
-from flashtemp.comparison.campaign import View
-from flashtemp.discovery.hypotheses.candidates import Model
-from flashtemp.discovery.parameters import ALL, Kind, ParameterId
+from flashtemp.comparison.campaign import RecordingEntry
+from flashtemp.discovery.hypotheses.candidates import ModelPoint
+from flashtemp.discovery.parameters import ALL_CONDITIONS, Kind, ParameterId
 
 Array = npt.NDArray[np.float64]
-AWAY = 0.25  # of what is known of a place, or a time constant: step of its derivative
+SENSOR_STEP_FRACTION = 0.25  # of what is known of a place, or a time constant: step of its derivative
 
 
-def sensor_columns(see: Callable[..., Array], recording: Recording, rise: Array) -> dict[ParameterId, Array]:
+def sensor_columns(predict_images: Callable[..., Array], recording: Recording, rise: Array) -> dict[ParameterId, Array]:
     """What places (K/m), time constants (K/s) and gains (K) change: the `rise` (frames, 1, points) is over the air."""
     out: dict[ParameterId, Array] = {}
     places = recording.places
     assert places is not None
 
-    def of_one(number: int, change: Array) -> Array:
+    def only_point(number: int, change: Array) -> Array:
         return np.where(np.arange(len(places)) == number, change, 0.0)
 
-    for i, p, key, sd in _beads(places):
-        step = AWAY * sd
+    for i, p, key, sd in _iter_bead_parameters(places):
+        step = SENSOR_STEP_FRACTION * sd
         if step > 0:
-            ahead, behind = (see(recording=_alone(recording, places.moved(key, s), i)) for s in (step, -step))
-            out[p] = of_one(i, (ahead - behind) / (2.0 * step))
+            ahead, behind = (predict_images(recording=_single_point(recording, places.perturb_key(key, s), i)) for s in (step, -step))
+            out[p] = only_point(i, (ahead - behind) / (2.0 * step))
     for i, name in enumerate(places.names):
         if places.gain_sigma[i] > 0:
-            out[sensor_gain(name, i)] = of_one(i, rise)
+            out[sensor_gain_id(name, i)] = only_point(i, rise)
     return out
 
 
-def place_sensors(view: View, model: Model) -> Recording:
+def place_sensors(view: RecordingEntry, model: ModelPoint) -> Recording:
     """The recording with its points where, and as slow as, the model has them."""
     places = view.recording.places
-    if places is None or not model.beads:
+    if places is None or not model.bead_offsets:
         return view.recording
     moved = places
-    for i, p, key, _ in _beads(places):
-        moved = moved.moved(key, model.beads.get(p.within(ALL, view.file), 0.0), i)
+    for i, p, key, _ in _iter_bead_parameters(places):
+        moved = moved.perturb_key(key, model.bead_offsets.get(p.with_scope(ALL_CONDITIONS, view.file), 0.0), i)
     return replace(view.recording, places=moved)
 
 
-def sensor_priors(views: Iterable[View]) -> dict[ParameterId, float]:
+def sensor_priors(views: Iterable[RecordingEntry]) -> dict[ParameterId, float]:
     """Standard deviations of places (m), time constants (s) and gains of all points of recordings."""
     out: dict[ParameterId, float] = {}
     for v in views:
         places = v.recording.places
         if places is not None:
-            out |= {p.within(ALL, v.file): sd for _, p, _, sd in _beads(places)}
+            out |= {p.with_scope(ALL_CONDITIONS, v.file): sd for _, p, _, sd in _iter_bead_parameters(places)}
             gains = zip(places.names, places.gain_sigma, strict=True)
-            out |= {sensor_gain(name, i).within(ALL, v.file): float(sd) for i, (name, sd) in enumerate(gains)}
+            out |= {sensor_gain_id(name, i).with_scope(ALL_CONDITIONS, v.file): float(sd) for i, (name, sd) in enumerate(gains)}
     return out
 
 
-def _alone(recording: Recording, places: Places, number: int) -> Recording:
+def _single_point(recording: Recording, places: SensorPositions, number: int) -> Recording:
     """One point of a recording, where `places` have it; what it measured is of no concern, and may be nothing."""
     own = slice(number, number + 1)
     return replace(
-        recording, temperature=np.zeros((recording.frames, 1, 1)), u=recording.u[own], places=places.only(own)
+        recording, temperature=np.zeros((recording.frames, 1, 1)), u=recording.u[own], places=places.subset(own)
     )
 
 
-def _beads(places: Places) -> Iterator[tuple[int, ParameterId, str, float]]:
+def _iter_bead_parameters(places: SensorPositions) -> Iterator[tuple[int, ParameterId, str, float]]:
     """What a point may have otherwise than told: number, parameter, key of its table, standard deviation (m, s)."""
     for i, name in enumerate(places.names):
         for axis, key in enumerate("xyz"):
-            yield i, _of(Kind.PLACE, name, i, axis), key, float(places.place_sigma(axis)[i])
-        yield i, _of(Kind.LAG, name, i), "lag_s", float(places.lag_sigma_s[i])
+            yield i, _point_parameter(Kind.PLACE, name, i, axis), key, float(places.place_sigma(axis)[i])
+        yield i, _point_parameter(Kind.LAG, name, i), "lag_s", float(places.lag_sigma_s[i])
 
 
-def _of(kind: Kind, name: str, number: int, *axis: int) -> ParameterId:
+def _point_parameter(kind: Kind, name: str, number: int, *axis: int) -> ParameterId:
     """A parameter of a point: a name is that of one thermocouple in all recordings, a number is not."""
     return ParameterId(kind, (number, *axis)) if name.isdigit() else ParameterId(kind, axis, name=name)
 
 
-def sensor_gain(name: str, number: int) -> ParameterId:
+def sensor_gain_id(name: str, number: int) -> ParameterId:
     """The gain of a point, likewise."""
-    return _of(Kind.SENSOR, name, number)
+    return _point_parameter(Kind.SENSOR, name, number)

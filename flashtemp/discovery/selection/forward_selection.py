@@ -11,48 +11,48 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from flashtemp.discovery.criteria import CRITERIA
-from flashtemp.discovery.estimation.fitting import Hypothesis, Watch, fit_hypothesis, run_fits
+from flashtemp.discovery.estimation.fitting import Hypothesis, ProgressCallback, fit_hypothesis, run_fits
 from flashtemp.discovery.estimation.image_alignment import Linearisation
-from flashtemp.discovery.estimation.linear_gaussian import System
-from flashtemp.discovery.estimation.linearised_fit import Fit
-from flashtemp.discovery.estimation.per_condition import estimates_per_condition
-from flashtemp.discovery.estimation.whitening import Data
-from flashtemp.discovery.hypotheses.candidates import Candidate
+from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
+from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
+from flashtemp.discovery.estimation.per_condition import estimate_effect_by_condition
+from flashtemp.discovery.estimation.whitening import WhitenedData
+from flashtemp.discovery.hypotheses.candidates import CandidateEffect
 from flashtemp.discovery.measurement_errors.recording_errors import RecordingError
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction.problem import Problem
-from flashtemp.discovery.selection.scores import Pair, Score, pairs, scores, worth_another_look
+from flashtemp.discovery.selection.scores import EffectPair, CandidateScore, score_pairs, score_candidates, select_for_rescoring
 from flashtemp.errors import SolverFailure
 
-Names = frozenset[str]
+EffectNames = frozenset[str]
 
 
 @dataclass(frozen=True)
-class Search:
+class EffectSearch:
     """What was tried on a `problem`: the calibrated `base` and the `best` extended fit, both with sensitivities of all
     candidates that may still matter; `fits` {effects: fit} of every full fit; `ranking` scores at the base and at
     every extension; `unfitted` {effects: why} of those that could not be simulated, `vanished` effects whose strength
     became none in a full fit.  `recording_errors` were corrected before anything was fitted."""
 
     problem: Problem
-    data: Data
-    base: Fit
-    best: Fit
-    fits: dict[Names, Fit]
-    ranking: tuple[tuple[Score, ...], ...] = ()
-    unfitted: dict[Names, str] = field(default_factory=dict)
-    vanished: frozenset[Names] = frozenset()
+    data: WhitenedData
+    base: LinearisedFit
+    best: LinearisedFit
+    fits: dict[EffectNames, LinearisedFit]
+    ranking: tuple[tuple[CandidateScore, ...], ...] = ()
+    unfitted: dict[EffectNames, str] = field(default_factory=dict)
+    vanished: frozenset[EffectNames] = frozenset()
     recording_errors: tuple[RecordingError, ...] = ()
 
 
-def names_of(fit: Fit) -> Names:
+def effect_names(fit: LinearisedFit) -> EffectNames:
     return frozenset(fit.model.effects)
 
 
-def with_candidates(
-    problem: Problem, data: Data, fit: Fit, candidates: Sequence[Candidate], watch: Watch,
+def refit_with_candidates(
+    problem: Problem, data: WhitenedData, fit: LinearisedFit, candidates: Sequence[CandidateEffect], watch: ProgressCallback,
     inputs: tuple[ParameterId, ...] = (),
-) -> Fit:  # fmt: skip
+) -> LinearisedFit:  # fmt: skip
     """A fit with exact derivatives at its point, those of candidates among them, and brought to its best point again.
 
     Raises SolverFailure.
@@ -61,13 +61,13 @@ def with_candidates(
     others = tuple(c for c in candidates if c.effect not in fit.model.effects)
     h = Hypothesis(problem, data, fit.model, tuple(own), keeps_candidates=True)
     wanted = replace(h.all_derivatives(), candidates=others, inputs=inputs)
-    tasks = problem.tasks(fit.model, wanted)
-    predictions = problem.predictions(tasks)
-    first = Linearisation(fit.model, tuple(tasks), tuple(predictions), System(data.blocks(predictions)))
-    return settle(h, first, watch)
+    tasks = problem.make_tasks(fit.model, wanted)
+    predictions = problem.predict(tasks)
+    first = Linearisation(fit.model, tuple(tasks), tuple(predictions), LinearSystem(data.make_blocks(predictions)))
+    return finish_fit(h, first, watch)
 
 
-def settle(h: Hypothesis, first: Linearisation, watch: Watch) -> Fit:
+def finish_fit(h: Hypothesis, first: Linearisation, watch: ProgressCallback) -> LinearisedFit:
     """One fit from a linearised point to its end.  Raises SolverFailure."""
     found = run_fits(h.problem, {"": fit_hypothesis(h, first)}, watch)
     if "" not in found.fits:
@@ -75,44 +75,44 @@ def settle(h: Hypothesis, first: Linearisation, watch: Watch) -> Fit:
     return found.fits[""]
 
 
-def select(problem: Problem, data: Data, base: Fit, watch: Watch) -> Search:
+def select_effects(problem: Problem, data: WhitenedData, base: LinearisedFit, watch: ProgressCallback) -> EffectSearch:
     """Extend a calibrated base as long as the evidence asks for it.  Raises SolverFailure."""
-    search = Search(problem, data, base, base, {frozenset(): base})
+    search = EffectSearch(problem, data, base, base, {frozenset(): base})
     for _ in range(int(CRITERIA.max_causes)):
-        ranked = scores(problem, search.best, problem.candidates)
+        ranked = score_candidates(problem, search.best, problem.candidates)
         search = _fit_shortlist(replace(search, ranking=(*search.ranking, ranked)), ranked, watch)
-        found = _worth_its_parameters(search)
+        found = _best_extension(search)
         if found is None:
             return search
-        more = worth_another_look(problem, search.best, found, ranked)
-        watch(f"candidates beside {' and '.join(sorted(names_of(found)))}")
-        best = with_candidates(problem, data, found, more, watch)
-        search = replace(search, best=best, fits=search.fits | {names_of(best): best})
-    last = scores(problem, search.best, problem.candidates)
+        more = select_for_rescoring(problem, search.best, found, ranked)
+        watch(f"candidates beside {' and '.join(sorted(effect_names(found)))}")
+        best = refit_with_candidates(problem, data, found, more, watch)
+        search = replace(search, best=best, fits=search.fits | {effect_names(best): best})
+    last = score_candidates(problem, search.best, problem.candidates)
     return replace(search, ranking=(*search.ranking, last))
 
 
-def _fit_shortlist(search: Search, ranked: Sequence[Score], watch: Watch) -> Search:
+def _fit_shortlist(search: EffectSearch, ranked: Sequence[CandidateScore], watch: ProgressCallback) -> EffectSearch:
     """Full fits of the candidates with the best scores, and of the best pair where it explains far more than each."""
-    groups: list[tuple[Candidate, ...]] = [(s.candidate,) for s in shortlist(ranked)]
-    if not names_of(search.best):
-        groups += [tuple(s.candidate for s in p.scores) for p in _pairs(search, ranked)]
+    groups: list[tuple[CandidateEffect, ...]] = [(s.candidate,) for s in shortlist_candidates(ranked)]
+    if not effect_names(search.best):
+        groups += [tuple(s.candidate for s in p.scores) for p in _promising_pairs(search, ranked)]
     if not groups:
         return search
-    wanted = {frozenset({*names_of(search.best), *(c.effect for c in g)}): g for g in groups}
+    wanted = {frozenset({*effect_names(search.best), *(c.effect for c in g)}): g for g in groups}
     wanted = {names: g for names, g in wanted.items() if names not in search.fits}
     watch(f"fitting {', '.join(' with '.join(c.effect for c in g) for g in wanted.values())}")
     fittings = {
-        names: fit_hypothesis(Hypothesis.extending(search.problem, search.data, search.best, g))
+        names: fit_hypothesis(Hypothesis.from_parent(search.problem, search.data, search.best, g))
         for names, g in wanted.items()
     }
     found = run_fits(search.problem, fittings, watch)
-    fits = {names: f for names, f in found.fits.items() if is_alive(search.problem, f)}
+    fits = {names: f for names, f in found.fits.items() if has_active_effects(search.problem, f)}
     vanished = search.vanished | (found.fits.keys() - fits.keys())
     return replace(search, fits=search.fits | fits, unfitted=search.unfitted | found.failed, vanished=vanished)
 
 
-def shortlist(ranked: Sequence[Score]) -> list[Score]:
+def shortlist_candidates(ranked: Sequence[CandidateScore]) -> list[CandidateScore]:
     """Candidates that are fitted in full."""
     likely = [s for s in ranked if s.ln_bayes > CRITERIA.ln_bayes_hint]
     if not likely:
@@ -123,45 +123,45 @@ def shortlist(ranked: Sequence[Score]) -> list[Score]:
     ]
 
 
-def _pairs(search: Search, ranked: Sequence[Score]) -> list[Pair]:
+def _promising_pairs(search: EffectSearch, ranked: Sequence[CandidateScore]) -> list[EffectPair]:
     """The best pair, if its score exceeds that of its better member by what a further cause needs."""
     if len(ranked) < 2:
         return []
     best = max((s.ln_bayes for s in ranked), default=0.0)
-    found = pairs(search.problem, search.best, ranked)[:1]
+    found = score_pairs(search.problem, search.best, ranked)[:1]
     return [
         p for p in found if p.ln_bayes > max(best, 0.0) + CRITERIA.ln_bayes_named and p.more > CRITERIA.ln_bayes_named
     ]
 
 
-def _worth_its_parameters(search: Search) -> Fit | None:
+def _best_extension(search: EffectSearch) -> LinearisedFit | None:
     """The extension with the largest evidence, if each of its effects pays for itself."""
-    own = names_of(search.best)
-    extended = [f for names, f in search.fits.items() if names > own and f.usable and (not own or _is_sound(search, f))]
-    best = max(extended, key=lambda f: f.secured - CRITERIA.ln_bayes_named * len(names_of(f)), default=None)
+    own = effect_names(search.best)
+    extended = [f for names, f in search.fits.items() if names > own and f.is_comparable and (not own or _is_consistent(search, f))]
+    best = max(extended, key=lambda f: f.secured_evidence - CRITERIA.ln_bayes_named * len(effect_names(f)), default=None)
     if best is None:
         return None
-    gained = best.secured - search.best.secured
-    return best if gained > CRITERIA.ln_bayes_named * (len(names_of(best)) - len(own)) else None
+    gained = best.secured_evidence - search.best.secured_evidence
+    return best if gained > CRITERIA.ln_bayes_named * (len(effect_names(best)) - len(own)) else None
 
 
-def _is_sound(search: Search, fit: Fit) -> bool:
+def _is_consistent(search: EffectSearch, fit: LinearisedFit) -> bool:
     """Whether a further cause is one: alike in all conditions, and more than a smooth error of the model may be.
 
     If not, it mops up what another one left.
     """
     problem = search.problem
-    new = names_of(fit) - names_of(search.best)
-    estimates = [e for effect in new for e in estimates_per_condition(problem, fit, effect)]
-    before, after = (f.at_largest(problem, f.effects) for f in (search.best, fit))
+    new = effect_names(fit) - effect_names(search.best)
+    estimates = [e for effect in new for e in estimate_effect_by_condition(problem, fit, effect)]
+    before, after = (f.evidence_at_max_discrepancy(problem, f.effect_priors) for f in (search.best, fit))
     alike = all(e.probability > CRITERIA.condition_scatter for e in estimates)
     return alike and after - before > CRITERIA.ln_bayes_named
 
 
-def is_alive(problem: Problem, fit: Fit) -> bool:
+def has_active_effects(problem: Problem, fit: LinearisedFit) -> bool:
     """Whether every effect of a model still acts: none of them ended with a strength at off."""
     for name, values in fit.model.effects.items():
-        params = problem.case.known[name].params()
+        params = problem.case.known_effects[name].params()
         if all(values[k] == p.off for k, p in params.items() if k in values and p.off is not None):
             return False
     return True

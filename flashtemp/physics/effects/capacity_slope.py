@@ -8,7 +8,7 @@
 
 from __future__ import annotations
 
-from flashtemp.physics.effect import Effect, Param, Term, among, layer_of
+from flashtemp.physics.effect import Effect, Param, Term, require_layer, layer_param
 
 
 class CapacitySlope(Effect):
@@ -22,11 +22,11 @@ class CapacitySlope(Effect):
     block = Param(0.003, "1/K", "relative slope of the rubber's heat capacity", low=0.0, high=0.02, off=0.0)
     road = Param(0.0, "1/K", "relative slope of the road's heat capacity", low=0.0, high=0.02, off=0.0)
 
-    layer = layer_of("`block` is about it alone; about all of the block if not given")
+    layer = layer_param("`block` is about it alone; about all of the block if not given")
 
     def heat(self, scene, p):
         """Slopes of the enthalpy's derivative."""
-        where = among(scene, p.layer, "capacity_slope.layer")
+        where = require_layer(scene, p.layer, "capacity_slope.layer")
         yield Term(
             "block.capacity_gradient", lambda T, now, p: p.block if where is None else p.block * scene.in_layer(where)
         )

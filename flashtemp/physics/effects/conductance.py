@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from flashtemp.errors import BadInput
 from flashtemp.physics.effect import Effect, Param, Term
-from flashtemp.physics.friction.microcontact_conductance import sliding
-from flashtemp.physics.interpolation import Curve, pairs
+from flashtemp.physics.friction.microcontact_conductance import sliding_conductance
+from flashtemp.physics.interpolation import Curve, read_xy_pairs
 from flashtemp.physics.tables.wanted import CONDUCTANCE, SPEED
 
 
@@ -55,7 +55,7 @@ class Conductance(Effect):
                 )
             values["alpha"] = lambda v: a0 + a1 * v**0.5
         elif isinstance(alpha, (list, str)):
-            x, y = pairs(alpha, folder, key, columns=(SPEED, CONDUCTANCE))
+            x, y = read_xy_pairs(alpha, folder, key, columns=(SPEED, CONDUCTANCE))
             if min(y) <= 0:
                 raise BadInput(f"{key}: {min(y):g} W/m2K in the table; give values > 0")
             values["alpha"] = Curve(x, y) if len(x) > 1 else (lambda v: y[0])
@@ -67,6 +67,6 @@ class Conductance(Effect):
         """1/alpha in m2 K/W and the side on which the heat appears."""
         alpha = p.alpha
         if isinstance(alpha, dict):
-            alpha = sliding(scene.block, scene.road, alpha["contact_size"], alpha["contact_share"])
+            alpha = sliding_conductance(scene.block, scene.road, alpha["contact_size"], alpha["contact_share"])
         yield Term("contact.resistance", lambda T, now, p: 1.0 / max(alpha(now.speed), 1e-6))
         yield Term("contact.heat_split", lambda T, now, p: p.heat_split)

@@ -12,8 +12,8 @@ import numpy as np
 
 from flashtemp.physics.effect import Effect, Param, Term
 
-EXPONENT = 0.95
-LIGHT = 1e-2  # share of the reference pressure below which the resistance grows no more
+CONDUCTANCE_EXPONENT = 0.95
+MIN_RESISTANCE_PRESSURE_RATIO = 1e-2  # share of the reference pressure below which the resistance grows no more
 
 
 class ConductanceLoad(Effect):
@@ -32,6 +32,6 @@ class ConductanceLoad(Effect):
 
         def law(T, now, p):
             ratio = now.local_pressure / p.reference
-            return p.resistance * np.where(np.real(ratio) > LIGHT, ratio, LIGHT) ** -EXPONENT
+            return p.resistance * np.where(np.real(ratio) > MIN_RESISTANCE_PRESSURE_RATIO, ratio, MIN_RESISTANCE_PRESSURE_RATIO) ** -CONDUCTANCE_EXPONENT
 
         yield Term("contact.resistance", law)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from flashtemp.physics.effect import Effect, Param, Term
 
-REST = 1e-2  # share of the reference speed below which the resistance grows no more
+MIN_RESISTANCE_SPEED_RATIO = 1e-2  # share of the reference speed below which the resistance grows no more
 
 
 class ConductanceSpeed(Effect):
@@ -29,5 +29,5 @@ class ConductanceSpeed(Effect):
         """Adds to 1/alpha."""
         yield Term(
             "contact.resistance",
-            lambda T, now, p: p.resistance * max(now.speed / p.reference, REST) ** -p.exponent,
+            lambda T, now, p: p.resistance * max(now.speed / p.reference, MIN_RESISTANCE_SPEED_RATIO) ** -p.exponent,
         )

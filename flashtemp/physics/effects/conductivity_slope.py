@@ -8,7 +8,7 @@
 
 from __future__ import annotations
 
-from flashtemp.physics.effect import Effect, Factor, Param, among, layer_of
+from flashtemp.physics.effect import Effect, Factor, Param, require_layer, layer_param
 
 
 class ConductivitySlope(Effect):
@@ -22,15 +22,15 @@ class ConductivitySlope(Effect):
     block = Param(-0.002, "1/K", "relative slope of the rubber's conductivity", low=-0.005, high=0.02, off=0.0)
     road = Param(0.0, "1/K", "relative slope of the road's conductivity", low=-0.005, high=0.02, off=0.0)
 
-    layer = layer_of("`block` is about it alone; about all of the block if not given")
+    layer = layer_param("`block` is about it alone; about all of the block if not given")
 
     def heat(self, scene, p):
         """Multiplies both conductivities."""
-        zero, where = scene.ambient, among(scene, p.layer, "conductivity_slope.layer")
+        zero, where = scene.ambient, require_layer(scene, p.layer, "conductivity_slope.layer")
 
-        def of_block(T, now, p):
+        def block_factor(T, now, p):
             warmer = 1.0 + p.block * (T - zero)
             return warmer if where is None else 1.0 + (warmer - 1.0) * scene.in_layer(where)[:, None]
 
-        yield Factor("block.conductivity", of_block)
+        yield Factor("block.conductivity", block_factor)
         yield Factor("road.conductivity", lambda T, now, p: 1.0 + p.road * (T - zero))

@@ -14,11 +14,11 @@ from math import inf
 
 from flashtemp.errors import BadInput
 from flashtemp.physics.effect import Effect, Heat, Param, Term
-from flashtemp.physics.interpolation import Curve, pairs
+from flashtemp.physics.interpolation import Curve, read_xy_pairs
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.physics.tables.wanted import TEMPERATURE, TIME
 
-SITES = {"face": "block.face", "back": "block.holder"}
+DRIVEN_SITES = {"face": "block.face", "back": "block.holder"}
 
 
 class DrivenFaces(Effect):
@@ -43,10 +43,10 @@ class DrivenFaces(Effect):
                 "driven_faces.face: missing; give rows of [time in s, degC] or a CSV file, or driven_faces.back"
             )
         pace = 0.0
-        for key in SITES:
+        for key in DRIVEN_SITES:
             if values[key] is not None:
                 name, wanted = f"driven_faces.{key}", (TIME, TEMPERATURE)
-                t, T = pairs(values[key], folder, name, low=-KELVIN, high=5000.0, columns=wanted)
+                t, T = read_xy_pairs(values[key], folder, name, low=-KELVIN, high=5000.0, columns=wanted)
                 pace = max(pace, (len(t) - 1) / (t[-1] - t[0]) if len(t) > 1 else 0.0)
                 values[key] = Curve(t, T) if len(t) > 1 else (lambda at, T=T[0]: T)
         return values | {"pace": pace}
@@ -57,11 +57,11 @@ class DrivenFaces(Effect):
         def coefficient(now, p):
             return 0.0 if now.touching else p.coefficient
 
-        def far(key, now, p):
+        def far_temperature(key, now, p):
             return getattr(p, key)(now.t) + KELVIN
 
-        for key, site in SITES.items():
+        for key, site in DRIVEN_SITES.items():
             if getattr(p, key) is not None:
-                yield Heat.film(site, coefficient, to="holder", far=partial(far, key))
+                yield Heat.film(site, coefficient, to="holder", far=partial(far_temperature, key))
         if getattr(p, "pace", 0.0) > 0:
             yield Term("march.rate", lambda T, now, p: p.pace if p.coefficient > 0 and not now.touching else 0.0)

@@ -15,7 +15,7 @@ import numpy as np
 
 from flashtemp.errors import BadInput
 from flashtemp.physics.effect import Effect, Param, Term
-from flashtemp.physics.interpolation import Curve, pairs
+from flashtemp.physics.interpolation import Curve, read_xy_pairs
 from flashtemp.physics.tables.wanted import PLACE_X, WORN_DEPTH
 
 
@@ -47,7 +47,7 @@ class FaceShape(Effect):
         if values["edge_radius"] and values["chamfer"]:
             raise BadInput("face_shape.chamfer: an edge is rounded or chamfered; leave out one of the two")
         if values["profile"] is not None:
-            x, y = pairs(values["profile"], folder, "face_shape.profile", columns=(PLACE_X, WORN_DEPTH))
+            x, y = read_xy_pairs(values["profile"], folder, "face_shape.profile", columns=(PLACE_X, WORN_DEPTH))
             if len(x) < 2:
                 raise BadInput("face_shape.profile: one row; give at least two rows of [x in m, depth in m]")
             values["profile"] = Curve(x, np.subtract(y, min(y)).tolist())

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from flashtemp.physics.effect import Effect, Param, Term
-from flashtemp.physics.friction.heat_kernels import felt, overlap_integral
+from flashtemp.physics.friction.heat_kernels import flash_response, overlap_integral
 
 
 class Flash(Effect):
@@ -33,22 +33,22 @@ class Flash(Effect):
         rubber = scene.block
         cap = np.pi * D / (8 * rubber.conductivity)  # a resting spot: constriction of a disc
 
-        def residence(now):  # how long a spot has been there, s, and how far it has slid of its diameter
+        def residence_and_slip(now):  # how long a spot has been there, s, and how far it has slid of its diameter
             if now.waited > 0 or now.speed <= 0:
                 passed = D / now.last_speed if now.last_speed > 0 else np.inf
                 return min(now.contact_time, passed) + now.waited, 1.0
             return D / now.speed, now.slid / D
 
-        def surface(T, now, p):
+        def flash_resistance(T, now, p):
             if np.min(np.real(now.spot_fraction)) >= 1.0:
                 return 0.0
-            time, slid = residence(now)
+            time, slid = residence_and_slip(now)
             theta = overlap_integral(slid) / np.sqrt(np.pi) * np.sqrt(time) / rubber.effusivity
             return p.flash_factor * (1.0 - now.spot_fraction) * min(theta, cap)
 
-        def deep(T, now, p, depth):
-            time, slid = residence(now)
-            return float(felt(np.sqrt(rubber.diffusivity * time) / depth, slid))
+        def depth_fraction(T, now, p, depth):
+            time, slid = residence_and_slip(now)
+            return float(flash_response(np.sqrt(rubber.diffusivity * time) / depth, slid))
 
-        yield Term("contact.flash_resistance", surface)
-        yield Term("contact.flash_share", deep)
+        yield Term("contact.flash_resistance", flash_resistance)
+        yield Term("contact.flash_share", depth_fraction)

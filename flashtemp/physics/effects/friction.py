@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from flashtemp.errors import BadInput
 from flashtemp.physics.effect import Deposit, Effect, Param, Term
-from flashtemp.physics.interpolation import grid, rows
+from flashtemp.physics.interpolation import read_surface, read_rows
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.physics.tables.wanted import FRICTION, SHARE, SOURCE_DEPTH, SPEED, TEMPERATURE
 
@@ -34,11 +34,11 @@ class Friction(Effect):
     def prepare(cls, values, folder):
         """Read the table; shares of a spectrum may not exceed 1 together."""
         if values["table"] is not None:
-            values["table"] = grid(values["table"], folder, "friction.table", (SPEED, TEMPERATURE, FRICTION))
+            values["table"] = read_surface(values["table"], folder, "friction.table", (SPEED, TEMPERATURE, FRICTION))
             if values["table"]._grid.min() < 0:
                 raise BadInput(f"friction.table: holds mu = {values['table']._grid.min():g}; give mu >= 0")
         if values["spectrum"] is not None:
-            spectrum = rows(values["spectrum"], folder, "friction.spectrum", (SHARE, SOURCE_DEPTH))
+            spectrum = read_rows(values["spectrum"], folder, "friction.spectrum", (SHARE, SOURCE_DEPTH))
             if spectrum[:, 0].min() < 0:
                 raise BadInput(f"friction.spectrum: share {spectrum[:, 0].min():g}; give shares >= 0")
             if spectrum[:, 0].sum() > 1 + 1e-12:
@@ -46,7 +46,7 @@ class Friction(Effect):
                     f"friction.spectrum: shares sum to {spectrum[:, 0].sum():g}; give shares >= 0 with sum <= 1"
                 )
             for depth in spectrum[:, 1]:
-                if fault := cls.depth.fault(float(depth)):
+                if fault := cls.depth.find_fault(float(depth)):
                     raise BadInput(f"friction.spectrum: depth {depth:g} m; {fault}")
             if values["volumetric_share"]:
                 share = values["volumetric_share"]

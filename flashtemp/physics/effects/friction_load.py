@@ -12,7 +12,7 @@ import numpy as np
 
 from flashtemp.physics.effect import Effect, Factor, Param
 
-LIGHT = 1e-3  # share of the reference pressure below which the law is held
+MIN_FRICTION_PRESSURE_RATIO = 1e-3  # share of the reference pressure below which the law is held
 
 
 class FrictionLoad(Effect):
@@ -31,6 +31,6 @@ class FrictionLoad(Effect):
 
         def law(T, now, p):
             ratio = now.local_pressure / p.reference
-            return np.where(np.real(ratio) > LIGHT, ratio, LIGHT) ** -p.exponent
+            return np.where(np.real(ratio) > MIN_FRICTION_PRESSURE_RATIO, ratio, MIN_FRICTION_PRESSURE_RATIO) ** -p.exponent
 
         yield Factor("friction.mu", law)

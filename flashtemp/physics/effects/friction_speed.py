@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from flashtemp.physics.effect import Effect, Factor, Param
 
-CREEP = 1e-4  # m/s: friction at rest is that of creep
+MIN_FRICTION_SPEED_M_S = 1e-4  # m/s: friction at rest is that of creep
 
 
 class FrictionSpeed(Effect):
@@ -26,4 +26,4 @@ class FrictionSpeed(Effect):
 
     def heat(self, scene, p):
         """Multiplies mu."""
-        yield Factor("friction.mu", lambda T, now, p: (max(now.speed, CREEP) / p.reference) ** p.exponent)
+        yield Factor("friction.mu", lambda T, now, p: (max(now.speed, MIN_FRICTION_SPEED_M_S) / p.reference) ** p.exponent)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from flashtemp.physics.effect import Effect, Heat, Param
-from flashtemp.physics.interpolation import Curve, pairs
+from flashtemp.physics.interpolation import Curve, read_xy_pairs
 from flashtemp.physics.tables.wanted import PLACE_X, RELATIVE_VALUE, TIME
 
 
@@ -37,32 +37,32 @@ class HeatedFace(Effect):
     def prepare(cls, values, folder):
         """Read the tables; those not given are 1."""
         for key, along in (("course", TIME), ("place", PLACE_X)):
-            values[key] = _curve(values[key], folder, f"heated_face.{key}", along)
+            values[key] = _read_curve(values[key], folder, f"heated_face.{key}", along)
         return values
 
     def heat(self, scene, p):
         """Flux at the face, and exact means over cells of what decays; nothing is lost beyond the holder."""
 
-        def flux(now, p):
+        def absorbed_flux(now, p):
             on = 0.0 if now.touching else p.absorptivity * p.irradiance
             return on * p.course(now.t) * p.place(now.x)
 
-        def at_face(T, now, p):
-            return (1.0 - p.in_depth) * flux(now, p) + 0.0 * T
+        def face_flux(T, now, p):
+            return (1.0 - p.in_depth) * absorbed_flux(now, p) + 0.0 * T
 
-        def inside(T, now, p):
+        def depth_heat(T, now, p):
             whole = -np.expm1(-scene.height / p.depth) if scene is not None else 1.0
             decayed = np.exp(-now.low / p.depth) - np.exp(-now.high / p.depth)
-            return p.in_depth * flux(now, p) * decayed / (whole * (now.high - now.low)) + 0.0 * T
+            return p.in_depth * absorbed_flux(now, p) * decayed / (whole * (now.high - now.low)) + 0.0 * T
 
         yield Heat.film("block.face", lambda now, p: 0.0 if now.touching else p.film)
-        yield Heat.patch("block.face", at_face)
-        yield Heat.zone("block", inside)
+        yield Heat.patch("block.face", face_flux)
+        yield Heat.zone("block", depth_heat)
 
 
-def _curve(given, folder, key, along):
+def _read_curve(given, folder, key, along):
     """Curve of a table, 1 where none is given."""
     if given is None:
         return lambda at: 1.0
-    at, y = pairs(given, folder, key, low=0.0, columns=(along, RELATIVE_VALUE))
+    at, y = read_xy_pairs(given, folder, key, low=0.0, columns=(along, RELATIVE_VALUE))
     return Curve(at, y) if len(at) > 1 else (lambda at: y[0])

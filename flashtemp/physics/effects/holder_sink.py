@@ -26,7 +26,7 @@ class HolderSink(Effect):
     def heat(self, scene, p):
         """Film at the back."""
 
-        def far(now, p):
+        def holder_temperature(now, p):
             return now.ambient if p.temperature is None else p.temperature + KELVIN
 
-        yield Heat.film("block.holder", lambda now, p: p.coefficient, to="holder", far=far)
+        yield Heat.film("block.holder", lambda now, p: p.coefficient, to="holder", far=holder_temperature)

@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 
 from flashtemp.physics.effect import Effect, Factor, Param
-from flashtemp.physics.friction.heat_kernels import overlap
+from flashtemp.physics.friction.heat_kernels import disc_overlap
 
 
 class Lanes(Effect):
@@ -39,7 +39,7 @@ class Lanes(Effect):
         D = scene.spot_diameter
 
         def law(T, now, p, apart):
-            lost = 1.0 - np.maximum(overlap(np.asarray(apart) / D), now.covered)
+            lost = 1.0 - np.maximum(disc_overlap(np.asarray(apart) / D), now.covered)
             return 1.0 - p.lane_widening * np.where(np.asarray(apart) > 0.0, lost, 0.0)
 
         yield Factor("road.lane_overlap", law)

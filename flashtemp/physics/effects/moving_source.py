@@ -65,31 +65,31 @@ class MovingSource(Effect):
             bend = (
                 p.radius - np.sqrt(np.maximum(p.radius**2 - (now.y - p.axis) ** 2, 0.0)) if isfinite(p.radius) else 0.0
             )
-            shape = (even + p.tilt * e) * _gauss(tip + bend, p.width)
+            shape = (even + p.tilt * e) * _gaussian_density(tip + bend, p.width)
             if p.bite:
-                shape = shape * (1.0 + p.bite * (1.0 + p.bite_tilt * e) * _fading(p.speed * been, p.bite_length))
+                shape = shape * (1.0 + p.bite * (1.0 + p.bite_tilt * e) * _exponential_decay(p.speed * been, p.bite_length))
             if isfinite(p.radius):
-                behind = _gauss(tip + 2.0 * p.radius - bend, p.back_width or p.width)
+                behind = _gaussian_density(tip + 2.0 * p.radius - bend, p.back_width or p.width)
                 shape = shape + p.back * (even + p.back_tilt * e) * behind
             if p.chips:
-                heaped = 1.0 - _fading(been, p.chips_rise) if p.chips_rise else 1.0
-                fallen = (1.0 + p.chips_tilt * e) * _gauss(tip - p.chips_ahead, p.chips_width)
+                heaped = 1.0 - _exponential_decay(been, p.chips_rise) if p.chips_rise else 1.0
+                fallen = (1.0 + p.chips_tilt * e) * _gaussian_density(tip - p.chips_ahead, p.chips_width)
                 shape = shape + p.chips * heaped * fallen
             return p.strength * shape + 0.0 * T
 
-        def pace(T, now, p):
+        def step_rate(T, now, p):
             if now.touching or not p.strength:
                 return 0.0
             return p.speed / min(p.width, p.back_width or p.width, p.bite_length if p.bite else inf)
 
         yield Heat.patch("block.face", law)
-        yield Term("march.rate", pace)
+        yield Term("march.rate", step_rate)
 
 
-def _gauss(x, width):
+def _gaussian_density(x, width):
     return np.exp(-0.5 * (x / width) ** 2) / (width * sqrt(2.0 * pi))
 
 
-def _fading(since, scale):
+def _exponential_decay(since, scale):
     """1 until something begins, then exp(-since / scale)."""
     return np.exp(-max(since, 0.0) / scale)

@@ -14,7 +14,7 @@ from flashtemp.errors import BadInput
 from flashtemp.physics.effect import Deposit, Effect, Factor, Param
 from flashtemp.physics.friction import friction_table, theory_inputs
 
-SHALLOW = 4e-6  # m: viscoelastic heat nearer to the contact counts as released in it
+MIN_DEPOSIT_DEPTH_M = 4e-6  # m: viscoelastic heat nearer to the contact counts as released in it
 
 
 class PerssonFriction(Effect):
@@ -63,56 +63,56 @@ class PerssonFriction(Effect):
         """Read curves and spectra into one theory."""
         if values["spots"] not in ("given", "theory"):
             raise BadInput(f'persson_friction.spots: {values["spots"]!r}; give "given" or "theory"')
-        values["theory"] = theory_inputs.theory(values, folder, "persson_friction")
-        values["folder"], values["assumed"] = folder, theory_inputs.assumed(values)
+        values["theory"] = theory_inputs.build_theory(values, folder, "persson_friction")
+        values["folder"], values["assumed"] = folder, theory_inputs.describe_assumptions(values)
         return values
 
     def heat(self, scene, p):
         """Factor on friction.mu, on the contact fraction, and deposits in depth."""
         if p.weight == 0:
             return
-        look = friction_table.Reading(lambda: _tabulated(scene, p))
-        fastest = p.theory, scene.speeds[1], scene.ambient, scene.load, SHALLOW
-        depths = theory_inputs.depths(*fastest) if p.in_depth else []
+        look = friction_table.TableLookup(lambda: _tabulate_scene(scene, p))
+        fastest = p.theory, scene.speeds[1], scene.ambient, scene.load, MIN_DEPOSIT_DEPTH_M
+        depths = theory_inputs.heat_deposits(*fastest) if p.in_depth else []
         inside = sum(share for share, _ in depths)
 
-        def law(T, now, p):
+        def friction_factor(T, now, p):
             return 1.0 + p.weight * (look(T, now)[0] - 1.0)
 
-        def parted(T, now, p):
+        def in_depth_factor(T, now, p):
             mu, deep = look(T, now)
             return 1.0 + p.weight * (deep / mu / inside - 1.0)
 
-        def fraction(T, now, p):
-            v, face = max(now.last_speed, friction_table.SLOWEST), scene.ambient if now.face is None else now.face
+        def spot_fraction_factor(T, now, p):
+            v, face = max(now.last_speed, friction_table.MIN_TABLE_SPEED_M_S), scene.ambient if now.face is None else now.face
             lifted = np.real(now.base) <= 0.0  # 0/0: nothing touches there by either law
             ratio = covering(v, now.local_pressure, face) / np.where(lifted, 1.0, now.base)
             return np.where(lifted, 1.0, 1.0 + p.weight * (ratio - 1.0))
 
-        yield Factor("friction.mu", law)
+        yield Factor("friction.mu", friction_factor)
         if p.spots == "theory":
-            warm = friction_table.temperatures(scene.ambient)
+            warm = friction_table.node_temperatures(scene.ambient)
             covering = p.theory.covering(2 * np.pi / scene.spot_diameter, warm, scene.load)
-            yield Factor("contact.spot_fraction", fraction)
+            yield Factor("contact.spot_fraction", spot_fraction_factor)
         for share, depth in depths:
             yield Deposit(p.weight * share, depth)
         if depths:
-            yield Factor("friction.in_depth", parted)
-        if not p.extrapolate and (said := theory_inputs.beyond(p.theory, scene.speeds, scene.ambient, scene.load)):
+            yield Factor("friction.in_depth", in_depth_factor)
+        if not p.extrapolate and (said := theory_inputs.describe_extrapolation(p.theory, scene.speeds, scene.ambient, scene.load)):
             raise BadInput(f"persson_friction.extrapolate: false, but {said[0]}; measure further, or allow it")
 
     def remarks(self, scene, p, run=None):
         """Friction from beyond what was measured or tabulated, and keys that have no say."""
-        said = theory_inputs.beyond(p.theory, scene.speeds, scene.ambient, scene.load) + p.assumed
+        said = theory_inputs.describe_extrapolation(p.theory, scene.speeds, scene.ambient, scene.load) + p.assumed
         if p.weight > 0 and run is not None:
-            said += _tabulated(scene, p).left(run, p.theory.rubber.shift.reach)
+            said += _tabulate_scene(scene, p).describe_excursions(run, p.theory.rubber.shift.reach)
         return said
 
     def leave(self, scene, p, folder):
         """The table of friction, which a repeated run takes up again."""
         if p.weight > 0:
-            _tabulated(scene, p).save(folder)
+            _tabulate_scene(scene, p).save(folder)
 
 
-def _tabulated(s, p) -> friction_table.Table:
-    return friction_table.tabulate(p.theory, s.block, s.spot_diameter, s.speeds, s.load, s.ambient, SHALLOW, p.folder)
+def _tabulate_scene(s, p) -> friction_table.FrictionTable:
+    return friction_table.tabulate_friction(p.theory, s.block, s.spot_diameter, s.speeds, s.load, s.ambient, MIN_DEPOSIT_DEPTH_M, p.folder)

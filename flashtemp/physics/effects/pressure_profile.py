@@ -13,7 +13,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from flashtemp.errors import BadInput
 from flashtemp.physics.effect import Effect, Factor, Param
-from flashtemp.physics.interpolation import Curve, grid, pairs
+from flashtemp.physics.interpolation import Curve, read_surface, read_xy_pairs
 from flashtemp.physics.tables.wanted import PLACE_X, PLACE_Y, RELATIVE_PRESSURE
 
 
@@ -39,8 +39,8 @@ class PressureProfile(Effect):
         if all(values[k] is None for k in ("profile", "across", "map")):
             raise BadInput("pressure_profile.profile: missing; give rows of [x in m, relative pressure] or a CSV file")
         for key in ("profile", "across"):
-            values[key] = _curve(values[key], folder, f"pressure_profile.{key}", "x" if key == "profile" else "y")
-        values["map"] = _map(values["map"], folder, "pressure_profile.map")
+            values[key] = _read_curve(values[key], folder, f"pressure_profile.{key}", "x" if key == "profile" else "y")
+        values["map"] = _read_map(values["map"], folder, "pressure_profile.map")
         return values
 
     def heat(self, scene, p):
@@ -52,12 +52,12 @@ class PressureProfile(Effect):
         yield Factor("contact.pressure", law)
 
 
-def _curve(given, folder, key, axis):
+def _read_curve(given, folder, key, axis):
     """Curve of a table, 1 where none is given."""
     if given is None:
         return lambda at: 1.0
     place = PLACE_X if axis == "x" else PLACE_Y
-    at, y = pairs(given, folder, key, low=0.0, columns=(place, RELATIVE_PRESSURE))
+    at, y = read_xy_pairs(given, folder, key, low=0.0, columns=(place, RELATIVE_PRESSURE))
     if len(at) < 2 or max(y) <= 0:
         raise BadInput(
             f"{key}: {len(at)} row(s), largest {max(y):g}; give at least two rows of [{axis} in m, relative pressure], "
@@ -66,11 +66,11 @@ def _curve(given, folder, key, axis):
     return Curve(at, y)
 
 
-def _map(given, folder, key):
+def _read_map(given, folder, key):
     """Bilinear map of a table of x and y, its edges held outside; 1 where none is given."""
     if given is None:
         return lambda x, y: 1.0
-    table = grid(given, folder, key, (PLACE_X, PLACE_Y, RELATIVE_PRESSURE))
+    table = read_surface(given, folder, key, (PLACE_X, PLACE_Y, RELATIVE_PRESSURE))
     z, nodes = np.asarray(table.z), (np.asarray(table.u), np.asarray(table.v))
     if z.min() < 0 or z.max() <= 0 or min(z.shape) < 2:
         raise BadInput(
@@ -79,8 +79,8 @@ def _map(given, folder, key):
         )
     inner = RegularGridInterpolator(nodes, z)
 
-    def at_places(x, y):
+    def interpolate_map(x, y):
         at = np.broadcast_arrays(*(np.clip(v, n[0], n[-1]) for v, n in zip((x, y), nodes, strict=True)))
         return inner(np.stack(at, axis=-1))
 
-    return at_places
+    return interpolate_map

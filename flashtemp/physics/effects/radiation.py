@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from flashtemp.physics.effect import Effect, Heat, Param
 
-SIGMA = 5.670374419e-8  # W/m2K4
+STEFAN_BOLTZMANN_W_M2K4 = 5.670374419e-8  # W/m2K4
 
 
 class Radiation(Effect):
@@ -38,13 +38,13 @@ class Radiation(Effect):
         """Fluxes through all walls, the free road, the face while nothing touches it, and the back."""
 
         def law(T, now, p):
-            return p.emissivity * SIGMA * (now.ambient**4 - T**4)
+            return p.emissivity * STEFAN_BOLTZMANN_W_M2K4 * (now.ambient**4 - T**4)
 
         for site in ("block.leading", "block.trailing", "block.sides", "road.free"):
             yield Heat.patch(site, law)
 
-        def of_face(T, now, p):
-            return (0.0 if now.touching else p.face) * SIGMA * (now.ambient**4 - T**4)
+        def face_flux(T, now, p):
+            return (0.0 if now.touching else p.face) * STEFAN_BOLTZMANN_W_M2K4 * (now.ambient**4 - T**4)
 
-        yield Heat.patch("block.face", of_face)
-        yield Heat.patch("block.holder", lambda T, now, p: p.back * SIGMA * (now.ambient**4 - T**4))
+        yield Heat.patch("block.face", face_flux)
+        yield Heat.patch("block.holder", lambda T, now, p: p.back * STEFAN_BOLTZMANN_W_M2K4 * (now.ambient**4 - T**4))

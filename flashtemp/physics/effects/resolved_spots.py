@@ -15,10 +15,10 @@ import numpy as np
 
 from flashtemp.errors import BadInput
 from flashtemp.physics.effect import Effect, Param, Term
-from flashtemp.physics.friction.spot_patterns import Stripes, discs, read_map
+from flashtemp.physics.friction.spot_patterns import StripePattern, place_discs, read_contact_map
 
-PATTERNS = ("random", "regular", "stripes")
-STEPS = 12.0  # at least, while the road moves by a diameter
+SPOT_PATTERNS = ("random", "regular", "stripes")
+STEPS_PER_DIAMETER = 12.0  # at least, while the road moves by a diameter
 
 
 class ResolvedSpots(Effect):
@@ -39,10 +39,10 @@ class ResolvedSpots(Effect):
     @classmethod
     def prepare(cls, values, folder):
         """Check the pattern and read the map."""
-        if values["pattern"] not in PATTERNS:
-            raise BadInput(f"resolved_spots.pattern: {values['pattern']!r}; give {', '.join(PATTERNS)}")
+        if values["pattern"] not in SPOT_PATTERNS:
+            raise BadInput(f"resolved_spots.pattern: {values['pattern']!r}; give {', '.join(SPOT_PATTERNS)}")
         if values["contact_map"] is not None:
-            values["contact_map"] = read_map(folder / values["contact_map"], "resolved_spots.contact_map")
+            values["contact_map"] = read_contact_map(folder / values["contact_map"], "resolved_spots.contact_map")
         return values
 
     def heat(self, scene, p):
@@ -50,19 +50,19 @@ class ResolvedSpots(Effect):
         D, phi = scene.spot_diameter, scene.spot_fraction
 
         @cache
-        def ground():
+        def lay_spots():
             if -1 in scene.schedule.directions:
                 raise BadInput("schedule.speed: resolved_spots follows its spots forward only; give a speed > 0")
             if p.contact_map is not None:
                 road = p.contact_map
             elif p.pattern == "stripes":
-                road = Stripes(D, phi)
+                road = StripePattern(D, phi)
             else:
-                road = discs(p.pattern, D, phi, scene.width, p.repeat, p.seed, "resolved_spots.pattern")
-            return road.repeat, road.area(scene.mesh.y, scene.width)
+                road = place_discs(p.pattern, D, phi, scene.width, p.repeat, p.seed, "resolved_spots.pattern")
+            return road.repeat, road.cumulative_cover(scene.mesh.y, scene.width)
 
-        def cover(T, now, p):
-            repeat, area = ground()
+        def covered_fraction(T, now, p):
+            repeat, area = lay_spots()
             mesh, count = scene.mesh, area.shape[1] - 1
             x = mesh.x[mesh.first : mesh.last + 1] if now.lead is None else now.lead
             edges = (x - now.slid) / repeat
@@ -72,6 +72,6 @@ class ResolvedSpots(Effect):
             F = area[:, k] + (at - k) * (area[:, k + 1] - area[:, k]) + turns * area[:, -1:]
             return (np.diff(F, axis=1) / np.maximum(np.diff(x), 1e-12)).T.ravel()
 
-        yield Term("contact.cover", cover)
+        yield Term("contact.cover", covered_fraction)
         yield Term("contact.resolved", lambda T, now, p: p.weight)
-        yield Term("march.rate", lambda T, now, p: STEPS * p.weight * now.speed / D)
+        yield Term("march.rate", lambda T, now, p: STEPS_PER_DIAMETER * p.weight * now.speed / D)

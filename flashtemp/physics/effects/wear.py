@@ -17,10 +17,10 @@ import numpy as np
 
 from flashtemp.errors import BadInput
 from flashtemp.physics.effect import Effect, Param, Term
-from flashtemp.physics.interpolation import Curve, pairs
+from flashtemp.physics.interpolation import Curve, read_xy_pairs
 from flashtemp.physics.tables.wanted import PLACE_X, WORN_DEPTH
 
-LITERATURE = float(np.log(4.0) / 100.0)  # 1/K
+LITERATURE_EXPONENT_1_K = float(np.log(4.0) / 100.0)  # 1/K
 
 
 class Wear(Effect):
@@ -46,9 +46,9 @@ class Wear(Effect):
         if isinstance(given := values["temperature"], str):
             if given != "literature":
                 raise BadInput(f'wear.temperature: {given!r}; give a number (1/K) or "literature"')
-            values["temperature"] = LITERATURE
+            values["temperature"] = LITERATURE_EXPONENT_1_K
         if values["profile"] is not None:
-            x, y = pairs(values["profile"], folder, "wear.profile", columns=(PLACE_X, WORN_DEPTH))
+            x, y = read_xy_pairs(values["profile"], folder, "wear.profile", columns=(PLACE_X, WORN_DEPTH))
             values["profile"] = Curve(x, y) if len(x) > 1 else (lambda at: y[0] + 0.0 * at)
         return values
 

@@ -13,11 +13,11 @@ import numpy as np
 
 from flashtemp.physics.arrays import Value
 
-BOLTZMANN = 8.617333262e-5  # eV/K
+BOLTZMANN_EV_K = 8.617333262e-5  # eV/K
 
 
 @dataclass(frozen=True)
-class Shear:
+class AdhesiveShear:
     """tau_f = `stress` exp(-c [log10(v a/v0)]^2), ln a = (eps/k)(1/T - 1/T_ref); theory 2.3.
 
     `stress` Pa, `width` c, `speed` v0 in m/s at `reference` K, `activation` eps in eV.
@@ -29,10 +29,10 @@ class Shear:
     activation: float = 1.0
     reference: float = 293.15
 
-    def factor(self, T: Value) -> Value:
+    def shift_factor(self, T: Value) -> Value:
         """Shift factor at T (K)."""
-        return np.exp(self.activation / BOLTZMANN * (1.0 / T - 1.0 / self.reference))
+        return np.exp(self.activation / BOLTZMANN_EV_K * (1.0 / T - 1.0 / self.reference))
 
     def __call__(self, v: Value, T: Value) -> Value:
         """tau_f (Pa) at sliding speed v (m/s) and contact temperature T (K)."""
-        return self.stress * np.exp(-self.width * np.log10(v * self.factor(T) / self.speed) ** 2)
+        return self.stress * np.exp(-self.width * np.log10(v * self.shift_factor(T) / self.speed) ** 2)

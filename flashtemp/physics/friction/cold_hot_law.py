@@ -30,45 +30,45 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
 from flashtemp.physics.arrays import Value
-from flashtemp.physics.friction.flash_temperature import Branch, Spots, branches, heating
-from flashtemp.physics.friction.persson import Found, Theory
+from flashtemp.physics.friction.flash_temperature import FrictionBranch, ContactSpots, compute_branches, compute_heating_path
+from flashtemp.physics.friction.persson import TheoryResult, PerssonTheory
 from flashtemp.physics.material import Material
 
-MEMORY = (0.192, 1.51, 0.95)  # of the fit: r0/D without feedback and road, by the road's share, by hot over cold
-ALIKE = (0.82, 3.32)  # cold over hot friction, between which the fit holds
-PAPER = 0.2  # r0/D of the source
-SLOWEST = 1e-5  # m/s: friction of what hardly moves
-PER_DECADE, SPARSE = 12, 3  # speeds of the branches; over a road every third is computed
+MEMORY_FIT = (0.192, 1.51, 0.95)  # of the fit: r0/D without feedback and road, by the road's share, by hot over cold
+COLD_OVER_HOT_RANGE = (0.82, 3.32)  # cold over hot friction, between which the fit holds
+PUBLISHED_MEMORY_RATIO = 0.2  # r0/D of the source
+MIN_LAW_SPEED_M_S = 1e-5  # m/s: friction of what hardly moves
+SPEEDS_PER_DECADE, ROAD_SPEED_STRIDE = 12, 3  # speeds of the branches; over a road every third is computed
 
 
-def memory(cold: Value, hot: Value, share: float = 0.0) -> np.ndarray:
+def memory_ratio(cold: Value, hot: Value, road_heat_fraction: float = 0.0) -> np.ndarray:
     """r0 over the diameter of a spot (n,) by cold and hot friction (n,), and the road's `share` e_S/(e_R + e_S)."""
-    first, road, back = MEMORY
-    found: np.ndarray = first * np.exp(road * share) * np.clip(np.asarray(cold) / np.asarray(hot), *ALIKE) ** -back
+    first, road, back = MEMORY_FIT
+    found: np.ndarray = first * np.exp(road * road_heat_fraction) * np.clip(np.asarray(cold) / np.asarray(hot), *COLD_OVER_HOT_RANGE) ** -back
     return found
 
 
-def _between(hot: Branch, found: Found, speeds: np.ndarray, T0: float) -> tuple[Branch, Branch]:
+def _interpolate_branches(hot: FrictionBranch, found: TheoryResult, speeds: np.ndarray, T0: float) -> tuple[FrictionBranch, FrictionBranch]:
     """Both branches at all speeds (n,) from a hot one at some of them: splines of what the flash changes."""
-    cold = Branch(speeds, found.viscous, found.adhesive, np.full(len(speeds), T0))
+    cold = FrictionBranch(speeds, found.viscous, found.adhesive, np.full(len(speeds), T0))
     x, at = np.log(speeds), np.log(hot.speed)
 
-    def along(values: np.ndarray, before: np.ndarray) -> np.ndarray:
+    def interpolate_change(values: np.ndarray, before: np.ndarray) -> np.ndarray:
         found: np.ndarray = before + CubicSpline(at, values - np.interp(at, x, before))(x)
         return found
 
-    return cold, Branch(speeds, *(along(getattr(hot, k), getattr(cold, k)) for k in ("viscous", "adhesive", "T")))
+    return cold, FrictionBranch(speeds, *(interpolate_change(getattr(hot, k), getattr(cold, k)) for k in ("viscous", "adhesive", "T")))
 
 
 @dataclass(frozen=True, eq=False)
-class Law:
+class ColdHotLaw:
     """Cold and hot branch and the distance `r0` (m) between them, one or (n,) at the branches' speeds.
 
     Linear in ln v, held beyond their speeds.
     """
 
-    cold: Branch
-    hot: Branch
+    cold: FrictionBranch
+    hot: FrictionBranch
     r0: float | np.ndarray
 
     @cached_property
@@ -76,64 +76,64 @@ class Law:
         each = np.broadcast_to(self.r0, np.shape(self.cold.speed))
         return [np.log(self.cold.speed), *(np.asarray(c, dtype=float) for c in (self.cold.mu, self.hot.mu, each))]
 
-    def _at(self, v: Value) -> tuple[np.ndarray, ...]:
+    def _values_at_speed(self, v: Value) -> tuple[np.ndarray, ...]:
         """mu_cold, mu_hot and r0 (m) at speeds v >= 0 (m/s)."""
         logs, *curves = self._curves
         x = np.log(np.maximum(v, self.cold.speed[0]))
         return tuple(np.interp(x, logs, curve) for curve in curves)
 
-    def ends(self, v: Value) -> Value:
+    def branch_friction(self, v: Value) -> Value:
         """mu_cold and mu_hot at speeds v >= 0 (m/s)."""
-        return self._at(v)[:2]
+        return self._values_at_speed(v)[:2]
 
-    def reach(self, v: Value) -> np.ndarray:
+    def memory_distance(self, v: Value) -> np.ndarray:
         """r0 (m) at speeds v >= 0 (m/s)."""
-        found: np.ndarray = self._at(v)[2]
+        found: np.ndarray = self._values_at_speed(v)[2]
         return found
 
     @property
-    def said(self) -> str:
+    def memory_text(self) -> str:
         """r0 in mm, in words: one number, or from the smallest to the largest."""
         ends = {f"{1e3 * r:.3g}" for r in (np.min(self.r0), np.max(self.r0))}
         return " to ".join(sorted(ends, key=float))
 
     def __call__(self, v: Value, r: Value) -> Value:
         """mu at speeds v >= 0 (m/s), r (m) after coming into contact; both broadcast."""
-        cold, hot, r0 = self._at(v)
+        cold, hot, r0 = self._values_at_speed(v)
         return hot + (cold - hot) * np.exp(-np.asarray(r) / r0)
 
-    def alike(self, which: str) -> Law:
+    def without_memory(self, branch_name: str) -> ColdHotLaw:
         """The control without memory: both branches "cold", or both "hot"."""
-        branch = getattr(self, which)
+        branch = getattr(self, branch_name)
         return replace(self, cold=branch, hot=branch)
 
 
-def law(
-    theory: Theory,
+def derive_law(
+    theory: PerssonTheory,
     rubber: Material,
-    spots: Spots,
+    spots: ContactSpots,
     T0: float,
     p: float,
     fastest: float,
-    given: float | None = None,
-) -> Law:
+    stated_ratio: float | None = None,
+) -> ColdHotLaw:
     """The law of a theory at background T0 (K), pressure p (Pa), speeds up to `fastest` (m/s).
 
     r0 is `given` times the diameter of a spot, or follows the fit.  Speeds reach at least a decade above the slowest.
     Raises SolverFailure where the hot branch cannot be found.
     """
-    fastest = max(fastest, 10.0 * SLOWEST)
-    count = round(PER_DECADE * np.log10(fastest / SLOWEST)) + 1
-    speeds = np.geomspace(SLOWEST, fastest, count)
-    sparse = slice(None) if spots.road is None else np.unique(np.append(np.arange(0, count, SPARSE), count - 1))
-    cold, hot = branches(theory, rubber, spots, speeds[sparse], T0, p)
+    fastest = max(fastest, 10.0 * MIN_LAW_SPEED_M_S)
+    count = round(SPEEDS_PER_DECADE * np.log10(fastest / MIN_LAW_SPEED_M_S)) + 1
+    speeds = np.geomspace(MIN_LAW_SPEED_M_S, fastest, count)
+    sparse = slice(None) if spots.road is None else np.unique(np.append(np.arange(0, count, ROAD_SPEED_STRIDE), count - 1))
+    cold, hot = compute_branches(theory, rubber, spots, speeds[sparse], T0, p)
     if spots.road is not None:
-        cold, hot = _between(hot, theory(speeds, T0, p), speeds, T0)
-    part = memory(cold.mu, hot.mu, spots.share(rubber)) if given is None else given
-    return Law(cold, hot, part * spots.diameter)
+        cold, hot = _interpolate_branches(hot, theory(speeds, T0, p), speeds, T0)
+    part = memory_ratio(cold.mu, hot.mu, spots.road_heat_fraction(rubber)) if stated_ratio is None else stated_ratio
+    return ColdHotLaw(cold, hot, part * spots.diameter)
 
 
-class Fit(NamedTuple):
+class ColdHotFit(NamedTuple):
     """At speeds (n,) m/s: `best` r0 over the spot's diameter beside the kernel theory, `memory` by the fit of all.
 
     Largest relative `deviation` from the kernel theory of the law with the fit, and with r0 = 0.2 D: `paper`.
@@ -146,25 +146,25 @@ class Fit(NamedTuple):
     paper: np.ndarray
 
 
-def fit(theory: Theory, rubber: Material, spots: Spots, speeds: Value, T0: float, p: float) -> Fit:
+def compare_with_kernels(theory: PerssonTheory, rubber: Material, spots: ContactSpots, speeds: Value, T0: float, p: float) -> ColdHotFit:
     """How well the law stands for the kernel theory at constant speeds (m/s), background T0 (K) and pressure p (Pa).
 
     The history is `hot.heating` over two diameters; least squares, every stretch of it weighing by its length (C25).
     """
     speeds = np.asarray(speeds, dtype=float)
-    cold, hot = branches(theory, rubber, spots, speeds, T0, p)
-    fitted = memory(cold.mu, hot.mu, spots.share(rubber))
+    cold, hot = compute_branches(theory, rubber, spots, speeds, T0, p)
+    fitted = memory_ratio(cold.mu, hot.mu, spots.road_heat_fraction(rubber))
     rows = []
     for v, first, last, told in zip(speeds, cold.mu, hot.mu, fitted, strict=True):
-        way = heating(theory, rubber, spots, v, T0, p)
+        way = compute_heating_path(theory, rubber, spots, v, T0, p)
         r = way.slid / spots.diameter
 
         def law(memory: float, r: Value = r, first: Value = first, last: Value = last) -> Value:
             return last + (first - last) * np.exp(-r / memory)
 
-        def miss(memory: float, mu: Value = way.mu, r: Value = r, law: Value = law) -> Value:
+        def squared_error(memory: float, mu: Value = way.mu, r: Value = r, law: Value = law) -> Value:
             return np.sum(np.gradient(r) * (law(memory) - mu) ** 2)
 
-        best = minimize_scalar(miss, bounds=(0.01, 1.0), method="bounded")
-        rows.append((best.x, told, *(np.max(np.abs(law(m) / way.mu - 1.0)) for m in (told, PAPER))))
-    return Fit(speeds, *np.array(rows).T)
+        best = minimize_scalar(squared_error, bounds=(0.01, 1.0), method="bounded")
+        rows.append((best.x, told, *(np.max(np.abs(law(m) / way.mu - 1.0)) for m in (told, PUBLISHED_MEMORY_RATIO))))
+    return ColdHotFit(speeds, *np.array(rows).T)

@@ -16,15 +16,15 @@ import numpy as np
 
 from flashtemp.errors import BadInput
 from flashtemp.physics.arrays import Value
-from flashtemp.physics.friction.elastic_contact import library, touching
+from flashtemp.physics.friction.elastic_contact import load_topography_library, solve_contact_area
 from flashtemp.physics.friction.spot_patterns import ContactMap
-from flashtemp.showing import Shown, whole_file
+from flashtemp.showing import DisplayMixin, atomic_write
 
-STEEP = 0.3  # rms height over the shorter side, above which the heights are surely in another unit than m
+MAX_HEIGHT_OVER_SIDE = 0.3  # rms height over the shorter side, above which the heights are surely in another unit than m
 
 
 @dataclass(frozen=True, repr=False)
-class Spots(Shown):
+class SolvedContactMap(DisplayMixin):
     """A contact map with the nominal `pressure` (Pa) that made it and what it holds.
 
     `fraction` covered, `number` of regions, `diameter` (m) of a disc with their area-weighted mean area.
@@ -41,7 +41,7 @@ class Spots(Shown):
     def save(self, file: Path) -> None:
         """Write the .npz that `patterns.read_map` reads."""
         about = {k: getattr(self, k) for k in ("pressure", "cutoff", "rms_height", "fraction", "number", "diameter")}
-        with whole_file(Path(file)) as fresh, fresh.open("wb") as out:
+        with atomic_write(Path(file)) as fresh, fresh.open("wb") as out:
             np.savez_compressed(out, covered=self.ground.covered.astype(np.uint8), pixel_m=self.ground.pixel, **about)
 
     def as_dict(self) -> dict[str, Any]:
@@ -61,18 +61,18 @@ class Spots(Shown):
         )
 
 
-def read(file: Path, size: tuple[float, float] | None = None) -> Value:
+def read_height_map(file: Path, size: tuple[float, float] | None = None) -> Value:
     """A topography from any of the files that SurfaceTopography reads, in m; raises BadInput.
 
     `size` (m): length along the direction of sliding and width, for files that hold heights alone.
     """
-    surface = library()
+    surface = load_topography_library()
     try:
         with surface.open_topography(str(file)) as opened:
             channel = opened.default_channel
             own, unit, area = channel.physical_sizes, channel.unit, channel.dim == 2
     except Exception as fault:  # readers raise whatever the damage leads to
-        raise BadInput(_unread(file, fault)) from fault
+        raise BadInput(_describe_unreadable(file, fault)) from fault
     if not area:
         raise BadInput(f"{file}: a line, not an area; give a height map")
     if own is None and size is None:
@@ -82,24 +82,24 @@ def read(file: Path, size: tuple[float, float] | None = None) -> Value:
     try:
         given = {}
         if own is None and size is not None:
-            given["physical_sizes"] = size if unit is None else tuple(s / _metres(unit) for s in size)
+            given["physical_sizes"] = size if unit is None else tuple(s / _unit_length_m(unit) for s in size)
         road = surface.read_topography(str(file), **given)
         road = (road.to_unit("m") if road.unit else road).detrend("height")
         rms = road.rms_height_from_area()
     except Exception as fault:
-        raise BadInput(_unread(file, fault)) from fault
-    if not unit and rms > STEEP * min(road.physical_sizes):
+        raise BadInput(_describe_unreadable(file, fault)) from fault
+    if not unit and rms > MAX_HEIGHT_OVER_SIDE * min(road.physical_sizes):
         raise BadInput(f"{file}: heights of {rms:.3g} m rms on {min(road.physical_sizes):.3g} m; give heights in m")
     return road
 
 
-def _unread(file: Value, fault: Value) -> str:
+def _describe_unreadable(file: Value, fault: Value) -> str:
     why = textwrap.shorten(str(fault), 120, placeholder=" ...")
     remedy = "give a height map of an instrument, a text matrix of heights in m, or --synthetic"
     return f"{file}: no topography: {why}; {remedy}"
 
 
-def _metres(unit: str) -> float:
+def _unit_length_m(unit: str) -> float:
     """Length of a unit in m."""
     from SurfaceTopography.Support.UnitConversion import get_unit_conversion_factor
 
@@ -107,15 +107,15 @@ def _metres(unit: str) -> float:
     return found
 
 
-def synthetic(length: float, width: float, pixel: float, hurst: float, rms: float, rolloff: float, seed: int) -> Value:
+def generate_topography(length: float, width: float, pixel: float, hurst: float, rms: float, rolloff: float, seed: int) -> Value:
     """A self-affine topography of Hurst exponent `hurst`: rms height `rms`, flat above the wavelength `rolloff` (m)."""
     shape = tuple(max(16, round(side / pixel)) for side in (length, width))
-    return library().Generation.fourier_synthesis(
+    return load_topography_library().Generation.fourier_synthesis(
         shape, (length, width), hurst=hurst, rms_height=rms, long_cutoff=rolloff, rng=np.random.default_rng(seed)
     )
 
 
-def press(topography: Value, pressure: float, modulus: float, cutoff: float) -> Spots:
+def solve_contact_map(topography: Value, pressure: float, modulus: float, cutoff: float) -> SolvedContactMap:
     """Where rubber of contact `modulus` E/(1 - nu^2) (Pa) touches the road under a nominal `pressure` (Pa).
 
     Asperities shorter than `cutoff` (m) are left out.  Raises BadInput where nothing is left or the solve fails.
@@ -126,18 +126,18 @@ def press(topography: Value, pressure: float, modulus: float, cutoff: float) -> 
     pixel = tuple(s / n for s, n in zip(size, shape, strict=True))
     if cutoff < 2 * max(pixel):
         raise BadInput(f"--cutoff: {cutoff:g} m is less than two pixels of {max(pixel):.3g} m; give a longer one")
-    heights = _smooth(np.ma.filled(np.ma.asarray(topography.heights()).astype(float), np.nan), pixel, cutoff)
-    covered = touching(heights, size, modulus, pressure)
+    heights = _filter_heights(np.ma.filled(np.ma.asarray(topography.heights()).astype(float), np.nan), pixel, cutoff)
+    covered = solve_contact_area(heights, size, modulus, pressure)
     regions, number = label(covered)
     areas = np.bincount(regions.ravel())[1:] * pixel[0] * pixel[1]
     diameter = float(np.sqrt(4 / np.pi * np.sum(areas**2) / np.sum(areas)))
     rms = float(heights.std())
-    return Spots(
+    return SolvedContactMap(
         ContactMap(covered.astype(float), pixel), pressure, cutoff, rms, float(covered.mean()), number, diameter
     )
 
 
-def _smooth(heights: np.ndarray, pixel: Value, cutoff: float) -> np.ndarray:
+def _filter_heights(heights: np.ndarray, pixel: Value, cutoff: float) -> np.ndarray:
     """Heights without wavelengths shorter than `cutoff`; missing points at the mean."""
     heights = np.where(np.isfinite(heights), heights, np.nanmean(heights))
     q = np.hypot(

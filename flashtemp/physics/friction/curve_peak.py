@@ -15,7 +15,7 @@ import numpy as np
 from flashtemp.physics.arrays import Value
 
 
-class Peak(NamedTuple):
+class CurvePeak(NamedTuple):
     """Where a curve is highest, its `value` there, and whether that is the `first` or the `last` that was computed."""
 
     at: float
@@ -24,22 +24,22 @@ class Peak(NamedTuple):
     last: bool = False
 
     @property
-    def edge(self) -> bool:
+    def is_at_edge(self) -> bool:
         """Whether the curve may be higher beyond what was computed."""
         return self.first or self.last
 
 
-def highest(at: Value, values: Value) -> Peak:
+def find_peak(positions: Value, values: Value) -> CurvePeak:
     """Highest point of `values` (n,) over positive, rising `at` (n,), whatever their units.
 
     A parabola over ln at goes through the highest node and its neighbours.
     """
-    at, values = np.asarray(at, dtype=float), np.asarray(values, dtype=float)
+    positions, values = np.asarray(positions, dtype=float), np.asarray(values, dtype=float)
     i = int(np.argmax(values))
-    if i in (0, len(at) - 1):
-        return Peak(float(at[i]), float(values[i]), i == 0, i == len(at) - 1)
-    x, y = np.log(at[i - 1 : i + 2] / at[i]), values[i - 1 : i + 2] - values[i]
+    if i in (0, len(positions) - 1):
+        return CurvePeak(float(positions[i]), float(values[i]), i == 0, i == len(positions) - 1)
+    x, y = np.log(positions[i - 1 : i + 2] / positions[i]), values[i - 1 : i + 2] - values[i]
     a, b = np.linalg.solve(np.stack([x[::2] ** 2, x[::2]], axis=1), y[::2])
     if not a < 0:
-        return Peak(float(at[i]), float(values[i]))
-    return Peak(float(at[i] * np.exp(-b / (2 * a))), float(values[i] - b * b / (4 * a)))
+        return CurvePeak(float(positions[i]), float(values[i]))
+    return CurvePeak(float(positions[i] * np.exp(-b / (2 * a))), float(values[i] - b * b / (4 * a)))

@@ -13,37 +13,37 @@ from flashtemp.physics.arrays import Value
 
 
 @contextmanager
-def quietly() -> Iterator[None]:
+def suppress_warnings() -> Iterator[None]:
     """Silence what the libraries say of functions that they deprecate and still use, and of libraries they miss."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield
 
 
-def library() -> Value:
+def load_topography_library() -> Value:
     """SurfaceTopography with its generators.  Raises BadInput where it is not installed."""
     try:
-        with quietly():
+        with suppress_warnings():
             import SurfaceTopography.Generation
     except ImportError as fault:
         raise BadInput("SurfaceTopography is not installed; pip install 'flashtemp[topography]'") from fault
     return SurfaceTopography
 
 
-def touching(heights: np.ndarray, size: tuple[float, float], modulus: float, pressure: float) -> np.ndarray:
+def solve_contact_area(heights: np.ndarray, size: tuple[float, float], modulus: float, pressure: float) -> np.ndarray:
     """Where (nx, ny) the half-space of contact modulus E/(1 - nu^2) (Pa) touches periodic heights (m) over `size` (m).
 
     `pressure` nominal, Pa; hard wall, no adhesion.  Raises BadInput where no contact is found.
     """
-    surface = library()
+    surface = load_topography_library()
     try:
-        with quietly():
+        with suppress_warnings():
             import ContactMechanics.Systems as systems
     except ImportError as fault:
         raise BadInput("ContactMechanics is not installed; pip install 'flashtemp[topography]'") from fault
     import ContactMechanics
 
-    with quietly():
+    with suppress_warnings():
         road = surface.Topography(heights, size, periodic=True)
         rubber = ContactMechanics.PeriodicFFTElasticHalfSpace(heights.shape, modulus, size)
         system = systems.NonSmoothContactSystem(rubber, road)

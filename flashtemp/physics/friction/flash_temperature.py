@@ -18,19 +18,19 @@ import numpy as np
 
 from flashtemp.errors import SolverFailure
 from flashtemp.physics.arrays import Value
-from flashtemp.physics.friction.heat_kernels import Memory, overlap
-from flashtemp.physics.friction.persson import Found, Theory
+from flashtemp.physics.friction.heat_kernels import HeatMemory, disc_overlap
+from flashtemp.physics.friction.persson import TheoryResult, PerssonTheory
 from flashtemp.physics.friction.road_side import RoadSide
 from flashtemp.physics.material import Material
 
-PASSES, CLOSE = 600, 1e-6  # of the fixed point; K, and share of the rise
-WAY = 2.0  # spot diameters after which friction counts as hot
-QUICK = 48  # steps to the hot branch where a road takes heat
-STANDING = 1e-9  # m/s: what moves slower has the friction of this speed, and the heat of its own
+MAX_FLASH_ITERATIONS, FLASH_TOLERANCE = 600, 1e-6  # of the fixed point; K, and share of the rise
+HOT_SLIDING_DIAMETERS = 2.0  # spot diameters after which friction counts as hot
+ROAD_SLIDING_STEPS = 48  # steps to the hot branch where a road takes heat
+MIN_SLIDING_SPEED_M_S = 1e-9  # m/s: what moves slower has the friction of this speed, and the heat of its own
 
 
 @dataclass(frozen=True)
-class Spots:
+class ContactSpots:
     """Macroasperity contact regions: `diameter` m; they cover `fraction`, P(2 pi/diameter) if not given.
 
     With a `road` under them it takes its share of the heat, and that of the adhesive part is released too; without one
@@ -41,20 +41,20 @@ class Spots:
     fraction: float | None = None
     road: RoadSide | None = None
 
-    def covered(self, theory: Theory, v: float, T0: float, p: float) -> float:
+    def contact_fraction(self, theory: PerssonTheory, v: float, T0: float, p: float) -> float:
         """phi at speed v (m/s), background T0 (K), which the long waves feel, and pressure p (Pa)."""
         if self.fraction is not None:
             return self.fraction
-        return float(theory.contact(2 * np.pi / self.diameter, v, T0, p))
+        return float(theory.contact_fraction(2 * np.pi / self.diameter, v, T0, p))
 
-    def share(self, rubber: Material) -> float:
+    def road_heat_fraction(self, rubber: Material) -> float:
         """Share of the contact's heat that flows into the road at first, e_S/(e_R + e_S); 0 without a road."""
         if self.road is None:
             return 0.0
         return self.road.material.effusivity / (rubber.effusivity + self.road.material.effusivity)
 
 
-class Branch(NamedTuple):
+class FrictionBranch(NamedTuple):
     """Friction at speeds (n,): viscoelastic and adhesive parts, and the highest T_q (K)."""
 
     speed: np.ndarray
@@ -68,60 +68,60 @@ class Branch(NamedTuple):
         return found
 
 
-def memory(theory: Theory, rubber: Material) -> Memory:
+def rubber_memory(theory: PerssonTheory, rubber: Material) -> HeatMemory:
     """The rubber's memory at the theory's wavenumbers."""
-    return Memory(theory.q, rubber.volumetric_capacity, rubber.diffusivity)
+    return HeatMemory(theory.q, rubber.volumetric_capacity, rubber.diffusivity)
 
 
-def source(found: Found, phi: float, v: float, p: float) -> np.ndarray:
+def viscoelastic_heat(found: TheoryResult, phi: float, v: float, p: float) -> np.ndarray:
     """Viscoelastic heat (n,) W/m2 of every node in a spot, eq. (5): (p v/phi) dmu/dq dq."""
     heat: np.ndarray = p * v / phi * found.density * found.weight
     return heat
 
 
-def hot(theory: Theory, rubber: Material, spots: Spots, v: float, T0: float, p: float, start: Value = None) -> Value:
+def solve_hot_branch(theory: PerssonTheory, rubber: Material, spots: ContactSpots, v: float, T0: float, p: float, start: Value = None) -> Value:
     """Friction and T_q (n,) K that agree while spots pass over rubber at T0 (K); theory 2.5, steady.
 
     A road under the spots never gets steady: then friction is hot that has slid over WAY diameters, and `start` is not
     needed.  Raises SolverFailure where friction and temperature do not agree.
     """
     if spots.road is not None:
-        *_, slide = _steps(theory, rubber, spots, v, T0, p, QUICK)
-        return slide.found(v), slide.T
-    past = memory(theory, rubber)
-    off, on = past.steady(spots.diameter / v)
-    phi = spots.covered(theory, v, T0, p)
+        *_, slide = _slide_towards_hot(theory, rubber, spots, v, T0, p, ROAD_SLIDING_STEPS)
+        return slide.evaluate_theory(v), slide.T
+    past = rubber_memory(theory, rubber)
+    off, on = past.steady_weights(spots.diameter / v)
+    phi = spots.contact_fraction(theory, v, T0, p)
     T = np.full(len(theory.q), T0) if start is None else start
     relax, last = 0.5, np.inf
-    for _ in range(PASSES):
+    for _ in range(MAX_FLASH_ITERATIONS):
         found = theory(v, T, p)
-        heat = source(found, phi, v, p)
-        new = T0 + past.rise(off, on, heat[None], past.spread(heat)[None])
+        heat = viscoelastic_heat(found, phi, v, p)
+        new = T0 + past.temperature_rise(off, on, heat[None], past.spread_heat(heat)[None])
         change = np.max(np.abs(new - T))
         relax = relax if change < last else max(0.7 * relax, 0.02)
         T, last = T + relax * (new - T), change
-        if change < CLOSE * max(1.0, new.max() - T0):
+        if change < FLASH_TOLERANCE * max(1.0, new.max() - T0):
             return found, T
     raise SolverFailure(f"friction and flash temperature do not agree at {v:g} m/s: {change:.2g} K apart")
 
 
-def branches(
-    theory: Theory, rubber: Material, spots: Spots, speeds: Value, T0: float, p: float
-) -> tuple[Branch, Branch]:
+def compute_branches(
+    theory: PerssonTheory, rubber: Material, spots: ContactSpots, speeds: Value, T0: float, p: float
+) -> tuple[FrictionBranch, FrictionBranch]:
     """Cold branch (no flash temperature) and hot branch at speeds (m/s), background T0 (K) and pressure p (Pa)."""
     speeds = np.asarray(speeds, dtype=float)
     cold = theory(speeds, T0, p)
     rows, T = [], None
     for v in speeds:
-        found, T = hot(theory, rubber, spots, v, T0, p, T)
+        found, T = solve_hot_branch(theory, rubber, spots, v, T0, p, T)
         rows.append((found.viscous, found.adhesive, T.max()))
     viscous, adhesive, highest = np.array(rows, dtype=float).T
-    return Branch(speeds, cold.viscous, cold.adhesive, np.full(len(speeds), T0)), Branch(
+    return FrictionBranch(speeds, cold.viscous, cold.adhesive, np.full(len(speeds), T0)), FrictionBranch(
         speeds, viscous, adhesive, highest
     )
 
 
-class Way(NamedTuple):
+class HeatingPath(NamedTuple):
     """Friction along a way: times (n,) s, slid distance m, speed m/s, friction coefficient, highest T_q (K)."""
 
     time: np.ndarray
@@ -131,91 +131,91 @@ class Way(NamedTuple):
     T: np.ndarray
 
 
-class Slide:
+class SlidingHistory:
     """A spot's friction as it slides, step by step: the kernel theory with all it remembers."""
 
-    def __init__(self, theory: Theory, rubber: Material, spots: Spots, T0: float, p: float, steps: int) -> None:
+    def __init__(self, theory: PerssonTheory, rubber: Material, spots: ContactSpots, T0: float, p: float, steps: int) -> None:
         self.theory, self.spots, self.T0, self.p = theory, spots, T0, p
-        self.past = memory(theory, rubber)
+        self.heat_memory = rubber_memory(theory, rubber)
         self.time, self.slid = np.zeros(steps + 1), np.zeros(steps + 1)
-        self.heat, self.kept = np.zeros((2, steps, len(theory.q)))
-        self.net, self.taken = np.zeros((2, steps))  # W/m2 of the contact into rubber and road
+        self.heat, self.spread_heat = np.zeros((2, steps, len(theory.q)))
+        self.rubber_flux, self.road_flux = np.zeros((2, steps))  # W/m2 of the contact into rubber and road
         self.n = 0
         self.T = np.full(len(theory.q), T0)
         self.surface = None if spots.road is None else T0
 
     def friction(self, v: float) -> float:
         """Friction coefficient at the temperatures of the moment; v >= 0."""
-        return float(self.found(v).mu)
+        return float(self.evaluate_theory(v).mu)
 
-    def found(self, v: float) -> Found:
+    def evaluate_theory(self, v: float) -> TheoryResult:
         """Contact and friction at the temperatures of the moment; v >= 0."""
-        return self.theory(max(v, STANDING), self.T, self.p, self.surface)
+        return self.theory(max(v, MIN_SLIDING_SPEED_M_S), self.T, self.p, self.surface)
 
     def step(self, dt: float, v: float) -> None:
         """Go on by dt (s) at speed v >= 0 (m/s), which may change from step to step; nothing heats what sticks."""
-        n, start = self.n, self.found(v)
-        phi = self.spots.covered(self.theory, max(v, STANDING), self.T0, self.p)
+        n, start = self.n, self.evaluate_theory(v)
+        phi = self.spots.contact_fraction(self.theory, max(v, MIN_SLIDING_SPEED_M_S), self.T0, self.p)
         self.time[n + 1], self.slid[n + 1] = self.time[n] + dt, self.slid[n] + v * dt
-        felt = _Felt(self, n + 1)
-        first = self.heat[n] = source(start, phi, v, self.p)
+        felt = _MemoryWeights(self, n + 1)
+        first = self.heat[n] = viscoelastic_heat(start, phi, v, self.p)
         released = at_first = self.p * v / phi * float(start.adhesive)
         for last in (False, True):
-            self.kept[n] = self.past.spread(self.heat[n])
+            self.spread_heat[n] = self.heat_memory.spread_heat(self.heat[n])
             self.T, self.surface = felt(released)
             if not last:  # heat of the step: mean of its ends
-                end = self.found(v)
-                self.heat[n] = 0.5 * (first + source(end, phi, v, self.p))
+                end = self.evaluate_theory(v)
+                self.heat[n] = 0.5 * (first + viscoelastic_heat(end, phi, v, self.p))
                 released = 0.5 * (at_first + self.p * v / phi * float(end.adhesive))
         self.n = n + 1
 
 
-class _Felt:
+class _MemoryWeights:
     """Weights of all that a slide remembers at its step n: what every wavenumber and the surface feel there."""
 
-    def __init__(self, slide: Slide, n: int) -> None:
+    def __init__(self, slide: SlidingHistory, n: int) -> None:
         self.slide, self.n = slide, n
         mid = 0.5 * (slide.slid[1 : n + 1] + slide.slid[:n])
-        h = overlap(np.abs(slide.slid[n] - mid) / slide.spots.diameter)
+        h = disc_overlap(np.abs(slide.slid[n] - mid) / slide.spots.diameter)
         self.first = int(np.argmax(h > 0)) if np.any(h > 0) else n
         ago = slide.time[n] - slide.time[: n + 1]
         ages, h = ago[self.first :], h[self.first :]
-        self.off, self.on = (-np.diff(f, axis=0) * h[:, None] for f in slide.past.feel(ages))
+        self.off, self.on = (-np.diff(f, axis=0) * h[:, None] for f in slide.heat_memory.age_weights(ages))
         if slide.spots.road is not None:
-            self.near = slide.past.surface(self.off)
-            self.own = -np.diff(np.sqrt(ages)) * h * 2.0 / (np.sqrt(np.pi) * slide.past.effusivity)
-            self.mine = -np.diff(slide.spots.road.warmed(ago, slide.spots.diameter))
+            self.surface_weights = slide.heat_memory.surface_weights(self.off)
+            self.rubber_flux_weights = -np.diff(np.sqrt(ages)) * h * 2.0 / (np.sqrt(np.pi) * slide.heat_memory.effusivity)
+            self.road_flux_weights = -np.diff(slide.spots.road.mean_rise(ago, slide.spots.diameter))
 
     def __call__(self, released: float) -> tuple[np.ndarray, float | None]:
         """T_q (n_q,) and temperature of the surface, K, with `released` W/m2 in the contact in the last step."""
         s, past, to = self.slide, slice(self.first, self.n), self.n - 1
-        T = s.T0 + s.past.rise(self.off, self.on, s.heat[past], s.kept[past])
+        T = s.T0 + s.heat_memory.temperature_rise(self.off, self.on, s.heat[past], s.spread_heat[past])
         if s.spots.road is None:
             return T, None
-        if len(self.own) == 0:  # rubber that is new to the spot
+        if len(self.rubber_flux_weights) == 0:  # rubber that is new to the spot
             return T, s.T0
-        s.net[to] = released
-        s.taken[to] = 0.0
-        top = float(np.sum(self.near * s.heat[past]) + self.own @ s.net[past])
-        taken = s.spots.road.taken(top, float(self.mine @ s.taken[: self.n]), self.own[-1], self.mine[-1])
-        s.taken[to], s.net[to] = taken, released - taken
-        return T + s.net[past] @ self.near, s.T0 + top - self.own[-1] * taken
+        s.rubber_flux[to] = released
+        s.road_flux[to] = 0.0
+        top = float(np.sum(self.surface_weights * s.heat[past]) + self.rubber_flux_weights @ s.rubber_flux[past])
+        taken = s.spots.road.road_flux(top, float(self.road_flux_weights @ s.road_flux[: self.n]), self.rubber_flux_weights[-1], self.road_flux_weights[-1])
+        s.road_flux[to], s.rubber_flux[to] = taken, released - taken
+        return T + s.rubber_flux[past] @ self.surface_weights, s.T0 + top - self.rubber_flux_weights[-1] * taken
 
 
-def _steps(
-    theory: Theory, rubber: Material, spots: Spots, v: float, T0: float, p: float, steps: int
-) -> Iterator[Slide]:
+def _slide_towards_hot(
+    theory: PerssonTheory, rubber: Material, spots: ContactSpots, v: float, T0: float, p: float, steps: int
+) -> Iterator[SlidingHistory]:
     """A slide at constant speed v (m/s) over WAY spot diameters, before the first step and after every one."""
-    slid = WAY * spots.diameter * (np.arange(steps + 1) / steps) ** 2
-    slide = Slide(theory, rubber, spots, T0, p, steps)
+    slid = HOT_SLIDING_DIAMETERS * spots.diameter * (np.arange(steps + 1) / steps) ** 2
+    slide = SlidingHistory(theory, rubber, spots, T0, p, steps)
     yield slide
     for dr in np.diff(slid):
         slide.step(dr / v, v)
         yield slide
 
 
-def heating(theory: Theory, rubber: Material, spots: Spots, v: float, T0: float, p: float, steps: int = 120) -> Way:
+def compute_heating_path(theory: PerssonTheory, rubber: Material, spots: ContactSpots, v: float, T0: float, p: float, steps: int = 120) -> HeatingPath:
     """From the cold towards the hot branch at a constant speed v (m/s), over WAY spot diameters."""
-    rows = [(s.friction(v), s.T.max()) for s in _steps(theory, rubber, spots, v, T0, p, steps)]
-    slid = WAY * spots.diameter * (np.arange(steps + 1) / steps) ** 2
-    return Way(slid / v, slid, np.full(steps + 1, v), *np.array(rows).T)
+    rows = [(s.friction(v), s.T.max()) for s in _slide_towards_hot(theory, rubber, spots, v, T0, p, steps)]
+    slid = HOT_SLIDING_DIAMETERS * spots.diameter * (np.arange(steps + 1) / steps) ** 2
+    return HeatingPath(slid / v, slid, np.full(steps + 1, v), *np.array(rows).T)

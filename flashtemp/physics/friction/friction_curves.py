@@ -19,26 +19,26 @@ import numpy as np
 
 from flashtemp.physics.arrays import Value
 from flashtemp.physics.friction import theory_inputs
-from flashtemp.physics.friction.curve_peak import highest
-from flashtemp.physics.friction.flash_temperature import Branch, Spots, branches
-from flashtemp.physics.friction.persson import Theory
+from flashtemp.physics.friction.curve_peak import find_peak
+from flashtemp.physics.friction.flash_temperature import FrictionBranch, ContactSpots, compute_branches
+from flashtemp.physics.friction.persson import PerssonTheory
 from flashtemp.physics.material import Material
 from flashtemp.physics.quantities import KELVIN
 
-SPEEDS = np.geomspace(1e-6, 10.0, 60)  # m/s
-COOLER, WARMER, TEMPERATURES = 20.0, 100.0, 40  # K around the background temperature; rows of the table
-STEP = 40.0  # K, by which the shift of the curves is told
-SHARES = (0.1, 0.5, 0.9)  # of the viscoelastic heat, whose depths are told
-USUAL = 0.3  # contact fraction up to which contact regions are spots
-CSV, TABLE = "friction.csv", "mu_table.nc"
-COLUMNS = {
+CURVE_SPEEDS_M_S = np.geomspace(1e-6, 10.0, 60)  # m/s
+TABLE_K_BELOW, TABLE_K_ABOVE, TABLE_ROWS = 20.0, 100.0, 40  # K around the background temperature; rows of the table
+SHIFT_STEP_K = 40.0  # K, by which the shift of the curves is told
+DEPTH_HEAT_FRACTIONS = (0.1, 0.5, 0.9)  # of the viscoelastic heat, whose depths are told
+MAX_SPOT_FRACTION = 0.3  # contact fraction up to which contact regions are spots
+CURVES_CSV_NAME, CURVES_TABLE_NAME = "friction.csv", "mu_table.nc"
+CSV_COLUMN_PATHS = {
     "speed_m_s": "speed", "mu_cold": "cold.mu", "viscous_cold": "cold.viscous", "adhesive_cold": "cold.adhesive",
     "mu_hot": "hot.mu", "viscous_hot": "hot.viscous", "adhesive_hot": "hot.adhesive", "T_hot_degC": "highest",
     "area_cold": "area", "spot_fraction": "phi",
 }  # fmt: skip
 
 
-def held(mu: np.ndarray) -> np.ndarray:
+def held_by_slope_tester(mu: np.ndarray) -> np.ndarray:
     """Which points of mu(v), from slow to fast, a tester holds that sets the force: no slower one has more friction.
 
     Where friction falls with speed a constant force accelerates the block (C9).
@@ -47,7 +47,7 @@ def held(mu: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Depths:
+class HeatDepths:
     """Where the viscoelastic heat goes: `deeper` (m, n), the share released over depths 1/(2q) >= `depth` (n,) m.
 
     At `speed` (m,) m/s and the temperature of the background.
@@ -57,28 +57,28 @@ class Depths:
     depth: np.ndarray
     deeper: np.ndarray
 
-    def at(self, v: float) -> tuple[float, ...]:
+    def depths_at_speed(self, v: float) -> tuple[float, ...]:
         """Depths (m) than which 10, 50 and 90 % of the heat are released deeper, at the speed nearest to v (m/s)."""
         row = self.deeper[int(np.argmin(np.abs(np.log(self.speed / v))))]
-        return tuple(float(np.exp(np.interp(s, row, np.log(self.depth)))) for s in SHARES)
+        return tuple(float(np.exp(np.interp(s, row, np.log(self.depth)))) for s in DEPTH_HEAT_FRACTIONS)
 
 
 @dataclass(frozen=True, eq=False)
-class Curves:
+class FrictionCurves:
     """Friction at nominal pressure `p` (Pa), background `T0` (K) and over the speeds (n,) of both branches.
 
     `area` A/A0 and contact fraction `phi` (n,) of `spots` without flash temperature; `mu` (n, m) over temperatures
     `T` (m,) K; `shift` by which factor STEP more kelvin raise the speeds of viscoelastic part and shear stress.
     """
 
-    cold: Branch
-    hot: Branch
+    cold: FrictionBranch
+    hot: FrictionBranch
     area: np.ndarray
     phi: np.ndarray
     T: np.ndarray
     mu: np.ndarray
-    depths: Depths
-    spots: Spots
+    depths: HeatDepths
+    spots: ContactSpots
     T0: float
     p: float
     shift: tuple[float, float | None]
@@ -95,28 +95,28 @@ class Curves:
         return self.hot.T - KELVIN
 
     @property
-    def branches(self) -> dict[str, Branch]:
+    def branches(self) -> dict[str, FrictionBranch]:
         return {"cold": self.cold, "hot": self.hot}
 
-    def ridge(self) -> np.ndarray:
+    def peak_speeds(self) -> np.ndarray:
         """Speed (m,) m/s of the maximum of mu at every temperature of the table, nan where it is not inside."""
-        found = [highest(self.speed, column) for column in self.mu.T]
-        return np.array([np.nan if top.edge else top.at for top in found])
+        found = [find_peak(self.speed, column) for column in self.mu.T]
+        return np.array([np.nan if top.is_at_edge else top.at for top in found])
 
     def as_dict(self) -> dict[str, Any]:
         """Numbers for JSON: m/s, degC, m; maxima are null where they do not lie inside."""
-        tops = {name: highest(self.speed, b.mu) for name, b in self.branches.items()}
+        tops = {name: find_peak(self.speed, b.mu) for name, b in self.branches.items()}
         return {
             "T0_degC": self.T0 - KELVIN,
             "pressure_Pa": self.p,
             "spot_diameter_m": self.spots.diameter,
-            "maximum": {k: None if t.edge else {"speed": t.at, "mu": t.value} for k, t in tops.items()},
-            "held_by_slope_tester": {k: held(b.mu).tolist() for k, b in self.branches.items()},
+            "maximum": {k: None if t.is_at_edge else {"speed": t.at, "mu": t.value} for k, t in tops.items()},
+            "held_by_slope_tester": {k: held_by_slope_tester(b.mu).tolist() for k, b in self.branches.items()},
             "heat_deeper_m": [
-                {"speed": float(v)} | {f"{100 * s:.0f} %": d for s, d in zip(SHARES, self.depths.at(v), strict=True)}
+                {"speed": float(v)} | {f"{100 * s:.0f} %": d for s, d in zip(DEPTH_HEAT_FRACTIONS, self.depths.depths_at_speed(v), strict=True)}
                 for v in self.depths.speed
             ],
-            "shift": {"warmer_K": STEP, "viscous": self.shift[0], "shear_stress": self.shift[1]},
+            "shift": {"warmer_K": SHIFT_STEP_K, "viscous": self.shift[0], "shear_stress": self.shift[1]},
             "remarks": list(self.remarks),
             "curves": {name: column.tolist() for name, column in self.columns().items()},
         }
@@ -124,7 +124,7 @@ class Curves:
     def columns(self) -> dict[str, np.ndarray]:
         """The curves (n,) by the names that they have in friction.csv."""
         out = {}
-        for name, path in COLUMNS.items():
+        for name, path in CSV_COLUMN_PATHS.items():
             value: Any = self
             for part in path.split("."):
                 value = getattr(value, part)
@@ -133,12 +133,12 @@ class Curves:
 
     def save(self, folder: Path) -> None:
         """Write friction.csv, a row per speed, and mu_table.nc, mu over speed and temperature."""
-        data = self.columns() | {f"held_{name}": held(b.mu) for name, b in self.branches.items()}
+        data = self.columns() | {f"held_{name}": held_by_slope_tester(b.mu) for name, b in self.branches.items()}
         lines = [",".join(data), *(",".join(f"{x:.8g}" for x in row) for row in zip(*data.values(), strict=True))]
-        (Path(folder) / CSV).write_text("\n".join(lines) + "\n", encoding="utf-8")
-        self.dataset().to_netcdf(Path(folder) / TABLE, engine="h5netcdf")
+        (Path(folder) / CURVES_CSV_NAME).write_text("\n".join(lines) + "\n", encoding="utf-8")
+        self.to_dataset().to_netcdf(Path(folder) / CURVES_TABLE_NAME, engine="h5netcdf")
 
-    def dataset(self) -> Any:
+    def to_dataset(self) -> Any:
         """As xarray: mu(speed, temperature) with units."""
         import xarray as xr
 
@@ -154,11 +154,11 @@ class Curves:
         lines = [
             f"{self.T0 - KELVIN:g} degC, {self.p / 1e6:g} MPa, contact regions of {1e3 * self.spots.diameter:g} mm",
             "       v m/s   mu cold = visc + adh      hot = visc + adh   highest T     A/A0    phi",
-            *(self._row(i) for i in _shown(self.speed)),
-            *(self._maximum(name) for name in self.branches),
+            *(self._format_row(i) for i in _rows_per_decade(self.speed)),
+            *(self._describe_maximum(name) for name in self.branches),
         ]
         v = self.depths.speed[1]
-        deep, half, near = (f"{1e6 * d:.2g}" for d in self.depths.at(v))
+        deep, half, near = (f"{1e6 * d:.2g}" for d in self.depths.depths_at_speed(v))
         if half != "nan":
             lines.append(
                 f"  viscoelastic heat at {v:.3g} m/s: a tenth is released deeper than {deep} um, "
@@ -167,10 +167,10 @@ class Curves:
         words = [f"the viscoelastic part to {self.shift[0]:.3g}-fold speed"]
         if self.shift[1] is not None:
             words.append(f"the shear stress of the real contact to {self.shift[1]:.3g}-fold")
-        lines.append(f"  {STEP:g} K more move {', '.join(words)}")
+        lines.append(f"  {SHIFT_STEP_K:g} K more move {', '.join(words)}")
         return "\n".join([*lines, *(f"  remark: {r}" for r in self.remarks)])
 
-    def _row(self, i: int) -> str:
+    def _format_row(self, i: int) -> str:
         c, h = self.cold, self.hot
         return (
             f"  {self.speed[i]:10.3g}   {c.mu[i]:7.4f} {c.viscous[i]:6.4f} {c.adhesive[i]:6.4f}   "
@@ -178,84 +178,84 @@ class Curves:
             f"{self.area[i]:7.2g} {self.phi[i]:6.3f}"
         )
 
-    def _maximum(self, name: str) -> str:
+    def _describe_maximum(self, name: str) -> str:
         mu = self.branches[name].mu
-        top = highest(self.speed, mu)
-        if not top.edge:
+        top = find_peak(self.speed, mu)
+        if not top.is_at_edge:
             return (
                 f"  {name}: highest {top.value:.4f} at {top.at:.3g} m/s; a slope tester, which sets the force, "
                 "holds no faster sliding"
             )
         if top.first:
             return f"  {name}: highest at the slowest speed; a slope tester, which sets the force, holds none of it"
-        if held(mu).all():
+        if held_by_slope_tester(mu).all():
             return f"  {name}: rises throughout; a slope tester reaches all of it"
         return f"  {name}: highest at the fastest speed; a slope tester skips what falls before"
 
 
-def curves(
-    theory: Theory,
+def compute_curves(
+    theory: PerssonTheory,
     rubber_material: Material,
-    spots: Spots,
-    speeds: Value = SPEEDS,
+    spots: ContactSpots,
+    speeds: Value = CURVE_SPEEDS_M_S,
     T0: float = 293.15,
     p: float = 1.5e5,
-) -> Curves:
+) -> FrictionCurves:
     """Friction over `speeds` (n,) m/s, rising, at background T0 (K) and nominal pressure p (Pa).
 
     Raises BadInput where the road has no waves as long as the spots, SolverFailure where friction and flash temperature
     do not agree.
     """
     speeds = np.asarray(speeds, dtype=float)
-    cold, hot = branches(theory, rubber_material, spots, speeds, T0, p)
-    phi = np.array([spots.covered(theory, v, T0, p) for v in speeds])
-    T = _temperatures(theory, T0)
+    cold, hot = compute_branches(theory, rubber_material, spots, speeds, T0, p)
+    phi = np.array([spots.contact_fraction(theory, v, T0, p) for v in speeds])
+    T = _table_temperatures(theory, T0)
     slow_and_fast = speeds[0], speeds[-1]
-    return Curves(
+    return FrictionCurves(
         cold, hot, theory(speeds, T0, p).area, phi, T, theory(speeds[:, None], T, p).mu,
-        _depths(theory, speeds, T0, p), spots, T0, p, _shift(theory, T0),
-        tuple(_remarks(theory, slow_and_fast, T0, p, hot.T.max(), phi.max())),
+        _heat_depths(theory, speeds, T0, p), spots, T0, p, _speed_shifts(theory, T0),
+        tuple(_curve_remarks(theory, slow_and_fast, T0, p, hot.T.max(), phi.max())),
     )  # fmt: skip
 
 
-def _temperatures(theory: Theory, T0: float) -> np.ndarray:
+def _table_temperatures(theory: PerssonTheory, T0: float) -> np.ndarray:
     """Temperatures (m,) K of the table: around T0, as far as the shift factors reach."""
-    low, high = theory.rubber.shift.reach
-    low, high = max(T0 - COOLER, min(low, T0)), min(T0 + WARMER, max(high, T0 + 1.0))
-    return np.linspace(low, high, TEMPERATURES)
+    low, high = theory.rubber.shift.valid_range
+    low, high = max(T0 - TABLE_K_BELOW, min(low, T0)), min(T0 + TABLE_K_ABOVE, max(high, T0 + 1.0))
+    return np.linspace(low, high, TABLE_ROWS)
 
 
-def _shift(theory: Theory, T0: float) -> tuple[float, float | None]:
+def _speed_shifts(theory: PerssonTheory, T0: float) -> tuple[float, float | None]:
     """By which factor the speeds of viscoelastic loss and of the shear stress rise over the next STEP kelvin."""
-    parts = [theory.rubber.factor] + ([] if theory.shear is None else [theory.shear.factor])
-    factors = [float(f(T0) / f(T0 + STEP)) for f in parts]
+    parts = [theory.rubber.shift_factor] + ([] if theory.shear is None else [theory.shear.shift_factor])
+    factors = [float(f(T0) / f(T0 + SHIFT_STEP_K)) for f in parts]
     return factors[0], factors[1] if len(factors) > 1 else None
 
 
-def _depths(theory: Theory, speeds: np.ndarray, T0: float, p: float) -> Depths:
+def _heat_depths(theory: PerssonTheory, speeds: np.ndarray, T0: float, p: float) -> HeatDepths:
     """At the fastest of the speeds and two and four decades below, or at both ends and between."""
     top = np.log10(speeds[-1])
     v = 10.0 ** (top - min(2.0, 0.5 * (top - np.log10(speeds[0]))) * np.arange(2, -1, -1))
     found = theory(v, T0, p)
-    share = theory.up_to(found.density) / np.where(found.viscous > 0, found.viscous, np.nan)[:, None]
-    return Depths(v, 0.5 / theory.q, np.maximum.accumulate(share, axis=1))
+    share = theory.cumulative_integral(found.density) / np.where(found.viscous > 0, found.viscous, np.nan)[:, None]
+    return HeatDepths(v, 0.5 / theory.q, np.maximum.accumulate(share, axis=1))
 
 
-def _remarks(theory: Theory, speeds: Value, T0: float, p: float, hottest: float, phi: float) -> list[str]:
+def _curve_remarks(theory: PerssonTheory, speeds: Value, T0: float, p: float, hottest: float, phi: float) -> list[str]:
     """What a reader should know before believing the curves; temperatures in K."""
-    said = theory_inputs.beyond(theory, speeds, T0, p)
-    low, high = theory.rubber.shift.reach
+    said = theory_inputs.describe_extrapolation(theory, speeds, T0, p)
+    low, high = theory.rubber.shift.valid_range
     if low <= T0 <= high < hottest:
         said.append(
             f"the hot branch reaches {hottest - KELVIN:.0f} degC, beyond the shift factors "
             f"({low - KELVIN:.0f} to {high - KELVIN:.0f} degC)"
         )
-    if phi > USUAL:
+    if phi > MAX_SPOT_FRACTION:
         said.append(f"contact fractions up to {phi:.2g} are hardly spots any more: the flash is spread thin")
     return said
 
 
-def _shown(speed: np.ndarray) -> list[int]:
+def _rows_per_decade(speed: np.ndarray) -> list[int]:
     """Places of the speeds that a table of the terminal shows: about one per decade."""
     wanted = np.arange(np.log10(speed[0]), np.log10(speed[-1]) + 1e-9, 1.0)
     return sorted({int(np.argmin(np.abs(np.log10(speed) - x))) for x in wanted} | {len(speed) - 1})

@@ -17,36 +17,36 @@ import numpy as np
 
 from flashtemp.errors import BadInput
 from flashtemp.physics.arrays import Array, Value
-from flashtemp.physics.friction.heat_kernels import felt
-from flashtemp.physics.friction.persson import Theory
+from flashtemp.physics.friction.heat_kernels import flash_response
+from flashtemp.physics.friction.persson import PerssonTheory
 from flashtemp.physics.just_in_time import njit
 from flashtemp.physics.material import Material
 from flashtemp.physics.quantities import KELVIN
 
-FILE = "friction.nc"
-EQUATIONS = 1  # to be counted up with every change of what a table holds: older ones are made anew
-BELOW, ABOVE, NODES = 10.0, 220.0, 40  # K around the ambient temperature
-PRESSURES, REACH = 10, 38.0  # nodes; from the power of ten next to the mean pressure over REACH to REACH times it
-PER_DECADE = 8  # of speed, where it varies
-COARSE = 3e-3  # error of a table, over its largest mu, that is worth a word
-LIGHT = 1.0  # Pa: below, friction is that at this pressure
-SLOWEST = 1e-7  # m/s: friction at rest is that of creep
+TABLE_FILE_NAME = "friction.nc"
+TABLE_VERSION = 1  # to be counted up with every change of what a table holds: older ones are made anew
+NODES_K_BELOW, NODES_K_ABOVE, TEMPERATURE_NODES = 10.0, 220.0, 40  # K around the ambient temperature
+PRESSURE_NODES, PRESSURE_RANGE_RATIO = 10, 38.0  # nodes; from the power of ten next to the mean pressure over REACH to REACH times it
+SPEED_NODES_PER_DECADE = 8  # of speed, where it varies
+NOTABLE_TABLE_ERROR = 3e-3  # error of a table, over its largest mu, that is worth a word
+MIN_TABLE_PRESSURE_PA = 1.0  # Pa: below, friction is that at this pressure
+MIN_TABLE_SPEED_M_S = 1e-7  # m/s: friction at rest is that of creep
 
 
-def temperatures(ambient: float) -> Array:
+def node_temperatures(ambient: float) -> Array:
     """Temperatures (n,) K of face and spots at which friction is computed."""
-    found: np.ndarray = np.linspace(ambient - BELOW, ambient + ABOVE, NODES)
+    found: np.ndarray = np.linspace(ambient - NODES_K_BELOW, ambient + NODES_K_ABOVE, TEMPERATURE_NODES)
     return found
 
 
-def flash_share(q: np.ndarray, rubber: Material, diameter: float, v: float) -> np.ndarray:
+def flash_fraction(q: np.ndarray, rubber: Material, diameter: float, v: float) -> np.ndarray:
     """s(q) (n,): the share of the flash temperature of a surface flux that reaches wavenumbers q (1/m) at v (m/s)."""
-    found: np.ndarray = felt(2.0 * q * np.sqrt(rubber.diffusivity * diameter / v))
+    found: np.ndarray = flash_response(2.0 * q * np.sqrt(rubber.diffusivity * diameter / v))
     return found
 
 
 @njit(cache=True)
-def _weights(x: Value) -> Value:
+def _cubic_weights(x: Value) -> Value:
     """Of four neighbours, for the cubic through them at x = 0..1 between the inner two."""
     return (
         -x * (x - 1.0) * (x - 2.0) / 6.0,
@@ -57,7 +57,7 @@ def _weights(x: Value) -> Value:
 
 
 @njit(cache=True)
-def _place(value: Value, low: Value, step: Value, count: Value) -> Value:
+def _locate_cell(value: Value, low: Value, step: Value, count: Value) -> Value:
     """First of the four neighbours and the place between the inner two; held outside the table."""
     at = (value - low) / step
     if at.real < 0.0:
@@ -69,14 +69,14 @@ def _place(value: Value, low: Value, step: Value, count: Value) -> Value:
 
 
 @njit(cache=True)
-def _interpolate(values: Array, lows: Value, steps: Value, face: Value, spot: Value, logp: Value, out: Value) -> None:
+def _interpolate_tricubic(values: Array, lows: Value, steps: Value, face: Value, spot: Value, logp: Value, out: Value) -> None:
     """Tricubic through 64 neighbours of both fields (2, ...) for every face, spot and logp, real or complex."""
     _, a, b, c = values.shape
     for n in range(out.shape[1]):
-        i, x = _place(face[n], lows[0], steps[0], a)
-        j, y = _place(spot[n], lows[1], steps[1], b)
-        k, z = _place(logp[n], lows[2], steps[2], c)
-        wx, wy, wz = _weights(x), _weights(y), _weights(z)
+        i, x = _locate_cell(face[n], lows[0], steps[0], a)
+        j, y = _locate_cell(spot[n], lows[1], steps[1], b)
+        k, z = _locate_cell(logp[n], lows[2], steps[2], c)
+        wx, wy, wz = _cubic_weights(x), _cubic_weights(y), _cubic_weights(z)
         for field in range(2):
             total = 0.0 * x
             for p in range(4):
@@ -89,7 +89,7 @@ def _interpolate(values: Array, lows: Value, steps: Value, face: Value, spot: Va
 
 
 @dataclass(frozen=True)
-class Slice:
+class TableSlice:
     """Friction at one speed over temperatures `T` (K) of face and spots, and ln pressure (Pa).
 
     `values` (2, faces, spots, pressures): mu, and the part of it whose heat is released in depth.
@@ -100,7 +100,7 @@ class Slice:
     values: np.ndarray
 
     @cached_property
-    def _grid(self) -> Value:
+    def _grid_origin(self) -> Value:
         axes = (self.T, self.T, self.logp)
         return np.array([x[0] for x in axes]), np.array([x[1] - x[0] for x in axes])
 
@@ -110,13 +110,13 @@ class Slice:
         out = np.empty((2, len(T_spot)), dtype=kind)
         face, spot, logp = np.empty((3, len(T_spot)), dtype=kind)
         face[:], spot[:], logp[:] = T_face, T_spot, np.log(p)
-        lows, steps = self._grid
-        _interpolate(self.values, lows, steps, face, spot, logp, out)
+        lows, steps = self._grid_origin
+        _interpolate_tricubic(self.values, lows, steps, face, spot, logp, out)
         return out
 
 
 @dataclass(frozen=True)
-class Table:
+class FrictionTable:
     """Friction over ln speed, face, spot (both at `T`, K) and ln pressure.
 
     `values` (speeds, 2, faces, spots, pressures): mu, and the part of it whose heat is released in depth.
@@ -133,13 +133,13 @@ class Table:
     made_of: str
 
     @cached_property
-    def _kept(self) -> dict[float, Slice]:
+    def _cached_slices(self) -> dict[float, TableSlice]:
         return {}
 
-    def left(self, run: Any, shifted: tuple[float, float]) -> list[str]:
+    def describe_excursions(self, run: Any, shift_range: tuple[float, float]) -> list[str]:
         """In words: where a run left this table, or the temperatures (K) between which the modulus is `shifted`."""
         T, p = run.T_spot[np.isfinite(run.T_spot)] + KELVIN, run.pressure.max()
-        low, high = max(self.T[0], shifted[0]), min(self.T[-1], shifted[1])
+        low, high = max(self.T[0], shift_range[0]), min(self.T[-1], shift_range[1])
         said = []
         for beyond, reached, held in ((T.max() > high, T.max(), high), (T.min() < low, T.min(), low)):
             if beyond:
@@ -148,29 +148,29 @@ class Table:
                 )
         if p > np.exp(self.logp[-1]):
             said.append(f"pressure reached {p:.3g} Pa; friction there is that of {np.exp(self.logp[-1]):.3g} Pa")
-        if self.error > COARSE:
+        if self.error > NOTABLE_TABLE_ERROR:
             said.append(f"the table of friction is off by up to {100 * self.error:.1g} % of its largest value")
         return said
 
-    def at(self, v: float) -> Slice:
+    def slice_at(self, v: float) -> TableSlice:
         """The table at a speed (m/s), held outside its range; the last one asked for is kept."""
-        if v not in self._kept:
-            self._kept.clear()
-            self._kept[v] = Slice(self.T, self.logp, self._slice(np.log(max(v, SLOWEST))))
-        return self._kept[v]
+        if v not in self._cached_slices:
+            self._cached_slices.clear()
+            self._cached_slices[v] = TableSlice(self.T, self.logp, self._interpolate_speed(np.log(max(v, MIN_TABLE_SPEED_M_S))))
+        return self._cached_slices[v]
 
-    def _slice(self, logv: float) -> np.ndarray:
+    def _interpolate_speed(self, logv: float) -> np.ndarray:
         if len(self.logv) == 1:
             found: np.ndarray = self.values[0]
             return found
-        k, x = _place(logv, self.logv[0], self.logv[1] - self.logv[0], len(self.logv))
-        return np.tensordot(_weights(x), self.values[k : k + 4], 1)
+        k, x = _locate_cell(logv, self.logv[0], self.logv[1] - self.logv[0], len(self.logv))
+        return np.tensordot(_cubic_weights(x), self.values[k : k + 4], 1)
 
     def save(self, folder: Path) -> None:
         """Write friction.nc, from which `tabulate` takes the table up again."""
-        self.dataset().to_netcdf(Path(folder) / FILE, engine="h5netcdf")
+        self.to_dataset().to_netcdf(Path(folder) / TABLE_FILE_NAME, engine="h5netcdf")
 
-    def dataset(self) -> Any:
+    def to_dataset(self) -> Any:
         """As xarray: mu(speed, T_face, T_spot, pressure) with units."""
         import xarray as xr
 
@@ -186,10 +186,10 @@ class Table:
         )  # fmt: skip
 
 
-class Reading:
+class TableLookup:
     """What a table says at the spots of a moment; laws that ask for the same, one after the other, share one look."""
 
-    def __init__(self, table: Callable[[], Table]) -> None:
+    def __init__(self, table: Callable[[], FrictionTable]) -> None:
         self._table = cache(table)
         self._asked: tuple[Value, ...] | None = None
         self._found: tuple[np.ndarray, np.ndarray] = (np.empty(0), np.empty(0))
@@ -198,13 +198,13 @@ class Reading:
         """mu and its part in depth (n,) at spot temperatures T (K) and a scene.Moment."""
         asked = (T, T if now.face is None else now.face, now.local_pressure, now.speed)
         if self._asked is None or any(a is not b for a, b in zip(self._asked, asked, strict=True)):
-            pressed = np.where(np.real(asked[2]) > LIGHT, asked[2], LIGHT)
-            self._asked, self._found = asked, self._table().at(now.speed)(T, asked[1], pressed)
+            pressed = np.where(np.real(asked[2]) > MIN_TABLE_PRESSURE_PA, asked[2], MIN_TABLE_PRESSURE_PA)
+            self._asked, self._found = asked, self._table().slice_at(now.speed)(T, asked[1], pressed)
         return self._found
 
 
-def tabulate(
-    theory: Theory,
+def tabulate_friction(
+    theory: PerssonTheory,
     rubber: Material,
     diameter: float,
     speeds: Value,
@@ -212,7 +212,7 @@ def tabulate(
     ambient: float,
     shallow: float = 0.0,
     folder: Path | None = None,
-) -> Table:
+) -> FrictionTable:
     """The friction of a theory at speeds from lowest to highest (m/s), around a mean nominal pressure p (Pa).
 
     Temperatures reach from a little below `ambient` (K) to far above; heat deeper than `shallow` (m) is in depth.
@@ -220,12 +220,12 @@ def tabulate(
     friction is no number.
     """
     p = 10.0 ** round(np.log10(p))
-    return _tabulated(theory, rubber, diameter, tuple(float(v) for v in speeds), p, ambient, shallow, folder)
+    return _cached_table(theory, rubber, diameter, tuple(float(v) for v in speeds), p, ambient, shallow, folder)
 
 
 @lru_cache(maxsize=8)
-def _tabulated(
-    theory: Theory,
+def _cached_table(
+    theory: PerssonTheory,
     rubber: Material,
     diameter: float,
     speeds: Value,
@@ -233,32 +233,32 @@ def _tabulated(
     ambient: Value,
     shallow: float,
     folder: Path | None,
-) -> Table:
-    low, high = (max(v, SLOWEST) for v in speeds)
-    count = 1 if high < low * (1 + 1e-9) else max(4, round(PER_DECADE * np.log10(high / low)) + 1)
+) -> FrictionTable:
+    low, high = (max(v, MIN_TABLE_SPEED_M_S) for v in speeds)
+    count = 1 if high < low * (1 + 1e-9) else max(4, round(SPEED_NODES_PER_DECADE * np.log10(high / low)) + 1)
     logv = np.linspace(np.log(low), np.log(high), count)
-    logp = np.linspace(np.log(p / REACH), np.log(p * REACH), PRESSURES)
-    T = temperatures(ambient)
+    logp = np.linspace(np.log(p / PRESSURE_RANGE_RATIO), np.log(p * PRESSURE_RANGE_RATIO), PRESSURE_NODES)
+    T = node_temperatures(ambient)
     axes = [a.tolist() for a in (logv, T, logp)]
-    made_of = hashlib.sha256(repr((EQUATIONS, theory, rubber, diameter, shallow, axes)).encode()).hexdigest()
-    if (kept := _kept(folder, made_of)) is not None:
+    made_of = hashlib.sha256(repr((TABLE_VERSION, theory, rubber, diameter, shallow, axes)).encode()).hexdigest()
+    if (kept := _read_saved_table(folder, made_of)) is not None:
         values, error = kept
-        return Table(logv, T, logp, values, error, made_of)
-    values = np.array([_friction(theory, rubber, diameter, x, T, T, logp, shallow) for x in logv])
+        return FrictionTable(logv, T, logp, values, error, made_of)
+    values = np.array([_theory_friction(theory, rubber, diameter, x, T, T, logp, shallow) for x in logv])
     if not np.all(np.isfinite(values)):
         raise BadInput("persson_friction: friction is no finite number everywhere; check master curve and spectrum")
-    found = Table(logv, T, logp, values, np.nan, made_of)
-    return replace(found, error=_deviation(found, theory, rubber, diameter, shallow))
+    found = FrictionTable(logv, T, logp, values, np.nan, made_of)
+    return replace(found, error=_interpolation_error(found, theory, rubber, diameter, shallow))
 
 
-def _kept(folder: Path | None, made_of: str) -> Any:
+def _read_saved_table(folder: Path | None, made_of: str) -> Any:
     """Values and error of the table in a folder, if it is of the same making."""
-    if folder is None or not (Path(folder) / FILE).is_file():
+    if folder is None or not (Path(folder) / TABLE_FILE_NAME).is_file():
         return None
     import xarray as xr
 
     try:
-        with xr.open_dataset(Path(folder) / FILE, engine="h5netcdf") as found:
+        with xr.open_dataset(Path(folder) / TABLE_FILE_NAME, engine="h5netcdf") as found:
             same = found.attrs.get("made_of") == made_of
             values = np.stack([found.mu.values, found.mu_in_depth.values], axis=1)
             return (values, float(found.attrs["largest_error_of_interpolation"])) if same else None
@@ -266,8 +266,8 @@ def _kept(folder: Path | None, made_of: str) -> Any:
         return None  # damaged: made anew
 
 
-def _friction(
-    theory: Theory,
+def _theory_friction(
+    theory: PerssonTheory,
     rubber: Material,
     diameter: float,
     logv: Value,
@@ -278,14 +278,14 @@ def _friction(
 ) -> np.ndarray:
     """mu and its part in depth (2, faces, spots, pressures) at one speed."""
     v = float(np.exp(logv))
-    share = flash_share(theory.q, rubber, diameter, v)
+    share = flash_fraction(theory.q, rubber, diameter, v)
     T = face[:, None, None] + (spot[:, None] - face[:, None, None]) * share
     found = theory(v, T[:, :, None], np.exp(logp), spot[:, None])
     deep = found.weight * (0.5 / found.q >= shallow)
     return np.array([found.mu, found.density @ deep])
 
 
-def _deviation(table: Table, theory: Theory, rubber: Material, diameter: float, shallow: float) -> float:
+def _interpolation_error(table: FrictionTable, theory: PerssonTheory, rubber: Material, diameter: float, shallow: float) -> float:
     """Largest deviation at the middles of the table's cells, some of them, over the largest mu."""
     middle = 0.5 * (table.T[1:] + table.T[:-1])
     some = np.unique(np.r_[0, 1 : len(middle) : 3, len(middle) - 1])  # the outermost are the worst
@@ -294,9 +294,9 @@ def _deviation(table: Table, theory: Theory, rubber: Material, diameter: float, 
     speeds = table.logv if n == 1 else (0.5 * (table.logv[1:] + table.logv[:-1]))[:: max(1, n // 4)]
     worst = 0.0
     for logv in speeds:
-        exact = _friction(theory, rubber, diameter, logv, face, spot, logp, shallow)
+        exact = _theory_friction(theory, rubber, diameter, logv, face, spot, logp, shallow)
         a, b, c = np.meshgrid(face, spot, np.exp(logp), indexing="ij")
-        cut, at = table.at(float(np.exp(logv))), (b.ravel(), a.ravel(), c.ravel())
+        cut, at = table.slice_at(float(np.exp(logv))), (b.ravel(), a.ravel(), c.ravel())
         near = cut(*at).reshape(exact.shape)
         worst = max(worst, float(np.max(np.abs(near - exact)) / np.max(table.values)))
     return worst

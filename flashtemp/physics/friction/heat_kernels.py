@@ -24,42 +24,42 @@ from scipy.special import erfcx, ive
 
 from flashtemp.physics.arrays import Value
 
-FULL = 1.2204156216029  # (8/(3 sqrt pi)) Gamma(7/4)/Gamma(9/4)
+FULL_OVERLAP_INTEGRAL = 1.2204156216029  # (8/(3 sqrt pi)) Gamma(7/4)/Gamma(9/4)
 ROOT_PI = np.sqrt(np.pi)
 
 
-def overlap(w: Value) -> Value:
+def disc_overlap(w: Value) -> Value:
     """h(w): overlap of two equal discs displaced by w diameters (theory 1.6)."""
     w = np.clip(w, 0.0, 1.0)
     return 1.0 - (2.0 / np.pi) * (w * np.sqrt(1.0 - w * w) + np.arcsin(w))
 
 
 @cache
-def _build_up() -> CubicSpline:
+def _overlap_spline() -> CubicSpline:
     s = np.linspace(0.0, 1.0, 201)  # s = sqrt(w) removes the square-root start
     nodes, weights = np.polynomial.legendre.leggauss(8)
     half = 0.5 * np.diff(s)
     mid = 0.5 * (s[1:] + s[:-1])
-    parts = sum(w * 2 * overlap((mid + half * n) ** 2) for n, w in zip(nodes, weights, strict=True)) * half
+    parts = sum(w * 2 * disc_overlap((mid + half * n) ** 2) for n, w in zip(nodes, weights, strict=True)) * half
     return CubicSpline(s, np.concatenate([[0.0], np.cumsum(parts)]))
 
 
 def overlap_integral(r: Value) -> Value:
     """Integral of w^-1/2 h(w) from 0 to r (slid distance over spot diameter), eq. V10."""
-    return float(_build_up()(np.sqrt(min(max(r, 0.0), 1.0))))
+    return float(_overlap_spline()(np.sqrt(min(max(r, 0.0), 1.0))))
 
 
 @cache
-def _felt() -> CubicSpline:
+def _flash_spline() -> CubicSpline:
     nodes, weights = np.polynomial.legendre.leggauss(120)
     s = 0.5 * (nodes + 1)  # w = s^2
     logs = np.linspace(-5.0, 5.0, 801)
     kappa = 10.0 ** logs[:, None]
-    integral = 0.5 * np.sum(weights * 2 * s * overlap(s * s) * erfcx(kappa * s), axis=1)
-    return CubicSpline(logs, kappa[:, 0] * integral * ROOT_PI / FULL)
+    integral = 0.5 * np.sum(weights * 2 * s * disc_overlap(s * s) * erfcx(kappa * s), axis=1)
+    return CubicSpline(logs, kappa[:, 0] * integral * ROOT_PI / FULL_OVERLAP_INTEGRAL)
 
 
-def felt(kappa: Value, r: float = 1.0) -> Value:
+def flash_response(kappa: Value, r: float = 1.0) -> Value:
     """Flash temperature over that of a surface flux felt at its surface, eq. (13): kappa = sqrt(D t_spot)/depth.
 
     Of a source that decays over `depth`, felt at the surface, or of a surface flux, felt by the wavenumber 1/(2 depth).
@@ -70,39 +70,39 @@ def felt(kappa: Value, r: float = 1.0) -> Value:
     1.0
     """
     if r >= 1.0:
-        return _felt()(np.log10(np.clip(kappa, 1e-5, 1e5)))
+        return _flash_spline()(np.log10(np.clip(kappa, 1e-5, 1e5)))
     if r <= 0.0:
         return 0.0 * kappa
-    u, weights = _quadrature()
+    u, weights = _unit_quadrature()
     s = np.sqrt(r) * u**3  # near 0 erfcx is steep where the source is shallow
     change = 3.0 * np.sqrt(r) * u**2 * weights
-    integral = np.sum(change * 2.0 * s * overlap(s * s) * erfcx(np.multiply.outer(kappa, s)), axis=-1)
+    integral = np.sum(change * 2.0 * s * disc_overlap(s * s) * erfcx(np.multiply.outer(kappa, s)), axis=-1)
     return kappa * integral * ROOT_PI / overlap_integral(r)
 
 
 @cache
-def _quadrature() -> tuple[np.ndarray, np.ndarray]:
+def _unit_quadrature() -> tuple[np.ndarray, np.ndarray]:
     """Gauss-Legendre nodes and weights (40,) of the interval 0 to 1."""
     nodes, weights = np.polynomial.legendre.leggauss(40)
     return 0.5 * (nodes + 1.0), 0.5 * weights
 
 
-def retained(tau: Value, diameter: float, diffusivity: Value) -> Value:
+def retained_fraction(tau: Value, diameter: float, diffusivity: Value) -> Value:
     """R(tau): share of heat still under a disc of the given diameter (m) after tau (s), eq. (15b)."""
     X = (diameter / 2) ** 2 / (2 * diffusivity * np.asarray(tau, dtype=float))
     near = np.minimum(X, 1e6)  # beyond, the Bessel functions lose their digits
     return np.where(X > 1e6, 1.0 - np.sqrt(2.0 / (np.pi * X)), 1.0 - ive(0, near) - ive(1, near))
 
 
-def kernel(a: Value, b: Value, age: Value) -> Value:
+def heat_kernel(a: Value, b: Value, age: Value) -> Value:
     """K (1/m) of decay rates a = 2q of what feels and b = 2q' of what heats (1/m); `age` is D (t - t') in m^2."""
     s = np.sqrt(age)
     if np.ndim(a) == 0 and a == b:
-        return _alike(a, a * s)
+        return _equal_rates_kernel(a, a * s)
     return a * b / (b * b - a * a) * (b * erfcx(a * s) - a * erfcx(b * s))
 
 
-def _alike(a: Value, y: Value) -> Value:
+def _equal_rates_kernel(a: Value, y: Value) -> Value:
     """K of equal rates a at y = a sqrt(age); its closed form cancels for large y."""
     near = np.minimum(y, 20.0)
     closed = 0.5 * a * ((1.0 - 2.0 * near * near) * erfcx(near) + 2.0 * near / ROOT_PI)
@@ -110,7 +110,7 @@ def _alike(a: Value, y: Value) -> Value:
     return np.where(y > 20.0, a * (1.0 - 1.0 / far**2 + 2.25 / far**4) / (ROOT_PI * far), closed)
 
 
-def _response(y: Value) -> Value:
+def _mean_step_response(y: Value) -> Value:
     """(erfcx y - 1 + 2y/sqrt pi)/y^2: mean over its duration of what a steady source has done."""
     y = np.asarray(y, dtype=float)
     safe = np.where(y > 0.02, y, 1.0)
@@ -125,12 +125,12 @@ def step_response(a: float, b: float, diffusivity: float, t: float) -> float:
     """
     s = np.sqrt(diffusivity * t)
     if a == b:
-        return float(0.5 * a * t * (3.0 * _response(a * s) - 2.0 * erfcx(a * s)))
-    return float(a * b / (b * b - a * a) * t * (b * _response(a * s) - a * _response(b * s)))
+        return float(0.5 * a * t * (3.0 * _mean_step_response(a * s) - 2.0 * erfcx(a * s)))
+    return float(a * b / (b * b - a * a) * t * (b * _mean_step_response(a * s) - a * _mean_step_response(b * s)))
 
 
 @dataclass(frozen=True)
-class Memory:
+class HeatMemory:
     """The half-space's answer between all wavenumbers q (n,) 1/m; `capacity` rho c in J/m3K, `diffusivity` m2/s.
 
     K(2q, 2q') parts into products of functions of one wavenumber each, so that a history of N steps costs N n and
@@ -142,23 +142,23 @@ class Memory:
     diffusivity: float
 
     @cached_property
-    def _split(self) -> Value:
+    def _kernel_factors(self) -> Value:
         a = 2.0 * self.q
         gap = a[None, :] ** 2 - a[:, None] ** 2
         np.fill_diagonal(gap, np.inf)
         return a[:, None] * a[None, :] ** 2 / gap, a[:, None] ** 2 * a[None, :] / gap
 
-    def spread(self, heat: np.ndarray) -> np.ndarray:
+    def spread_heat(self, heat: np.ndarray) -> np.ndarray:
         """The first of the two products for a heat (n,) W/m2 per node, to be kept with it."""
-        found: np.ndarray = self._split[0] @ heat
+        found: np.ndarray = self._kernel_factors[0] @ heat
         return found
 
-    def feel(self, age: Value) -> tuple[np.ndarray, np.ndarray]:
+    def age_weights(self, age: Value) -> tuple[np.ndarray, np.ndarray]:
         """int_0^age of the two parts: off the diagonal and on it (..., n), s and s/m."""
         age = np.asarray(age, dtype=float)[..., None]
         a = 2.0 * self.q
         y = a * np.sqrt(self.diffusivity * age)
-        f = _response(y)
+        f = _mean_step_response(y)
         return age * f, 0.5 * a * age * (3.0 * f - 2.0 * erfcx(y))
 
     @property
@@ -166,23 +166,23 @@ class Memory:
         """e = rho c sqrt(D) in W s^0.5/(m2 K)."""
         return float(self.capacity * np.sqrt(self.diffusivity))
 
-    def surface(self, off: Value) -> np.ndarray:
+    def surface_weights(self, off: Value) -> np.ndarray:
         """K m2/W: what flux into the surface does to T_q, and heat of wavenumber q to the surface; `off` of `feel`."""
         found: np.ndarray = 2.0 * self.q * off / self.capacity
         return found
 
-    def rise(self, off: Value, on: Value, heat: Value, spread: Value) -> np.ndarray:
+    def temperature_rise(self, off: Value, on: Value, heat: Value, spread: Value) -> np.ndarray:
         """T_q - T_b (n,) K of heats (m, n) that acted through weights `off`, `on` (m, n) of `feel`."""
-        mixed = np.sum(off * spread, axis=0) - self._split[1] @ np.sum(off * heat, axis=0)
+        mixed = np.sum(off * spread, axis=0) - self._kernel_factors[1] @ np.sum(off * heat, axis=0)
         found: np.ndarray = (mixed + np.sum(on * heat, axis=0)) / self.capacity
         return found
 
-    def steady(self, residence: float) -> tuple[np.ndarray, np.ndarray]:
+    def steady_weights(self, residence: float) -> tuple[np.ndarray, np.ndarray]:
         """Weights (1, n) of a heat that has always acted, while a spot passes in `residence` s."""
         nodes, weights = np.polynomial.legendre.leggauss(8)
         edges = np.linspace(0.0, 1.0, 33)
         half = 0.5 * np.diff(edges)[:, None]
         u = (0.5 * (edges[1:] + edges[:-1])[:, None] + half * nodes).ravel()  # age = residence u^3
-        h = ((half * weights).ravel() * 3 * u**2 * residence * overlap(u**3))[:, None]
+        h = ((half * weights).ravel() * 3 * u**2 * residence * disc_overlap(u**3))[:, None]
         y = 2.0 * self.q * np.sqrt(self.diffusivity * residence * u**3)[:, None]
-        return np.sum(h * erfcx(y), axis=0)[None], np.sum(h * _alike(self.q * 2.0, y), axis=0)[None]
+        return np.sum(h * erfcx(y), axis=0)[None], np.sum(h * _equal_rates_kernel(self.q * 2.0, y), axis=0)[None]

@@ -14,21 +14,21 @@ from statistics import mode
 
 import numpy as np
 
-from flashtemp.errors import BadInput, short
+from flashtemp.errors import BadInput, shorten_text
 from flashtemp.physics import bounded_reading
 from flashtemp.physics.arrays import Value
 from flashtemp.physics.tables.cells import is_missing, parse_number
 from flashtemp.physics.tables.table import WORD_WITH_UNIT, read_text
 
-DIALECTS = (("\t", False), ("\t", True), (";", False), (";", True), (",", False), (" ", False), (" ", True))
-NO_UNIT = {"", "-", "--", "nan", "n/a", "na"}  # in a line of units
-ALIKE = str.maketrans({c: "'" for c in "’′´`ʹ"} | {c: "''" for c in '″“”"'} | {"µ": "u", "μ": "u", "²": "2", "⁴": "4"})
-SAMPLE = 200  # lines that tell separator and decimal sign
-LONGEST_NAME = 80  # characters of a column's name with its unit
+INSTRUMENT_DIALECTS = (("\t", False), ("\t", True), (";", False), (";", True), (",", False), (" ", False), (" ", True))
+EMPTY_UNIT_CELLS = {"", "-", "--", "nan", "n/a", "na"}  # in a line of units
+SIGN_SPELLINGS = str.maketrans({c: "'" for c in "’′´`ʹ"} | {c: "''" for c in '″“”"'} | {"µ": "u", "μ": "u", "²": "2", "⁴": "4"})
+DIALECT_SAMPLE_LINES = 200  # lines that tell separator and decimal sign
+MAX_COLUMN_NAME_LETTERS = 80  # characters of a column's name with its unit
 
 
 @dataclass(frozen=True)
-class Quantity:
+class ColumnSpec:
     """A column to look for: `pattern` of its bare names, `units` as (factor, zero) to SI, `default` where none stands.
 
     `default` may depend on the name: pairs of a pattern and a unit, the first that fits.
@@ -40,17 +40,17 @@ class Quantity:
     default: tuple[tuple[str, str], ...]
     usual: str
 
-    def fits(self, raw: str) -> bool:
+    def is_named(self, raw: str) -> bool:
         """Whether a header cell without its unit names this quantity."""
-        return re.fullmatch(self.pattern, bare(raw)) is not None
+        return re.fullmatch(self.pattern, normalise_name(raw)) is not None
 
-    def assumed(self, raw: str) -> str:
+    def assumed_unit(self, raw: str) -> str:
         """The unit where the file states none."""
-        return next(unit for pattern, unit in self.default if re.search(pattern, bare(raw)))
+        return next(unit for pattern, unit in self.default if re.search(pattern, normalise_name(raw)))
 
 
 @dataclass(frozen=True)
-class Column:
+class FoundColumn:
     """Where a quantity stands in a file: its place, its name there, and its unit, `stated` or assumed."""
 
     at: int
@@ -60,14 +60,14 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Table:
+class InstrumentTable:
     """Columns (n,) in SI under the names of their quantities; for messages `name`, and `prefix` to lines of rows."""
 
     name: str
     prefix: str
     lines: Sequence[int]
     values: dict[str, np.ndarray]
-    columns: dict[str, Column]
+    columns: dict[str, FoundColumn]
 
     def __contains__(self, name: str) -> bool:
         return name in self.values
@@ -75,7 +75,7 @@ class Table:
     def __getitem__(self, name: str) -> np.ndarray:
         return self.values[name]
 
-    def need(self, bad: np.ndarray, name: str, right: str, hint: str = "") -> None:
+    def require_rows(self, bad: np.ndarray, name: str, remedy: str, hint: str = "") -> None:
         """Raise BadInput for the first row (n,) that is `bad`; `hint` is added where the file states no unit."""
         if not np.any(bad):
             return
@@ -83,134 +83,134 @@ class Table:
         said = f"{column.unit}" if column.stated else f"{column.unit} assumed, no unit stated"
         value = f"{self.values[name][row]:g} in SI units" if column.unit else f"{self.values[name][row]:g}"
         more = f"; {hint}" if hint and not column.stated else ""
-        raise BadInput(f"{self.prefix}{self.lines[row]}: {column.name} ({said}): {value}; give {right}{more}")
+        raise BadInput(f"{self.prefix}{self.lines[row]}: {column.name} ({said}): {value}; give {remedy}{more}")
 
 
-def of_rows(data: np.ndarray, key: str, quantities: Sequence[Quantity]) -> Table:
+def table_of_rows(data: np.ndarray, key: str, quantities: Sequence[ColumnSpec]) -> InstrumentTable:
     """A table from rows (n, k) of a case, in the units of the quantities as they stand there (`default`)."""
-    columns = {q.name: Column(i, q.name, q.default[-1][1], True) for i, q in enumerate(quantities)}
-    values = {q.name: _si(data[:, i], q, q.default[-1][1]) for i, q in enumerate(quantities)}
-    return Table(key, f"{key}: row ", range(1, len(data) + 1), values, columns)
+    columns = {q.name: FoundColumn(i, q.name, q.default[-1][1], True) for i, q in enumerate(quantities)}
+    values = {q.name: _convert_to_si(data[:, i], q, q.default[-1][1]) for i, q in enumerate(quantities)}
+    return InstrumentTable(key, f"{key}: row ", range(1, len(data) + 1), values, columns)
 
 
-def read(
-    source: str, folder: Path, key: str, quantities: Sequence[Quantity], order: Sequence[str], otherwise: str = ""
-) -> Table:
+def read_instrument_table(
+    source: str, folder: Path, key: str, quantities: Sequence[ColumnSpec], order: Sequence[str], alternative: str = ""
+) -> InstrumentTable:
     """The columns of a file that are found; without any name, `order` tells which stands where.
 
     `otherwise` is what a case may give instead of a file name or rows, for the message where `source` is neither.
     Raises BadInput naming the key, the file and its line, for files without numbers, unknown units, damaged rows.
     """
     if not isinstance(source, str):
-        raise BadInput(f"{key}: {source!r}; give a file name or a list of rows{otherwise}")
+        raise BadInput(f"{key}: {source!r}; give a file name or a list of rows{alternative}")
     path = Path(folder) / source
     if not path.is_file():
         raise BadInput(f"{key}: file '{source}' not found in {folder}; give a text file of columns there")
     name = f"{key}: {source}"
     prefix = f"{name}:"
-    lines = bounded_reading.lines(read_text(path, name), name)
-    dialect = _dialect(lines)
-    header, data, at, width = _parts(lines, dialect, prefix)
+    lines = bounded_reading.split_bounded_lines(read_text(path, name), name)
+    dialect = _detect_dialect(lines)
+    header, data, at, width = _split_header_and_rows(lines, dialect, prefix)
     if not data:
-        raise BadInput(f"{prefix} no rows of numbers; give columns {_wanted(quantities, order)}")
-    columns = _columns(header, quantities, width, dialect[0], prefix) or _by_order(quantities, order, width, prefix)
+        raise BadInput(f"{prefix} no rows of numbers; give columns {_list_quantities(quantities, order)}")
+    columns = _find_columns(header, quantities, width, dialect[0], prefix) or _columns_by_order(quantities, order, width, prefix)
     last = max(c.at for c in columns.values())
     for line, row in zip(at, data, strict=True):
         if len(row) <= last:
             raise BadInput(f"{prefix}{line}: {len(row)} values; give {last + 1} or more in every row")
     known = {q.name: q for q in quantities}
-    values = {n: _si(np.array([row[c.at] for row in data]), known[n], c.unit) for n, c in columns.items()}
-    return Table(name, prefix, at, values, columns)
+    values = {n: _convert_to_si(np.array([row[c.at] for row in data]), known[n], c.unit) for n, c in columns.items()}
+    return InstrumentTable(name, prefix, at, values, columns)
 
 
-def bare(raw: str) -> str:
+def normalise_name(raw: str) -> str:
     """Letters, digits and primes of a name in lower case; a single letter keeps its case.
 
     >>> bare("E_stor"), bare("G″"), bare("T")
     ('estor', "g''", 'T')
     """
-    kept = re.sub(r"[^\w']|_", "", raw.translate(ALIKE))
+    kept = re.sub(r"[^\w']|_", "", raw.translate(SIGN_SPELLINGS))
     return kept if len(kept) == 1 else kept.lower()
 
 
-def _si(values: Value, quantity: Quantity, unit: str) -> np.ndarray:
+def _convert_to_si(values: Value, quantity: ColumnSpec, unit: str) -> np.ndarray:
     factor, zero = quantity.units[unit]
     return factor * np.asarray(values, dtype=float) + zero
 
 
-def _cells(line: str, separator: str) -> list[str]:
+def _split_cells(line: str, separator: str) -> list[str]:
     parts = line.split() if separator == " " else line.rstrip().rstrip(separator).split(separator)
     return [c[1:-1].strip() if len(c) > 1 and c[0] == c[-1] == '"' else c for c in map(str.strip, parts)]
 
 
-def _number(cell: str, comma: bool) -> float | None:
+def _parse_cell(cell: str, comma: bool) -> float | None:
     """The number of a cell, NaN for a mark of a missing one, None for words."""
     return float("nan") if is_missing(cell) else parse_number(cell, comma)
 
 
-def _row(line: str, dialect: Value) -> list[float] | None:
+def _parse_row(line: str, dialect: Value) -> list[float] | None:
     """The numbers of a line, None for words; a line without any number is none."""
     separator, comma = dialect
-    cells = _cells(line, separator)
+    cells = _split_cells(line, separator)
     if len(cells) < 2:
         return None
     found = []
     for cell in cells:
-        value = _number(cell, comma)
+        value = _parse_cell(cell, comma)
         if value is None:
             return None
         found.append(value)
     return found if any(v == v for v in found) else None
 
 
-def _dialect(lines: list[str]) -> Value:
-    sample = [line for line in lines if line.strip()][-SAMPLE:]
-    return max(DIALECTS, key=lambda d: sum(_row(line, d) is not None for line in sample))
+def _detect_dialect(lines: list[str]) -> Value:
+    sample = [line for line in lines if line.strip()][-DIALECT_SAMPLE_LINES:]
+    return max(INSTRUMENT_DIALECTS, key=lambda d: sum(_parse_row(line, d) is not None for line in sample))
 
 
-def _parts(lines: list[str], dialect: Value, prefix: str) -> Value:
+def _split_header_and_rows(lines: list[str], dialect: Value, prefix: str) -> Value:
     """Header lines, rows of numbers, their line numbers and the usual width; a header may come again in between."""
     header, data, at = {}, [], []
     for number, line in enumerate(lines, 1):
         text = line.strip()
         if not text:
             continue
-        row = None if text[0] in "#%" else _row(line, dialect)
+        row = None if text[0] in "#%" else _parse_row(line, dialect)
         if row is not None:
             data.append(row)
             at.append(number)
         elif not data:
             header[line.lstrip("#% ") if text[0] in "#%" else line] = number
         elif text[0] not in "#%" and line not in header:
-            raise BadInput(f"{prefix}{number}: {short(text)[:40]!r} is not a row of numbers; remove or repair it")
+            raise BadInput(f"{prefix}{number}: {shorten_text(text)[:40]!r} is not a row of numbers; remove or repair it")
     width = mode(map(len, data)) if data else 0
     for line, number in header.items():
-        _no_damaged_row(_cells(line, dialect[0]), width, dialect[1], f"{prefix}{number}")
+        _check_damaged_row(_split_cells(line, dialect[0]), width, dialect[1], f"{prefix}{number}")
     return list(header), data, at, width
 
 
-def _no_damaged_row(cells: list[str], width: int, comma: bool, place: str) -> None:
+def _check_damaged_row(cells: list[str], width: int, comma: bool, place: str) -> None:
     """BadInput for a line above the numbers that is a row of them with a slip in it, as O.1 for 0.1."""
-    wrong = [c for c in cells if _number(c, comma) is None]
-    if len(cells) == width and wrong and all(map(bounded_reading.mistyped, wrong)):
-        raise BadInput(f"{place}: {short(repr(wrong[0]))} is not a number; repair it, or put # before a line of words")
+    wrong = [c for c in cells if _parse_cell(c, comma) is None]
+    if len(cells) == width and wrong and all(map(bounded_reading.is_mistyped_number, wrong)):
+        raise BadInput(f"{place}: {shorten_text(repr(wrong[0]))} is not a number; repair it, or put # before a line of words")
 
 
-def _columns(header: list[str], quantities: Value, width: int, separator: str, prefix: str) -> dict[str, Column]:
+def _find_columns(header: list[str], quantities: Value, width: int, separator: str, prefix: str) -> dict[str, FoundColumn]:
     """Columns named by the header line in which most quantities are recognised; none where no line names any."""
     best, found = (0, 0), {}
     for number, line in enumerate(header):
-        for parts in _splits(line, width, separator):
-            named = _recognised(parts[:width], quantities)
+        for parts in _split_candidates(line, width, separator):
+            named = _recognise_cells(parts[:width], quantities)
             if len(parts) > 1 and (len(named), number) > best and named:
-                best, found = (len(named), number), _with_units(named, parts, header[number + 1 :], quantities, prefix)
+                best, found = (len(named), number), _add_units(named, parts, header[number + 1 :], quantities, prefix)
     return found
 
 
-def _splits(line: str, width: int, separator: str) -> Iterator[list[str]]:
+def _split_candidates(line: str, width: int, separator: str) -> Iterator[list[str]]:
     """Ways to part a header line; single blanks part names only where that gives as many as there are columns."""
     for sign in dict.fromkeys((separator.replace(" ", "\t"), "\t", ";", ",")):
-        yield _cells(line, sign)
+        yield _split_cells(line, sign)
     yield re.split(r"\s{2,}", line.strip())
     if len(line.split()) == width:
         yield line.split()
@@ -218,12 +218,12 @@ def _splits(line: str, width: int, separator: str) -> Iterator[list[str]]:
         yield WORD_WITH_UNIT.findall(line)
 
 
-def _recognised(parts: list[str], quantities: Value) -> dict[str, tuple[int, str, str | None]]:
+def _recognise_cells(parts: list[str], quantities: Value) -> dict[str, tuple[int, str, str | None]]:
     """Per quantity the first cell that names it: its place, name and unit text."""
     named, taken = {}, set()
     for quantity in quantities:
         for i, cell in enumerate(parts):
-            match = None if i in taken else _match(cell, quantity)
+            match = None if i in taken else _match_cell(cell, quantity)
             if match is not None:
                 named[quantity.name] = (i, *match)
                 taken.add(i)
@@ -231,58 +231,58 @@ def _recognised(parts: list[str], quantities: Value) -> dict[str, tuple[int, str
     return named
 
 
-def _match(cell: str, quantity: Quantity) -> tuple[str, str | None] | None:
+def _match_cell(cell: str, quantity: ColumnSpec) -> tuple[str, str | None] | None:
     """(name, unit text or None) of a header cell that names the quantity, else None."""
-    if len(cell) > LONGEST_NAME:
+    if len(cell) > MAX_COLUMN_NAME_LETTERS:
         return None
     bracket = re.fullmatch(r"(.*?)(\s*)[(\[]([^()\[\]]*)[)\]]", cell)
-    if bracket and (bracket[2] or unit_word(bracket[3]) in quantity.units):
-        return (bracket[1], unit_word(bracket[3])) if quantity.fits(bracket[1]) else None
+    if bracket and (bracket[2] or normalise_unit(bracket[3]) in quantity.units):
+        return (bracket[1], normalise_unit(bracket[3])) if quantity.is_named(bracket[1]) else None
     for sign in "_/, ":
         for name, _, unit in (cell.partition(sign), cell.rpartition(sign)):
-            word = unit_word(unit.strip().removeprefix("in "))
-            if word and word in quantity.units and quantity.fits(name.removesuffix(" in")):
+            word = normalise_unit(unit.strip().removeprefix("in "))
+            if word and word in quantity.units and quantity.is_named(name.removesuffix(" in")):
                 return name, word
-    return (cell, None) if quantity.fits(cell) else None
+    return (cell, None) if quantity.is_named(cell) else None
 
 
-def unit_word(text: str) -> str:
+def normalise_unit(text: str) -> str:
     """A unit in one spelling.
 
     >>> unit_word("[m^4]"), unit_word("°C"), unit_word("µm")
     ('m4', 'degC', 'um')
     """
-    return re.sub(r"[\s^*·()\[\]]", "", text.translate(ALIKE)).replace("°", "deg").replace("sec", "s")
+    return re.sub(r"[\s^*·()\[\]]", "", text.translate(SIGN_SPELLINGS)).replace("°", "deg").replace("sec", "s")
 
 
-def _with_units(named: Value, parts: Value, below: list[str], quantities: Value, prefix: str) -> dict[str, Column]:
+def _add_units(named: Value, parts: Value, below: list[str], quantities: Value, prefix: str) -> dict[str, FoundColumn]:
     """Columns with the unit of their own cell, else of a line below in which units are recognised."""
     known = {q.name: q for q in quantities}
     line: dict[str, str] = {}
     for text in below:
-        for cells in _splits(text, len(parts), "\t"):
-            words = {n: unit_word(cells[i]) for n, (i, *_) in named.items() if i < len(cells)}
+        for cells in _split_candidates(text, len(parts), "\t"):
+            words = {n: normalise_unit(cells[i]) for n, (i, *_) in named.items() if i < len(cells)}
             if sum(w in known[n].units for n, w in words.items()) > len(line):
                 line = words
     columns = {}
     for name, (i, raw, own) in named.items():
         stated = own or line.get(name) or ""
-        if stated in NO_UNIT and stated not in known[name].units:
+        if stated in EMPTY_UNIT_CELLS and stated not in known[name].units:
             stated = ""
         if stated and stated not in known[name].units:
             units = ", ".join(u for u in known[name].units if u)
             raise BadInput(f"{prefix} column {raw.strip()!r}: unit {stated!r} is not known; give one of {units}")
-        columns[name] = Column(i, raw.strip(), stated or known[name].assumed(raw), bool(stated))
+        columns[name] = FoundColumn(i, raw.strip(), stated or known[name].assumed(raw), bool(stated))
     return columns
 
 
-def _by_order(quantities: Value, order: Sequence[str], width: int, prefix: str) -> dict[str, Column]:
+def _columns_by_order(quantities: Value, order: Sequence[str], width: int, prefix: str) -> dict[str, FoundColumn]:
     if width != len(order):
-        raise BadInput(f"{prefix} {width} columns without names; name them in a line: {_wanted(quantities, order)}")
+        raise BadInput(f"{prefix} {width} columns without names; name them in a line: {_list_quantities(quantities, order)}")
     known = {q.name: q for q in quantities}
-    return {name: Column(i, f"column {i + 1}", known[name].default[-1][1], False) for i, name in enumerate(order)}
+    return {name: FoundColumn(i, f"column {i + 1}", known[name].default[-1][1], False) for i, name in enumerate(order)}
 
 
-def _wanted(quantities: Value, order: Sequence[str]) -> str:
+def _list_quantities(quantities: Value, order: Sequence[str]) -> str:
     known = {q.name: q for q in quantities}
     return ", ".join(known[name].usual for name in order)

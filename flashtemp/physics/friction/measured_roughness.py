@@ -19,85 +19,85 @@ import numpy as np
 from flashtemp.errors import BadInput
 from flashtemp.physics import bounded_reading, interpolation
 from flashtemp.physics.arrays import Value
-from flashtemp.physics.friction.elastic_contact import library, quietly
-from flashtemp.physics.friction.instrument_tables import Quantity, of_rows, read
-from flashtemp.physics.friction.roughness_spectrum import Points, SelfAffine, Spectrum
+from flashtemp.physics.friction.elastic_contact import load_topography_library, suppress_warnings
+from flashtemp.physics.friction.instrument_tables import ColumnSpec, table_of_rows, read_instrument_table
+from flashtemp.physics.friction.roughness_spectrum import MeasuredSpectrum, SelfAffineLaw, RoughnessSpectrum
 from flashtemp.physics.interpolation import Source
-from flashtemp.showing import whole_file
+from flashtemp.showing import atomic_write
 
-PER_DECADE = 20  # bins of q of an area
-PER_DECADE_LINE = 10  # of a line, whose spectrum is differentiated
-SPIKE = 10.0  # standard deviations, robust: beyond what any road has
-MOST_MISSING = 0.5
-SCARCE = 25.0  # variance of the longest waves' ln C over that of the shortest
-HEIGHTS = (1e-9, 0.1)  # m, plausible rms
-STEEP = 10.0  # rms slope that no road has
-LAW = ", or a law { height = m, rolloff = 1/m, hurst = 1, lowest = 1/m }"
+AREA_BINS_PER_DECADE = 20  # bins of q of an area
+LINE_BINS_PER_DECADE = 10  # of a line, whose spectrum is differentiated
+SPIKE_SD = 10.0  # standard deviations, robust: beyond what any road has
+MAX_MISSING_FRACTION = 0.5
+LONG_WAVE_VARIANCE_RATIO = 25.0  # variance of the longest waves' ln C over that of the shortest
+RMS_HEIGHT_RANGE_M = (1e-9, 0.1)  # m, plausible rms
+MAX_ROAD_RMS_SLOPE = 10.0  # rms slope that no road has
+SPECTRUM_LAW_TEXT = ", or a law { height = m, rolloff = 1/m, hurst = 1, lowest = 1/m }"
 
-SPELLINGS = {  # of lengths in m; stylus instruments write heights in angstrom, microinch and mil
+LENGTH_SPELLINGS = {  # of lengths in m; stylus instruments write heights in angstrom, microinch and mil
     1.0: "m metre metres meter meters", 1e-2: "cm", 1e-3: "mm millimetre millimetres millimeter millimeters",
     1e-6: "um micrometre micrometres micrometer micrometers Micrometer micron microns",
     1e-9: "nm nanometre nanometres nanometer nanometers Nanometer", 1e-12: "pm",
     1e-10: "\u00c5 \u212b A angstrom angstroms Angstrom Angstroms", 0.0254: "in inch inches", 2.54e-5: "mil mils",
     2.54e-8: "uin uinch",
 }  # fmt: skip
-LENGTHS = {unit: metres for metres, units in SPELLINGS.items() for unit in units.split()}
+LENGTH_UNITS_M = {unit: metres for metres, units in LENGTH_SPELLINGS.items() for unit in units.split()}
 ANY = ""  # fits every name
-WAVENUMBER = Quantity(
+WAVENUMBER_COLUMN = ColumnSpec(
     "wavenumber",
     r"q|k|(?:wave|number|vector|spatial|angular|frequency){1,6}[qk]?",
-    {name.format(u): (1 / f, 0.0) for u, f in LENGTHS.items() for name in ("1/{}", "rad/{}", "{}-1")},
+    {name.format(u): (1 / f, 0.0) for u, f in LENGTH_UNITS_M.items() for name in ("1/{}", "rad/{}", "{}-1")},
     ((ANY, "1/m"),),
     "q (1/m)",
 )  # fmt: skip
-DENSITY = Quantity(
+SPECTRUM_COLUMN = ColumnSpec(
     "power spectrum",
     r"C|(?:psd|isotropic|iso|2d|power|spectr(?:um|al)|density|c(?:iso|2d)?|cq|q){1,6}",
-    {f"{u}4": (f**4, 0.0) for u, f in LENGTHS.items()},
+    {f"{u}4": (f**4, 0.0) for u, f in LENGTH_UNITS_M.items()},
     ((ANY, "m4"),),
     "C (m^4), isotropic: not the m^3 of a line",
 )
-DISTANCE = Quantity(
+DISTANCE_COLUMN = ColumnSpec(
     "distance",
     r"[xX]|(?:x|distance|position|pos|length|abscissa|lateral|scan|travel|path|displacement|horizontal|axis|coordinate|weg){1,6}",
-    {k: (f, 0.0) for k, f in LENGTHS.items()}, ((ANY, "m"),), "x (mm)",
+    {k: (f, 0.0) for k, f in LENGTH_UNITS_M.items()}, ((ANY, "m"),), "x (mm)",
 )  # fmt: skip
-HEIGHT = Quantity(
+HEIGHT_COLUMN = ColumnSpec(
     "height",
     r"[zZhH]|(?:z|h|height|depth|elevation|profile|profil|total|raw|primary|measured|vertical|data|deflection|axis"
     r"|coordinate|höhe|tiefe){1,6}",
-    {k: (f, 0.0) for k, f in LENGTHS.items()}, ((ANY, "m"),), "z (mm)",
+    {k: (f, 0.0) for k, f in LENGTH_UNITS_M.items()}, ((ANY, "m"),), "z (mm)",
 )  # fmt: skip
 UNIT_OF_AXIS = re.compile(
     r"\b(?P<axis>[xz])[ _-]?(?:axis )?units?[^\w\n]{1,4}(?P<unit>[A-Za-z\u00c5]{1,12})", re.IGNORECASE
 )
-MOST_HEADER = 20_000  # bytes of a file in which units of axes are looked for
-ACROSS = Quantity("y", r"[yY]|(?:y|axis|coordinate|position){2,6}", HEIGHT.units, ((ANY, "m"),), "y (mm)")
-VALID = Quantity(
+MAX_HEADER_BYTES = 20_000  # bytes of a file in which units of axes are looked for
+LATERAL_COLUMN = ColumnSpec("y", r"[yY]|(?:y|axis|coordinate|position){2,6}", HEIGHT_COLUMN.units, ((ANY, "m"),), "y (mm)")
+VALIDITY_COLUMN = ColumnSpec(
     "valid", r"valid|validity", dict.fromkeys(("", "1/0", "0/1", "-", "1"), (1.0, 0.0)), ((ANY, ""),), "valid"
 )
 
 
-def read_spectrum(source: Source, folder: Path, key: str) -> Points:
+def read_spectrum(source: Source, folder: Path, key: str) -> MeasuredSpectrum:
     """C(q) of a file or of rows [q 1/m, C m^4]; rows at the same wavenumber are averaged (log mean).
 
     Raises BadInput naming key, file and line for values <= 0, and where the rms height shows wrong units.
     """
     if isinstance(source, (list, tuple)):
-        table = of_rows(interpolation.rows(source, folder, key, 2), key, (WAVENUMBER, DENSITY))
+        table = table_of_rows(interpolation.read_rows(source, folder, key, 2), key, (WAVENUMBER_COLUMN, SPECTRUM_COLUMN))
     else:
-        table = read(source, folder, key, (WAVENUMBER, DENSITY), ("wavenumber", "power spectrum"), LAW)
+        table = read_instrument_table(source, folder, key, (WAVENUMBER_COLUMN, SPECTRUM_COLUMN), ("wavenumber", "power spectrum"), SPECTRUM_LAW_TEXT)
     where = table.name
-    for quantity in (WAVENUMBER, DENSITY):
+    for quantity in (WAVENUMBER_COLUMN, SPECTRUM_COLUMN):
         if quantity.name not in table:
             raise BadInput(f"{where}: no column of the {quantity.name}; name it {quantity.usual}")
         values = table[quantity.name]
-        table.need(~((values > 0) & np.isfinite(values)), quantity.name, "a number > 0")
+        table.require_rows(~((values > 0) & np.isfinite(values)), quantity.name, "a number > 0")
     q, back = np.unique(table["wavenumber"], return_inverse=True)
     C = np.exp(np.bincount(back, np.log(table["power spectrum"])) / np.bincount(back))
     if len(q) < 3:
         raise BadInput(f"{where}: {len(q)} different wavenumbers; give 3 or more")
-    return _plausible(q, C, where)
+    return _check_rms_height(q, C, where)
 
 
 @dataclass(frozen=True)
@@ -132,10 +132,10 @@ def read_line_scan(file: Path, key: str = "profile", stated: bool = False) -> Li
 
 def _scan_of_columns(file: Path, key: str, stated: bool) -> LineScan:
     """A line scan as columns of text."""
-    table = read(file.name, file.parent, key, (DISTANCE, HEIGHT, ACROSS, VALID), ("distance", "height"))
+    table = read_instrument_table(file.name, file.parent, key, (DISTANCE_COLUMN, HEIGHT_COLUMN, LATERAL_COLUMN, VALIDITY_COLUMN), ("distance", "height"))
     where = f"{key}: {file.name}"
     height = "height" if "height" in table else "y"
-    for name, quantity in (("distance", DISTANCE), (height, HEIGHT)):
+    for name, quantity in (("distance", DISTANCE_COLUMN), (height, HEIGHT_COLUMN)):
         if name not in table:
             raise BadInput(f"{where}: no column of the {quantity.name}; name it {quantity.usual}")
     if height == "height" and "y" in table and np.ptp(table["y"]) > 0:
@@ -145,41 +145,41 @@ def _scan_of_columns(file: Path, key: str, stated: bool) -> LineScan:
         h = np.where(table["valid"] > 0, h, np.nan)
     step = (x[-1] - x[0]) / max(1, len(x) - 1)
     gaps = np.append(step, np.diff(x))
-    table.need(~(np.abs(gaps - step) < 0.2 * abs(step)), "distance", f"even steps, here of {abs(step):.4g} m")
+    table.require_rows(~(np.abs(gaps - step) < 0.2 * abs(step)), "distance", f"even steps, here of {abs(step):.4g} m")
     columns = [table.columns[name] for name in ("distance", height)]
     above = {} if any(c.stated for c in columns) else _units_above(file)
     if any(c.stated for c in columns) != all(c.stated for c in columns) or len(above) == 1:
         bare = next(c for c, axis in zip(columns, "xz", strict=True) if not c.stated and axis not in above)
-        raise BadInput(f"{where}: no unit of {bare.name!r}, while the other column has one; name it {HEIGHT.usual}")
+        raise BadInput(f"{where}: no unit of {bare.name!r}, while the other column has one; name it {HEIGHT_COLUMN.usual}")
     units = [c.unit if c.stated else above.get(axis, c.unit) for c, axis in zip(columns, "xz", strict=True)]
-    factors = [1.0 if c.stated else LENGTHS[unit] for c, unit in zip(columns, units, strict=True)]
+    factors = [1.0 if c.stated else LENGTH_UNITS_M[unit] for c, unit in zip(columns, units, strict=True)]
     notes = [f"{where}: {', '.join(f'{c.name!r} in {unit}' for c, unit in zip(columns, units, strict=True))}"]
     if not above and not columns[0].stated:
         notes = [f"{where}: unit of {c.name!r} not in the file, taken as {c.unit}" for c in columns]
     if stated and not (above or columns[0].stated):
-        raise BadInput(f"{where}: no units of its columns; name them {DISTANCE.usual} and {HEIGHT.usual}")
+        raise BadInput(f"{where}: no units of its columns; name them {DISTANCE_COLUMN.usual} and {HEIGHT_COLUMN.usual}")
     return LineScan(factors[1] * h, float(abs(factors[0] * step)), tuple(notes))
 
 
 def _units_above(file: Path) -> dict[str, str]:
     """Units of x and of z that lines of the header state, as "X Units: mm, Z Units: um"."""
-    text = _head_of(file).decode("utf-8", "replace").replace("µ", "u").replace("μ", "u")
+    text = _read_head(file).decode("utf-8", "replace").replace("µ", "u").replace("μ", "u")
     found = (m.groupdict() for m in UNIT_OF_AXIS.finditer(text))
-    return {f["axis"].lower(): f["unit"] for f in found if f["unit"] in LENGTHS}
+    return {f["axis"].lower(): f["unit"] for f in found if f["unit"] in LENGTH_UNITS_M}
 
 
-def _head_of(file: Path) -> bytes:
+def _read_head(file: Path) -> bytes:
     """The first bytes of a file, where headers are."""
     with file.open("rb") as opened:
-        return opened.read(MOST_HEADER)
+        return opened.read(MAX_HEADER_BYTES)
 
 
 def _is_bounded(file: Path) -> bool:
     """Whether a file is small enough to be parsed, and a text has no line without end."""
     try:
-        data = bounded_reading.raw(file, file.name)
-        if b"\0" not in data[:MOST_HEADER]:
-            bounded_reading.lines(data.decode("latin-1"), file.name)
+        data = bounded_reading.read_bounded_bytes(file, file.name)
+        if b"\0" not in data[:MAX_HEADER_BYTES]:
+            bounded_reading.split_bounded_lines(data.decode("latin-1"), file.name)
     except BadInput:
         return False
     return True
@@ -189,13 +189,13 @@ def _scan_of_library(file: Path, key: str) -> LineScan | None:
     """A line scan with units as SurfaceTopography reads it; None where it reads none.  Raises BadInput."""
     if not _is_bounded(file):
         return None
-    surface = library()
+    surface = load_topography_library()
     try:
-        with quietly(), surface.open_topography(str(file)) as opened:
+        with suppress_warnings(), surface.open_topography(str(file)) as opened:
             if opened.default_channel.dim != 1 or opened.default_channel.unit is None:
                 return None
             line = opened.topography().to_unit("m")
-            x, h = map(_filled, line.positions_and_heights())
+            x, h = map(_unmask_values, line.positions_and_heights())
     except Exception:  # readers raise whatever the damage leads to
         return None
     step = (x[-1] - x[0]) / max(1, len(x) - 1)
@@ -209,24 +209,24 @@ def _scan_of_library(file: Path, key: str) -> LineScan | None:
     )
 
 
-def _filled(values: Value) -> np.ndarray:
+def _unmask_values(values: Value) -> np.ndarray:
     """Values with nan where they are masked."""
     return np.asarray(np.ma.filled(np.ma.asarray(values, float), np.nan))
 
 
-def without_spikes(heights: np.ndarray) -> np.ndarray:
+def remove_spikes(heights: np.ndarray) -> np.ndarray:
     """Heights with nan for those more than ten robust standard deviations from the median: dropouts, end plates.
 
     Raises BadInput where most are missing.
     """
     h = np.array(heights, dtype=float)
-    _missing(h)
+    _check_missing(h)
     away = np.abs(h - np.nanmedian(h))
-    limit = SPIKE * 1.4826 * np.nanmedian(away)
+    limit = SPIKE_SD * 1.4826 * np.nanmedian(away)
     return np.where(away > limit, np.nan, h) if limit > 0 else h
 
 
-def of_topography(heights: np.ndarray, pixel: Value, longest: float = np.inf) -> Points:
+def spectrum_of_topography(heights: np.ndarray, pixel: Value, longest: float = np.inf) -> MeasuredSpectrum:
     """C(q) of heights (nx, ny) in m, missing ones nan, `pixel` m (or one per axis), without waves over `longest` m.
 
     Tilt is taken off, a Hann window applied, missing points filled smoothly; q goes from two waves over the field
@@ -236,15 +236,15 @@ def of_topography(heights: np.ndarray, pixel: Value, longest: float = np.inf) ->
     if h.ndim != 2 or min(h.shape) < 16:
         raise BadInput(f"topography: {' x '.join(map(str, h.shape))} heights; give 16 x 16 or more")
     size = tuple(n * d for n, d in zip(h.shape, np.broadcast_to(pixel, 2), strict=True))
-    masked = np.ma.masked_invalid(h) if _missing(h) else h
-    road = library().Topography(masked, size)
-    if _missing(h):
-        road = library().Topography(np.asarray(road.interpolate_undefined_data().heights()), size)
-    q, C = road.detrend("height").power_spectrum_from_area(nb_points_per_decade=PER_DECADE)
-    return _points(q, C / (4 * np.pi**2), min(longest, max(size) / 2), "topography")
+    masked = np.ma.masked_invalid(h) if _check_missing(h) else h
+    road = load_topography_library().Topography(masked, size)
+    if _check_missing(h):
+        road = load_topography_library().Topography(np.asarray(road.interpolate_undefined_data().heights()), size)
+    q, C = road.detrend("height").power_spectrum_from_area(nb_points_per_decade=AREA_BINS_PER_DECADE)
+    return _select_points(q, C / (4 * np.pi**2), min(longest, max(size) / 2), "topography")
 
 
-def of_profile(heights: np.ndarray, step: float, longest: float = np.inf) -> Points:
+def spectrum_of_profile(heights: np.ndarray, step: float, longest: float = np.inf) -> MeasuredSpectrum:
     """Isotropic C(q) of a line's heights (n,) in m, missing ones nan, every `step` m, without waves over `longest` m.
 
     Several lines (m, n) are averaged.  The road is taken as isotropic with a C that falls with q.  q goes from two
@@ -253,20 +253,20 @@ def of_profile(heights: np.ndarray, step: float, longest: float = np.inf) -> Poi
     k, S = _line_spectrum(heights, step)
     if len(k) < 3 or not np.all(S > 0):
         raise BadInput("profile: the heights are flat; give a rough surface")
-    C = isotropic(k, S)
+    C = isotropic_spectrum(k, S)
     keep = k <= np.pi / step / 2
-    return _points(k[keep], C[keep], min(longest, np.pi / k[0]), "profile")
+    return _select_points(k[keep], C[keep], min(longest, np.pi / k[0]), "profile")
 
 
 def profile_height(heights: np.ndarray, step: float, longest: float = np.inf) -> float:
     """Rms height (m) of a line itself (n,) from waves along it no longer than `longest` m."""
-    scan = _scan(heights, step)
+    scan = _prepare_line(heights, step)
     k, C = scan.power_spectrum_from_profile(resampling_method=None)
     keep = (k > 0) & (k >= 2 * np.pi / longest)
     return float(np.sqrt(np.sum(C[keep]) * (k[1] - k[0]) / np.pi))
 
 
-def isotropic(k: np.ndarray, S: np.ndarray) -> np.ndarray:
+def isotropic_spectrum(k: np.ndarray, S: np.ndarray) -> np.ndarray:
     """C (n,) in m^4 at k (1/m, rising) from the two-sided spectrum S (n,) in m^3 of a line: Abel's inverse.
 
     S is made to fall (weighted isotonic regression), as it does where C falls; its last half decade goes on beyond.
@@ -289,20 +289,20 @@ def isotropic(k: np.ndarray, S: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Summary:
+class SpectrumSummary:
     """A spectrum in a few numbers: rms height (m) and slope between its ends q0, q1 (1/m), and its self-affine fit."""
 
     height: float
     slope: float
     q0: float
     q1: float
-    law: SelfAffine
+    law: SelfAffineLaw
 
     @classmethod
-    def of(cls, points: Points) -> Summary:
+    def from_points(cls, points: MeasuredSpectrum) -> SpectrumSummary:
         """Of points over their whole reach."""
-        road = Spectrum(points, *points.reach)
-        return cls(road.height, road.slope(), *points.reach, fit(points))
+        road = RoughnessSpectrum(points, *points.valid_range)
+        return cls(road.rms_height, road.rms_slope(), *points.valid_range, fit_self_affine(points))
 
     @property
     def remarks(self) -> list[str]:
@@ -313,7 +313,7 @@ class Summary:
                 f"Hurst exponent {self.law.hurst:.2f}: a self-affine road has one from 0 to 1; "
                 "is this noise, or are heights filtered?"
             )
-        if not self.slope <= STEEP:
+        if not self.slope <= MAX_ROAD_RMS_SLOPE:
             said.append(f"rms slope {self.slope:.3g}: no road is so steep; are heights and their distance in m?")
         return said
 
@@ -339,14 +339,14 @@ class Summary:
         return "\n".join([text, *(f"  remark: {remark}" for remark in self.remarks)])
 
 
-def save(points: Points, file: Path) -> None:
+def save_spectrum(points: MeasuredSpectrum, file: Path) -> None:
     """Write the CSV that `read_spectrum` reads."""
     rows = (f"{q:.9e},{C:.9e}\n" for q, C in zip(points.q, points.C, strict=True))
-    with whole_file(file) as fresh:
+    with atomic_write(file) as fresh:
         fresh.write_text("q_1/m,C_m4\n" + "".join(rows), encoding="utf-8")
 
 
-def fit(points: Points, longest: float = np.inf, shortest: float = 0.0) -> SelfAffine:
+def fit_self_affine(points: MeasuredSpectrum, longest: float = np.inf, shortest: float = 0.0) -> SelfAffineLaw:
     """The self-affine law with roll-off nearest to ln C between two wavelengths (m), by least squares.
 
     Raises BadInput where fewer than four points lie between them.
@@ -356,19 +356,19 @@ def fit(points: Points, longest: float = np.inf, shortest: float = 0.0) -> SelfA
     if keep.sum() < 4:
         raise BadInput(f"spectrum: {keep.sum()} points from {shortest:g} to {longest:g} m; give a wider range")
     x, y = np.log(q[keep]), np.log(C[keep])
-    weight = 1 / (1 + SCARCE * (q[0] / q[keep]) ** 2)  # few long waves fit into a measurement
+    weight = 1 / (1 + LONG_WAVE_VARIANCE_RATIO * (q[0] / q[keep]) ** 2)  # few long waves fit into a measurement
     best = (np.inf, 0.0, 0.0, 0.0)
     for start in [x[0], *np.linspace(x[0], x[-1], 200)[1:]]:
         bent = np.maximum(x - start, 0.0)
         if np.count_nonzero(bent) < max(3, len(x) // 4):
             break
-        (slope, level), residual = _line(bent, y, weight)
+        (slope, level), residual = _fit_line(bent, y, weight)
         best = min(best, (residual, start, slope, level))
     _, start, slope, level = best
-    return SelfAffine(float(np.exp(level)), float(np.exp(start)), float(-slope / 2 - 1))
+    return SelfAffineLaw(float(np.exp(level)), float(np.exp(start)), float(-slope / 2 - 1))
 
 
-def _line(x: Value, y: Value, weight: Value) -> tuple[np.ndarray, float]:
+def _fit_line(x: Value, y: Value, weight: Value) -> tuple[np.ndarray, float]:
     found = np.polyfit(x, y, 1, w=np.sqrt(weight))
     return found, float(np.sum(weight * (y - np.polyval(found, x)) ** 2))
 
@@ -376,46 +376,46 @@ def _line(x: Value, y: Value, weight: Value) -> tuple[np.ndarray, float]:
 def _line_spectrum(heights: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
     """k (1/m) and the two-sided S (m^3), mean of the lines."""
     lines = np.atleast_2d(np.asarray(heights, dtype=float))
-    scans = [_scan(h, step, cut=len(lines) == 1) for h in lines]
-    found = [s.power_spectrum_from_profile(nb_points_per_decade=PER_DECADE_LINE) for s in scans]
+    scans = [_prepare_line(h, step, cut=len(lines) == 1) for h in lines]
+    found = [s.power_spectrum_from_profile(nb_points_per_decade=LINE_BINS_PER_DECADE) for s in scans]
     full = ~np.ma.getmaskarray(found[0][1])
     return np.asarray(found[0][0])[full], np.mean([np.asarray(C)[full] for _, C in found], axis=0) / (2 * np.pi)
 
 
-def _scan(heights: np.ndarray, step: float, cut: bool = True) -> Value:
+def _prepare_line(heights: np.ndarray, step: float, cut: bool = True) -> Value:
     """A line without tilt; gaps bridged by straight lines, missing ends `cut` or held."""
     h = np.asarray(heights, dtype=float)
-    if _missing(h):
+    if _check_missing(h):
         there = np.flatnonzero(np.isfinite(h))
         span = (there[0], there[-1] + 1) if cut else (0, len(h))
         h = np.interp(np.arange(*span), there, h[there])
     if h.ndim != 1 or len(h) < 64:
         raise BadInput(f"profile: {len(h)} heights; give 64 or more")
-    return library().UniformLineScan(h, len(h) * step).detrend("height")
+    return load_topography_library().UniformLineScan(h, len(h) * step).detrend("height")
 
 
-def _missing(h: np.ndarray) -> bool:
+def _check_missing(h: np.ndarray) -> bool:
     share = np.mean(~np.isfinite(h)) if h.size else 1.0
-    if share > MOST_MISSING:
+    if share > MAX_MISSING_FRACTION:
         raise BadInput(f"heights: {100 * share:.0f} % are missing; give a measurement with half of them or more")
     return share > 0
 
 
-def _points(q: Value, C: Value, longest: float, where: str) -> Points:
+def _select_points(q: Value, C: Value, longest: float, where: str) -> MeasuredSpectrum:
     q, C = np.ma.filled(np.ma.masked_where(np.ma.getmaskarray(C), q), np.nan), np.ma.filled(C, np.nan)
     keep = (q >= (1 - 1e-9) * 2 * np.pi / longest) & np.isfinite(C)
     if keep.sum() < 3:
         raise BadInput(f"{where}: fewer than 3 wavenumbers are left; give more heights, or longer waves")
     if not np.all(C[keep] > 0):
         raise BadInput(f"{where}: the heights are flat; give a rough surface")
-    return _plausible(q[keep], C[keep], where)
+    return _check_rms_height(q[keep], C[keep], where)
 
 
-def _plausible(q: Value, C: Value, where: str) -> Points:
+def _check_rms_height(q: Value, C: Value, where: str) -> MeasuredSpectrum:
     """Points, if their rms height can be that of a road.  Raises BadInput."""
-    points = Points(tuple(map(float, q)), tuple(map(float, C)))
-    height = Spectrum(points, *points.reach).height
-    if not HEIGHTS[0] <= height <= HEIGHTS[1]:
+    points = MeasuredSpectrum(tuple(map(float, q)), tuple(map(float, C)))
+    height = RoughnessSpectrum(points, *points.valid_range).rms_height
+    if not RMS_HEIGHT_RANGE_M[0] <= height <= RMS_HEIGHT_RANGE_M[1]:
         raise BadInput(
             f"{where}: rms height {height:.3g} m; give one from 1e-9 to 0.1 m: is q in 1/m and C in m^4 "
             "(heights in m)? say so in a units line"

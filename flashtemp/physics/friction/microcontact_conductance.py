@@ -16,7 +16,7 @@ import numpy as np
 from flashtemp.physics.material import Material
 
 
-def static(rubber: Material, road: Material, modulus: float, pressure: float, decay: float) -> float:
+def resting_conductance(rubber: Material, road: Material, modulus: float, pressure: float, decay: float) -> float:
     """alpha (W/m2K) of an elastic contact at rest: 2 k_m p/(E* u0), k_m = k_R k_S/(k_R + k_S).
 
     Barber's relation of conductance and stiffness with p ~ exp(-u/u0): `modulus` E* and local `pressure` in Pa,
@@ -27,7 +27,7 @@ def static(rubber: Material, road: Material, modulus: float, pressure: float, de
     return 2.0 * k * pressure / (modulus * decay)
 
 
-def sliding(rubber: Material, road: Material, size: float, share: float) -> Callable[[float], float]:
+def sliding_conductance(rubber: Material, road: Material, size: float, share: float) -> Callable[[float], float]:
     """alpha(v) (W/m2K) of micro-contacts of `size` m on the road's tops that cover a `share` of a spot.
 
     Rubber flows past them: 1/h = 1/h_R + 1/h_S, h_R the larger of constriction and renewal, which grows as sqrt(v).

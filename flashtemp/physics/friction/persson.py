@@ -19,18 +19,18 @@ from scipy.special import erf, erfinv
 
 from flashtemp.errors import BadInput, SolverFailure
 from flashtemp.physics.arrays import Value
-from flashtemp.physics.friction.adhesive_shear import Shear
+from flashtemp.physics.friction.adhesive_shear import AdhesiveShear
 from flashtemp.physics.friction.rheology import Rubber
-from flashtemp.physics.friction.roughness_spectrum import Spectrum
+from flashtemp.physics.friction.roughness_spectrum import RoughnessSpectrum
 
-ORDER = 8  # Gauss points per panel of q
-PASSES = 400  # of the softening with strain
-ANGLES = 64  # Gauss points from 0 to pi/2
-LOGS = np.log(10.0) * np.arange(-14.0, 19.0, 0.05)  # of q v a_T in rad/s
+GAUSS_POINTS_PER_PANEL = 8  # Gauss points per panel of q
+MAX_SOFTENING_ITERATIONS = 400  # of the softening with strain
+ANGLE_POINTS = 64  # Gauss points from 0 to pi/2
+LN_FREQUENCY_GRID = np.log(10.0) * np.arange(-14.0, 19.0, 0.05)  # of q v a_T in rad/s
 
 
 @dataclass(frozen=True)
-class Payne:
+class PayneSoftening:
     """Softening of filled rubber with strain e: factors on storage and loss modulus at small strain (Kraus 1984).
 
     With x = (e/e_c)^m storage falls as rest + (1 - rest)/(1 + x^2): `rest` is what remains at large strain, `strain`
@@ -58,7 +58,7 @@ class Payne:
         """Factor on the storage modulus."""
         return self.rest + (1.0 - self.rest) / (1.0 + (strain / self.strain) ** (2 * self.power))
 
-    def loss(self, strain: Value) -> Value:
+    def loss_factor(self, strain: Value) -> Value:
         """Factor on the loss modulus."""
         if self.loss_peak is None:
             return self(strain)
@@ -68,7 +68,7 @@ class Payne:
 
 
 @dataclass(frozen=True)
-class Enlarged:
+class AreaEnlargement:
     """What changes the area in contact by a factor that depends on the nominal pressure (Pa, rising).
 
     The adhesive part of friction follows the area; the viscoelastic part follows its power `viscous`.
@@ -87,7 +87,7 @@ class Enlarged:
 
 
 @dataclass(frozen=True)
-class Found:
+class TheoryResult:
     """Contact and friction at speeds, temperatures and pressures (...); spectra over `q` (..., n).
 
     `G`, `P` = A(q)/A0; `density` dmu_visc/dq (m) with `weight` dq (1/m) of every node: viscous = sum weight density;
@@ -101,7 +101,7 @@ class Found:
     density: np.ndarray
     viscous: np.ndarray
     adhesive: np.ndarray
-    stretch: np.ndarray
+    G_at_q1: np.ndarray
     area: np.ndarray
 
     @property
@@ -111,26 +111,26 @@ class Found:
 
 
 @lru_cache(maxsize=16)
-def _angular(rubber: Rubber) -> Value:
+def _angular_integrals(rubber: Rubber) -> Value:
     """Splines over ln(q v a_T) of integrals over the angle phi; E over 1 - nu^2, Pa.
 
     ln of I = int |E|^2 dphi, int cos phi Im E dphi over the root of I, and int (Im E)^2 dphi over I.
     """
-    x, w = np.polynomial.legendre.leggauss(ANGLES)
+    x, w = np.polynomial.legendre.leggauss(ANGLE_POINTS)
     cos, w = np.cos(np.pi / 4 * (x + 1)), np.pi * w  # four quarters of the circle
-    E = rubber.modulus(np.multiply.outer(np.exp(LOGS), cos)) / (1.0 - rubber.poisson**2)
+    E = rubber.modulus(np.multiply.outer(np.exp(LN_FREQUENCY_GRID), cos)) / (1.0 - rubber.poisson**2)
     square = (np.abs(E) ** 2) @ w
     lost, share = (E.imag * cos) @ w / np.sqrt(square), E.imag**2 @ w / square
-    return CubicSpline(LOGS, np.log(square)), CubicSpline(LOGS, lost), CubicSpline(LOGS, share)
+    return CubicSpline(LN_FREQUENCY_GRID, np.log(square)), CubicSpline(LN_FREQUENCY_GRID, lost), CubicSpline(LN_FREQUENCY_GRID, share)
 
 
 @lru_cache(maxsize=16)
-def _cut(theory: Theory, q: float) -> Theory:
+def _truncate_theory(theory: PerssonTheory, q: float) -> PerssonTheory:
     return replace(theory, road=replace(theory.road, q1=q))
 
 
 @dataclass(frozen=True)
-class Theory:
+class PerssonTheory:
     """Rubber on a road: what the theory needs beside speed, temperature and pressure.
 
     `gamma` of S = gamma + (1 - gamma) P^2, the share of stored energy lost where contact is partial; `shear` the
@@ -139,43 +139,43 @@ class Theory:
     """
 
     rubber: Rubber
-    road: Spectrum
+    road: RoughnessSpectrum
     gamma: float = 0.5
-    shear: Shear | None = None
+    shear: AdhesiveShear | None = None
     saturation: bool = True
-    payne: Payne | None = None
-    enlarged: tuple[Enlarged, ...] = ()
+    payne: PayneSoftening | None = None
+    enlarged: tuple[AreaEnlargement, ...] = ()
 
     @cached_property
-    def _nodes(self) -> Value:
+    def _quadrature_nodes(self) -> Value:
         """Gauss nodes (n,) of q in panels of ln q, their weights dq, and integrals from q0 up to each node."""
-        ends = self.road.edges()
+        ends = self.road.panel_edges()
         inner = [2 * np.pi / part.cutoff for part in self.enlarged if self._is_partial(part)]
         edges = np.log(np.union1d(ends, inner) if inner else ends)
-        x, w = np.polynomial.legendre.leggauss(ORDER)
+        x, w = np.polynomial.legendre.leggauss(GAUSS_POINTS_PER_PANEL)
         half = 0.5 * np.diff(edges)
         q = np.exp(0.5 * (edges[1:] + edges[:-1])[:, None] + half[:, None] * x)
         legendre = np.polynomial.legendre
-        basis = np.array([legendre.legval(x, row) for row in np.eye(ORDER)])
-        rising = np.array([legendre.legval(x, legendre.legint(row, lbnd=-1)) for row in np.eye(ORDER)])
+        basis = np.array([legendre.legval(x, row) for row in np.eye(GAUSS_POINTS_PER_PANEL)])
+        rising = np.array([legendre.legval(x, legendre.legint(row, lbnd=-1)) for row in np.eye(GAUSS_POINTS_PER_PANEL)])
         return q, half[:, None] * w * q, half[:, None], np.linalg.solve(basis, rising)
 
     @property
     def q(self) -> np.ndarray:
         """Wavenumbers (n,) of the nodes, 1/m."""
-        found: np.ndarray = self._nodes[0].ravel()
+        found: np.ndarray = self._quadrature_nodes[0].ravel()
         return found
 
-    def up_to(self, values: np.ndarray) -> np.ndarray:
+    def cumulative_integral(self, values: np.ndarray) -> np.ndarray:
         """Integrals of q-densities (..., n) from q0 up to every node."""
-        q, weight, half, rising = self._nodes
+        q, weight, half, rising = self._quadrature_nodes
         f = values.reshape(*values.shape[:-1], *q.shape)
         panel = np.sum(f * weight, axis=-1)
         before = np.cumsum(panel, axis=-1) - panel
         found: np.ndarray = (before[..., None] + (f * q * half) @ rising).reshape(values.shape)
         return found
 
-    def __call__(self, v: Value, T: Value, p: Value, surface: Value = None) -> Found:
+    def __call__(self, v: Value, T: Value, p: Value, surface: Value = None) -> TheoryResult:
         """Contact and friction at speed v (m/s), temperature T (K) and nominal pressure p (Pa), which broadcast (...).
 
         T may be (..., n), one value per wavenumber; then `surface` (...) K is that of the real contact, T at q1
@@ -189,23 +189,23 @@ class Theory:
         shape = np.broadcast_shapes(v.shape, p.shape, T.shape[:-1], surface.shape)
         v, p, T = (np.broadcast_to(a, (*shape, a.shape[-1])) for a in (v[..., None], p[..., None], T))
         q = self.q
-        square, loss, share = _angular(self.rubber)
-        x = np.clip(np.log(q * v * self.rubber.factor(T)), LOGS[0], LOGS[-1])
+        square, loss, share = _angular_integrals(self.rubber)
+        x = np.clip(np.log(q * v * self.rubber.shift_factor(T)), LN_FREQUENCY_GRID[0], LN_FREQUENCY_GRID[-1])
         root = np.exp(0.5 * square(x)) / p
         C = self.road(q)
         # factors on the root of int |E|^2 dphi and on the loss modulus
         softer: Value = 1.0
         loss_factor: Value = 1.0
         loss_share = np.clip(share(x), 0.0, 1.0) if self._has_own_loss else 0.0
-        for _ in range(1 if self.payne is None else PASSES):
+        for _ in range(1 if self.payne is None else MAX_SOFTENING_ITERATIONS):
             rate = q**3 * C * (softer * root) ** 2 / 8
-            G = np.maximum(self.up_to(rate), 1e-300)
-            P = self._fraction(G)
+            G = np.maximum(self.cumulative_integral(rate), 1e-300)
+            P = self._area_fraction(G)
             if self.payne is None:
                 break
             strain = np.sqrt(2 * np.pi) / (P * softer * root)
             new = self.payne(strain)
-            loss_factor = self.payne.loss(strain)
+            loss_factor = self.payne.loss_factor(strain)
             if self._has_own_loss:
                 new = np.sqrt((1.0 - loss_share) * new**2 + loss_share * loss_factor**2)
             change, softer = np.max(np.abs(new - softer)), new
@@ -216,7 +216,7 @@ class Theory:
         S = self._dissipated_share(P)
         density = 0.5 * q**3 * C * S * P * loss_factor * root * loss(x)
         stretch = np.sum(rate * self.weight, axis=-1)
-        area = self._fraction(stretch)
+        area = self._area_fraction(stretch)
         for part in self.enlarged:
             if part.cutoff > 0.0 and 2 * np.pi / part.cutoff <= self.road.q0:  # the road has no such waves
                 continue
@@ -229,51 +229,51 @@ class Theory:
             P, area = np.minimum(P, 1.0), np.minimum(area, 1.0)
         viscous = np.sum(density * self.weight, axis=-1)
         adhesive = 0.0 * viscous if self.shear is None else self.shear(v[..., 0], surface) * area / p[..., 0]
-        return Found(q, self.weight, G, P, density, viscous, adhesive, stretch, area)
+        return TheoryResult(q, self.weight, G, P, density, viscous, adhesive, stretch, area)
 
     def _dissipated_share(self, P: Value) -> Value:
         """S of P: the share of the stored energy that is lost where contact is partial."""
         return self.gamma + (1 - self.gamma) * P**2 * self.saturation
 
-    def _enlarge_long_waves(self, part: Enlarged, factor: Value, rate: Value, P: Value, density: Value) -> Value:
+    def _enlarge_long_waves(self, part: AreaEnlargement, factor: Value, rate: Value, P: Value, density: Value) -> Value:
         """P and dmu_visc/dq (..., n) and A/A0 (...) once a part has enlarged the contact of waves above its cut-off.
 
         `rate` (..., n) is dG/dq.  The enlarged contact at the cut-off is that of some smaller G; the shorter waves
         add to it what they added before.
         """
         long = self.q < 2 * np.pi / part.cutoff
-        G = np.maximum(self.up_to(rate), 1e-300)
+        G = np.maximum(self.cumulative_integral(rate), 1e-300)
         whole = np.sum(rate * self.weight, axis=-1, keepdims=True)
         before = np.sum((rate * self.weight)[..., long], axis=-1, keepdims=True)
-        enlarged = factor * self._fraction(before)
+        enlarged = factor * self._area_fraction(before)
         after = 0.25 / erfinv(np.minimum(enlarged, 1 - 1e-9)) ** 2 if self.saturation else 1 / (np.pi * enlarged**2)
-        plain, shifted = self._fraction(G), self._fraction(np.maximum(G - before + after, 1e-300))
+        plain, shifted = self._area_fraction(G), self._area_fraction(np.maximum(G - before + after, 1e-300))
         gain = shifted / plain
         kept = self._dissipated_share(shifted) / self._dissipated_share(plain)
         P = P * np.where(long, factor, gain)
         density = density * np.where(long, factor**part.viscous, gain * kept)
-        return P, density, self._fraction(whole - before + after)[..., 0]
+        return P, density, self._area_fraction(whole - before + after)[..., 0]
 
     @property
     def _has_own_loss(self) -> bool:
         """Whether the loss modulus changes with strain by another factor than the storage modulus."""
         return self.payne is not None and self.payne.loss_peak is not None
 
-    def _is_partial(self, part: Enlarged) -> bool:
+    def _is_partial(self, part: AreaEnlargement) -> bool:
         """Whether a part changes the contact on some of the waves only."""
         return part.cutoff > 0.0 and self.road.q0 < 2 * np.pi / part.cutoff < self.road.q1
 
-    def _fraction(self, G: Value) -> Value:
+    def _area_fraction(self, G: Value) -> Value:
         """P of G: erf(1/(2 sqrt G)), or its tangent at small contact where saturation is left out."""
         return erf(0.5 / np.sqrt(G)) if self.saturation else 1.0 / np.sqrt(np.pi * G)
 
     @property
     def weight(self) -> np.ndarray:
         """Gauss weights dq (n,) of the nodes, 1/m."""
-        found: np.ndarray = self._nodes[1].ravel()
+        found: np.ndarray = self._quadrature_nodes[1].ravel()
         return found
 
-    def upto(self, q: float) -> Theory:
+    def without_shorter_waves(self, q: float) -> PerssonTheory:
         """The theory of the same road without waves shorter than those of q (1/m).  Raises BadInput below its waves."""
         if not q > self.road.q0:
             longest, asked = 2 * np.pi / self.road.q0, 2 * np.pi / q
@@ -281,28 +281,28 @@ class Theory:
                 f"contact.spot_diameter: {asked:.3g} m is not below the road's longest wave, {longest:.3g} m; "
                 "give smaller spots, their fraction, or a spectrum with longer waves"
             )
-        return _cut(self, q)
+        return _truncate_theory(self, q)
 
-    def covering(self, q: float, T: Value, p: float) -> Callable[..., Value]:
+    def contact_fraction_law(self, q: float, T: Value, p: float) -> Callable[..., Value]:
         """Law (v, p, T) of P at one wavenumber q (1/m), around a pressure p (Pa): G falls as 1/p^2 there.
 
         `T` (n,) K are the temperatures at which it is computed, rising; between them it is splined, beyond them held.
         """
-        cut = self.upto(q)
+        cut = self.without_shorter_waves(q)
 
         @lru_cache(maxsize=2)
-        def resisting(v: Value) -> CubicSpline:  # ln Pa over T
-            return CubicSpline(T, np.log(p * np.sqrt(cut(v, T[:, None], p).stretch[:, 0])))
+        def ln_stress_spline(v: Value) -> CubicSpline:  # ln Pa over T
+            return CubicSpline(T, np.log(p * np.sqrt(cut(v, T[:, None], p).G_at_q1[:, 0])))
 
-        def law(v: Value, local: Value, at: Value) -> Value:
+        def fraction_law(v: Value, local: Value, at: Value) -> Value:
             held = np.clip(np.real(at), T[0], T[-1])
-            log = resisting(v)(held)
+            log = ln_stress_spline(v)(held)
             if np.iscomplexobj(at):
-                log = log + 1j * np.imag(at) * resisting(v)(held, 1)
+                log = log + 1j * np.imag(at) * ln_stress_spline(v)(held, 1)
             return erf(0.5 * local / np.exp(log))
 
-        return law
+        return fraction_law
 
-    def contact(self, q: float, v: Value, T: Value, p: Value) -> Value:
+    def contact_fraction(self, q: float, v: Value, T: Value, p: Value) -> Value:
         """P at one wavenumber q (1/m): the fraction in contact when shorter waves are not seen."""
-        return self.upto(q)(v, T, p).area
+        return self.without_shorter_waves(q)(v, T, p).area

@@ -17,7 +17,7 @@ from scipy.interpolate import PchipInterpolator
 
 from flashtemp.physics.arrays import Value
 
-ABOVE_POLE, HOT = 20.0, 423.15  # K above the WLF pole; K: the shift is held beyond
+WLF_POLE_MARGIN_K, MAX_WLF_TEMPERATURE_K = 20.0, 423.15  # K above the WLF pole; K: the shift is held beyond
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class ColeCole:
     exponent: float
     time: float
 
-    reach = (0.0, np.inf)
+    valid_range = (0.0, np.inf)
 
     def __call__(self, omega: Value) -> Value:
         s = (1j * np.asarray(omega, dtype=float) * self.time) ** self.exponent
@@ -37,14 +37,14 @@ class ColeCole:
 
 
 @dataclass(frozen=True)
-class Prony:
+class PronySeries:
     """E = E0 + sum E_i i omega tau_i/(1 + i omega tau_i), moduli in Pa, times in s."""
 
     relaxed: float
     moduli: tuple[float, ...]
     times: tuple[float, ...]
 
-    reach = (0.0, np.inf)
+    valid_range = (0.0, np.inf)
 
     def __call__(self, omega: Value) -> Value:
         iwt = 1j * np.multiply.outer(np.asarray(omega, dtype=float), self.times)
@@ -52,7 +52,7 @@ class Prony:
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredModulus:
     """Storage and loss modulus (Pa) at angular frequencies (rad/s, rising); log-log monotone cubics, ends held."""
 
     omega: tuple[float, ...]
@@ -60,18 +60,18 @@ class Measured:
     loss: tuple[float, ...]
 
     @property
-    def reach(self) -> tuple[float, float]:
+    def valid_range(self) -> tuple[float, float]:
         """Lowest and highest measured angular frequency, rad/s."""
         return self.omega[0], self.omega[-1]
 
     @cached_property
-    def _logs(self) -> Any:
+    def _log_curves(self) -> Any:
         x = np.log(self.omega)
         return tuple(PchipInterpolator(x, np.log(y)) for y in (self.storage, self.loss))
 
     def __call__(self, omega: Value) -> Value:
-        x = np.log(np.clip(omega, *self.reach))
-        storage, loss = self._logs
+        x = np.log(np.clip(omega, *self.valid_range))
+        storage, loss = self._log_curves
         return np.exp(storage(x)) + 1j * np.exp(loss(x))
 
 
@@ -84,56 +84,56 @@ class WLF:
     reference: float
 
     @property
-    def reach(self) -> tuple[float, float]:
+    def valid_range(self) -> tuple[float, float]:
         """Temperatures (K) between which the law is used."""
-        return min(self.reference - self.c2 + ABOVE_POLE, self.reference), max(HOT, self.reference)
+        return min(self.reference - self.c2 + WLF_POLE_MARGIN_K, self.reference), max(MAX_WLF_TEMPERATURE_K, self.reference)
 
     def __call__(self, T: Value) -> Value:
         """a_T at T in K."""
-        d = np.clip(T, *self.reach) - self.reference
+        d = np.clip(T, *self.valid_range) - self.reference
         return 10.0 ** (-self.c1 * d / (self.c2 + d))
 
 
 @dataclass(frozen=True)
-class Shifts:
+class MeasuredShift:
     """Measured log10 a_T at temperatures (K, rising); monotone cubics, ends held."""
 
     T: tuple[float, ...]
     decades: tuple[float, ...]
 
     @property
-    def reach(self) -> tuple[float, float]:
+    def valid_range(self) -> tuple[float, float]:
         """Lowest and highest temperature (K) of the table."""
         return self.T[0], self.T[-1]
 
     @cached_property
-    def _curve(self) -> Any:
+    def _shift_curve(self) -> Any:
         return PchipInterpolator(self.T, self.decades)
 
     def __call__(self, T: Value) -> Value:
         """a_T at T in K."""
-        return 10.0 ** self._curve(np.clip(T, *self.reach))
+        return 10.0 ** self._shift_curve(np.clip(T, *self.valid_range))
 
 
 @dataclass(frozen=True)
 class Rubber:
     """A master curve `modulus` at the reference temperature of its `shift`, and Poisson's ratio."""
 
-    modulus: ColeCole | Prony | Measured
-    shift: WLF | Shifts
+    modulus: ColeCole | PronySeries | MeasuredModulus
+    shift: WLF | MeasuredShift
     poisson: float = 0.5
     name: str = "rubber"
 
-    def factor(self, T: Value) -> Value:
+    def shift_factor(self, T: Value) -> Value:
         """Shift factor a_T at T (K)."""
         return self.shift(T)
 
     def __call__(self, omega: Value, T: Value) -> Value:
         """E (Pa, complex) at angular frequency (rad/s) and T (K)."""
-        return self.modulus(np.asarray(omega) * self.factor(T))
+        return self.modulus(np.asarray(omega) * self.shift_factor(T))
 
 
-def prony(curve: ColeCole, per_decade: int = 2, decades: float = 12.0) -> Prony:
+def fit_prony_series(curve: ColeCole, per_decade: int = 2, decades: float = 12.0) -> PronySeries:
     """A Prony series for a Cole-Cole curve of exponent 1/2: E_i = (E1 - E0) dln tau/pi/(x^1/2 + x^-1/2).
 
     A reference for checks of `Prony` against a closed form, used by no run.
@@ -144,9 +144,9 @@ def prony(curve: ColeCole, per_decade: int = 2, decades: float = 12.0) -> Prony:
     ratio = np.logspace(-decades, decades, count)
     step = np.log(10.0) / per_decade
     moduli = (curve.unrelaxed - curve.relaxed) * step / np.pi / (np.sqrt(ratio) + 1.0 / np.sqrt(ratio))
-    return Prony(curve.relaxed, tuple(moduli.tolist()), tuple((curve.time * ratio).tolist()))
+    return PronySeries(curve.relaxed, tuple(moduli.tolist()), tuple((curve.time * ratio).tolist()))
 
 
-READY = {
+READY_RUBBERS = {
     "A": Rubber(ColeCole(8e6, 2e9, 0.5, 1e-8), WLF(7.718, 116.6, 293.15), name="A"),
 }

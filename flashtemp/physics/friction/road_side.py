@@ -24,21 +24,21 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from flashtemp.physics.arrays import Value
-from flashtemp.physics.friction.heat_kernels import ROOT_PI, retained
+from flashtemp.physics.friction.heat_kernels import ROOT_PI, retained_fraction
 from flashtemp.physics.material import Material
 
-DECADES = (-12.0, 8.0)  # of D tau over the square of the diameter
+LOG10_AGE_RANGE = (-12.0, 8.0)  # of D tau over the square of the diameter
 
 
 @cache
-def _disc() -> CubicSpline:
+def _disc_rise_spline() -> CubicSpline:
     """int_0^u R du/(2 sqrt u) over sqrt u, against log10 u: u the age over diameter^2/diffusivity."""
-    logs = np.linspace(*DECADES, 801)
+    logs = np.linspace(*LOG10_AGE_RANGE, 801)
     edges = np.concatenate([[0.0], 10.0 ** (0.5 * logs)])  # sqrt u
     nodes, weights = np.polynomial.legendre.leggauss(8)
     half = 0.5 * np.diff(edges)[:, None]
     s = 0.5 * (edges[1:] + edges[:-1])[:, None] + half * nodes
-    kept = np.cumsum(np.sum(half * weights * retained(s * s, 1.0, 1.0), axis=1))
+    kept = np.cumsum(np.sum(half * weights * retained_fraction(s * s, 1.0, 1.0), axis=1))
     return CubicSpline(logs, kept / edges[1:])
 
 
@@ -49,17 +49,17 @@ class RoadSide:
     material: Material
     alpha: float = np.inf
 
-    def warmed(self, age: Value, diameter: float) -> Value:
+    def mean_rise(self, age: Value, diameter: float) -> Value:
         """Rise of a spot's mean per W/m2 of an even flux (K m2/W) after `age` (s >= 0), by eq. (15b)."""
         age = np.asarray(age, dtype=float)
         u = self.material.diffusivity * age / diameter**2
-        at = np.log10(np.clip(u, 10.0 ** DECADES[0], 10.0 ** DECADES[1]))
-        root = np.sqrt(np.minimum(age, 10.0 ** DECADES[1] * diameter**2 / self.material.diffusivity))
-        return 2.0 * root * _disc()(at) / (ROOT_PI * self.material.effusivity)
+        at = np.log10(np.clip(u, 10.0 ** LOG10_AGE_RANGE[0], 10.0 ** LOG10_AGE_RANGE[1]))
+        root = np.sqrt(np.minimum(age, 10.0 ** LOG10_AGE_RANGE[1] * diameter**2 / self.material.diffusivity))
+        return 2.0 * root * _disc_rise_spline()(at) / (ROOT_PI * self.material.effusivity)
 
-    def taken(self, rubber: Value, before: Value, own: Value, mine: Value) -> Value:
+    def road_flux(self, rubber_surface: Value, road_surface: Value, rubber_resistance: Value, road_resistance: Value) -> Value:
         """Flux (W/m2) into the road at which both sides agree.
 
         `rubber` and `before` (K) are the two surfaces without it, `own` and `mine` (K m2/W) what it does to them.
         """
-        return (rubber - before) / (own + mine + 1.0 / self.alpha)
+        return (rubber_surface - road_surface) / (rubber_resistance + road_resistance + 1.0 / self.alpha)

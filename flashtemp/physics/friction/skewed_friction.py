@@ -14,15 +14,15 @@ import numpy as np
 from flashtemp.errors import BadInput
 from flashtemp.physics.arrays import Value
 from flashtemp.physics.friction.rheology import Rubber
-from flashtemp.physics.friction.roughness_spectrum import READY, Spectrum
-from flashtemp.physics.friction.skewness import gaussian
-from flashtemp.physics.friction.sliding_contact import Slid, slide
+from flashtemp.physics.friction.roughness_spectrum import READY_ROADS, RoughnessSpectrum
+from flashtemp.physics.friction.skewness import gaussian_heights
+from flashtemp.physics.friction.sliding_contact import SlidingContactResult, solve_sliding_contact
 
-ROADS = ("plain", "worn", "turned")
+COMPARED_ROADS = ("plain", "worn", "turned")
 
 
 @dataclass(frozen=True, eq=False)
-class Compared:
+class SkewFrictionComparison:
     """At nominal pressures p (n,) Pa: `mu`, `area` and `lost` (3, seeds, n) of the roads in ROADS.
 
     `lost` is friction from the energy lost, another way to the same number.
@@ -33,16 +33,16 @@ class Compared:
     area: np.ndarray
     lost: np.ndarray
 
-    def against(self, what: str, one: str, other: str) -> np.ndarray:
+    def mean_ratio(self, what: str, one: str, other: str) -> np.ndarray:
         """Ratio (n,) of the means over seeds of "mu" or "area" of one road to that of the other."""
         values = getattr(self, what).mean(axis=1)
-        found: np.ndarray = values[ROADS.index(one)] / values[ROADS.index(other)]
+        found: np.ndarray = values[COMPARED_ROADS.index(one)] / values[COMPARED_ROADS.index(other)]
         return found
 
     @property
-    def follows(self) -> np.ndarray:
+    def friction_area_product(self) -> np.ndarray:
         """mu_visc of the worn road times the growth of its area (n,), both over the plain one: 1 if mu goes as 1/R."""
-        found: np.ndarray = self.against("mu", "worn", "plain") * self.against("area", "worn", "plain")
+        found: np.ndarray = self.mean_ratio("mu", "worn", "plain") * self.mean_ratio("area", "worn", "plain")
         return found
 
 
@@ -59,7 +59,7 @@ def flatten_tops(heights: np.ndarray, side: float, f: float, cutoff: float) -> n
     return lowered
 
 
-def compare(
+def compare_roads(
     f: float,
     rubber: Rubber,
     speed: float,
@@ -67,9 +67,9 @@ def compare(
     pressures: Value,
     grid: int = 128,
     seeds: Sequence[int] = (0, 1, 2),
-    road: Spectrum = READY["asphalt A"],
+    road: RoughnessSpectrum = READY_ROADS["asphalt A"],
     cutoff: float = 0.0,
-) -> Compared:
+) -> SkewFrictionComparison:
     """Slide `rubber` at `speed` (m/s), temperature T (K) and nominal `pressures` (n,) Pa over the three roads.
 
     The square of `grid`^2 points holds the road's waves down to four pixels; those longer than `cutoff` (m) are worn, 0
@@ -82,12 +82,12 @@ def compare(
     def modulus(omega: Value) -> Value:
         return rubber(omega, T) / (1.0 - rubber.poisson**2)
 
-    def one(heights: np.ndarray, side: float) -> list[Slid]:
-        return [slide(heights, (side, side), modulus, speed, load) for load in p]
+    def slide_over_loads(heights: np.ndarray, side: float) -> list[SlidingContactResult]:
+        return [solve_sliding_contact(heights, (side, side), modulus, speed, load) for load in p]
 
     found = []
     for seed in seeds:
-        heights, side = gaussian(road, grid, seed)
+        heights, side = gaussian_heights(road, grid, seed)
         worn = flatten_tops(heights, side, f, cutoff)
-        found.append([[(s.mu, s.area, s.friction_by_loss) for s in one(h, side)] for h in (heights, worn, -worn)])
-    return Compared(p, *np.moveaxis(np.array(found), (3, 1, 0), (0, 1, 2)))
+        found.append([[(s.mu, s.area, s.friction_by_loss) for s in slide_over_loads(h, side)] for h in (heights, worn, -worn)])
+    return SkewFrictionComparison(p, *np.moveaxis(np.array(found), (3, 1, 0), (0, 1, 2)))

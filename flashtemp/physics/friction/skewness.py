@@ -22,51 +22,51 @@ from scipy.optimize import brentq, least_squares
 
 from flashtemp.errors import BadInput
 from flashtemp.physics.arrays import Value
-from flashtemp.physics.friction.elastic_contact import touching
-from flashtemp.physics.friction.persson import Enlarged
-from flashtemp.physics.friction.roughness_spectrum import READY, Spectrum
+from flashtemp.physics.friction.elastic_contact import solve_contact_area
+from flashtemp.physics.friction.persson import AreaEnlargement
+from flashtemp.physics.friction.roughness_spectrum import READY_ROADS, RoughnessSpectrum
 
-GRID = 256  # points along a side
-SEEDS = (0, 1, 2)
-PERIODS = 2.0  # sides of the square in wavelengths 2 pi/q0
-SHORTEST = 4.0  # pixels in the shortest wave
-LOADS = 6  # pressures at which the contact is solved
-POWERS = (0.3, 3.0)  # of the load in the fit: bounds
+GRID_POINTS = 256  # points along a side
+DEFAULT_SEEDS = (0, 1, 2)
+SIDE_WAVELENGTHS = 2.0  # sides of the square in wavelengths 2 pi/q0
+MIN_WAVE_PIXELS = 4.0  # pixels in the shortest wave
+SOLVED_LOADS = 6  # pressures at which the contact is solved
+LOAD_POWER_RANGE = (0.3, 3.0)  # of the load in the fit: bounds
 
 
-def _moments(f: float) -> tuple[float, float]:
+def _unit_moments(f: float) -> tuple[float, float]:
     """Mean and variance of a unit Gaussian whose positive part is multiplied by f."""
     mean = (f - 1.0) / np.sqrt(2 * np.pi)
     return mean, 0.5 * (1.0 + f * f) - mean**2
 
 
-def skewness(f: float) -> float:
+def skewness_of_scale(f: float) -> float:
     """Skewness <(h - <h>)^3>/rms^3 of Gaussian heights with those above the mean plane multiplied by f >= 0.
 
     From the raw moments of the two half Gaussians; theory C5.
     """
-    mean, variance = _moments(f)
+    mean, variance = _unit_moments(f)
     third = 2.0 * (f**3 - 1.0) / np.sqrt(2 * np.pi)
     return float((third - 3.0 * mean * (variance + mean**2) + 2.0 * mean**3) / variance**1.5)
 
 
-def scale(skew: float) -> float:
+def scale_of_skewness(skew: float) -> float:
     """The f of ]0, 1] that gives a skewness.  Raises BadInput where none does."""
-    lowest = skewness(0.0)
+    lowest = skewness_of_scale(0.0)
     if not lowest < skew <= 0.0:
         raise BadInput(f"skewness: {skew:g}; give a value from {lowest:.3g} (tops cut off) to 0 (Gaussian)")
-    return float(brentq(lambda f: skewness(f) - skew, 0.0, 1.0, xtol=1e-14))
+    return float(brentq(lambda f: skewness_of_scale(f) - skew, 0.0, 1.0, xtol=1e-14))
 
 
-REFERENCES = {
+REFERENCE_SCALES = {
     "unscaled": lambda f: 1.0,
     "slope": lambda f: float(np.sqrt(0.5 * (1.0 + f * f))),
-    "height": lambda f: float(np.sqrt(_moments(f)[1])),
+    "height": lambda f: float(np.sqrt(_unit_moments(f)[1])),
 }
 
 
 @dataclass(frozen=True)
-class Ratio:
+class AreaRatio:
     """R = A_skewed/A_reference at loads p/E* (n): `each` (seeds, n) as solved, `areas` the two means (2, n) of A/A0.
 
     The fit ln R = top + (end - top) x/(1 + x), x = (load/bend)^power, starts at `top` = ln(g/f), which is exact
@@ -87,19 +87,19 @@ class Ratio:
         return np.exp(self.top + (self.end - self.top) * x / (1.0 + x))
 
     @property
-    def spread(self) -> np.ndarray:
+    def relative_sd(self) -> np.ndarray:
         """Relative standard deviation (n,) of one seed about the fit."""
         found: np.ndarray = np.sqrt(np.mean((self.each / self(self.load) - 1.0) ** 2, axis=0))
         return found
 
 
-def area(
+def solve_areas(
     f: float,
     loads: Value,
-    grid: int = GRID,
-    seeds: Sequence[int] = SEEDS,
-    road: Spectrum = READY["asphalt A"],
-    below: float = 1.0,
+    grid: int = GRID_POINTS,
+    seeds: Sequence[int] = DEFAULT_SEEDS,
+    road: RoughnessSpectrum = READY_ROADS["asphalt A"],
+    scale_below: float = 1.0,
 ) -> np.ndarray:
     """A/A0 (seeds, n) of skewed roads at nominal pressures over contact modulus p/E* (n), E* = E/(1 - nu^2).
 
@@ -107,73 +107,73 @@ def area(
     wavelengths 2 pi/q0 of the `road` wide and holds its waves down to four pixels: compare areas of one grid only.
     Raises BadInput for f outside ]0, 1], loads that are not positive, a grid below 32, or where no contact is found.
     """
-    loads = _checked(f, loads, grid, seeds)
+    loads = _check_inputs(f, loads, grid, seeds)
     found = np.empty((len(seeds), len(loads)))
     for i, seed in enumerate(seeds):
-        heights, side = gaussian(road, grid, seed)
-        heights = np.where(heights > 0.0, f, below) * heights
-        found[i] = [touching(heights, (side, side), 1.0, load).mean() for load in loads]
+        heights, side = gaussian_heights(road, grid, seed)
+        heights = np.where(heights > 0.0, f, scale_below) * heights
+        found[i] = [solve_contact_area(heights, (side, side), 1.0, load).mean() for load in loads]
     return found
 
 
-def gaussian(road: Spectrum, grid: int, seed: int) -> tuple[np.ndarray, float]:
+def gaussian_heights(road: RoughnessSpectrum, grid: int, seed: int) -> tuple[np.ndarray, float]:
     """Heights (grid, grid) m about a mean of zero with the spectrum of a road, and the side of the square, m."""
-    side = PERIODS * 2 * np.pi / road.q0
+    side = SIDE_WAVELENGTHS * 2 * np.pi / road.q0
     along = 2 * np.pi * np.fft.fftfreq(grid, side / grid)
     q = np.hypot(along[:, None], along[: grid // 2 + 1])
-    held = (q >= road.q0 * (1 - 1e-9)) & (q <= min(road.q1, 2 * np.pi * grid / (SHORTEST * side)))
+    held = (q >= road.q0 * (1 - 1e-9)) & (q <= min(road.q1, 2 * np.pi * grid / (MIN_WAVE_PIXELS * side)))
     C = np.where(held, road(np.maximum(q, road.q0)), 0.0)
     noise = np.fft.rfft2(np.random.default_rng(seed).standard_normal((grid, grid)))
     return np.fft.irfft2(noise * np.sqrt(C) * 2 * np.pi * grid / side, s=(grid, grid)), side
 
 
-def ratio(
+def solve_area_ratio(
     f: float,
     loads: Value,
-    grid: int = GRID,
-    seeds: Sequence[int] = SEEDS,
-    road: Spectrum = READY["asphalt A"],
+    grid: int = GRID_POINTS,
+    seeds: Sequence[int] = DEFAULT_SEEDS,
+    road: RoughnessSpectrum = READY_ROADS["asphalt A"],
     against: str = "unscaled",
-) -> Ratio:
+) -> AreaRatio:
     """How much more of a skewed road touches than of the Gaussian one, at loads p/E* (n), fitted.
 
     `against`: "unscaled", the road before its tops were lowered; "slope" or "height", a Gaussian road of the skewed
     road's rms slope or rms height.  Raises BadInput as `area` does, and for another word.
     """
-    if against not in REFERENCES:
-        raise BadInput(f"against: {against}; give one of {', '.join(REFERENCES)}")
-    loads = _checked(f, loads, grid, seeds)
-    g = REFERENCES[against](f)
-    worn = area(f, loads, grid, seeds, road)
-    plain = area(1.0, loads / g, grid, seeds, road)  # heights times g need p/E* times g for the same area
+    if against not in REFERENCE_SCALES:
+        raise BadInput(f"against: {against}; give one of {', '.join(REFERENCE_SCALES)}")
+    loads = _check_inputs(f, loads, grid, seeds)
+    g = REFERENCE_SCALES[against](f)
+    worn = solve_areas(f, loads, grid, seeds, road)
+    plain = solve_areas(1.0, loads / g, grid, seeds, road)  # heights times g need p/E* times g for the same area
     each = worn / plain
     means = np.array([worn.mean(axis=0), plain.mean(axis=0)])
-    return Ratio(loads, each, means, *_fit(loads, np.log(each).mean(axis=0), f, g))
+    return AreaRatio(loads, each, means, *_fit_ratio(loads, np.log(each).mean(axis=0), f, g))
 
 
-def _fit(loads: Value, logs: Value, f: float, g: float) -> tuple[float, float, float, float]:
+def _fit_ratio(loads: Value, logs: Value, f: float, g: float) -> tuple[float, float, float, float]:
     """`top`, `end`, `bend` and `power` of Ratio: R lies between g, since A is concave in p, and g/f."""
     top = float(np.log(g / f))
 
-    def model(x: Value) -> Value:
+    def ln_ratio(x: Value) -> Value:
         part = np.exp(x[1] * (np.log(loads) - x[0]))
         return top + (x[2] * np.log(g) - top) * part / (1.0 + part)
 
-    bounds = ([np.log(1e-4), POWERS[0], 0.0], [np.log(1e2), POWERS[1], 1.0])
-    found = least_squares(lambda x: model(x) - logs, [np.log(0.1), 1.0, 0.5], bounds=bounds).x
+    bounds = ([np.log(1e-4), LOAD_POWER_RANGE[0], 0.0], [np.log(1e2), LOAD_POWER_RANGE[1], 1.0])
+    found = least_squares(lambda x: ln_ratio(x) - logs, [np.log(0.1), 1.0, 0.5], bounds=bounds).x
     return top, float(found[2] * np.log(g)), float(np.exp(found[0])), float(found[1])
 
 
-def skewed(
+def skewness_enlargement(
     f: float,
     modulus: float,
     pressures: Sequence[float],
-    grid: int = GRID,
-    seeds: Sequence[int] = SEEDS,
-    road: Spectrum = READY["asphalt A"],
+    grid: int = GRID_POINTS,
+    seeds: Sequence[int] = DEFAULT_SEEDS,
+    road: RoughnessSpectrum = READY_ROADS["asphalt A"],
     against: str = "unscaled",
     viscous: float = -1.0,
-) -> Enlarged:
+) -> AreaEnlargement:
     """What lowering the tops of a road by f does to the area in contact at nominal `pressures` (Pa, rising).
 
     `modulus` E/(1 - nu^2) in Pa is the rubber's at the frequency q0 v of the macroasperities, which settle how deep it
@@ -185,12 +185,12 @@ def skewed(
     p = np.asarray(pressures, dtype=float)
     if not modulus > 0 or p.ndim != 1 or p.size == 0 or not np.all(p > 0) or np.any(np.diff(p) <= 0):
         raise BadInput(f"skewed: modulus {modulus:g}, pressures {p.tolist()}; give positive ones in Pa, rising")
-    loads = np.geomspace(p[0], p[-1], LOADS if len(p) > 1 else 1) / modulus
-    found = ratio(f, loads, grid, seeds, road, against)
-    return Enlarged(tuple(p.tolist()), tuple(found(p / modulus).tolist()), viscous)
+    loads = np.geomspace(p[0], p[-1], SOLVED_LOADS if len(p) > 1 else 1) / modulus
+    found = solve_area_ratio(f, loads, grid, seeds, road, against)
+    return AreaEnlargement(tuple(p.tolist()), tuple(found(p / modulus).tolist()), viscous)
 
 
-def _checked(f: float, loads: Value, grid: int, seeds: Value) -> np.ndarray:
+def _check_inputs(f: float, loads: Value, grid: int, seeds: Value) -> np.ndarray:
     loads = np.asarray(loads, dtype=float)
     if not 0.0 < f <= 1.0:
         raise BadInput(f"f: {f:g}; give a factor on the heights above the mean plane, 0 < f <= 1")

@@ -24,14 +24,14 @@ from scipy.sparse.linalg import LinearOperator, gmres
 from flashtemp.errors import SolverFailure
 from flashtemp.physics.arrays import Value
 
-SETS, SOLVES = 400, 60  # active sets; restarts of GMRES
-CLOSE = 1e-7  # of the residual in the contact
-INNER = 40  # vectors between restarts
-COARSE = 32  # points along x below which contact is sought from all of them
+MAX_CONTACT_SETS, MAX_GMRES_RESTARTS = 400, 60  # active sets; restarts of GMRES
+GMRES_TOLERANCE = 1e-7  # of the residual in the contact
+GMRES_VECTORS = 40  # vectors between restarts
+COARSEST_POINTS = 32  # points along x below which contact is sought from all of them
 
 
 @dataclass(frozen=True, eq=False)
-class Slid:
+class SlidingContactResult:
     """Pressure and gap (nx, ny) in Pa and m, friction `mu` = <p dh/dx>/<p>, share `area` in contact.
 
     `friction_by_loss` is the energy that the rubber loses per way, over <p>: the same number by another road.
@@ -44,7 +44,7 @@ class Slid:
     area: float
 
 
-class Surface:
+class SlidingSurface:
     """Heights (nx, ny) m, periodic over `size` m, under rubber of contact modulus E*(omega) Pa at `speed` m/s."""
 
     def __init__(self, heights: np.ndarray, size: tuple[float, float], modulus: Callable[..., Value], speed: float):
@@ -58,86 +58,86 @@ class Surface:
         E = np.where(qx < 0, np.conj(E), E)
         if nx % 2 == 0:
             E[nx // 2] = np.abs(E[nx // 2])  # the shortest wave along x has no direction
-        self.stiff = 0.5 * q * E
-        self.soft = 1.0 / self.stiff
-        self.soft[0, 0] = 0.0
+        self.stiffness = 0.5 * q * E
+        self.compliance = 1.0 / self.stiffness
+        self.compliance[0, 0] = 0.0
         slope = 1j * qx * np.ones_like(qy)
         if nx % 2 == 0:
             slope[nx // 2] = 0.0
-        self.along = slope
+        self.slope_factor = slope
 
-    def through(self, factor: np.ndarray, field: np.ndarray) -> np.ndarray:
+    def apply_factor(self, factor: np.ndarray, field: np.ndarray) -> np.ndarray:
         """A field (nx, ny) with every wave multiplied by `factor`."""
         found: np.ndarray = np.fft.irfft2(factor * np.fft.rfft2(field), s=self.shape)
         return found
 
-    def pressed(self, on: np.ndarray, start: np.ndarray, load: float) -> tuple[np.ndarray, np.ndarray]:
+    def solve_pressure(self, in_contact: np.ndarray, start: np.ndarray, load: float) -> tuple[np.ndarray, np.ndarray]:
         """Pressure (nx, ny) of mean `load` (Pa) that holds the points `on` at the road, and the gap everywhere."""
-        count = int(on.sum())
-        p = np.where(on, start, 0.0)
-        p += np.where(on, (load - p.mean()) * on.size / count, 0.0)
+        count = int(in_contact.sum())
+        p = np.where(in_contact, start, 0.0)
+        p += np.where(in_contact, (load - p.mean()) * in_contact.size / count, 0.0)
 
-        def level(field: np.ndarray) -> np.ndarray:
-            inside: np.ndarray = field[on]
+        def take_contact_values(field: np.ndarray) -> np.ndarray:
+            inside: np.ndarray = field[in_contact]
             inside -= inside.mean()
             return inside
 
-        def spread(values: np.ndarray) -> np.ndarray:
+        def scatter_values(values: np.ndarray) -> np.ndarray:
             field = np.zeros(self.shape)
-            field[on] = values
+            field[in_contact] = values
             return field
 
-        def act(values: np.ndarray) -> np.ndarray:
-            return level(self.through(self.soft, spread(values - values.mean())))
+        def apply_operator(values: np.ndarray) -> np.ndarray:
+            return take_contact_values(self.apply_factor(self.compliance, scatter_values(values - values.mean())))
 
-        def near(values: np.ndarray) -> np.ndarray:
-            return level(self.through(self.stiff, spread(values)))
+        def apply_preconditioner(values: np.ndarray) -> np.ndarray:
+            return take_contact_values(self.apply_factor(self.stiffness, scatter_values(values)))
 
-        miss = level(self.heights - self.through(self.soft, p))
-        size = np.linalg.norm(level(self.heights))
-        if count > 1 and np.linalg.norm(miss) > CLOSE * size:
+        miss = take_contact_values(self.heights - self.apply_factor(self.compliance, p))
+        size = np.linalg.norm(take_contact_values(self.heights))
+        if count > 1 and np.linalg.norm(miss) > GMRES_TOLERANCE * size:
             shape = (count, count)
             change, fault = gmres(
-                LinearOperator(shape, act), miss, rtol=0.0, atol=CLOSE * size, restart=INNER, maxiter=SOLVES,
-                M=LinearOperator(shape, near),
+                LinearOperator(shape, apply_operator), miss, rtol=0.0, atol=GMRES_TOLERANCE * size, restart=GMRES_VECTORS, maxiter=MAX_GMRES_RESTARTS,
+                M=LinearOperator(shape, apply_preconditioner),
             )  # fmt: skip
             if fault:
                 raise SolverFailure(f"sliding contact: GMRES does not settle on {count} points")
-            p = p + spread(change - change.mean())
-        gap = self.through(self.soft, p) - self.heights
-        return p, gap - gap[on].mean()
+            p = p + scatter_values(change - change.mean())
+        gap = self.apply_factor(self.compliance, p) - self.heights
+        return p, gap - gap[in_contact].mean()
 
 
-def slide(
+def solve_sliding_contact(
     heights: np.ndarray, size: tuple[float, float], modulus: Callable[..., Value], speed: float, pressure: float
-) -> Slid:
+) -> SlidingContactResult:
     """Rubber pressed on `heights` (nx, ny) m by a nominal `pressure` (Pa) and slid along x at `speed` (m/s).
 
     `modulus`(omega) is E/(1 - nu^2) in Pa at omega >= 0 in rad/s, complex.  Raises SolverFailure.
     """
-    surface = Surface(heights, size, modulus, speed)
-    on, p = _started(heights, size, modulus, speed, pressure)
-    for _ in range(SETS):
-        p, gap = surface.pressed(on, p, pressure)
+    surface = SlidingSurface(heights, size, modulus, speed)
+    on, p = _initial_contact(heights, size, modulus, speed, pressure)
+    for _ in range(MAX_CONTACT_SETS):
+        p, gap = surface.solve_pressure(on, p, pressure)
         new = np.where(on, p > 0.0, gap < 0.0)
         if np.array_equal(new, on):
             break
         on = new if new.any() else heights == heights.max()
     else:
-        raise SolverFailure(f"sliding contact: no set of points settles after {SETS}")
-    climbed, followed = (surface.through(surface.along, f) for f in (heights, surface.through(surface.soft, p)))
+        raise SolverFailure(f"sliding contact: no set of points settles after {MAX_CONTACT_SETS}")
+    climbed, followed = (surface.apply_factor(surface.slope_factor, f) for f in (heights, surface.apply_factor(surface.compliance, p)))
     mu, loss = (float((p * slope).mean() / p.mean()) for slope in (climbed, followed))
-    return Slid(p, np.where(on, 0.0, gap), mu, loss, float(on.mean()))
+    return SlidingContactResult(p, np.where(on, 0.0, gap), mu, loss, float(on.mean()))
 
 
-def _started(
+def _initial_contact(
     heights: np.ndarray, size: tuple[float, float], modulus: Callable[..., Value], speed: float, pressure: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Contact and pressure to start from: those of every other point, or all points where they are few."""
     nx, ny = heights.shape
-    along, across = (2 if n > COARSE and n % 2 == 0 else 1 for n in (nx, ny))
+    along, across = (2 if n > COARSEST_POINTS and n % 2 == 0 else 1 for n in (nx, ny))
     if along == 1:
         return np.ones(heights.shape, dtype=bool), np.full(heights.shape, pressure)
-    coarse = slide(heights[::along, ::across], size, modulus, speed, pressure)
+    coarse = solve_sliding_contact(heights[::along, ::across], size, modulus, speed, pressure)
     p = np.repeat(np.repeat(coarse.pressure, along, axis=0), across, axis=1)
     return p > 0.0, p

@@ -13,11 +13,11 @@ import numpy as np
 
 from flashtemp.errors import BadInput
 
-PIXELS = 48  # per diameter: the area of a disc is then good to 1e-4
+PIXELS_PER_DIAMETER = 48  # per diameter: the area of a disc is then good to 1e-4
 
 
 @dataclass(frozen=True)
-class Stripes:
+class StripePattern:
     """Stripes across the road, `diameter` (m) long, that cover `fraction`."""
 
     diameter: float
@@ -27,24 +27,24 @@ class Stripes:
     def repeat(self) -> float:
         return self.diameter / self.fraction
 
-    def area(self, y: np.ndarray, width: float) -> np.ndarray:
+    def cumulative_cover(self, y: np.ndarray, width: float) -> np.ndarray:
         grid = np.linspace(0.0, self.repeat, 4097)
         return np.tile(np.minimum(grid, self.diameter), (len(y) - 1, 1))
 
 
 @dataclass(frozen=True)
-class Discs:
+class DiscPattern:
     """Discs of a `diameter` (m) at `centres` (n, 2) m, periodic across the width as well."""
 
     diameter: float
     repeat: float
     centres: np.ndarray
 
-    def area(self, y: np.ndarray, width: float) -> np.ndarray:
-        count = int(np.ceil(self.repeat / self.diameter * PIXELS))
+    def cumulative_cover(self, y: np.ndarray, width: float) -> np.ndarray:
+        count = int(np.ceil(self.repeat / self.diameter * PIXELS_PER_DIAMETER))
         x = (np.arange(count) + 0.5) * self.repeat / count
         share = np.zeros((len(y) - 1, count))
-        around = np.arange(-PIXELS, PIXELS + 1)
+        around = np.arange(-PIXELS_PER_DIAMETER, PIXELS_PER_DIAMETER + 1)
         for cx, cy in self.centres:
             at = np.unique((int(cx / self.repeat * count) + around) % count)
             off = (x[at] - cx + 0.5 * self.repeat) % self.repeat - 0.5 * self.repeat
@@ -54,10 +54,10 @@ class Discs:
                 low = np.maximum(y[:-1, None], cy + shift - half)
                 high = np.minimum(y[1:, None], cy + shift + half)
                 share[:, near] += np.maximum(high - low, 0.0) / np.diff(y)[:, None]
-        return _along(share, self.repeat / count)
+        return _integrate_rows(share, self.repeat / count)
 
 
-JAMMED = 0.6  # of an area: discs laid down at random cover 0.547 of it (Feder 1980), or a little more of a small one
+MAX_RANDOM_COVER = 0.6  # of an area: discs laid down at random cover 0.547 of it (Feder 1980), or a little more of a small one
 
 
 @dataclass(frozen=True)
@@ -71,24 +71,24 @@ class ContactMap:
     def repeat(self) -> float:
         return len(self.covered) * self.pixel[0]
 
-    def area(self, y: np.ndarray, width: float) -> np.ndarray:
+    def cumulative_cover(self, y: np.ndarray, width: float) -> np.ndarray:
         dx, dy = self.pixel
         up = np.concatenate([np.zeros((len(self.covered), 1)), np.cumsum(self.covered, axis=1)], axis=1)
         at = (y + 0.5 * width) / dy
         turns, rest = np.divmod(at, self.covered.shape[1])
         k = np.minimum(rest.astype(int), self.covered.shape[1] - 1)
         below = up[:, k] + (rest - k) * (up[:, k + 1] - up[:, k]) + turns * up[:, -1:]
-        return _along(np.diff(below, axis=1).T * dy / np.diff(y)[:, None], dx)
+        return _integrate_rows(np.diff(below, axis=1).T * dy / np.diff(y)[:, None], dx)
 
 
-def _along(share: np.ndarray, pixel: float) -> np.ndarray:
+def _integrate_rows(share: np.ndarray, pixel: float) -> np.ndarray:
     """Integral along x of pixels (rows, n)."""
     return np.concatenate([np.zeros((len(share), 1)), np.cumsum(share, axis=1) * pixel], axis=1)
 
 
-def discs(
+def place_discs(
     pattern: str, diameter: float, fraction: float, width: float, length: float, seed: int, key: str = "pattern"
-) -> Discs:
+) -> DiscPattern:
     """Discs that cover `fraction` of a road of `width`, repeated after about `length` (m): "regular" or "random".
 
     Raises BadInput, which begins with `key`, where discs cannot be placed without overlap.
@@ -104,25 +104,25 @@ def discs(
         count = max(1, round(length / pitch))
         i, b = np.meshgrid(np.arange(count), np.arange(rows), indexing="ij")
         x, y = pitch * (i + 0.25 + 0.5 * (b % 2)), width * ((b + 0.5) / rows - 0.5)
-        return Discs(diameter, pitch * count, np.stack([x.ravel(), y.ravel()], axis=1))
+        return DiscPattern(diameter, pitch * count, np.stack([x.ravel(), y.ravel()], axis=1))
     number = max(1, round(fraction * width * length / one))
     repeat = number * one / (fraction * width)
     rng, sites = np.random.default_rng(seed), np.empty((0, 2))
-    for _ in range(2000 * number if fraction < JAMMED else 0):
+    for _ in range(2000 * number if fraction < MAX_RANDOM_COVER else 0):
         new = rng.uniform(0, 1, 2) * (repeat, width)
         apart = np.abs(sites - new)
         apart = np.minimum(apart, np.array([repeat, width]) - apart)
         if not np.any(np.hypot(*apart.T) < diameter):
             sites = np.vstack([sites, new])
         if len(sites) == number:
-            return Discs(diameter, repeat, sites - (0.0, 0.5 * width))
+            return DiscPattern(diameter, repeat, sites - (0.0, 0.5 * width))
     raise BadInput(
         f"{key}: {number} discs cannot be placed at random at contact.spot_fraction = {fraction:g}; "
         'give a smaller fraction or "regular"'
     )
 
 
-def read_map(file: Path, key: str) -> ContactMap:
+def read_contact_map(file: Path, key: str) -> ContactMap:
     """A contact map that `flashtemp spots` wrote (NumPy .npz: covered, pixel_m).  Raises BadInput."""
     try:
         with np.load(file) as held:

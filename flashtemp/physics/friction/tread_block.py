@@ -25,24 +25,24 @@ import numpy as np
 
 from flashtemp.errors import SolverFailure
 from flashtemp.physics.arrays import Value
-from flashtemp.physics.friction.cold_hot_law import SLOWEST, Law
-from flashtemp.physics.friction.curve_peak import Peak, highest
-from flashtemp.physics.friction.flash_temperature import Slide, Spots
-from flashtemp.physics.friction.persson import Theory
+from flashtemp.physics.friction.cold_hot_law import MIN_LAW_SPEED_M_S, ColdHotLaw
+from flashtemp.physics.friction.curve_peak import CurvePeak, find_peak
+from flashtemp.physics.friction.flash_temperature import SlidingHistory, ContactSpots
+from flashtemp.physics.friction.persson import PerssonTheory
 from flashtemp.physics.material import Material
 from flashtemp.physics.quantities import KELVIN
 
-FEW, MOST = 200, 800  # steps through the footprint; the kernel theory's cost grows with their square
-STEPS, FINEST = 800, 3200  # of the law alone
-SETTLED = 0.02  # of the friction of the footprint, that twice the steps may change
-APART = 0.01  # of the cold branch, below which it and the hot one are one
-TRIES, CLOSE = 80, 1e-8  # of the speed in a step; relative
-RINGING = 0.1  # share of the contact time that one ringing of mass and spring may take
-SWEPT = np.geomspace(2e-3, 0.5, 49)  # slips, for the maximum of friction
+MIN_KERNEL_STEPS, MAX_KERNEL_STEPS = 200, 800  # steps through the footprint; the kernel theory's cost grows with their square
+MIN_LAW_STEPS, MAX_LAW_STEPS = 800, 3200  # of the law alone
+STEP_DOUBLING_TOLERANCE = 0.02  # of the friction of the footprint, that twice the steps may change
+MIN_BRANCH_DIFFERENCE = 0.01  # of the cold branch, below which it and the hot one are one
+MAX_SPEED_ITERATIONS, SPEED_TOLERANCE = 80, 1e-8  # of the speed in a step; relative
+MAX_RINGING_RATIO = 0.1  # share of the contact time that one ringing of mass and spring may take
+SWEPT_SLIPS = np.geomspace(2e-3, 0.5, 49)  # slips, for the maximum of friction
 
 
 @dataclass(frozen=True)
-class Tread:
+class TreadBlock:
     """Rolling `speed` m/s, length of the `footprint` m, `stiffness` k_t Pa/m, `mass` kg/m2, nominal `pressure` Pa."""
 
     speed: float
@@ -57,12 +57,12 @@ class Tread:
         return self.footprint / self.speed
 
     @property
-    def ringing(self) -> float:
+    def ringing_ratio(self) -> float:
         """Period of mass and spring over the contact time; above 0.1 inertia is seen in the friction."""
         return float(2 * np.pi * np.sqrt(self.mass / self.stiffness) / self.contact_time)
 
 
-class Path(NamedTuple):
+class FootprintPath(NamedTuple):
     """Through the footprint: `time` (n,) s; (n, m) for m slips: `shear` u m, `slid` r m, `speed` vs m/s, friction `mu`.
 
     `mu` is that of the sliding rubber, mu(vs, r); `traction` k_t u/p is what the wheel feels.
@@ -76,43 +76,43 @@ class Path(NamedTuple):
     traction: np.ndarray
 
 
-def through(tread: Tread, law: Law, slips: Value, steps: int = STEPS) -> Path:
+def pass_footprint(tread: TreadBlock, law: ColdHotLaw, slips: Value, steps: int = MIN_LAW_STEPS) -> FootprintPath:
     """The path of a tread block with the cold-hot law, at all slips (m,) at once.  Raises SolverFailure."""
-    return _march(tread, law, tread.speed * np.asarray(slips, dtype=float), steps)
+    return _integrate_path(tread, law, tread.speed * np.asarray(slips, dtype=float), steps)
 
 
-def remembering(
-    tread: Tread, theory: Theory, rubber: Material, spots: Spots, T0: float, slip: float, steps: int = FEW
-) -> tuple[Path, np.ndarray]:
+def pass_with_heat_memory(
+    tread: TreadBlock, theory: PerssonTheory, rubber: Material, spots: ContactSpots, T0: float, slip: float, steps: int = MIN_KERNEL_STEPS
+) -> tuple[FootprintPath, np.ndarray]:
     """The path at one slip with the kernel theory and all it remembers, and the highest T_q (n,) K along it.
 
     The temperatures at which friction acts in a step are led on from the two steps before.  Raises SolverFailure.
     """
-    slide = Slide(theory, rubber, spots, T0, tread.pressure, steps)
+    slide = SlidingHistory(theory, rubber, spots, T0, tread.pressure, steps)
     before, cooler, highest = slide.T, slide.surface, [slide.T.max()]
 
     def friction(v: Value, r: Value) -> Value:
         T = np.maximum(2.0 * slide.T - before, T0)
         surface = None if slide.surface is None or cooler is None else max(2.0 * slide.surface - cooler, T0)
-        return theory(np.maximum(v, SLOWEST), T, tread.pressure, surface).mu
+        return theory(np.maximum(v, MIN_LAW_SPEED_M_S), T, tread.pressure, surface).mu
 
-    def done(dt: Value, v: Value) -> None:
+    def advance_heat(dt: Value, v: Value) -> None:
         nonlocal before, cooler
         before, cooler = slide.T, slide.surface
         slide.step(dt, float(v[0]))
         highest.append(slide.T.max())
 
-    path = _march(tread, friction, np.array([tread.speed * slip]), steps, done)
+    path = _integrate_path(tread, friction, np.array([tread.speed * slip]), steps, advance_heat)
     return path, np.array(highest)
 
 
-def _march(
-    tread: Tread,
+def _integrate_path(
+    tread: TreadBlock,
     friction: Callable[..., Value],
     pull: np.ndarray,
     steps: int,
-    done: Callable[..., None] = lambda dt, v: None,
-) -> Path:
+    after_step: Callable[..., None] = lambda dt, v: None,
+) -> FootprintPath:
     """Second-order backward differences over equal steps; the speed is found exactly, sticking included."""
     k, m, p = tread.stiffness, tread.mass, tread.pressure
     dt = tread.contact_time / steps
@@ -123,14 +123,14 @@ def _march(
         u0, r0, v0 = (x[0] if n == 0 else (4 * x[n] - x[n - 1]) / 3 for x in (u, r, v))
         drive, drag = m * v0 / b + k * (u0 + b * pull), m / b + k * b
         ahead = 2 * v[n] - v[n - 1] if n else v[n]
-        v[n + 1], mu[n + 1] = _speed(lambda v, r0=r0, b=b: p * friction(v, r0 + b * v), drive, drag, ahead)
+        v[n + 1], mu[n + 1] = _solve_speed(lambda v, r0=r0, b=b: p * friction(v, r0 + b * v), drive, drag, ahead)
         mu[n + 1] /= p
         u[n + 1], r[n + 1] = u0 + b * (pull - v[n + 1]), r0 + b * v[n + 1]
-        done(dt, np.maximum(r[n + 1] - r[n], 0.0) / dt)
-    return Path(dt * np.arange(steps + 1), u, r, v, mu, k * u / p)
+        after_step(dt, np.maximum(r[n + 1] - r[n], 0.0) / dt)
+    return FootprintPath(dt * np.arange(steps + 1), u, r, v, mu, k * u / p)
 
 
-def _speed(
+def _solve_speed(
     stress: Callable[..., Any], drive: np.ndarray, drag: float, guess: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Speeds v >= 0 (m,) with drag v + stress(v) = drive, 0 where the stress at rest holds; and the stress (Pa).
@@ -143,7 +143,7 @@ def _speed(
         return np.zeros_like(drive), rest
     low, high = np.zeros_like(drive), np.where(free, drive / drag, 0.0)
     v = np.minimum(np.maximum(guess, 1e-4), high)
-    for _ in range(TRIES):
+    for _ in range(MAX_SPEED_ITERATIONS):
         here = stress(v)
         miss = drag * v + here - drive
         low, high = np.where(miss < 0, v, low), np.where(miss < 0, high, v)
@@ -154,24 +154,24 @@ def _speed(
         new = np.where((slope > 0) & (new >= low) & (new <= high), new, back)
         new = np.where(free, new, 0.0)
         change, v = np.abs(new - v), new
-        if np.all(change <= CLOSE * np.maximum(v, 1e-3)):
+        if np.all(change <= SPEED_TOLERANCE * np.maximum(v, 1e-3)):
             return v, np.where(free, drive - drag * v, rest)
     raise SolverFailure(f"tread block: no sliding speed found, {change.max():.2g} m/s apart")
 
 
-def deviation(path: Path, law: Law) -> float:
+def law_deviation(path: FootprintPath, law: ColdHotLaw) -> float:
     """Largest difference of the law from the friction along a path, relative, from its own speeds and slid distance."""
     on = path.speed > 0
     return float(np.max(np.abs(law(path.speed, path.slid)[on] / path.mu[on] - 1.0))) if on.any() else 0.0
 
 
-def mean_traction(path: Path) -> np.ndarray:
+def mean_traction(path: FootprintPath) -> np.ndarray:
     """Mean over the footprint of k_t u/p (m,): the friction of the whole block at every slip."""
     found: np.ndarray = np.trapezoid(path.traction, path.time, axis=0) / path.time[-1]
     return found
 
 
-def chatters(path: Path, pull: Value) -> np.ndarray:
+def is_chattering(path: FootprintPath, pull: Value) -> np.ndarray:
     """Which paths (m,) stop again after they slid at half of what pulls them (m/s): friction that falls with speed."""
     pull = np.asarray(pull, dtype=float)
     fast = np.maximum.accumulate(path.speed > 0.5 * pull, axis=0)
@@ -179,66 +179,66 @@ def chatters(path: Path, pull: Value) -> np.ndarray:
     return found
 
 
-def settled(tread: Tread, law: Law, slips: Value, first: int, most: int) -> tuple[Path, float]:
+def refine_steps(tread: TreadBlock, law: ColdHotLaw, slips: Value, first_steps: int, max_steps: int) -> tuple[FootprintPath, float]:
     """The law's path at slips (m,), and by which share the friction of the footprint moves with twice its steps.
 
     From `first` on steps are doubled until that share is below SETTLED, where the block chatters twice in a row, or up
     to `most`.  Raises SolverFailure.
     """
     pull, before = tread.speed * np.asarray(slips, dtype=float), 1.0
-    path = through(tread, law, slips, first)
+    path = pass_footprint(tread, law, slips, first_steps)
     while True:
-        twice = through(tread, law, slips, 2 * (len(path.time) - 1))
+        twice = pass_footprint(tread, law, slips, 2 * (len(path.time) - 1))
         moved = float(np.max(np.abs(mean_traction(twice) / mean_traction(path) - 1.0)))
-        calm = before < SETTLED or not chatters(twice, pull).any()
-        if (moved < SETTLED and calm) or len(twice.time) - 1 > most:
+        calm = before < STEP_DOUBLING_TOLERANCE or not is_chattering(twice, pull).any()
+        if (moved < STEP_DOUBLING_TOLERANCE and calm) or len(twice.time) - 1 > max_steps:
             return path, moved
         path, before = twice, moved
 
 
 @dataclass(frozen=True, eq=False)
-class Rolled:
+class RollingResult:
     """A tread block at `slips` (m,): `path` with the law, `kernel` paths and highest T_q (K), one per slip.
 
     Both take the same steps; twice as many move the law's friction of the footprint by a share `moved`.  `friction` is
     that of the whole footprint over the slips of `SWEPT`, highest at `best`; `rough` where it chatters; T0 in K.
     """
 
-    tread: Tread
-    law: Law
-    spots: Spots
+    tread: TreadBlock
+    law: ColdHotLaw
+    spots: ContactSpots
     T0: float
     slips: np.ndarray
-    path: Path
-    kernel: tuple[tuple[Path, np.ndarray], ...]
+    path: FootprintPath
+    kernel: tuple[tuple[FootprintPath, np.ndarray], ...]
     friction: np.ndarray
-    best: Peak
-    rough: np.ndarray
-    moved: float
+    peak: CurvePeak
+    chatter_swept: np.ndarray
+    step_error: float
 
     @property
-    def chatter(self) -> np.ndarray:
+    def has_chatter(self) -> np.ndarray:
         """At which slips (m,) the block sticks and slips, with the law or with the kernel theory."""
         pull = self.tread.speed * self.slips
-        kernel = [chatters(path, v)[0] for (path, _), v in zip(self.kernel, pull, strict=True)]
-        found: np.ndarray = chatters(self.path, pull) | np.array(kernel)
+        kernel = [is_chattering(path, v)[0] for (path, _), v in zip(self.kernel, pull, strict=True)]
+        found: np.ndarray = is_chattering(self.path, pull) | np.array(kernel)
         return found
 
     @property
-    def to_hot(self) -> np.ndarray:
+    def hot_fraction_at_exit(self) -> np.ndarray:
         """How far (m,) the kernel theory's friction has come from the cold (0) to the hot branch (1) at the exit.
 
         Nan where the branches are less than 1 % apart.
         """
-        ends = ((self.law.ends(p.speed[-1, 0]), p.mu[-1, 0]) for p, _ in self.kernel)
+        ends = ((self.law.branch_friction(p.speed[-1, 0]), p.mu[-1, 0]) for p, _ in self.kernel)
         return np.array([
-            (cold - mu) / (cold - hot) if abs(cold - hot) >= APART * abs(cold) else np.nan for (cold, hot), mu in ends
+            (cold - mu) / (cold - hot) if abs(cold - hot) >= MIN_BRANCH_DIFFERENCE * abs(cold) else np.nan for (cold, hot), mu in ends
         ])  # fmt: skip
 
     def as_dict(self) -> dict[str, Any]:
         """Numbers for JSON; lengths in m, speeds in m/s, temperatures in degC."""
         rows = []
-        each = zip(self.slips, self.kernel, self.to_hot, self.chatter, strict=True)
+        each = zip(self.slips, self.kernel, self.hot_fraction_at_exit, self.has_chatter, strict=True)
         for i, (slip, (path, T), way, chatter) in enumerate(each):
             rows.append({
                 "slip": float(slip), "slid_m": float(path.slid[-1, 0]), "sheared_m": float(path.shear[-1, 0]),
@@ -246,20 +246,20 @@ class Rolled:
                 "mu_at_exit": float(path.mu[-1, 0]), "from_cold_to_hot": float(way),
                 "T_max_degC": float(T.max() - KELVIN),
                 "friction": float(mean_traction(path)[0]), "friction_law": float(mean_traction(self.path)[i]),
-                "law_deviates": deviation(path, self.law), "chatter": bool(chatter),
+                "law_deviates": law_deviation(path, self.law), "chatter": bool(chatter),
             })  # fmt: skip
         return {
             "slips": rows,
-            "maximum": {"slip": self.best.at, "friction": self.best.value, "at_edge": self.best.edge,
-                        "at_first": self.best.first, "at_last": self.best.last,
-                        "slip_over_D_per_l": self.best.at * self.tread.footprint / self.spots.diameter},
-            "curve": {"slip": SWEPT.tolist(), "friction": self.friction.tolist(), "chatter": self.rough.tolist()},
-            "steps": len(self.path.time) - 1, "moved_by_twice_the_steps": self.moved,
-            "memory_m": float(self.law.reach(self.tread.speed * self.best.at)),
-            "contact_time_s": self.tread.contact_time, "ringing": self.tread.ringing,
+            "maximum": {"slip": self.peak.at, "friction": self.peak.value, "at_edge": self.peak.is_at_edge,
+                        "at_first": self.peak.first, "at_last": self.peak.last,
+                        "slip_over_D_per_l": self.peak.at * self.tread.footprint / self.spots.diameter},
+            "curve": {"slip": SWEPT_SLIPS.tolist(), "friction": self.friction.tolist(), "chatter": self.chatter_swept.tolist()},
+            "steps": len(self.path.time) - 1, "moved_by_twice_the_steps": self.step_error,
+            "memory_m": float(self.law.memory_distance(self.tread.speed * self.peak.at)),
+            "contact_time_s": self.tread.contact_time, "ringing": self.tread.ringing_ratio,
         }  # fmt: skip
 
-    def rows(self) -> Iterator[str]:
+    def csv_rows(self) -> Iterator[str]:
         """Columns and rows of the paths: law and kernel theory at every slip."""
         yield "slip,theory,time_s,slid_m,shear_m,speed_m_s,mu,traction"
         for i, slip in enumerate(self.slips):
@@ -269,30 +269,30 @@ class Rolled:
                     yield f"{slip:g},{name}," + ",".join(f"{x:.8g}" for x in row)
 
 
-def roll(
-    tread: Tread,
-    law: Law,
-    theory: Theory,
+def compute_rolling(
+    tread: TreadBlock,
+    law: ColdHotLaw,
+    theory: PerssonTheory,
     rubber: Material,
-    spots: Spots,
+    spots: ContactSpots,
     T0: float,
     slips: Value,
     watch: Callable[..., Any] | None = None,
-) -> Rolled:
+) -> RollingResult:
     """A tread block (Rolled) through its footprint at every slip, with the law and with the kernel theory.
 
     `watch(done, total)` is told about every slip.  Raises SolverFailure.
     """
     slips = np.asarray(slips, dtype=float)
-    path, moved = settled(tread, law, slips, FEW, MOST)
+    path, moved = refine_steps(tread, law, slips, MIN_KERNEL_STEPS, MAX_KERNEL_STEPS)
     kernel = []
     for n, slip in enumerate(slips):
-        kernel.append(remembering(tread, theory, rubber, spots, T0, slip, len(path.time) - 1))
+        kernel.append(pass_with_heat_memory(tread, theory, rubber, spots, T0, slip, len(path.time) - 1))
         if watch:
             watch(n + 1, len(slips))
-    swept, _ = settled(tread, law, SWEPT, STEPS, FINEST)
+    swept, _ = refine_steps(tread, law, SWEPT_SLIPS, MIN_LAW_STEPS, MAX_LAW_STEPS)
     friction = mean_traction(swept)
-    return Rolled(
-        tread, law, spots, T0, slips, path, tuple(kernel), friction, highest(SWEPT, friction),
-        chatters(swept, tread.speed * SWEPT), moved,
+    return RollingResult(
+        tread, law, spots, T0, slips, path, tuple(kernel), friction, find_peak(SWEPT_SLIPS, friction),
+        is_chattering(swept, tread.speed * SWEPT_SLIPS), moved,
     )  # fmt: skip

@@ -26,18 +26,18 @@ from scipy.optimize import minimize_scalar
 
 from flashtemp.errors import SolverFailure
 from flashtemp.physics.arrays import Value
-from flashtemp.physics.friction.cold_hot_law import Law
-from flashtemp.physics.friction.curve_peak import Peak, highest
-from flashtemp.physics.friction.tread_block import Path, Tread, chatters, through
+from flashtemp.physics.friction.cold_hot_law import ColdHotLaw
+from flashtemp.physics.friction.curve_peak import CurvePeak, find_peak
+from flashtemp.physics.friction.tread_block import FootprintPath, TreadBlock, is_chattering, pass_footprint
 
-LINES = 96  # Gauss points across the footprint
-STEPS = 1000  # through the longest line of it
-CONTROLS = ("cold", "hot")  # the law with both branches alike
-LAWS = ("law", *CONTROLS)
-MODELS = ("rigid", "brush")
-FALLS = 1e-3  # share of side force over load, above which it falls
-STEEPEST, FLATTEST = 45.0, 0.01  # deg: how far slip angles are led on in search of a maximum
-ONWARD, AT_ONCE = 1.15, 4  # from one of them to the next; how many are tried before looking again
+FOOTPRINT_LINES = 96  # Gauss points across the footprint
+BRUSH_STEPS = 1000  # through the longest line of it
+CONTROL_LAWS = ("cold", "hot")  # the law with both branches alike
+COMPARED_LAWS = ("law", *CONTROL_LAWS)
+TYRE_MODELS = ("rigid", "brush")
+MIN_FORCE_FALL = 1e-3  # share of side force over load, above which it falls
+MAX_SLIP_ANGLE_DEG, MIN_SLIP_ANGLE_DEG = 45.0, 0.01  # deg: how far slip angles are led on in search of a maximum
+ANGLE_RATIO, ANGLES_PER_EXTENSION = 1.15, 4  # from one of them to the next; how many are tried before looking again
 
 
 @dataclass(frozen=True)
@@ -48,78 +48,78 @@ class Tyre:
     width: float
     pressure: float
 
-    def length(self, load: Value) -> Value:
+    def footprint_length(self, load: Value) -> Value:
         """Longest line l0 (m) of the footprint at a load (N)."""
         return 4.0 * np.asarray(load) / (np.pi * self.pressure * self.width)
 
-    def pull(self, angles: Value) -> Value:
+    def lateral_speed(self, angles: Value) -> Value:
         """Speed (m/s) at which the road moves sideways under the tyre at slip angles (deg)."""
         return self.speed * np.tan(np.radians(angles))
 
-    def lines(self, load: Value) -> tuple[np.ndarray, np.ndarray]:
+    def footprint_lines(self, load: Value) -> tuple[np.ndarray, np.ndarray]:
         """Lengths (LINES,) m of lines across the footprint and the widths (m) they stand for."""
-        cos, weight = _across()
-        return self.length(load) * cos, self.width * weight
+        cos, weight = _lateral_quadrature()
+        return self.footprint_length(load) * cos, self.width * weight
 
 
 @cache
-def _across() -> tuple[np.ndarray, np.ndarray]:
+def _lateral_quadrature() -> tuple[np.ndarray, np.ndarray]:
     """l/l0 at Gauss points of the angle whose sine is 2y/b, which makes the ends smooth, and shares of the width."""
-    x, w = np.polynomial.legendre.leggauss(LINES)
+    x, w = np.polynomial.legendre.leggauss(FOOTPRINT_LINES)
     cos = np.cos(0.25 * np.pi * (x + 1))  # both halves are alike
     return cos, 0.25 * np.pi * w * cos
 
 
-def rigid(tyre: Tyre, law: Law, loads: Value, angles: Value) -> np.ndarray:
+def rigid_side_force(tyre: Tyre, law: ColdHotLaw, loads: Value, angles: Value) -> np.ndarray:
     """Side force over load (n_loads, n_angles) with rigid bristles, V24; loads N, slip angles deg > 0."""
     angles = np.asarray(angles, dtype=float)
-    cold, hot = law.ends(tyre.pull(angles))
+    cold, hot = law.branch_friction(tyre.lateral_speed(angles))
     out = []
     for load in loads:
-        length, width = tyre.lines(load)
-        x = np.multiply.outer(length, np.tan(np.radians(angles))) / law.reach(tyre.pull(angles))
+        length, width = tyre.footprint_lines(load)
+        x = np.multiply.outer(length, np.tan(np.radians(angles))) / law.memory_distance(tyre.lateral_speed(angles))
         mean = hot + (cold - hot) * -np.expm1(-x) / x
         out.append((width * length) @ mean / (width @ length))
     return np.array(out)
 
 
-def rigid_peak(tyre: Tyre, law: Law, load: float, angles: Value) -> Peak:
+def rigid_force_peak(tyre: Tyre, law: ColdHotLaw, load: float, angles: Value) -> CurvePeak:
     """Highest point of `rigid` between the lowest and the highest of some slip angles (deg), which also bracket it."""
     angles = np.asarray(angles, dtype=float)
-    i = int(np.argmax(rigid(tyre, law, [load], angles)[0]))
+    i = int(np.argmax(rigid_side_force(tyre, law, [load], angles)[0]))
     if i in (0, len(angles) - 1):
-        value = float(rigid(tyre, law, [load], angles[[i]])[0, 0])
-        return Peak(float(angles[i]), value, i == 0, i == len(angles) - 1)
+        value = float(rigid_side_force(tyre, law, [load], angles[[i]])[0, 0])
+        return CurvePeak(float(angles[i]), value, i == 0, i == len(angles) - 1)
     found = minimize_scalar(
-        lambda a: -rigid(tyre, law, [load], [a])[0, 0], bounds=(angles[i - 1], angles[i + 1]), method="bounded",
+        lambda a: -rigid_side_force(tyre, law, [load], [a])[0, 0], bounds=(angles[i - 1], angles[i + 1]), method="bounded",
         options={"xatol": 1e-7},
     )  # fmt: skip
-    return Peak(float(found.x), float(-found.fun))
+    return CurvePeak(float(found.x), float(-found.fun))
 
 
-def bristle(tyre: Tyre, loads: Value, stiffness: float, mass: float) -> Tread:
+def make_bristle(tyre: Tyre, loads: Value, stiffness: float, mass: float) -> TreadBlock:
     """What every bristle is (Pa/m, kg/m2), on its way through the longest line of all loads (N)."""
-    return Tread(tyre.speed, float(np.max(tyre.length(loads))), stiffness, mass, tyre.pressure)
+    return TreadBlock(tyre.speed, float(np.max(tyre.footprint_length(loads))), stiffness, mass, tyre.pressure)
 
 
-def brush(
-    tyre: Tyre, law: Law, loads: Value, angles: Value, stiffness: float, mass: float, steps: int = STEPS
+def brush_side_force(
+    tyre: Tyre, law: ColdHotLaw, loads: Value, angles: Value, stiffness: float, mass: float, steps: int = BRUSH_STEPS
 ) -> Value:
     """Side force over load (n_loads, n_angles) of bristles that shear, and the path (Path) of a bristle at every angle.
 
     All bristles at one angle share one path, which short lines leave early.  Raises SolverFailure.
     """
-    tread = bristle(tyre, loads, stiffness, mass)
-    path = through(tread, law, np.tan(np.radians(np.asarray(angles, dtype=float))), steps)
-    force = _force(tread, path)
+    tread = make_bristle(tyre, loads, stiffness, mass)
+    path = pass_footprint(tread, law, np.tan(np.radians(np.asarray(angles, dtype=float))), steps)
+    force = _line_force(tread, path)
     out = []
     for load in loads:
-        length, width = tyre.lines(load)
+        length, width = tyre.footprint_lines(load)
         out.append(width @ force(length / tyre.speed) / load)
     return np.array(out), path
 
 
-def _force(tread: Tread, path: Path) -> CubicHermiteSpline:
+def _line_force(tread: TreadBlock, path: FootprintPath) -> CubicHermiteSpline:
     """Side force per width (N/m) of a line that a bristle takes t (s) to pass: int k_t u v_R dt."""
     rate = tread.stiffness * tread.speed * path.shear
     dt = path.time[1]
@@ -129,7 +129,7 @@ def _force(tread: Tread, path: Path) -> CubicHermiteSpline:
 
 
 @dataclass(frozen=True, eq=False)
-class Cornering:
+class CorneringResult:
     """Side force over load (n_loads, n_angles) of every model and law in `curves`, their highest points in `peaks`.
 
     Keys are (model, law): "rigid" or "brush"; "law", or the controls "cold" and "hot".  `loads` N, `angles` deg, T0 K.
@@ -137,74 +137,74 @@ class Cornering:
     """
 
     tyre: Tyre
-    law: Law
-    bristle: Tread
+    law: ColdHotLaw
+    bristle: TreadBlock
     T0: float
     loads: np.ndarray
     angles: np.ndarray
     curves: dict[tuple[str, str], np.ndarray]
-    peaks: dict[tuple[str, str], tuple[Peak, ...]]
+    peaks: dict[tuple[str, str], tuple[CurvePeak, ...]]
     chatter: bool
 
-    def inside(self, model: str, law: str = "law") -> bool:
+    def has_inner_peaks(self, model: str, law: str = "law") -> bool:
         """Whether every load has its maximum inside the slip angles."""
-        return not any(p.edge for p in self.peaks[model, law])
+        return not any(p.is_at_edge for p in self.peaks[model, law])
 
-    def fall(self, model: str, law: str = "law") -> float | None:
+    def peak_fall(self, model: str, law: str = "law") -> float | None:
         """Share of the highest side force over load that is lost from the lowest to the highest load.
 
         None where a load has no maximum inside the slip angles.
         """
-        if not self.inside(model, law):
+        if not self.has_inner_peaks(model, law):
             return None
         first, last = self.peaks[model, law][0].value, self.peaks[model, law][-1].value
         return float(1.0 - last / first)
 
-    def falls(self, model: str) -> bool:
+    def has_peak_fall(self, model: str) -> bool:
         """Whether the law's highest side force over load is known to fall with load."""
-        fall = self.fall(model)
-        return fall is not None and fall > FALLS
+        fall = self.peak_fall(model)
+        return fall is not None and fall > MIN_FORCE_FALL
 
-    def sound(self, model: str) -> bool | None:
+    def has_flat_controls(self, model: str) -> bool | None:
         """Whether no control falls with load: then a fall of the law comes from the flash temperature alone.
 
         Of a control without a maximum inside, at the angles of the law's maxima, the same for both loads.  None where
         the law has none.
         """
-        if not self.inside(model):
+        if not self.has_inner_peaks(model):
             return None
-        return all(self._lost(model, control) <= FALLS for control in CONTROLS)
+        return all(self._control_fall(model, control) <= MIN_FORCE_FALL for control in CONTROL_LAWS)
 
-    def _lost(self, model: str, control: str) -> float:
-        fall = self.fall(model, control)
+    def _control_fall(self, model: str, control: str) -> float:
+        fall = self.peak_fall(model, control)
         if fall is not None:
             return fall
         at = np.log([p.at for p in self.peaks[model, "law"]])
         first, last = (np.interp(at, np.log(self.angles), self.curves[model, control][i]) for i in (0, -1))
         return float(np.max(1.0 - last / first))
 
-    def no_maximum(self, model: str) -> float | None:
+    def rising_up_to_deg(self, model: str) -> float | None:
         """Largest slip angle (deg) up to which the law's side force still rises at one of the loads, None if inside."""
         return float(self.angles[-1]) if any(p.last for p in self.peaks[model, "law"]) else None
 
     def as_dict(self) -> dict[str, Any]:
         """Numbers for JSON; slip angles in degrees, loads in N, lengths in m."""
-        held = [self.sound(model) for model in MODELS]
+        held = [self.has_flat_controls(model) for model in TYRE_MODELS]
         maxima = [
-            {"model": model, "law": law, "load_N": float(load), "mu": p.value, "angle_deg": p.at, "at_edge": p.edge,
+            {"model": model, "law": law, "load_N": float(load), "mu": p.value, "angle_deg": p.at, "at_edge": p.is_at_edge,
              "at_first": p.first, "at_last": p.last}
             for (model, law), peaks in self.peaks.items()
             for load, p in zip(self.loads, peaks, strict=True)
         ]  # fmt: skip
         return {
             "maxima": maxima,
-            "fall": {model: self.fall(model) for model in MODELS},
-            "no_maximum_up_to_deg": {model: self.no_maximum(model) for model in MODELS},
-            "fall_of_controls": {f"{m}, both {c}": self.fall(m, c) for m in MODELS for c in CONTROLS},
+            "fall": {model: self.peak_fall(model) for model in TYRE_MODELS},
+            "no_maximum_up_to_deg": {model: self.rising_up_to_deg(model) for model in TYRE_MODELS},
+            "fall_of_controls": {f"{m}, both {c}": self.peak_fall(m, c) for m in TYRE_MODELS for c in CONTROL_LAWS},
             "controls_hold": None if None in held else all(held),
-            "footprint_length_m": [float(self.tyre.length(load)) for load in self.loads],
-            "memory_m": float(self.law.reach(self.tyre.pull(self.peaks["brush", "law"][0].at))),
-            "ringing": self.ringing,
+            "footprint_length_m": [float(self.tyre.footprint_length(load)) for load in self.loads],
+            "memory_m": float(self.law.memory_distance(self.tyre.lateral_speed(self.peaks["brush", "law"][0].at))),
+            "ringing": self.ringing_ratio,
             "chatter": self.chatter,
             "curves": {f"{m}, {c}": v.tolist() for (m, c), v in self.curves.items()},
             "angles_deg": self.angles.tolist(),
@@ -212,11 +212,11 @@ class Cornering:
         }
 
     @property
-    def ringing(self) -> float:
+    def ringing_ratio(self) -> float:
         """Period of a bristle's ringing over the contact time of the shortest footprint."""
-        return self.bristle.ringing * self.bristle.footprint / float(self.tyre.length(self.loads.min()))
+        return self.bristle.ringing_ratio * self.bristle.footprint / float(self.tyre.footprint_length(self.loads.min()))
 
-    def rows(self) -> Iterator[str]:
+    def csv_rows(self) -> Iterator[str]:
         """Columns and rows of the curves."""
         names = list(self.curves)
         yield "load_N,angle_deg," + ",".join("_".join(n) for n in names)
@@ -225,17 +225,17 @@ class Cornering:
                 yield f"{load:g},{angle:g}," + ",".join(f"{self.curves[n][i, j]:.8g}" for n in names)
 
 
-def corner(
+def compute_cornering(
     tyre: Tyre,
-    law: Law,
+    law: ColdHotLaw,
     loads: Value,
     angles: Value,
     stiffness: float,
     mass: float,
     T0: float,
     watch: Callable[..., Any] | None = None,
-    steepest: float = STEEPEST,
-) -> Cornering:
+    steepest: float = MAX_SLIP_ANGLE_DEG,
+) -> CorneringResult:
     """Side force over slip angle (deg) at every load (N), rigid and brush, with the law and its controls.
 
     Several angles are led on, down to FLATTEST and up to `steepest`, until every maximum of the law lies inside them.
@@ -243,22 +243,22 @@ def corner(
     """
     loads, angles = np.sort(np.asarray(loads, dtype=float)), np.sort(np.asarray(angles, dtype=float))
     if len(angles) > 1:
-        angles = _wide_enough(tyre, law, loads, angles, stiffness, mass, steepest)
+        angles = _extend_angles(tyre, law, loads, angles, stiffness, mass, steepest)
     curves, peaks, chatter = {}, {}, False
-    for n, name in enumerate(LAWS):
-        one = law if name == "law" else law.alike(name)
-        curves["rigid", name] = rigid(tyre, one, loads, angles)
-        peaks["rigid", name] = tuple(rigid_peak(tyre, one, load, angles) for load in loads)
-        curves["brush", name], path = brush(tyre, one, loads, angles, stiffness, mass)
-        peaks["brush", name] = tuple(highest(angles, mu) for mu in curves["brush", name])
-        chatter |= bool(chatters(path, tyre.pull(angles)).any())
+    for n, name in enumerate(COMPARED_LAWS):
+        one = law if name == "law" else law.without_memory(name)
+        curves["rigid", name] = rigid_side_force(tyre, one, loads, angles)
+        peaks["rigid", name] = tuple(rigid_force_peak(tyre, one, load, angles) for load in loads)
+        curves["brush", name], path = brush_side_force(tyre, one, loads, angles, stiffness, mass)
+        peaks["brush", name] = tuple(find_peak(angles, mu) for mu in curves["brush", name])
+        chatter |= bool(is_chattering(path, tyre.lateral_speed(angles)).any())
         if watch:
-            watch(n + 1, len(LAWS))
-    return Cornering(tyre, law, bristle(tyre, loads, stiffness, mass), T0, loads, angles, curves, peaks, chatter)
+            watch(n + 1, len(COMPARED_LAWS))
+    return CorneringResult(tyre, law, make_bristle(tyre, loads, stiffness, mass), T0, loads, angles, curves, peaks, chatter)
 
 
-def _wide_enough(
-    tyre: Tyre, law: Law, loads: np.ndarray, angles: np.ndarray, stiffness: float, mass: float, steepest: float
+def _extend_angles(
+    tyre: Tyre, law: ColdHotLaw, loads: np.ndarray, angles: np.ndarray, stiffness: float, mass: float, steepest: float
 ) -> np.ndarray:
     """The angles (deg), led on until the law's side force falls again at both ends, for every load and model.
 
@@ -267,15 +267,15 @@ def _wide_enough(
     kept = angles
     while True:
         try:
-            curves = [rigid(tyre, law, loads, angles), brush(tyre, law, loads, angles, stiffness, mass)[0]]
+            curves = [rigid_side_force(tyre, law, loads, angles), brush_side_force(tyre, law, loads, angles, stiffness, mass)[0]]
         except SolverFailure:
             return kept
-        tops, kept = [highest(angles, mu) for curve in curves for mu in curve], angles
+        tops, kept = [find_peak(angles, mu) for curve in curves for mu in curve], angles
         more = []
         if any(t.last for t in tops) and angles[-1] < steepest:
-            more += [min(angles[-1] * ONWARD**k, steepest) for k in range(1, AT_ONCE + 1)]
-        if any(t.first for t in tops) and angles[0] > FLATTEST:
-            more += [max(angles[0] / ONWARD**k, FLATTEST) for k in range(1, AT_ONCE + 1)]
+            more += [min(angles[-1] * ANGLE_RATIO**k, steepest) for k in range(1, ANGLES_PER_EXTENSION + 1)]
+        if any(t.first for t in tops) and angles[0] > MIN_SLIP_ANGLE_DEG:
+            more += [max(angles[0] / ANGLE_RATIO**k, MIN_SLIP_ANGLE_DEG) for k in range(1, ANGLES_PER_EXTENSION + 1)]
         if not more:
             return angles
         angles = np.unique(np.concatenate([angles, more]))

@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 MAX_NUMBER_LETTERS = 100
-NUMBERS = {  # by whether commas are decimal; "20." is a number, "20," may be the end of a list; formats pad "+ 22.5"
+NUMBER_BY_COMMA = {  # by whether commas are decimal; "20." is a number, "20," may be the end of a list; formats pad "+ 22.5"
     False: re.compile(r"(?:[-+] {0,8})?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?", re.ASCII),
     True: re.compile(r"(?:[-+] {0,8})?(?:\d+(?:,\d+)?|,\d+)(?:[eEdD][-+]?\d+)?", re.ASCII),
 }
@@ -18,8 +18,8 @@ UNIT_SUFFIX = re.compile(r"[ \u00a0]*((?:°|º|deg[ _]?)[CFK]|[CFK℃℉]|ms|mse
 SCPI_MARK = re.compile(r"[-+]?9[.,]9(?:10*|0*)[eE]\+?37")
 _OF_DIGITS = re.compile(r"[eE]\+?37")
 _ZEROS = str.maketrans("123456789", "000000000")
-PLAIN = frozenset("0123456789+-.eE")  # of these, float() reads what `parse_number` does
-MISSING = re.compile(
+PLAIN_NUMBER_LETTERS = frozenset("0123456789+-.eE")  # of these, float() reads what `parse_number` does
+MISSING_MARK = re.compile(
     r"""
     (?=[^-]*-)[-.\ ]+ | \*+ | \?+ | \++ | \#{2,} | [<>].*
     | [-+]?(?:1[.,])?\#(?:qnan|snan|ind|inf)\d* | [-+]?1[.,]\#(?:qnan|snan|ind|inf)\d*
@@ -32,13 +32,13 @@ MISSING = re.compile(
     """,
     re.IGNORECASE | re.VERBOSE,
 )
-DATE = (
+DATE_PATTERN = (
     r"(?:[0-9]{4}[-/.][0-9]{1,2}[-/.][0-9]{1,2}|[0-9]{1,2}[-/.][0-9]{1,2}[-/.](?:[0-9]{4}|[0-9]{2})"
     r"|[0-9]{1,2}[-/. ]{1,2}[^\W\d]{3,9}\.?[-/., ]{1,2}[0-9]{2,4}|[^\W\d]{3,9}\.? {1,2}[0-9]{1,2},? {1,2}[0-9]{4})"
 )
-CLOCK = r"[0-9]{1,4}:[0-9]{2}(?::[0-9]{2})?(?:[.,:][0-9]{1,30})?(?: ?[AaPp]\.?[Mm]\.?)?"
+CLOCK_PATTERN = r"[0-9]{1,4}:[0-9]{2}(?::[0-9]{2})?(?:[.,:][0-9]{1,30})?(?: ?[AaPp]\.?[Mm]\.?)?"
 LOOKS_LIKE_TIME = re.compile(
-    rf"\W{{0,2}}{DATE}(?:\b|(?=T[0-9])).{{0,40}}|(?:[0-9]+ days?,? )?\W{{0,2}}{CLOCK}(?:\b|(?=Z)).{{0,20}}", re.DOTALL
+    rf"\W{{0,2}}{DATE_PATTERN}(?:\b|(?=T[0-9])).{{0,40}}|(?:[0-9]+ days?,? )?\W{{0,2}}{CLOCK_PATTERN}(?:\b|(?=Z)).{{0,20}}", re.DOTALL
 )
 
 
@@ -58,7 +58,7 @@ def has_marks_of_digits(text: str) -> bool:
 
 def parse_numbers(cells: Sequence[str]) -> np.ndarray | None:
     """The numbers (n,) of cells of plain numbers with a point, as `parse_number`; None where one is not plain."""
-    if not set("".join(cells)) <= PLAIN:
+    if not set("".join(cells)) <= PLAIN_NUMBER_LETTERS:
         return None
     try:
         values = np.array(list(map(float, cells)))
@@ -76,7 +76,7 @@ def parse_number(cell: str, comma: bool) -> float | None:
     >>> parse_number("+  22.5", False), parse_number("- 1,5D+01", True), parse_number("2 2.5", False)
     (22.5, -15.0, None)
     """
-    if len(cell) > MAX_NUMBER_LETTERS or not NUMBERS[comma].fullmatch(cell):
+    if len(cell) > MAX_NUMBER_LETTERS or not NUMBER_BY_COMMA[comma].fullmatch(cell):
         return None
     try:
         value = float(cell)
@@ -94,12 +94,12 @@ def is_missing(cell: str) -> bool:
     >>> [is_missing(c) for c in ("", "OL", "----", "-9.9E+37", "9.91E37", "1.#QNAN", "-9999", "99", "Oil")]
     [True, True, True, True, True, True, False, False, False]
     """
-    return len(cell) <= MAX_NUMBER_LETTERS and (not cell or _is_mark(cell))
+    return len(cell) <= MAX_NUMBER_LETTERS and (not cell or _is_missing_mark(cell))
 
 
 @lru_cache(maxsize=4096)
-def _is_mark(cell: str) -> bool:
-    return SCPI_MARK.fullmatch(cell) is not None or MISSING.fullmatch(cell) is not None
+def _is_missing_mark(cell: str) -> bool:
+    return SCPI_MARK.fullmatch(cell) is not None or MISSING_MARK.fullmatch(cell) is not None
 
 
 def split_suffix(cell: str) -> tuple[str, str]:
@@ -118,9 +118,9 @@ def is_value(cell: str, comma: bool) -> bool:
     """Whether a cell is a number, perhaps with its unit, a mark of a missing value, or a date or time."""
     if not cell or len(cell) > MAX_NUMBER_LETTERS:
         return False
-    if NUMBERS[comma].fullmatch(cell):
+    if NUMBER_BY_COMMA[comma].fullmatch(cell):
         return True
-    if LOOKS_LIKE_TIME.fullmatch(cell) or _is_mark(cell):
+    if LOOKS_LIKE_TIME.fullmatch(cell) or _is_missing_mark(cell):
         return True
     number, unit = split_suffix(cell)
-    return bool(unit) and NUMBERS[comma].fullmatch(number) is not None
+    return bool(unit) and NUMBER_BY_COMMA[comma].fullmatch(number) is not None

@@ -12,22 +12,22 @@ from flashtemp.physics.tables.cells import is_value
 SAMPLE_LINES = 100  # at the end of a file, and as many spread over it
 SAMPLE_LETTERS = 4000  # of a line
 MAX_QUOTED_LINES = 6  # over which a quoted cell may go
-SIGNS = " ,;\t|"  # what a cell of the right dialect does not hold beside digits
-NAMES = {"\t": "TAB", ";": "';'", ",": "','", "|": "'|'", " ": "spaces"}
+SEPARATOR_LETTERS = " ,;\t|"  # what a cell of the right dialect does not hold beside digits
+SEPARATOR_NAMES = {"\t": "TAB", ";": "';'", ",": "','", "|": "'|'", " ": "spaces"}
 
 
 @dataclass(frozen=True)
-class Dialect:
+class TableDialect:
     """Separator of cells (" " stands for any white space) and whether commas are decimal."""
 
     separator: str
     comma: bool
 
     def __str__(self) -> str:
-        return f"{NAMES[self.separator]} between the values" + (", decimal commas" if self.comma else "")
+        return f"{SEPARATOR_NAMES[self.separator]} between the values" + (", decimal commas" if self.comma else "")
 
 
-class Line(NamedTuple):
+class TableLine(NamedTuple):
     """A line of a file: its number from 1, its text and its cells."""
 
     number: int
@@ -35,8 +35,8 @@ class Line(NamedTuple):
     cells: tuple[str, ...]
 
 
-DIALECTS = tuple(
-    Dialect(separator, comma)
+TABLE_DIALECTS = tuple(
+    TableDialect(separator, comma)
     for separator, comma in (
         ("\t", False), ("\t", True), (";", False), (";", True), (",", False), (",", True), ("|", False), ("|", True),
         (" ", False), (" ", True),
@@ -51,49 +51,49 @@ def split_cells(line: str, separator: str) -> list[str]:
     (['25,03', '25,01', 'x'], ['1', '2'], ['1', '2', ''])
     """
     if separator == " ":
-        return line.split() if '"' not in line else [c.strip() for c in _quoted(" ".join(line.split()), " ")]
+        return line.split() if '"' not in line else [c.strip() for c in _split_quoted(" ".join(line.split()), " ")]
     if '"' not in line:
         return [cell.strip() for cell in line.split(separator)]
-    return [cell.strip() for cell in _quoted(line, separator)]
+    return [cell.strip() for cell in _split_quoted(line, separator)]
 
 
-def _quoted(line: str, separator: str) -> list[str]:
+def _split_quoted(line: str, separator: str) -> list[str]:
     try:
         return next(csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True), [""])
     except csv.Error:  # a quote that does not end, or text behind one
         return line.split(separator)
 
 
-def split_lines(lines: Sequence[str], dialect: Dialect) -> list[Line]:
+def split_lines(lines: Sequence[str], dialect: TableDialect) -> list[TableLine]:
     """Lines with their cells; a quoted cell may go over some lines."""
     if not any('"' in line for line in lines):
         sign = dialect.separator
         if sign == " ":
-            return [Line(number, text, tuple(text.split())) for number, text in enumerate(lines, 1)]
+            return [TableLine(number, text, tuple(text.split())) for number, text in enumerate(lines, 1)]
         return [
-            Line(number, text, tuple([c.strip() for c in text.split(sign)]) if text and not text.isspace() else ())
+            TableLine(number, text, tuple([c.strip() for c in text.split(sign)]) if text and not text.isspace() else ())
             for number, text in enumerate(lines, 1)
         ]
-    out: list[Line] = []
+    out: list[TableLine] = []
     at = 0
     while at < len(lines):
         text, number = lines[at], at + 1
         if text.count('"') % 2 and dialect.separator != " ":
             for more in range(1, min(MAX_QUOTED_LINES, len(lines) - at)):
                 joined = "\n".join(lines[at : at + more + 1])
-                if joined.count('"') % 2 == 0 and _is_closed(joined, dialect.separator):
+                if joined.count('"') % 2 == 0 and _has_closed_quotes(joined, dialect.separator):
                     text, at = joined, at + more
                     break
-        out.append(Line(number, text, tuple(" ".join(c.split()) if "\n" in c else c for c in _cells(text, dialect))))
+        out.append(TableLine(number, text, tuple(" ".join(c.split()) if "\n" in c else c for c in _line_cells(text, dialect))))
         at += 1
     return out
 
 
-def _cells(text: str, dialect: Dialect) -> list[str]:
+def _line_cells(text: str, dialect: TableDialect) -> list[str]:
     return split_cells(text, dialect.separator) if text.strip() else []
 
 
-def _is_closed(text: str, separator: str) -> bool:
+def _has_closed_quotes(text: str, separator: str) -> bool:
     """Whether a text over several lines is one record whose quotes are right."""
     try:
         return len(list(csv.reader(text.split("\n"), delimiter=separator, skipinitialspace=True, strict=True))) == 1
@@ -101,12 +101,12 @@ def _is_closed(text: str, separator: str) -> bool:
         return False
 
 
-def detect_dialect(lines: Sequence[str], comma: bool | None = None) -> Dialect | None:
+def detect_dialect(lines: Sequence[str], comma: bool | None = None) -> TableDialect | None:
     """The dialect in which most cells are values, None where no line holds any; `comma`: commas are decimal."""
     filled = [line[:SAMPLE_LETTERS] for line in lines if line.strip() and line.lstrip()[0] not in "#%"]
     sample = [*filled[-SAMPLE_LINES:], *filled[:: max(1, len(filled) // SAMPLE_LINES)]]
-    known = [d for d in DIALECTS if comma is None or d.comma is comma]
-    clear = {d: sum(_clear_cells(line, d) for line in sample) for d in known}
+    known = [d for d in TABLE_DIALECTS if comma is None or d.comma is comma]
+    clear = {d: sum(_count_clear_values(line, d) for line in sample) for d in known}
     best = max(known, key=lambda d: clear[d])
     if clear[best]:
         return best
@@ -115,7 +115,7 @@ def detect_dialect(lines: Sequence[str], comma: bool | None = None) -> Dialect |
     return best if single[best] else None
 
 
-def _clear_cells(line: str, dialect: Dialect) -> int:
+def _count_clear_values(line: str, dialect: TableDialect) -> int:
     """How many cells of a line are values; 0 where the separator leaves other separators between digits."""
     cells = [c for c in split_cells(line, dialect.separator) if c]
     if len(cells) < 2:
@@ -124,6 +124,6 @@ def _clear_cells(line: str, dialect: Dialect) -> int:
     for cell in cells:
         if is_value(cell, dialect.comma):
             values += 1
-        elif any(c.isdigit() for c in cell) and not any(c.isalpha() for c in cell) and set(cell) & set(SIGNS):
+        elif any(c.isdigit() for c in cell) and not any(c.isalpha() for c in cell) and set(cell) & set(SEPARATOR_LETTERS):
             return 0
     return values if 2 * values >= len(cells) else 0

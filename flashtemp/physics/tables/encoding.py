@@ -6,13 +6,13 @@ import re
 
 from flashtemp.errors import BadInput
 
-CONTROL = re.compile(r"[\x01-\x08\x0e-\x1f\x7f]")
+CONTROL_CHARACTER = re.compile(r"[\x01-\x08\x0e-\x1f\x7f]")
 DECODED_TWICE = re.compile("\u00c2(?=[\u00a0-\u00bf])")  # U+00A0 to U+00BF in UTF-8, read as Windows-1252
 LOST_DEGREE = re.compile(  # by a change of encoding: of HTML, to ASCII, of Mac OS, of Shift JIS
     "&deg;|(?<![^\\W\\d_])[?\u00a1\ufffd\uff9f\u309c\u00df](?=[CFK](?![^\\W_]))"
 )
-MINUS = "\u2212"  # the minus of typesetters
-ARCHIVES = {b"PK\x03\x04": "a spreadsheet (.xlsx) or an archive", b"\xd0\xcf\x11\xe0": "a spreadsheet (.xls)"}
+TYPOGRAPHIC_MINUS = "\u2212"  # the minus of typesetters
+ARCHIVE_MAGIC = {b"PK\x03\x04": "a spreadsheet (.xlsx) or an archive", b"\xd0\xcf\x11\xe0": "a spreadsheet (.xls)"}
 
 
 def decode_text(data: bytes, where: str) -> str:
@@ -21,12 +21,12 @@ def decode_text(data: bytes, where: str) -> str:
     Signs that were lost on the way are mended, as `mend_signs` does.  Raises BadInput, beginning with `where`, for
     spreadsheets, for NUL bytes, and for files without any text.
     """
-    for magic, kind in ARCHIVES.items():
+    for magic, kind in ARCHIVE_MAGIC.items():
         if data.startswith(magic):
             raise BadInput(f"{where}: is {kind}, not text; save it as CSV and give that")
     try:
         marked = data[:2] in (b"\xff\xfe", b"\xfe\xff")
-        wide = "utf-16" if marked else utf16_without_mark(data[:200])
+        wide = "utf-16" if marked else detect_unmarked_utf16(data[:200])
         text = data.decode(wide) if wide else _decode_bytes(data)
     except UnicodeDecodeError as fault:
         raise BadInput(f"{where}: is cut off or no text (UTF-16); give a whole copy, or export it as UTF-8") from fault
@@ -36,15 +36,15 @@ def decode_text(data: bytes, where: str) -> str:
             f"{where}:{line}: holds a NUL byte, so it is damaged or no text; give a whole copy or export it anew"
         )
     text = text.rstrip("\x1a")  # the end of a file in DOS
-    if found := CONTROL.search(text):
+    if found := CONTROL_CHARACTER.search(text):
         line = text.count("\n", 0, found.start()) + 1
         raise BadInput(f"{where}:{line}: holds {found[0]!r}, no character of a text: damaged; give a whole copy")
     if not text.strip():
         raise BadInput(f"{where}: nothing in it; give a table with a line per reading")
-    return mend_signs(text)
+    return repair_signs(text)
 
 
-def mend_signs(text: str) -> str:
+def repair_signs(text: str) -> str:
     """A text with the degree signs and others that a change of encoding spoiled.
 
     >>> mend_signs("T (?F);d (\u00c2\u00b5m);\uff9fC;22.5 &deg;C"), mend_signs("which?"), mend_signs("stra\u00dfe")
@@ -52,10 +52,10 @@ def mend_signs(text: str) -> str:
     """
     if text.isascii() and "?" not in text and "&deg;" not in text:
         return text
-    return LOST_DEGREE.sub("\u00b0", DECODED_TWICE.sub("", text).replace(MINUS, "-"))
+    return LOST_DEGREE.sub("\u00b0", DECODED_TWICE.sub("", text).replace(TYPOGRAPHIC_MINUS, "-"))
 
 
-def utf16_without_mark(start: bytes) -> str | None:
+def detect_unmarked_utf16(start: bytes) -> str | None:
     """The encoding of a text of two bytes per letter without a byte order mark: every other byte is 0.
 
     >>> utf16_without_mark("Time,front".encode("utf-16-be")), utf16_without_mark(b"Time,front")

@@ -5,21 +5,21 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from flashtemp.errors import BadInput, short
+from flashtemp.errors import BadInput, shorten_text
 from flashtemp.physics import units
 
-MAX_NAME_LETTERS = 80  # of a column with its unit
+MAX_LABEL_LETTERS = 80  # of a column with its unit
 FORMAT_HINT = re.compile(r"[hmsfdytj:./\-, 0-9]*(?:hh?:?mm|mm:?ss|dd|yy|tt|jj)[a-z:./\-, 0-9]*", re.IGNORECASE)
-NO_UNIT = ("", "-", "--", "utc", "gmt", "local", "am/pm", "24h", "12h")
-QUICK = {  # units that need no library
+UNITLESS_MARKS = ("", "-", "--", "utc", "gmt", "local", "am/pm", "24h", "12h")
+QUICK_UNITS = {  # units that need no library
     ("sec", "s"): "s", ("m_s", "m/s"): "m/s", ("mps", "m/s"): "m/s", ("C", "degC"): "degC", ("°C", "degC"): "degC",
 }  # fmt: skip
-_COMMON = (  # of a line of units, and of columns named by their unit alone
+_COMMON_UNIT_WORDS = (  # of a line of units, and of columns named by their unit alone
     "s sec secs ms msec us µs min mins h hr hrs d days seconds minutes hours °C °F C F K degC degF degK ℃ ℉ mK Celsius"
     " Kelvin Fahrenheit celsius kelvin fahrenheit V mV A mA volt volts m mm cm um µm m/s mm/s km/h mph s-1 Pa kPa MPa"
     " GPa bar mbar N kN W Hz kHz rpm 1/min % - 1 ohm Ω W/m2 W/m² W/m2K Pa.s rad/s 1/s m^4 deg"
 )
-COMMON_UNITS = frozenset(_COMMON.split(" "))
+COMMON_UNITS = frozenset(_COMMON_UNIT_WORDS.split(" "))
 TIME_WORDS = (
     r"time|t|zeit|(?:time|zeit)\d{1,3}(?:defaultsamplerate)?|times|times?tamps?|elapsed|elapsedtime|runtime|reltime|relativetime|abstime|absolutetime|datetime|datetimes?|"
     "datumzeit|datumuhrzeit|datumundzeit|dateandtime|datezeit|date|datum|uhrzeit|clock|clocktime|timeofday|localtime|"
@@ -45,7 +45,7 @@ MILLISECOND_NAME = re.compile(r"ms|msec|msecs|millis|millisecs?|milliseconds?|mi
 
 
 @dataclass(frozen=True)
-class Column:
+class TableColumn:
     """A column of a table: its number from 1, its `label` in the header, its cell in a row of units; "" for none."""
 
     number: int
@@ -53,7 +53,7 @@ class Column:
     unit_cell: str = ""
 
     def __str__(self) -> str:
-        return f"column {self.number}" + (f" {short(repr(self.label))}" if self.label else "")
+        return f"column {self.number}" + (f" {shorten_text(repr(self.label))}" if self.label else "")
 
 
 def bare_name(text: str) -> str:
@@ -70,10 +70,10 @@ def is_unit_text(text: str, wanted: str) -> bool:
     text = text.strip()
     if not text or len(text) > units.MAX_UNIT_LETTERS or text == "a":  # an index, not a year
         return False
-    return text == wanted or (text, wanted) in QUICK or units.is_unit(_spelled(text), wanted)
+    return text == wanted or (text, wanted) in QUICK_UNITS or units.is_unit(_spell_unit(text), wanted)
 
 
-def _spelled(text: str) -> str:
+def _spell_unit(text: str) -> str:
     """A unit with a line for the low line that names of columns have: "mm_s" is "mm/s", but "deg_C" is "deg C"."""
     text = re.sub(r"(?i)(?<=deg|ree)_(?=[cfk]$)", " ", text)
     return re.sub(r"(?<=[^\W\d_])_(?=[^\W\d_])", "/", text)
@@ -81,12 +81,12 @@ def _spelled(text: str) -> str:
 
 def convert_unit(text: str, wanted: str, what: str) -> tuple[float, float]:
     """Factor and offset from a unit as a header writes it to `wanted`.  Raises BadInput that begins with `what`."""
-    if text in ("", wanted) or QUICK.get((text, wanted)) == wanted:
+    if text in ("", wanted) or QUICK_UNITS.get((text, wanted)) == wanted:
         return 1.0, 0.0
     if text in ("-", "1") and wanted == "1":
         return 1.0, 0.0
     try:
-        return units.conversion(_spelled(text), wanted)
+        return units.find_conversion(_spell_unit(text), wanted)
     except BadInput as fault:
         raise BadInput(f"{what}: {fault}") from fault
 
@@ -103,14 +103,14 @@ def split_label(label: str, wanted: str) -> tuple[str, str]:
     >>> split_label("Temp, °F (LGR S/N: 12)", "degC"), split_label("type K (mV)", "degC")
     (('Temp', '°F'), ('type K', 'mV'))
     """
-    if len(label) > MAX_NAME_LETTERS:
+    if len(label) > MAX_LABEL_LETTERS:
         return label, ""
     groups = [g for g in bracket_groups(label) if g[0] or label[g[1] :].strip()]
-    groups = [g for g in groups if g[2].casefold() not in NO_UNIT and not FORMAT_HINT.fullmatch(g[2])]
+    groups = [g for g in groups if g[2].casefold() not in UNITLESS_MARKS and not FORMAT_HINT.fullmatch(g[2])]
     for start, _, text in reversed(groups):
         if is_unit_text(text, wanted):
             return label[:start].strip(), text
-    plain = without_brackets(label)
+    plain = strip_brackets(label)
     if groups:
         name, unit = _split_suffix(plain, wanted)
         if unit and name != unit and all(":" in text for *_, text in groups):  # remarks such as "LGR S/N: 12"
@@ -136,7 +136,7 @@ def bracket_groups(label: str) -> list[tuple[int, int, str]]:
     return out
 
 
-def without_brackets(label: str) -> str:
+def strip_brackets(label: str) -> str:
     """A label without what stands in brackets, "" where nothing else stands there."""
     for start, end, _ in reversed(bracket_groups(label)):
         label = label[:start] + label[end:]
@@ -164,26 +164,26 @@ def _is_index(name: str, unit: str, wanted: str) -> bool:
     return wanted in ("degC", "K") and unit in ("r", "R", "f", "k", "c") and len(bare_name(name)) < 3
 
 
-def column_unit(column: Column, wanted: str) -> tuple[str, str]:
+def column_unit(column: TableColumn, wanted: str) -> tuple[str, str]:
     """Name and unit of a column: the unit of its label, else the one in the row of units."""
     name, unit = split_label(column.label, wanted)
-    return name, unit or _without_outer_brackets(column.unit_cell.strip())
+    return name, unit or _strip_outer_brackets(column.unit_cell.strip())
 
 
-def check_units_agree(column: Column, wanted: str, where: str) -> None:
+def check_units_agree(column: TableColumn, wanted: str, where: str) -> None:
     """BadInput where the label of a column and the row of units state units of different size."""
-    units_of = [split_label(column.label, wanted)[1], _without_outer_brackets(column.unit_cell.strip())]
+    units_of = [split_label(column.label, wanted)[1], _strip_outer_brackets(column.unit_cell.strip())]
     known = [u for u in units_of if is_unit_text(u, wanted)]
     if len(known) == 2 and convert_unit(known[0], wanted, where) != convert_unit(known[1], wanted, where):
         raise BadInput(f"{where}: {column}: {known[0]!r} in the name, {known[1]!r} in the row of units; correct one")
 
 
-def _without_outer_brackets(text: str) -> str:
+def _strip_outer_brackets(text: str) -> str:
     groups = bracket_groups(text)
     return groups[0][2] if len(groups) == 1 and groups[0][:2] == (0, len(text)) else text
 
 
-def is_time_label(column: Column) -> bool:
+def is_time_label(column: TableColumn) -> bool:
     """Whether a label says time, by its name or by its unit."""
     name, unit = column_unit(column, "s")
     if not column.label and not unit:
@@ -191,7 +191,7 @@ def is_time_label(column: Column) -> bool:
     bare = bare_name(name)
     if bare == "t":  # T is a temperature
         return name.strip() == "t" or is_unit_text(unit, "s")
-    if TIME_NAME.fullmatch(bare) or TIME_NAME.fullmatch(bare_name(without_brackets(column.label))):
+    if TIME_NAME.fullmatch(bare) or TIME_NAME.fullmatch(bare_name(strip_brackets(column.label))):
         return True
     if unit in ("Min", "MIN") or (is_common_unit(column.unit_cell) and not is_unit_text(column.unit_cell, "s")):
         return False  # a minimum: the symbol of the minute is "min" (SI Brochure, table 8)
@@ -203,12 +203,12 @@ def is_common_unit(text: str) -> bool:
     return text in COMMON_UNITS or (len(text) > 3 and text.casefold() in COMMON_UNITS)
 
 
-def is_status_label(column: Column) -> bool:
+def is_status_label(column: TableColumn) -> bool:
     """Whether a label says that no thermocouple stands there: "Alarm 101", "Status", "Events", "CJC"."""
     return STATUS_NAME.fullmatch(bare_name(column.label)) is not None
 
 
-def is_counter_label(column: Column) -> bool:
+def is_counter_label(column: TableColumn) -> bool:
     """Whether a label says that readings are counted: "NO.", "Scan", "#", "Index"."""
     _, unit = column_unit(column, "s")
     if unit and is_unit_text(unit, "s"):

@@ -19,10 +19,10 @@ def read_logger_file(
 
     `comma`: whether commas are decimal, `group`: which group of a TDMS file, where a person says so.
     """
-    data = bounded_reading.raw(path, where)
-    if data.startswith(tdms.MAGIC):
+    data = bounded_reading.read_bounded_bytes(path, where)
+    if data.startswith(tdms.TDMS_MAGIC):
         return tdms.read_tdms(path, where, group)
     text = decode_text(data, where)
-    if text.lstrip().startswith(lvm.MAGIC):
+    if text.lstrip().startswith(lvm.LVM_MAGIC):
         return lvm.parse_lvm(text.lstrip(), where)
     return parse_table(text, where, comma, of_logger=True), None

@@ -11,24 +11,24 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from flashtemp.errors import BadInput, short
+from flashtemp.errors import BadInput, shorten_text
 from flashtemp.physics import bounded_reading
 from flashtemp.physics.tables import header
 from flashtemp.physics.tables.cells import is_missing, parse_number
-from flashtemp.physics.tables.dialect import Dialect
-from flashtemp.physics.tables.header import Column
+from flashtemp.physics.tables.dialect import TableDialect
+from flashtemp.physics.tables.header import TableColumn
 from flashtemp.physics.tables.text_table import TextTable
 from flashtemp.physics.tables.time_axis import LABVIEW_EPOCH_S, TimeAxis
 from flashtemp.physics.tables.timestamps import parse_moments, parse_stamp
 
-MAGIC = "LabVIEW Measurement"
+LVM_MAGIC = "LabVIEW Measurement"
 END_OF_HEADER = "***End_of_Header***"
-SEPARATORS = {"tab": "\t", "comma": ",", "semicolon": ";"}
+LVM_SEPARATORS = {"tab": "\t", "comma": ",", "semicolon": ";"}
 SAME_START_S = 1e-3  # between the clocks of the channels of one segment
 
 
 @dataclass
-class Segment:
+class LvmSegment:
     """One block of rows with its tags, one value per channel, and where it begins in the file."""
 
     line: int
@@ -37,7 +37,7 @@ class Segment:
     rows: list[tuple[str, ...]] = field(default_factory=list)
     lines: list[int] = field(default_factory=list)
 
-    def numbers(self, tag: str, default: float) -> list[float]:
+    def tag_numbers(self, tag: str, default: float) -> list[float]:
         """The numbers of a tag, one per channel, with the decimal sign of the file."""
         cells = [c.replace(",", ".") for c in self.tags.get(tag, []) if c]
         return [default if (v := parse_number(c, False)) is None else v for c in cells] or [default]
@@ -49,34 +49,34 @@ def parse_lvm(text: str, where: str) -> tuple[TextTable, TimeAxis]:
     Raises BadInput, naming the line, for files that are cut off, whose segments differ in their channels or whose
     channels have times of their own.
     """
-    lines = bounded_reading.lines(text, where)
-    separator, body, tags = _file_header(lines, where)
+    lines = bounded_reading.split_bounded_lines(text, where)
+    separator, body, tags = _read_file_header(lines, where)
     comma = tags.get("Decimal_Separator", ["."])[:1] == [","]
-    segments = _segments(lines, body, separator, tags.get("Multi_Headings", ["No"])[:1] != ["Yes"], where)
+    segments = _read_segments(lines, body, separator, tags.get("Multi_Headings", ["No"])[:1] != ["Yes"], where)
     names = segments[0].names
     for segment in segments:
         if segment.names != names:
             raise BadInput(f"{where}:{segment.line}: a segment has other channels than the first; give one file each")
-        _check_whole(segment, segments, where)
+        _check_complete(segment, segments, where)
     x_columns = tags.get("X_Columns", ["One"])[0].casefold()
     times = [_segment_times(s, x_columns, comma, where) for s in segments]
     absolute = tags.get("Time_Pref", ["Relative"])[0].casefold() == "absolute"
     rows = [row for s in segments for row in s.rows]
     note = f"LabVIEW Measurement file, {len(segments)} segment{'s' * (len(segments) > 1)}"
     table = TextTable(
-        where, Dialect(separator, comma), _columns(segments[0], x_columns), rows,
+        where, TableDialect(separator, comma), _segment_columns(segments[0], x_columns), rows,
         [n for s in segments for n in s.lines], (), (note,), True,
     )  # fmt: skip
-    return table, _joined_times(segments, times, absolute, table)
+    return table, _join_times(segments, times, absolute, table)
 
 
-def _file_header(lines: Sequence[str], where: str) -> tuple[str, int, dict[str, list[str]]]:
+def _read_file_header(lines: Sequence[str], where: str) -> tuple[str, int, dict[str, list[str]]]:
     """The separator, the number of the first line behind the header, and the header's tags."""
     separator = "\t"
     for line in lines:
         if line.startswith("Separator"):
             rest = line[len("Separator") :].strip("\t,; ").casefold()
-            separator = SEPARATORS.get(rest, separator)
+            separator = LVM_SEPARATORS.get(rest, separator)
             break
     tags: dict[str, list[str]] = {}
     for number, line in enumerate(lines):
@@ -87,10 +87,10 @@ def _file_header(lines: Sequence[str], where: str) -> tuple[str, int, dict[str, 
     raise BadInput(f"{where}: the header of this LabVIEW file does not end; give a whole copy")
 
 
-def _segments(lines: Sequence[str], body: int, separator: str, single: bool, where: str) -> list[Segment]:
+def _read_segments(lines: Sequence[str], body: int, separator: str, single: bool, where: str) -> list[LvmSegment]:
     """The segments of a file.  Raises BadInput."""
-    found: list[Segment] = []
-    now, in_tags, special = Segment(body + 1), True, False
+    found: list[LvmSegment] = []
+    now, in_tags, special = LvmSegment(body + 1), True, False
     for number, line in enumerate(lines[body:], body + 1):
         cells = tuple(c.strip() for c in line.split(separator))
         if cells[0].startswith(("***Start_Special", "***End_Special")):
@@ -99,7 +99,7 @@ def _segments(lines: Sequence[str], body: int, separator: str, single: bool, whe
             continue
         elif cells[0] == "Channels" and not in_tags:
             found.append(now)
-            now, in_tags = Segment(number, {"Channels": list(cells[1:])}), True
+            now, in_tags = LvmSegment(number, {"Channels": list(cells[1:])}), True
         elif cells[0] == END_OF_HEADER:
             in_tags = False
         elif in_tags and not now.tags and cells[0] == "X_Value":  # a file whose only header is the first one
@@ -118,7 +118,7 @@ def _segments(lines: Sequence[str], body: int, separator: str, single: bool, whe
     return found
 
 
-def _check_whole(segment: Segment, segments: Sequence[Segment], where: str) -> None:
+def _check_complete(segment: LvmSegment, segments: Sequence[LvmSegment], where: str) -> None:
     """BadInput for a row with too few cells, and where a segment has fewer rows than its header says."""
     while len(segment.names) > 1 and not segment.names[-1]:
         segment.names.pop()
@@ -130,7 +130,7 @@ def _check_whole(segment: Segment, segments: Sequence[Segment], where: str) -> N
                 f"{where}:{segment.lines[k]}: {len(row)} cells, others {needed}; cut off or damaged: repair that line"
             )
         segment.rows[k] = (*row, *[""] * len(segment.names))[: len(segment.names)]
-    samples = max((int(n) for n in segment.numbers("Samples", 0.0)), default=0)
+    samples = max((int(n) for n in segment.tag_numbers("Samples", 0.0)), default=0)
     if len(segment.rows) < samples:
         raise BadInput(
             f"{where}:{segment.lines[-1]}: {len(segment.rows)} rows of a segment of {samples} samples; the file is cut"
@@ -138,21 +138,21 @@ def _check_whole(segment: Segment, segments: Sequence[Segment], where: str) -> N
         )
 
 
-def _columns(segment: Segment, x_columns: str) -> tuple[Column, ...]:
+def _segment_columns(segment: LvmSegment, x_columns: str) -> tuple[TableColumn, ...]:
     """Columns with the units that the segment states for its channels."""
     units = segment.tags.get("Y_Unit_Label", [])
     columns, channel = [], 0
     for number, name in enumerate(segment.names, 1):
         is_x = number == 1 or (x_columns == "multi" and number % 2 == 1)
         if is_x or name.casefold() == "comment":
-            columns.append(Column(number, name))
+            columns.append(TableColumn(number, name))
             continue
-        columns.append(Column(number, name, units[channel] if channel < len(units) else ""))
+        columns.append(TableColumn(number, name, units[channel] if channel < len(units) else ""))
         channel += 1
     return tuple(columns)
 
 
-def _segment_times(segment: Segment, x_columns: str, comma: bool, where: str) -> np.ndarray:
+def _segment_times(segment: LvmSegment, x_columns: str, comma: bool, where: str) -> np.ndarray:
     """x (n,) of the rows of a segment, in s.  Raises BadInput where it is no time or differs between channels."""
     for tag in ("X_Dimension", "X_Unit_Label"):
         for value in filter(None, segment.tags.get(tag, [])):
@@ -160,7 +160,7 @@ def _segment_times(segment: Segment, x_columns: str, comma: bool, where: str) ->
                 raise BadInput(f"{where}:{segment.line}: {tag} is {value!r}; give a file over time")
     count = len(segment.rows)
     if x_columns == "no":
-        pairs = set(zip(segment.numbers("X0", 0.0), segment.numbers("Delta_X", 0.0), strict=False))
+        pairs = set(zip(segment.tag_numbers("X0", 0.0), segment.tag_numbers("Delta_X", 0.0), strict=False))
         if len(pairs) != 1:
             raise BadInput(f"{where}:{segment.line}: channels differ in X0 or Delta_X; give a file of one time")
         first, step = pairs.pop()
@@ -180,7 +180,7 @@ def _segment_times(segment: Segment, x_columns: str, comma: bool, where: str) ->
             k = numbers.index(None)
             mark = "no time" if is_missing(cells[k]) else "is no time"
             raise BadInput(
-                f"{where}:{segment.lines[k]}: {short(repr(cells[k]))} in column {place + 1} {mark}; repair it"
+                f"{where}:{segment.lines[k]}: {shorten_text(repr(cells[k]))} in column {place + 1} {mark}; repair it"
             )
         found.append(np.array(numbers, dtype=float))
     if any(not np.array_equal(found[0], other) for other in found[1:]):
@@ -189,7 +189,7 @@ def _segment_times(segment: Segment, x_columns: str, comma: bool, where: str) ->
     return np.asarray(found[0] * header.convert_unit(unit, "s", where)[0])
 
 
-def _start_of(segment: Segment, where: str) -> float | None:
+def _segment_start(segment: LvmSegment, where: str) -> float | None:
     """The moment that x counts from, s since 1970; None where the segment has no date.  Raises BadInput."""
     dates, clocks = segment.tags.get("Date", []), segment.tags.get("Time", [])
     starts = []
@@ -203,13 +203,13 @@ def _start_of(segment: Segment, where: str) -> float | None:
     return starts[0] if starts else None
 
 
-def _joined_times(segments: list[Segment], times: list[np.ndarray], absolute: bool, table: TextTable) -> TimeAxis:
+def _join_times(segments: list[LvmSegment], times: list[np.ndarray], absolute: bool, table: TextTable) -> TimeAxis:
     """The times of all segments: x itself where it goes on from one to the next, else x from their own clocks.
 
     Raises BadInput where x goes on and the clocks say something else.
     """
     where = table.where
-    starts = [LABVIEW_EPOCH_S if absolute else _start_of(s, where) for s in segments]
+    starts = [LABVIEW_EPOCH_S if absolute else _segment_start(s, where) for s in segments]
     first = starts[0]
     goes_on = all(b[0] > a[-1] for a, b in zip(times, times[1:], strict=False))
     seconds = np.concatenate(times)
@@ -231,7 +231,7 @@ def _joined_times(segments: list[Segment], times: list[np.ndarray], absolute: bo
     if np.any(np.diff(seconds) <= 0):
         k = int(np.argmax(np.diff(seconds) <= 0))
         raise BadInput(
-            f"{table.place(k + 1)}: time goes from {seconds[k]:g} to {seconds[k + 1]:g} s; it must increase: remove"
+            f"{table.locate_row(k + 1)}: time goes from {seconds[k]:g} to {seconds[k + 1]:g} s; it must increase: remove"
             " that line, or give --fps"
         )
     dated = first is not None

@@ -12,30 +12,30 @@ from flashtemp.physics import bounded_reading
 from flashtemp.physics.tables.cells import parse_number
 from flashtemp.physics.tables.encoding import decode_text
 
-SEPARATORS = (",", ";", "\t")
+RECORD_SEPARATORS = (",", ";", "\t")
 SEP_LINE = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # of spreadsheets, their first line
-DECIMAL_COMMA = re.compile(r"^([-+]?\d+),(?=\d)")
+LEADING_DECIMAL_COMMA = re.compile(r"^([-+]?\d+),(?=\d)")
 
 
 @dataclass(frozen=True)
-class Record:
+class TableRecord:
     """Cells of a line by the names of their columns; `comma`: commas may be decimal."""
 
     line: int
     cells: dict[str, str]
     comma: bool
 
-    def number(self, cell: str) -> float | None:
+    def parse_number_cell(self, cell: str) -> float | None:
         """The number of a cell, None for anything else."""
         value = parse_number(cell, False)
         return parse_number(cell, True) if value is None and self.comma else value
 
-    def with_point(self, cell: str) -> str:
+    def replace_decimal_comma(self, cell: str) -> str:
         """A cell that begins with a number, perhaps with a unit behind, with a point for its decimal comma."""
-        return DECIMAL_COMMA.sub(r"\1.", cell) if self.comma else cell
+        return LEADING_DECIMAL_COMMA.sub(r"\1.", cell) if self.comma else cell
 
 
-def read_records(path: Path, where: str, remedy: str) -> list[Record]:
+def read_records(path: Path, where: str, remedy: str) -> list[TableRecord]:
     """The lines of a table under its first one, which names the columns; empty lines and comments are left out.
 
     So are a line "sep=;" at the top and a separator at the end of every line.
@@ -43,15 +43,15 @@ def read_records(path: Path, where: str, remedy: str) -> list[Record]:
     Raises BadInput, beginning with `where` and ending with `remedy`, for files without text and for lines that have
     more or fewer cells than there are names.
     """
-    data = bounded_reading.raw(path, where)
+    data = bounded_reading.read_bounded_bytes(path, where)
     if not data.strip():
         raise BadInput(f"{where}: nothing in it; {remedy}")
-    lines = bounded_reading.lines(decode_text(data, where), where)
+    lines = bounded_reading.split_bounded_lines(decode_text(data, where), where)
     filled = [(n, line) for n, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
     filled = [(n, line) for n, line in filled if n > 1 or not SEP_LINE.fullmatch(line.strip())]
     if not filled:
         raise BadInput(f"{where}: nothing in it; {remedy}")
-    separator = max(SEPARATORS, key=filled[0][1].count)
+    separator = max(RECORD_SEPARATORS, key=filled[0][1].count)
     try:
         table = [(n, [c.strip() for c in next(csv.reader([line], delimiter=separator), [])]) for n, line in filled]
     except csv.Error as fault:
@@ -64,4 +64,4 @@ def read_records(path: Path, where: str, remedy: str) -> list[Record]:
     for number, cells in table[1:]:
         if len(cells) != len(names):
             raise BadInput(f"{where}:{number}: {len(cells)} values for {len(names)} names; give one each")
-    return [Record(n, dict(zip(names, cells, strict=True)), separator != ",") for n, cells in table[1:]]
+    return [TableRecord(n, dict(zip(names, cells, strict=True)), separator != ",") for n, cells in table[1:]]

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from flashtemp.errors import BadInput, short
+from flashtemp.errors import BadInput, shorten_text
 from flashtemp.physics import bounded_reading
 from flashtemp.physics.tables import header
 from flashtemp.physics.tables.cells import (
@@ -23,28 +23,28 @@ from flashtemp.physics.tables.cells import (
     shape_of,
     split_suffix,
 )
-from flashtemp.physics.tables.dialect import NAMES, Dialect, Line, detect_dialect, split_cells, split_lines
+from flashtemp.physics.tables.dialect import SEPARATOR_NAMES, TableDialect, TableLine, detect_dialect, split_cells, split_lines
 from flashtemp.physics.tables.encoding import decode_text
-from flashtemp.physics.tables.header import Column
+from flashtemp.physics.tables.header import TableColumn
 from flashtemp.physics.tables.records import SEP_LINE
 from flashtemp.physics.tables.text_table import TextTable
 
 HEADER_LINES = 6  # above the rows, among which names and units are looked for
-COMMENTS = ("#", "%", "//")
-STATISTICS = re.compile(
+COMMENT_SIGNS = ("#", "%", "//")
+STATISTIC_NAME = re.compile(
     r"(?:min|max|mean|avg|average|mittel|mittelwert|median|std|stdev|stddev|sd|sdev|sigma|sum|summe|total|count|anzahl|"
     r"range|rms|minimum|maximum|moyenne|end|ende|eof|mean value|st\.? ?dev\.?|std\.? ?dev\.?)\W{0,3}(?:of\b.*)?",
     re.IGNORECASE,
 )
 WORD_WITH_UNIT = re.compile(r"[^\s(\[]+(?:\s*[(\[][^)\]]*[)\]])?")
-OF_TOA5 = ("TS", "RN")  # time stamp and record number in its row of units
+TOA5_UNIT_MARKS = ("TS", "RN")  # time stamp and record number in its row of units
 MAX_REMARKS, MAX_REMARK_LETTERS = 200, 300  # of lines around a table that are kept
-AGAIN = "give a whole copy or export it anew"
+WHOLE_COPY_REMEDY = "give a whole copy or export it anew"
 
 
 def read_text(path: Path, where: str) -> str:
     """The text of a file, within the bounds of a table.  Raises BadInput."""
-    return decode_text(bounded_reading.raw(path, where), where)
+    return decode_text(bounded_reading.read_bounded_bytes(path, where), where)
 
 
 def parse_table(text: str, where: str, comma: bool | None = None, of_logger: bool = False) -> TextTable:
@@ -54,22 +54,22 @@ def parse_table(text: str, where: str, comma: bool | None = None, of_logger: boo
     shorter than the others is cut off.  Raises BadInput, beginning with `where` and the line, for texts without rows of
     values and for lines that cannot belong to them.
     """
-    raw = bounded_reading.lines(text, where)
+    raw = bounded_reading.split_bounded_lines(text, where)
     skipped = 1 if raw and SEP_LINE.fullmatch(raw[0].strip()) else 0
     body = [*[""] * skipped, *raw[skipped:]]
     dialect = detect_dialect(body, comma)
     if dialect is None:
         raise BadInput(f"{where}: no rows of numbers in it; give a table with a line per reading")
-    block = _Block(split_lines(body, dialect), dialect, where, of_logger)
-    table = block.table()
+    block = _TableBlock(split_lines(body, dialect), dialect, where, of_logger)
+    table = block.to_table()
     if of_logger and comma is None:
-        _no_thousands(table)
+        _check_thousands(table)
     if of_logger and text[-1] not in "\r\n":
-        _no_loose_end(table, len(raw))
+        _check_last_line(table, len(raw))
     return table
 
 
-def _no_thousands(table: TextTable) -> None:
+def _check_thousands(table: TextTable) -> None:
     """BadInput for a column whose decimals may be groups of thousands: 1.000 or more grouped, below 1000 none."""
     sign = "," if table.dialect.comma else "."
     grouped = re.compile(rf"-?[1-9]\d{{0,2}}(?:\{sign}\d{{3}})+", re.ASCII)
@@ -87,7 +87,7 @@ def _no_thousands(table: TextTable) -> None:
             )
 
 
-def _no_loose_end(table: TextTable, last_line: int) -> None:
+def _check_last_line(table: TextTable, last_line: int) -> None:
     """BadInput where a text ends inside its last number: without a line end, shorter than all others."""
     if table.lines[-1] != last_line or len(table.rows) < 2:
         return
@@ -100,36 +100,36 @@ def _no_loose_end(table: TextTable, last_line: int) -> None:
     lost = (not last and all(cells[:-1])) or (not unit and all(u for _, u in others))
     fewer = len(table.rows) > 2 and len(decimals) == 1 and len(last.partition(sign)[2]) < decimals.pop()
     if lost or fewer:
-        raise BadInput(f"{table.where}:{last_line}: ends with {cells[-1]!r} and without a line end: cut off; {AGAIN}")
+        raise BadInput(f"{table.where}:{last_line}: ends with {cells[-1]!r} and without a line end: cut off; {WHOLE_COPY_REMEDY}")
 
 
 @dataclass
-class _Block:
+class _TableBlock:
     """The rows of a text and what stands around them."""
 
-    lines: list[Line]
-    dialect: Dialect
+    lines: list[TableLine]
+    dialect: TableDialect
     where: str
     of_logger: bool
 
-    def table(self) -> TextTable:
+    def to_table(self) -> TextTable:
         """Rows, header and what is above them."""
-        self.shapes = self._shapes()
-        of_shape = {s: [is_value(c, self.dialect.comma) for c in line.cells] for s, line in self._kinds()}
+        self.shapes = self._line_shapes()
+        of_shape = {s: [is_value(c, self.dialect.comma) for c in line.cells] for s, line in self._lines_by_shape()}
         self.values = {line.number: of_shape[s] for s, line in zip(self.shapes, self.lines, strict=True)}
-        self.width, self.value_columns = self._shape()
+        self.width, self.value_columns = self._width_and_value_columns()
         if not self.value_columns:
             raise BadInput(f"{self.where}: no rows of numbers in it; give a table with a line per reading")
-        full = {shape: self._fills_row(line) for shape, line in self._kinds()}
+        full = {shape: self._fills_row(line) for shape, line in self._lines_by_shape()}
         self.good = {line.number for shape, line in zip(self.shapes, self.lines, strict=True) if full[shape]}
         start = next((k for k, line in enumerate(self.lines) if self._is_row(line)), None)
         if start is None:
             raise BadInput(f"{self.where}: no rows of numbers in it; give a table with a line per reading")
-        columns, header_lines, top = self._header(start)
+        columns, header_lines, top = self._find_header(start)
         self.left_out = self.lines[:top]
-        rows, notes = self._rows(start, header_lines)
+        rows, notes = self._find_rows(start, header_lines)
         if self.dialect.separator == ",":
-            self._no_decimal_commas(rows, bool(header_lines))
+            self._check_decimal_commas(rows, bool(header_lines))
         width = self.width
         while width > 1 and not any(
             line.cells[width - 1 : width] != ("",) and len(line.cells) >= width for line in rows
@@ -137,15 +137,15 @@ class _Block:
             width -= 1  # a separator at the end of every line
         width = max(width, *(c.number for c in columns if c.label), 1) if header_lines else width
         cells = [line.cells if len(line.cells) == width else (*line.cells, *[""] * self.width)[:width] for line in rows]
-        known = columns[:width] if header_lines else [Column(k + 1) for k in range(width)]
+        known = columns[:width] if header_lines else [TableColumn(k + 1) for k in range(width)]
         return TextTable(
             self.where, self.dialect, tuple(known), cells, [line.number for line in rows],
-            tuple(_pairs_of(self.lines[:top], self.dialect)), tuple(notes), bool(header_lines),
+            tuple(_key_value_pairs(self.lines[:top], self.dialect)), tuple(notes), bool(header_lines),
             frozenset(k + 1 for k in range(width) if k not in self.value_columns),
             tuple((line.number, line.text[:MAX_REMARK_LETTERS]) for line in self.left_out[:MAX_REMARKS]),
         )  # fmt: skip
 
-    def _shapes(self) -> list[str]:
+    def _line_shapes(self) -> list[str]:
         """The shape of every line: lines of one shape are alike in what their cells are."""
         whole = "\n".join([line.text for line in self.lines])
         if not has_marks_of_digits(whole) and whole.count("\n") == len(self.lines) - 1:
@@ -154,29 +154,29 @@ class _Block:
             return [line.text if has_marks_of_digits(line.text) else shape_of(line.text) for line in self.lines]
         return [shape_of(line.text) for line in self.lines]
 
-    def _kinds(self) -> list[tuple[str, Line]]:
+    def _lines_by_shape(self) -> list[tuple[str, TableLine]]:
         """Every shape with a line of it."""
         return list(dict(zip(self.shapes, self.lines, strict=True)).items())
 
     # --- rows ---------------------------------------------------------------------------------------
-    def _values(self, line: Line) -> list[bool]:
+    def _value_flags(self, line: TableLine) -> list[bool]:
         return self.values[line.number]
 
-    def _shape(self) -> tuple[int, list[int]]:
+    def _width_and_value_columns(self) -> tuple[int, list[int]]:
         """The usual number of cells of lines that are mostly values, and the columns (from 0) that hold values."""
         counts: Counter[int] = Counter()
-        mostly: list[tuple[Line, list[bool], int]] = []
+        mostly: list[tuple[TableLine, list[bool], int]] = []
         times = Counter(self.shapes)
         for share in (0.5, 0.0):
-            for shape, line in self._kinds():
-                values = [] if _is_comment(line) else self._values(line)
+            for shape, line in self._lines_by_shape():
+                values = [] if _is_comment(line) else self._value_flags(line)
                 filled = sum(1 for c in line.cells if c)
                 if sum(values) > share * filled:
                     mostly.append((line, values, times[shape]))
                     counts[len(line.cells)] += times[shape]
             if counts:
                 break
-        named = {len(line.cells) for _, line in self._kinds() if len(line.cells) > 1 and not any(self._values(line))}
+        named = {len(line.cells) for _, line in self._lines_by_shape() if len(line.cells) > 1 and not any(self._value_flags(line))}
         width = max(counts, key=lambda n: (counts[n], n in named, n))
         alike = [(line, values, count) for line, values, count in mostly if len(line.cells) == width]
         columns = []
@@ -186,22 +186,22 @@ class _Block:
                 columns.append(k)
         return width, columns
 
-    def _is_row(self, line: Line) -> bool:
+    def _is_row(self, line: TableLine) -> bool:
         return line.number in self.good
 
-    def _fills_row(self, line: Line) -> bool:
+    def _fills_row(self, line: TableLine) -> bool:
         """Whether a line has values, or nothing, in all columns of values."""
         if _is_comment(line) or not self._has_room(line):
             return False
-        values, cells = self._values(line), line.cells
+        values, cells = self._value_flags(line), line.cells
         good = all(values[k] or not cells[k] for k in self.value_columns)
         return good and any(values[k] and not is_missing(cells[k]) for k in self.value_columns)
 
-    def _rows(self, start: int, names: list[Line]) -> tuple[list[Line], list[str]]:
+    def _find_rows(self, start: int, names: list[TableLine]) -> tuple[list[TableLine], list[str]]:
         """The rows of the block, and notes on what stands between and below them.  Raises BadInput."""
         last = next(k for k in range(len(self.lines) - 1, -1, -1) if self._is_row(self.lines[k]))
         known = {line.cells for line in names}
-        rows: list[Line] = []
+        rows: list[TableLine] = []
         notes: list[str] = []
         above = self.lines[start]
         for k in range(start, len(self.lines)):
@@ -213,17 +213,17 @@ class _Block:
             if not any(line.cells) or _is_comment(line) or line.cells in known:
                 above = line
                 continue
-            if self._has_room(line) and not self._is_aside(line, k > last, above):
+            if self._has_room(line) and not self._is_remark(line, k > last, above):
                 rows.append(line)
             else:
                 if rows:
-                    self._no_row_of_words(line, rows[-1])
-                notes.append(self._note_of(line, k > last, bool(any(above.cells)) and rows[-1] is above))
+                    self._check_row_of_words(line, rows[-1])
+                notes.append(self._note_left_out(line, k > last, bool(any(above.cells)) and rows[-1] is above))
                 self.left_out.append(line)
             above = line
         return rows, notes
 
-    def _has_room(self, line: Line) -> bool:
+    def _has_room(self, line: TableLine) -> bool:
         """Whether a line has as many cells as the rows: fewer only where no values are lost, more only of words."""
         count, needed = len(line.cells), 1 + max(self.value_columns)
         beyond = [c for c in line.cells[self.width :] if c]
@@ -231,49 +231,49 @@ class _Block:
 
     def _is_word(self, cell: str) -> bool:
         """Whether a cell is a word: neither a value nor a damaged one."""
-        value = is_value(cell, self.dialect.comma) or bounded_reading.mistyped(cell)
+        value = is_value(cell, self.dialect.comma) or bounded_reading.is_mistyped_number(cell)
         return not value and any(c.isalpha() for c in cell)
 
-    def _is_aside(self, line: Line, below: bool, above: Line) -> bool:
+    def _is_remark(self, line: TableLine, below: bool, above: TableLine) -> bool:
         """Whether a line of the right width is a remark, names again or a statistic, not a row that is damaged."""
-        values = self._values(line)[: self.width]
+        values = self._value_flags(line)[: self.width]
         if not any(values[k] for k in self.value_columns if k < len(values)):
             return not _is_numeric(line.text)
         word = next((c for c in line.cells if c), "")
         if not self._is_word(word):
             return False
-        return below and (not any(above.cells) or STATISTICS.fullmatch(word.strip()) is not None)
+        return below and (not any(above.cells) or STATISTIC_NAME.fullmatch(word.strip()) is not None)
 
-    def _no_row_of_words(self, line: Line, row: Line) -> None:
+    def _check_row_of_words(self, line: TableLine, row: TableLine) -> None:
         """BadInput for a line that begins as a row does with digits, as a date in words, but has other cells."""
         first = next(iter(line.cells), "")
         if any(c.isdigit() for c in first) and shape_of(first) == shape_of(row.cells[0]):
-            raise BadInput(self._damaged(line))
+            raise BadInput(self._describe_damage(line))
 
-    def _damaged(self, line: Line) -> str:
+    def _describe_damage(self, line: TableLine) -> str:
         """What is said of a line that has another number of cells than the rows."""
-        text = short(" ".join(line.text.split()))[:60]
+        text = shorten_text(" ".join(line.text.split()))[:60]
         return (
             f"{self.where}:{line.number}: {text!r} has {len(line.cells)} values, others {self.width}; the file is cut"
-            f" off or damaged there: repair that line, or {AGAIN}"
+            f" off or damaged there: repair that line, or {WHOLE_COPY_REMEDY}"
         )
 
-    def _note_of(self, line: Line, below: bool, directly: bool) -> str:
+    def _note_left_out(self, line: TableLine, below: bool, directly: bool) -> str:
         """A note on a line that is no row; BadInput where it may be a damaged one or the names of another table."""
-        values = [v and not is_missing(c) for v, c in zip(self._values(line), line.cells, strict=True)]
+        values = [v and not is_missing(c) for v, c in zip(self._value_flags(line), line.cells, strict=True)]
         filled = [c for c in line.cells if c]
         place = f"{self.where}:{line.number}"
-        text = short(" ".join(line.text.split()))[:60]
+        text = shorten_text(" ".join(line.text.split()))[:60]
         word = next(iter(filled), "")
         wordy = self._is_word(word)
         empty = not any(values) and not _is_numeric(line.text)
-        if empty or (below and wordy and (not directly or STATISTICS.fullmatch(word.strip()))):
+        if empty or (below and wordy and (not directly or STATISTIC_NAME.fullmatch(word.strip()))):
             if not below and len(filled) > 1 and len(line.cells) >= self.width and self.width > 1:
                 raise BadInput(f"{place}: {text!r} begins a second table; give one table per file")
             return f"line {line.number} left out: {text!r}"
-        raise BadInput(self._damaged(line))
+        raise BadInput(self._describe_damage(line))
 
-    def _no_decimal_commas(self, rows: list[Line], headed: bool) -> None:
+    def _check_decimal_commas(self, rows: list[TableLine], headed: bool) -> None:
         """BadInput where commas between whole numbers could be decimal commas and no header counts the columns."""
         sample = [c for line in rows[:20] for c in line.cells]
         quoted = any('"' in line.text for line in rows[:20])
@@ -285,7 +285,7 @@ class _Block:
         )
 
     # --- header -------------------------------------------------------------------------------------
-    def _header(self, start: int) -> tuple[list[Column], list[Line], int]:
+    def _find_header(self, start: int) -> tuple[list[TableColumn], list[TableLine], int]:
         """Columns with names and units, the lines that say them, and where the lines about the measurement end."""
         found: list[tuple[int, list[str]]] = []
         remarks: list[tuple[int, list[str]]] = []
@@ -297,12 +297,12 @@ class _Block:
                 continue
             comment = _is_comment(line)
             if not comment and not found:
-                self._no_damaged_row(line, k == start - 1)
-                self._no_other_row(line)
-            cells = self._names(line.text.lstrip("#%/ ") if comment and line.cells[0] != "#" else line.text)
+                self._check_damaged_row(line, k == start - 1)
+                self._check_other_row(line)
+            cells = self._parse_names(line.text.lstrip("#%/ ") if comment and line.cells[0] != "#" else line.text)
             if cells is None:
                 if not found and not comment:
-                    self._no_damaged_first_row(k, self.lines[start])
+                    self._check_damaged_first_row(k, self.lines[start])
                 if found or not _is_rule(line):
                     break
                 continue
@@ -311,14 +311,14 @@ class _Block:
                 break
         lines = found or remarks[:2]
         if not lines:
-            self._no_other_width(start)
-            return [Column(k + 1) for k in range(self.width)], [], start
+            self._check_other_width(start)
+            return [TableColumn(k + 1) for k in range(self.width)], [], start
         names, unit_row = self._names_and_units(lines)
         top = min(k for k, cells in lines if cells is names or cells is unit_row)
-        columns = [Column(k + 1, names[k], unit_row[k] if unit_row else "") for k in range(self.width)]
+        columns = [TableColumn(k + 1, names[k], unit_row[k] if unit_row else "") for k in range(self.width)]
         return columns, [self.lines[k] for k, cells in lines if cells is names or cells is unit_row], top
 
-    def _names(self, text: str) -> list[str] | None:
+    def _parse_names(self, text: str) -> list[str] | None:
         """The cells of a line that may name all columns; None where their number or kind is another."""
         for names in _split_names(text, self.dialect, self.width):
             cells = [" ".join(c.split()) for c in names]
@@ -339,60 +339,60 @@ class _Block:
         first = cells[self.value_columns[0]]
         return (
             self.of_logger
-            and header.is_time_label(Column(1, first))
+            and header.is_time_label(TableColumn(1, first))
             and numbers == self.value_columns[1:]
             and all(cells[k].isdecimal() for k in numbers)
         )
 
-    def _no_damaged_row(self, line: Line, directly: bool) -> None:
+    def _check_damaged_row(self, line: TableLine, directly: bool) -> None:
         """BadInput for a line above the rows that is a row with a slip in it, as O.1 for 0.1."""
-        if len(line.cells) != self.width or self._names(line.text) is not None:
+        if len(line.cells) != self.width or self._parse_names(line.text) is not None:
             return
         cells = [line.cells[k] for k in self.value_columns if line.cells[k]]
         wrong = [c for c in cells if not is_value(c, self.dialect.comma)]
-        mistyped = all(map(bounded_reading.mistyped, wrong))
+        mistyped = all(map(bounded_reading.is_mistyped_number, wrong))
         if not wrong or len(wrong) == len(cells) and not mistyped:
             return
         key_and_value = self.width == 2 and line.cells[0] in wrong and not mistyped and not directly
-        if STATISTICS.fullmatch(wrong[0]) or key_and_value:
+        if STATISTIC_NAME.fullmatch(wrong[0]) or key_and_value:
             return
         column = next(k + 1 for k in self.value_columns if line.cells[k] == wrong[0])
         raise BadInput(
-            f"{self.where}:{line.number}: {bounded_reading.told(list(line.cells))} is not numeric;"
-            f" {short(repr(wrong[0]))} in column {column} is no number: repair it"
+            f"{self.where}:{line.number}: {bounded_reading.format_cells(list(line.cells))} is not numeric;"
+            f" {shorten_text(repr(wrong[0]))} in column {column} is no number: repair it"
         )
 
-    def _no_damaged_first_row(self, k: int, row: Line) -> None:
+    def _check_damaged_first_row(self, k: int, row: TableLine) -> None:
         """BadInput for a line between names of all columns and the first row that holds values or begins as rows."""
         above = next((line for line in reversed(self.lines[:k]) if any(line.cells)), None)
         line = self.lines[k]
         if above is None or _is_comment(above) or not any(c.isdigit() for c in line.text):
             return
-        alike = any(self._values(line)) or shape_of(line.cells[0]) == shape_of(row.cells[0])
-        if alike and len(line.cells) < self.width and self._names(above.text) is not None:
-            raise BadInput(self._damaged(line))
+        alike = any(self._value_flags(line)) or shape_of(line.cells[0]) == shape_of(row.cells[0])
+        if alike and len(line.cells) < self.width and self._parse_names(above.text) is not None:
+            raise BadInput(self._describe_damage(line))
 
-    def _no_other_row(self, line: Line) -> None:
+    def _check_other_row(self, line: TableLine) -> None:
         """BadInput for a line above the rows that holds nothing but values, in another number."""
-        values = self._values(line)
+        values = self._value_flags(line)
         filled = [c for c in line.cells if c]
         if len(line.cells) != self.width and len(filled) > 1 and sum(values) == len(filled):
-            text = short(" ".join(line.text.split()))[:60]
+            text = shorten_text(" ".join(line.text.split()))[:60]
             raise BadInput(
                 f"{self.where}:{line.number}: {text!r} has {len(line.cells)} values, others {self.width}; the file is"
-                f" damaged there: repair that line, or {AGAIN}"
+                f" damaged there: repair that line, or {WHOLE_COPY_REMEDY}"
             )
 
-    def _no_other_width(self, start: int) -> None:
+    def _check_other_width(self, start: int) -> None:
         """BadInput where the line above names another number of columns than there are."""
         above = next((line for line in reversed(self.lines[:start]) if any(line.cells)), None)
         if above is None or _is_comment(above):
             return
         cells = [c for c in above.cells if c]
-        if len(cells) > 1 and any(header.is_time_label(Column(1, c)) for c in cells) and not any(self._values(above)):
+        if len(cells) > 1 and any(header.is_time_label(TableColumn(1, c)) for c in cells) and not any(self._value_flags(above)):
             raise BadInput(
                 f"{self.where}:{above.number}: names {len(cells)} columns, the rows below have {self.width} cells"
-                f" ({NAMES[self.dialect.separator]} between them); name every column, or export with ';' between the"
+                f" ({SEPARATOR_NAMES[self.dialect.separator]} between them); name every column, or export with ';' between the"
                 " values"
             )
 
@@ -403,7 +403,7 @@ class _Block:
         if not named:
             return lines[0][1], None
         names = named[0]
-        if not any(header.is_time_label(Column(1, c)) for c in lines[names][1]):
+        if not any(header.is_time_label(TableColumn(1, c)) for c in lines[names][1]):
             # below names may stand how values were made, as Smp, Avg, Min of TOA5: names differ from each other
             names = max(named[:2], key=lambda k: (len({c for c in lines[k][1] if c}), -k))
         near = [k for k in unit_lines if abs(k - names) <= 2]
@@ -412,8 +412,8 @@ class _Block:
     def _is_unit_line(self, cells: list[str]) -> bool:
         """Whether at least half of the cells over values are units; TS and RN of TOA5 need none."""
         filled = [cells[k].strip("()[]{} ") for k in self.value_columns if cells[k].strip("()[]{} ")]
-        filled = [c for c in filled if c not in OF_TOA5]
-        known = sum(_is_common_unit(c) or cells_in_brackets(c) for c in filled)
+        filled = [c for c in filled if c not in TOA5_UNIT_MARKS]
+        known = sum(_is_common_unit(c) or is_in_brackets(c) for c in filled)
         return bool(filled) and 2 * known >= len(filled) and any(map(_is_common_unit, filled))
 
 
@@ -421,7 +421,7 @@ def _is_common_unit(text: str) -> bool:
     return header.is_common_unit(text) or re.sub(r"[ .]", "", text).casefold() in ("degc", "degf", "degk", "°c", "°f")
 
 
-def cells_in_brackets(text: str) -> bool:
+def is_in_brackets(text: str) -> bool:
     """Whether a cell is a unit in brackets.
 
     >>> cells_in_brackets("[foo]"), cells_in_brackets("foo")
@@ -435,17 +435,17 @@ def _is_numeric(text: str) -> bool:
     return any(c.isdigit() for c in text) and not any(c.isalpha() for c in text)
 
 
-def _is_comment(line: Line) -> bool:
+def _is_comment(line: TableLine) -> bool:
     """Whether a line is a comment; "#" alone in a cell is a name."""
-    return bool(line.cells) and line.text.lstrip().startswith(COMMENTS) and line.cells[0] != "#"
+    return bool(line.cells) and line.text.lstrip().startswith(COMMENT_SIGNS) and line.cells[0] != "#"
 
 
-def _is_rule(line: Line) -> bool:
+def _is_rule(line: TableLine) -> bool:
     """Whether a line is drawn, as -----, or one word, as Data."""
     return not any(c.isalnum() for c in line.text) or len([c for c in line.cells if c]) == 1
 
 
-def _split_names(text: str, dialect: Dialect, width: int) -> Iterator[list[str]]:
+def _split_names(text: str, dialect: TableDialect, width: int) -> Iterator[list[str]]:
     """Ways to part a line of names: as the rows are parted, by other signs, by blanks."""
     for sign in dict.fromkeys((dialect.separator.replace(" ", "\t"), "\t", ";", ",")):
         yield split_cells(text, sign)
@@ -458,7 +458,7 @@ def _split_names(text: str, dialect: Dialect, width: int) -> Iterator[list[str]]
             yield words
 
 
-def _pairs_of(lines: Sequence[Line], dialect: Dialect) -> Iterator[tuple[str, str]]:
+def _key_value_pairs(lines: Sequence[TableLine], dialect: TableDialect) -> Iterator[tuple[str, str]]:
     """Pairs of a key and what stands behind it, in the lines above a table."""
     for line in lines:
         text = line.text.lstrip("#%/ ").strip()

@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.errors import BadInput, reason
+from flashtemp.errors import BadInput, describe_exception
 from flashtemp.physics.tables import header
-from flashtemp.physics.tables.dialect import Dialect
-from flashtemp.physics.tables.header import Column
-from flashtemp.physics.tables.text_table import SCPI_FROM, TextTable
+from flashtemp.physics.tables.dialect import TableDialect
+from flashtemp.physics.tables.header import TableColumn
+from flashtemp.physics.tables.text_table import SCPI_MARK_MIN, TextTable
 from flashtemp.physics.tables.time_axis import TimeAxis
 
-MAGIC = b"TDSm"
+TDMS_MAGIC = b"TDSm"
 MAX_VALUES = 50_000_000  # of all channels of a group: 400 MB
-SAME_STEP = 1e-9  # relative difference of the increments of two channels
+STEP_TOLERANCE = 1e-9  # relative difference of the increments of two channels
 
 
 @dataclass(frozen=True)
@@ -28,19 +28,19 @@ class ChannelTable(TextTable):
 
     arrays: dict[int, np.ndarray] = field(default_factory=dict)
 
-    def numbers(self, column: Column) -> np.ndarray:
+    def numbers(self, column: TableColumn) -> np.ndarray:
         """The numbers of a channel (rows,)."""
         return self.arrays[column.number]
 
-    def cells(self, column: Column) -> list[str]:
+    def cells(self, column: TableColumn) -> list[str]:
         """The numbers of a channel as text."""
         return [f"{v:.17g}" for v in self.arrays[column.number]]
 
-    def place(self, row: int) -> str:
+    def locate_row(self, row: int) -> str:
         """Where a sample (from 0) stands, for messages."""
         return f"{self.where}: sample {self.lines[row]}"
 
-    def every(self, step: int) -> ChannelTable:
+    def every_nth_row(self, step: int) -> ChannelTable:
         """The same with one sample of `step`."""
         arrays = {n: a[::step] for n, a in self.arrays.items()}
         return replace(self, rows=self.rows[::step], lines=self.lines[::step], arrays=arrays)
@@ -65,7 +65,7 @@ def read_tdms(path: Path, where: str, group: str | None = None) -> tuple[TextTab
     except BadInput:
         raise
     except Exception as fault:  # whatever the library raises for a damaged file
-        raise BadInput(f"{where}: cannot be read as TDMS ({reason(fault)}); give a whole copy") from fault
+        raise BadInput(f"{where}: cannot be read as TDMS ({describe_exception(fault)}); give a whole copy") from fault
 
 
 def _read_group(file: Any, where: str, wanted: str | None) -> tuple[TextTable, TimeAxis | None]:
@@ -88,16 +88,16 @@ def _read_group(file: Any, where: str, wanted: str | None) -> tuple[TextTable, T
     columns, dated = [], None
     for number, channel in enumerate(channels, 1):
         unit = str(channel.properties.get("unit_string", channel.properties.get("NI_UnitDescription", "")))
-        columns.append(Column(number, channel.name, unit))
+        columns.append(TableColumn(number, channel.name, unit))
         values = np.asarray(channel[:])
         if np.issubdtype(values.dtype, np.datetime64):
             dated = number
             arrays[number] = (values - np.datetime64("1970-01-01")) / np.timedelta64(1, "us") * 1e-6
         else:
             arrays[number] = values.astype(float)
-            arrays[number][~(np.abs(arrays[number]) < SCPI_FROM)] = np.nan
+            arrays[number][~(np.abs(arrays[number]) < SCPI_MARK_MIN)] = np.nan
     table = ChannelTable(
-        where, Dialect(",", False), tuple(columns), [()] * count, list(range(1, count + 1)), (),
+        where, TableDialect(",", False), tuple(columns), [()] * count, list(range(1, count + 1)), (),
         (f"TDMS file, group {name!r} of {len(channels)} channels",), True, arrays=arrays,
     )  # fmt: skip
     return table, _dated_axis(table, dated) if dated else _waveform_axis(channels, table)
@@ -115,7 +115,7 @@ def _dated_axis(table: ChannelTable, number: int) -> TimeAxis:
     """Times of a channel of time stamps, which TDMS keeps in UTC."""
     seconds = table.arrays[number]
     name = table.columns[number - 1].label
-    return _increasing(
+    return _check_increasing(
         table, TimeAxis(seconds - seconds[0], (number,), (float(seconds[0]),), True, 0.0, (f"time from {name!r}, UTC",))
     )
 
@@ -127,10 +127,10 @@ def _waveform_axis(channels: Sequence[Any], table: ChannelTable) -> TimeAxis | N
     steps = [c.properties["wf_increment"] for c in channels if c.properties.get("wf_increment", 0) > 0]
     if not steps:
         return None
-    if len(steps) < len(channels) or max(steps) - min(steps) > SAME_STEP * max(steps):
+    if len(steps) < len(channels) or max(steps) - min(steps) > STEP_TOLERANCE * max(steps):
         raise BadInput(f"{table.where}: channels differ in wf_increment; give channels of one sampling rate")
     offsets = {float(c.properties.get("wf_start_offset", 0.0)) for c in channels}
-    starts = set(_starts(channels))
+    starts = set(_start_times(channels))
     if len(offsets) > 1 or len(starts) > 1:
         raise BadInput(f"{table.where}: channels begin at times of their own; give channels of one start")
     seconds = float(steps[0]) * np.arange(len(table.rows))
@@ -140,16 +140,16 @@ def _waveform_axis(channels: Sequence[Any], table: ChannelTable) -> TimeAxis | N
     return TimeAxis(seconds, (), (starts.pop() + offsets.pop(),), True, 0.0, (f"{note}; start in UTC",))
 
 
-def _starts(channels: Sequence[Any]) -> Iterator[float]:
+def _start_times(channels: Sequence[Any]) -> Iterator[float]:
     for channel in channels:
         start = channel.properties.get("wf_start_time")
         if start is not None:
             yield float((np.datetime64(start, "us") - np.datetime64("1970-01-01")) / np.timedelta64(1, "us")) * 1e-6
 
 
-def _increasing(table: ChannelTable, axis: TimeAxis) -> TimeAxis:
+def _check_increasing(table: ChannelTable, axis: TimeAxis) -> TimeAxis:
     steps = np.diff(axis.seconds)
     if np.any(steps <= 0):
         k = int(np.argmax(steps <= 0))
-        raise BadInput(f"{table.place(k + 1)}: time does not increase after the sample before; give --fps")
+        raise BadInput(f"{table.locate_row(k + 1)}: time does not increase after the sample before; give --fps")
     return axis

@@ -9,15 +9,15 @@ from functools import cached_property
 
 import numpy as np
 
-from flashtemp.errors import BadInput, short
+from flashtemp.errors import BadInput, shorten_text
 from flashtemp.physics.tables import header
 from flashtemp.physics.tables.cells import is_missing, parse_number, parse_numbers, split_suffix
-from flashtemp.physics.tables.dialect import Dialect
-from flashtemp.physics.tables.header import Column
+from flashtemp.physics.tables.dialect import TableDialect
+from flashtemp.physics.tables.header import TableColumn
 
-OTHER_SIGNS = re.compile(r"\.|,(?![0-9])")  # in cells with decimal commas
-FAHRENHEIT = re.compile(r"(?<!\w)(?:°\s?F|℉|deg(?:ree)?s?[ ._]?F|fahrenheit|in F)(?!\w)", re.IGNORECASE)
-SCPI_FROM = 9e37  # numbers from here on may be marks
+POINT_OR_LOOSE_COMMA = re.compile(r"\.|,(?![0-9])")  # in cells with decimal commas
+FAHRENHEIT_PATTERN = re.compile(r"(?<!\w)(?:°\s?F|℉|deg(?:ree)?s?[ ._]?F|fahrenheit|in F)(?!\w)", re.IGNORECASE)
+SCPI_MARK_MIN = 9e37  # numbers from here on may be marks
 
 
 @dataclass(frozen=True)
@@ -29,8 +29,8 @@ class TextTable:
     """
 
     where: str
-    dialect: Dialect
-    columns: tuple[Column, ...]
+    dialect: TableDialect
+    columns: tuple[TableColumn, ...]
     rows: list[tuple[str, ...]]
     lines: list[int]
     preamble: tuple[tuple[str, str], ...] = ()
@@ -39,32 +39,32 @@ class TextTable:
     text_columns: frozenset[int] = field(default=frozenset())
     remarks: tuple[tuple[int, str], ...] = ()
 
-    def cells(self, column: Column) -> Sequence[str]:
+    def cells(self, column: TableColumn) -> Sequence[str]:
         """The cells of a column."""
-        return self._by_column[column.number - 1]
+        return self._column_cells[column.number - 1]
 
     @cached_property
-    def _by_column(self) -> list[tuple[str, ...]]:
+    def _column_cells(self) -> list[tuple[str, ...]]:
         return list(zip(*self.rows, strict=True))
 
-    def place(self, row: int) -> str:
+    def locate_row(self, row: int) -> str:
         """Where a row (from 0) stands, for messages."""
         return f"{self.where}:{self.lines[row]}"
 
-    def numbers(self, column: Column) -> np.ndarray:
+    def numbers(self, column: TableColumn) -> np.ndarray:
         """The numbers of a column (rows,), NaN for missing ones and infinity for words; units in cells are left out."""
         comma, cells = self.dialect.comma, self.cells(column)
         plain: Sequence[str] | None = cells
         if comma:
-            no_comma = OTHER_SIGNS.search("\n".join(cells)) is not None
+            no_comma = POINT_OR_LOOSE_COMMA.search("\n".join(cells)) is not None
             plain = None if no_comma else [c.replace(",", ".") for c in cells]
         values = None if plain is None else parse_numbers(plain)
-        if values is not None and np.all(np.abs(values) < SCPI_FROM):
+        if values is not None and np.all(np.abs(values) < SCPI_MARK_MIN):
             return values
-        known = {cell: _number_of(cell, comma) for cell in set(cells)}
+        known = {cell: _cell_value(cell, comma) for cell in set(cells)}
         return np.array([known[cell] for cell in cells], dtype=float)
 
-    def quantity(self, column: Column, wanted: str, unit: str | None = None) -> tuple[np.ndarray, str]:
+    def read_quantity(self, column: TableColumn, wanted: str, unit: str | None = None) -> tuple[np.ndarray, str]:
         """Numbers of a column in the unit `wanted`, and the unit in which they stand there, "" where none is stated.
 
         `unit` takes the place of what the file says.  Raises BadInput, naming line and cell, for words among the
@@ -75,21 +75,21 @@ class TextTable:
             k = int(np.argmax(np.isinf(values)))
             cell = self.rows[k][column.number - 1]
             raise BadInput(
-                f"{self.where}:{self.lines[k]}: {short(repr(cell))} in {_named(column)} is no number; repair that row"
+                f"{self.where}:{self.lines[k]}: {shorten_text(repr(cell))} in {_column_text(column)} is no number; repair that row"
             )
         stated = {split_suffix(c)[1] for c in self.cells(column) if c and not c[-1].isdigit() and not is_missing(c)}
-        stated = (stated | self._units_beside(column, wanted)) - {""}
+        stated = (stated | self._units_in_next_column(column, wanted)) - {""}
         if len(stated) > 1:
             raise BadInput(f"{self.where}: {column}: units {' and '.join(sorted(stated))} in one column; give one unit")
         if unit is None:
             header.check_units_agree(column, wanted, self.where)
         unit = unit or (stated.pop() if stated else header.column_unit(column, wanted)[1])
-        if unit.casefold() in header.NO_UNIT:
+        if unit.casefold() in header.UNITLESS_MARKS:
             return values, ""
         factor, offset = header.convert_unit(unit, wanted, f"{self.where}: {column}")
         return values * factor + offset, unit
 
-    def _units_beside(self, column: Column, wanted: str) -> set[str]:
+    def _units_in_next_column(self, column: TableColumn, wanted: str) -> set[str]:
         """The units in the next column: all of a column "Unit", or where it has such of several letters only."""
         if column.number >= len(self.columns) or column.number + 1 not in self.text_columns:
             return set()
@@ -98,22 +98,22 @@ class TextTable:
         named = re.search(r"unit|einheit", beside.label, re.IGNORECASE) is not None
         return found if named or all(len(u) > 1 and header.is_unit_text(u, wanted) for u in found) else set()
 
-    def check_degrees(self, remedy: str) -> None:
+    def check_fahrenheit_remarks(self, remedy: str) -> None:
         """BadInput where a remark says Fahrenheit, for temperatures whose own unit is not stated."""
         for number, text in self.remarks:
-            if FAHRENHEIT.search(text) or "F" in (cell.strip(' "') for cell in re.split(r"[,;\t]", text)):
-                said = short(repr(" ".join(text.split())))
+            if FAHRENHEIT_PATTERN.search(text) or "F" in (cell.strip(' "') for cell in re.split(r"[,;\t]", text)):
+                said = shorten_text(repr(" ".join(text.split())))
                 raise BadInput(f"{self.where}:{number}: {said} says Fahrenheit, the columns state no unit; {remedy}")
 
-    def every(self, step: int) -> TextTable:
+    def every_nth_row(self, step: int) -> TextTable:
         """The same with one row of `step`."""
         return self if step == 1 else replace(self, rows=self.rows[::step], lines=self.lines[::step])
 
 
-def _number_of(cell: str, comma: bool) -> float:
+def _cell_value(cell: str, comma: bool) -> float:
     """The number of a cell, NaN where it is missing, infinity for a word."""
     value = parse_number(cell, comma)
-    if value is not None and abs(value) < SCPI_FROM:
+    if value is not None and abs(value) < SCPI_MARK_MIN:
         return value
     if is_missing(cell):
         return np.nan
@@ -121,5 +121,5 @@ def _number_of(cell: str, comma: bool) -> float:
     return np.inf if value is None else value
 
 
-def _named(column: Column) -> str:
+def _column_text(column: TableColumn) -> str:
     return f"column {column.number}"

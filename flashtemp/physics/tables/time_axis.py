@@ -8,31 +8,31 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flashtemp.errors import BadInput, nearest, short
+from flashtemp.errors import BadInput, suggest_name, shorten_text
 from flashtemp.physics.tables import header
 from flashtemp.physics.tables.cells import is_missing, parse_number, split_suffix
-from flashtemp.physics.tables.header import Column
+from flashtemp.physics.tables.header import TableColumn
 from flashtemp.physics.tables.text_table import TextTable
-from flashtemp.physics.tables.timestamps import DAY_S, Moments, parse_moments, parse_stamp
+from flashtemp.physics.tables.timestamps import DAY_S, TimeColumn, parse_moments, parse_stamp
 
-UNIX_S = (9.0e8, 2.3e9)  # seconds since 1970 of the years 1998 to 2042
-LABVIEW_S = (2.95e9, 4.4e9)  # seconds since 1904 of the years 1997 to 2043
+UNIX_RANGE_S = (9.0e8, 2.3e9)  # seconds since 1970 of the years 1998 to 2042
+LABVIEW_RANGE_S = (2.95e9, 4.4e9)  # seconds since 1904 of the years 1997 to 2043
 LABVIEW_EPOCH_S = -2082844800.0  # 1904-01-01 in seconds since 1970
-SPREADSHEET_DAYS = (32874.0, 55153.0)  # days since 1899-12-30 of the years 1990 to 2050
+SPREADSHEET_RANGE_DAYS = (32874.0, 55153.0)  # days since 1899-12-30 of the years 1990 to 2050
 SPREADSHEET_EPOCH_DAYS = -25569.0
-DATENUM_DAYS = (726834.0, 749113.0)  # MATLAB's datenum, the same years
+DATENUM_RANGE_DAYS = (726834.0, 749113.0)  # MATLAB's datenum, the same years
 DATENUM_EPOCH_DAYS = -719529.0
 HOUR_S, MINUTE_S = 3600.0, 60.0
 SECOND_S = 1.0  # resolution of a clock without fractions
-SAME_INTERVAL = 0.02  # relative difference up to which two intervals are one: rounded steps
-SAME_CLOCK = 0.01  # relative difference of two clocks of one file
+INTERVAL_TOLERANCE = 0.02  # relative difference up to which two intervals are one: rounded steps
+CLOCK_TOLERANCE = 0.01  # relative difference of two clocks of one file
 RATE_UNIT = re.compile(r"(?:k?)(?:hz|s/s|sa/s|sps|samples?/s(?:ec)?|1/s|/s)", re.IGNORECASE)
 INTERVAL_KEY = re.compile(
     r"sampl|interval|scan ?rate|log(?:ging)? ?rate|recording ?rate|^rate\b|data ?rate|abtast|messrate|messtakt|period|"
     r"delta ?t|^dt\b|測定間隔",
     re.IGNORECASE,
 )
-QUANTITY = re.compile(r"([-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?)\s*([^\W\d_][^\s,;:]{0,15}|/s|1/s)?")
+NUMBER_WITH_UNIT = re.compile(r"([-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?)\s*([^\W\d_][^\s,;:]{0,15}|/s|1/s)?")
 
 
 @dataclass(frozen=True)
@@ -59,19 +59,19 @@ def read_time_axis(table: TextTable, taken: Sequence[int] = (), named: str | Non
     """
     main = _named_column(table, named) if named is not None else _find_column(table, taken)
     if main is None:
-        axis = _counted(table, taken)
+        axis = _counted_axis(table, taken)
     else:
-        axis = _axis_of(table, main, taken)
+        axis = _read_axis(table, main, taken)
         if not axis.notes and axis.columns != (1,):
             said = " and ".join(str(table.columns[n - 1]) for n in axis.columns)
             axis = replace(axis, notes=(f"time from {said}",))
         if named is None:
-            axis = _with_other_times(table, axis, taken)
-    return _increasing(table, axis)
+            axis = _compare_other_times(table, axis, taken)
+    return _check_increasing(table, axis)
 
 
 # --- which column -----------------------------------------------------------------------------------
-def _named_column(table: TextTable, named: str) -> Column:
+def _named_column(table: TextTable, named: str) -> TableColumn:
     """The column of a name or number that a person gave.  Raises BadInput."""
     text = named.strip()
     same = [c for c in table.columns if c.label.strip() == text]
@@ -82,11 +82,11 @@ def _named_column(table: TextTable, named: str) -> Column:
     if text.isdecimal() and text.isascii() and 1 <= int(text) <= len(table.columns):
         return table.columns[int(text) - 1]
     known = [c.label for c in table.columns if c.label] or [f"1 to {len(table.columns)}"]
-    many = f"{len(same)} columns have that name; give its number" if same else f"no such column{nearest(text, known)}"
-    raise BadInput(f"{table.where}: time_column: {short(repr(named))}: {many}")
+    many = f"{len(same)} columns have that name; give its number" if same else f"no such column{suggest_name(text, known)}"
+    raise BadInput(f"{table.where}: time_column: {shorten_text(repr(named))}: {many}")
 
 
-def _kind(table: TextTable, column: Column) -> str:
+def _column_kind(table: TextTable, column: TableColumn) -> str:
     """What the cells of a column are: "stamp", "number" or "text", by its first one that is not empty."""
     cell = next((c for c in table.cells(column) if not is_missing(c)), "")
     if parse_number(split_suffix(cell)[0], table.dialect.comma) is not None:
@@ -94,11 +94,11 @@ def _kind(table: TextTable, column: Column) -> str:
     return "stamp" if parse_stamp(cell) else "text"
 
 
-def _find_column(table: TextTable, taken: Sequence[int]) -> Column | None:
+def _find_column(table: TextTable, taken: Sequence[int]) -> TableColumn | None:
     """The column that says by its name or its cells that it is the time; None where readings are only counted."""
     free = [c for c in table.columns if c.number not in taken]
-    kinds = {c.number: _kind(table, c) for c in free}
-    said = [c for c in free if kinds[c.number] != "text" and header.is_time_label(c) and not _is_part(table, c)]
+    kinds = {c.number: _column_kind(table, c) for c in free}
+    said = [c for c in free if kinds[c.number] != "text" and header.is_time_label(c) and not _is_millisecond_part(table, c)]
     said += [c for c in free if kinds[c.number] == "stamp" and c not in said]
     if said:
         full = [c for c in said if not _is_only_date(table, c)]
@@ -106,22 +106,22 @@ def _find_column(table: TextTable, taken: Sequence[int]) -> Column | None:
     if not free or any(header.is_counter_label(c) for c in free if kinds[c.number] == "number"):
         return None
     first = table.columns[0]
-    if first.number in taken or kinds[first.number] != "number" or _is_counting(table, first):
+    if first.number in taken or kinds[first.number] != "number" or _is_counter(table, first):
         return None
     return first
 
 
-def _is_part(table: TextTable, column: Column) -> bool:
+def _is_millisecond_part(table: TextTable, column: TableColumn) -> bool:
     """Whether a column holds milliseconds of the second beside a clock."""
     bare = {header.bare_name(header.column_unit(column, "s")[0]), header.bare_name(column.unit_cell)}
     if not any(header.MILLISECOND_NAME.fullmatch(b) for b in bare if b):
         return False
     values = [parse_number(c, table.dialect.comma) for c in table.cells(column)]
     inside = all(v is not None and 0 <= v < 1000 for v in values)
-    return inside and any(_kind(table, c) == "stamp" for c in table.columns)
+    return inside and any(_column_kind(table, c) == "stamp" for c in table.columns)
 
 
-def _is_only_date(table: TextTable, column: Column) -> bool:
+def _is_only_date(table: TextTable, column: TableColumn) -> bool:
     stamp = parse_stamp(table.cells(column)[0])
     return bool(stamp and stamp.date and not stamp.clock) or (
         header.DATE_NAME.fullmatch(header.bare_name(column.label)) is not None
@@ -129,7 +129,7 @@ def _is_only_date(table: TextTable, column: Column) -> bool:
     )
 
 
-def _is_counting(table: TextTable, column: Column) -> bool:
+def _is_counter(table: TextTable, column: TableColumn) -> bool:
     """Whether a column counts readings: 1, 2, 3, ... or, under a name that is no time, 0, 1, 2, ..."""
     cells = table.cells(column)
     if not all(c.isdecimal() for c in cells):
@@ -140,69 +140,69 @@ def _is_counting(table: TextTable, column: Column) -> bool:
 
 
 # --- its seconds ------------------------------------------------------------------------------------
-def _axis_of(table: TextTable, column: Column, taken: Sequence[int]) -> TimeAxis:
+def _read_axis(table: TextTable, column: TableColumn, taken: Sequence[int]) -> TimeAxis:
     """The times of a column, with the date, the clock or the milliseconds of its neighbours."""
     cells = table.cells(column)
     for k, cell in enumerate(cells):
         if not (cell and cell[-1].isdigit()) and is_missing(cell):
-            raise BadInput(f"{table.place(k)}: no time in {column}, {short(repr(cell))} instead; remove that line")
-    kind = _kind(table, column)
+            raise BadInput(f"{table.locate_row(k)}: no time in {column}, {shorten_text(repr(cell))} instead; remove that line")
+    kind = _column_kind(table, column)
     if kind == "number" and not _is_only_date(table, column):
         axis = _numeric_axis(table, column)
         if axis.is_clock and not axis.starts:
-            axis = _with_date(table, axis, taken)
+            axis = _add_date(table, axis, taken)
         return axis
-    moments = parse_moments(cells, table.place, column.label, column.number)
+    moments = parse_moments(cells, table.locate_row, column.label, column.number)
     axis = TimeAxis(moments.seconds, (column.number,), moments.starts, True, moments.zone)
     if moments.has_date and not moments.has_clock:
-        axis = _with_clock(table, axis, taken)
+        axis = _add_clock(table, axis, taken)
     elif not moments.has_date:
-        axis = _with_date(table, axis, taken)
-    return _with_milliseconds(table, axis) if moments.whole_seconds else axis
+        axis = _add_date(table, axis, taken)
+    return _add_milliseconds(table, axis) if moments.whole_seconds else axis
 
 
-def _with_clock(table: TextTable, axis: TimeAxis, taken: Sequence[int]) -> TimeAxis:
+def _add_clock(table: TextTable, axis: TimeAxis, taken: Sequence[int]) -> TimeAxis:
     """A date with the clock of another column, the next one to the right first."""
     here = axis.columns[0]
     others = sorted(
         (c for c in table.columns if c.number not in (*taken, here)), key=lambda c: (c.number < here, c.number)
     )
     for other in others:
-        moments = _clock_of(table, other)
+        moments = _read_clock(table, other)
         if moments is not None:
             both = replace(
                 axis,
-                seconds=axis.seconds + _within_day(moments.seconds),
+                seconds=axis.seconds + _wrap_to_day(moments.seconds),
                 columns=(here, other.number),
                 zone=moments.zone,
             )
-            return _with_milliseconds(table, both) if moments.whole_seconds else both
+            return _add_milliseconds(table, both) if moments.whole_seconds else both
     return axis
 
 
-def _within_day(seconds: np.ndarray) -> np.ndarray:
+def _wrap_to_day(seconds: np.ndarray) -> np.ndarray:
     """Clock times without the days that were added at midnight: the column of dates counts them."""
     return np.asarray(np.mod(seconds, DAY_S))
 
 
-def _clock_of(table: TextTable, column: Column) -> Moments | None:
+def _read_clock(table: TextTable, column: TableColumn) -> TimeColumn | None:
     """A column of clock times, also of digits HHMMSS under the name of a clock; None for any other."""
     cells = table.cells(column)
     stamp = parse_stamp(cells[0])
     if stamp and stamp.clock and not stamp.date:
-        return parse_moments(cells, table.place, column.label)
+        return parse_moments(cells, table.locate_row, column.label)
     if header.is_time_label(column) and (seconds := _clock_digits(cells)) is not None:
-        return Moments(seconds, False, True, whole_seconds=True)
+        return TimeColumn(seconds, False, True, whole_seconds=True)
     return None
 
 
-def _with_date(table: TextTable, axis: TimeAxis, taken: Sequence[int]) -> TimeAxis:
+def _add_date(table: TextTable, axis: TimeAxis, taken: Sequence[int]) -> TimeAxis:
     """Clock times with the date of another column, or of the lines above the table."""
     for other in table.columns:
         if other.number in (*taken, *axis.columns) or not _is_only_date(table, other):
             continue
-        moments = parse_moments(table.cells(other), table.place, other.label)
-        seconds = moments.seconds + _within_day(axis.seconds)
+        moments = parse_moments(table.cells(other), table.locate_row, other.label)
+        seconds = moments.seconds + _wrap_to_day(axis.seconds)
         return replace(axis, seconds=seconds, columns=(*axis.columns, other.number), starts=moments.starts)
     for key, value in table.preamble:
         if not re.search(r"date|datum|start|begin|fecha|日", key, re.IGNORECASE):
@@ -214,16 +214,16 @@ def _with_date(table: TextTable, axis: TimeAxis, taken: Sequence[int]) -> TimeAx
     return axis
 
 
-def _with_milliseconds(table: TextTable, axis: TimeAxis) -> TimeAxis:
+def _add_milliseconds(table: TextTable, axis: TimeAxis) -> TimeAxis:
     """Times of whole seconds with the milliseconds of their own column, where there is one."""
     for other in table.columns:
-        if other.number not in axis.columns and _is_part(table, other):
+        if other.number not in axis.columns and _is_millisecond_part(table, other):
             part = np.array([parse_number(c, table.dialect.comma) or 0.0 for c in table.cells(other)])
             return replace(axis, seconds=axis.seconds + 1e-3 * part, columns=(*axis.columns, other.number))
     return axis
 
 
-def _numeric_axis(table: TextTable, column: Column) -> TimeAxis:
+def _numeric_axis(table: TextTable, column: TableColumn) -> TimeAxis:
     """Times from numbers: in the unit that is stated, as digits of a clock, as days or seconds of an epoch, or s."""
     cells = table.cells(column)
     header.check_units_agree(column, "s", table.where)
@@ -233,7 +233,7 @@ def _numeric_axis(table: TextTable, column: Column) -> TimeAxis:
     if not np.all(np.isfinite(values)):
         k = int(np.argmin(np.isfinite(values)))
         raise BadInput(
-            f"{table.place(k)}: {short(repr(cells[k]))} in column {column.number} is no time; repair it, or name the"
+            f"{table.locate_row(k)}: {shorten_text(repr(cells[k]))} in column {column.number} is no time; repair it, or name the"
             " time with --time-column"
         )
     if suffixes != {""}:
@@ -242,9 +242,9 @@ def _numeric_axis(table: TextTable, column: Column) -> TimeAxis:
         unit = suffixes.pop()
     own, at = np.asarray(values), (column.number,)
     is_name = header.TIME_NAME.fullmatch(header.bare_name(unit)) and not header.is_unit_text(unit, "s")
-    if not unit or is_name or header.FORMAT_HINT.fullmatch(unit) or unit.casefold() in header.NO_UNIT:
-        return _unit_unsaid(table, column, own, cells)
-    seconds = own * _factor(table, column, unit)
+    if not unit or is_name or header.FORMAT_HINT.fullmatch(unit) or unit.casefold() in header.UNITLESS_MARKS:
+        return _axis_without_unit(table, column, own, cells)
+    seconds = own * _seconds_per_unit(table, column, unit)
     start = _epoch_seconds(seconds)
     if start is not None:
         return TimeAxis(seconds - seconds[0], at, (start + seconds[0],), True, 0.0)
@@ -252,7 +252,7 @@ def _numeric_axis(table: TextTable, column: Column) -> TimeAxis:
     return TimeAxis(seconds, at, notes=(note,) if note else ())
 
 
-def _factor(table: TextTable, column: Column, unit: str) -> float:
+def _seconds_per_unit(table: TextTable, column: TableColumn, unit: str) -> float:
     """Seconds per unit.  Raises BadInput for one that is no unit of time."""
     try:
         return header.convert_unit(unit, "s", f"{table.where}: {column}")[0]
@@ -260,11 +260,11 @@ def _factor(table: TextTable, column: Column, unit: str) -> float:
         raise BadInput(f"{fault}; correct the header, or name the time with --time-column") from fault
 
 
-def _unit_unsaid(table: TextTable, column: Column, own: np.ndarray, cells: Sequence[str]) -> TimeAxis:
+def _axis_without_unit(table: TextTable, column: TableColumn, own: np.ndarray, cells: Sequence[str]) -> TimeAxis:
     """Times from numbers whose unit the header does not say."""
     at, bare = (column.number,), header.bare_name(column.label)
     if all(re.fullmatch(r"\d{14}", c) for c in cells):
-        moments = parse_moments([f"{c[:8]} {c[8:10]}:{c[10:12]}:{c[12:]}" for c in cells], table.place)
+        moments = parse_moments([f"{c[:8]} {c[8:10]}:{c[10:12]}:{c[12:]}" for c in cells], table.locate_row)
         return TimeAxis(moments.seconds, at, moments.starts, True)
     for factor, unit in ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns")):
         start = _epoch_seconds(own * factor)
@@ -274,8 +274,8 @@ def _unit_unsaid(table: TextTable, column: Column, own: np.ndarray, cells: Seque
             note = f"time from {column}, {unit} since {since}"
             return TimeAxis(seconds, at, (start + own[0] * factor,), True, 0.0, (note,))
     for days, epoch, kind in (
-        (SPREADSHEET_DAYS, SPREADSHEET_EPOCH_DAYS, "days of a spreadsheet"),
-        (DATENUM_DAYS, DATENUM_EPOCH_DAYS, "days of MATLAB's datenum"),
+        (SPREADSHEET_RANGE_DAYS, SPREADSHEET_EPOCH_DAYS, "days of a spreadsheet"),
+        (DATENUM_RANGE_DAYS, DATENUM_EPOCH_DAYS, "days of MATLAB's datenum"),
     ):
         if days[0] <= own.min() and own.max() <= days[1] and _is_in_days(bare, own):
             start_s = DAY_S * (own[0] + epoch)
@@ -283,7 +283,7 @@ def _unit_unsaid(table: TextTable, column: Column, own: np.ndarray, cells: Seque
     digits = _clock_digits(cells)
     if digits is not None and _is_clock_digits(table, column, own, digits):
         return TimeAxis(digits, at, (), True, notes=(f"time from {column}, HHMMSS of a clock",))
-    if len(own) > 2 and own.min() > 0 and own.max() < 1 and _is_of_day(own):
+    if len(own) > 2 and own.min() > 0 and own.max() < 1 and _is_day_fraction(own):
         raise BadInput(
             f"{table.where}: {column}: steps of {own[1] - own[0]:.3g} may be parts of a day; write the unit behind"
             " the name, as Time (d) or Time (s)"
@@ -295,9 +295,9 @@ def _unit_unsaid(table: TextTable, column: Column, own: np.ndarray, cells: Seque
 def _epoch_seconds(seconds: np.ndarray) -> float | None:
     """The epoch, s since 1970, that numbers of that size count from; None where they need none."""
     low, high = float(np.min(seconds)), float(np.max(seconds))
-    if UNIX_S[0] <= low and high <= UNIX_S[1]:
+    if UNIX_RANGE_S[0] <= low and high <= UNIX_RANGE_S[1]:
         return 0.0
-    return LABVIEW_EPOCH_S if LABVIEW_S[0] <= low and high <= LABVIEW_S[1] else None
+    return LABVIEW_EPOCH_S if LABVIEW_RANGE_S[0] <= low and high <= LABVIEW_RANGE_S[1] else None
 
 
 def _is_in_days(bare: str, own: np.ndarray) -> bool:
@@ -307,7 +307,7 @@ def _is_in_days(bare: str, own: np.ndarray) -> bool:
     return len(own) > 1 and bool(header.TIME_NAME.fullmatch(bare)) and float(np.median(np.diff(own))) < 1e-3
 
 
-def _is_of_day(own: np.ndarray) -> bool:
+def _is_day_fraction(own: np.ndarray) -> bool:
     """Whether numbers below 1 are seconds of a day over 86400: steps below a millisecond, whole seconds of a day."""
     whole = np.round(DAY_S * own)
     digits = 1e-3 * SECOND_S
@@ -327,7 +327,7 @@ def _clock_digits(cells: Sequence[str]) -> np.ndarray | None:
     return np.asarray(seconds + DAY_S * np.concatenate([[0.0], np.cumsum(np.diff(seconds) < -DAY_S / 2)]))
 
 
-def _is_clock_digits(table: TextTable, column: Column, own: np.ndarray, digits: np.ndarray) -> bool:
+def _is_clock_digits(table: TextTable, column: TableColumn, own: np.ndarray, digits: np.ndarray) -> bool:
     """Whether numbers that could be HHMMSS are: by their name, or since only then their steps are even."""
     bare = header.bare_name(column.label)
     if header.CLOCK_NAME.fullmatch(bare) or np.any(np.diff(own) < 0):
@@ -339,7 +339,7 @@ def _is_clock_digits(table: TextTable, column: Column, own: np.ndarray, digits: 
     if spread_clock < spread_plain:
         return True
     raise BadInput(
-        f"{table.place(0)}: {short(repr(table.cells(column)[0]))} in {column} may be seconds or HHMMSS of a clock; say"
+        f"{table.locate_row(0)}: {shorten_text(repr(table.cells(column)[0]))} in {column} may be seconds or HHMMSS of a clock; say"
         " which in the header, as Time (s) or Clock"
     )
 
@@ -353,7 +353,7 @@ def sampling_interval(table: TextTable) -> tuple[float, str] | None:
         stamp = parse_stamp(value.strip())
         if stamp and len(stamp.clock) == 3 and not stamp.date:
             return float(parse_moments([value.strip()], lambda _: table.where).seconds[0]), f"{key} {value}"
-        found = QUANTITY.match(value.strip())
+        found = NUMBER_WITH_UNIT.match(value.strip())
         unit = (found[2] or "") if found else ""
         unit = unit or header.split_label(key, "s")[1] or header.split_label(key, "Hz")[1]
         if found is None or not unit:
@@ -366,30 +366,30 @@ def sampling_interval(table: TextTable) -> tuple[float, str] | None:
     return None
 
 
-def _counted(table: TextTable, taken: Sequence[int]) -> TimeAxis:
+def _counted_axis(table: TextTable, taken: Sequence[int]) -> TimeAxis:
     """Times of readings that are only counted: the number of a reading times the interval that the file states."""
     first = next((c for c in table.columns if c.number not in taken), None)
     interval = sampling_interval(table)
-    what = f"{first} counts the readings" if first and _kind(table, first) == "number" else "no column is the time"
+    what = f"{first} counts the readings" if first and _column_kind(table, first) == "number" else "no column is the time"
     if interval is None:
         raise BadInput(
             f"{table.where}: {what}, and no line states an interval; give --fps, readings per second, or --time-column"
         )
     numbers = np.arange(len(table.rows), dtype=float)
-    if first is not None and header.is_counter_label(first) and _kind(table, first) == "number":
+    if first is not None and header.is_counter_label(first) and _column_kind(table, first) == "number":
         numbers = table.numbers(first)
     note = f"{what}; time from the stated interval, {interval[1].strip()}"
     return TimeAxis((numbers - numbers[0]) * interval[0], (first.number,) if first else (), notes=(note,))
 
 
-def _increasing(table: TextTable, axis: TimeAxis) -> TimeAxis:
+def _check_increasing(table: TextTable, axis: TimeAxis) -> TimeAxis:
     """The axis, if its times increase strictly and with the interval that the file states.  Raises BadInput."""
     interval = sampling_interval(table)
     steps = np.diff(axis.seconds)
-    resolution = _resolution(axis.seconds)
+    resolution = _clock_resolution_s(axis.seconds)
     if interval and axis.is_clock and interval[0] < resolution and np.any(steps == 0) and np.all(steps >= 0):
         counted = interval[0] * np.arange(len(axis.seconds))
-        if np.max(np.abs(counted - (axis.seconds - axis.seconds[0]))) <= resolution + SAME_INTERVAL * counted[-1]:
+        if np.max(np.abs(counted - (axis.seconds - axis.seconds[0]))) <= resolution + INTERVAL_TOLERANCE * counted[-1]:
             what = "second" if resolution == SECOND_S else "minute"
             note = f"several readings in a {what}; time from the stated interval, {interval[1].strip()}"
             return replace(axis, seconds=axis.seconds[0] + counted, notes=(*axis.notes, note))
@@ -397,19 +397,19 @@ def _increasing(table: TextTable, axis: TimeAxis) -> TimeAxis:
         k = int(np.argmax(steps <= 0))
         cells = [" ".join(table.rows[n][c - 1] for c in axis.columns) for n in (k, k + 1)]
         raise BadInput(
-            f"{table.place(k + 1)}: time goes from {short(cells[0])} to {short(cells[1])}; it must increase: remove"
+            f"{table.locate_row(k + 1)}: time goes from {shorten_text(cells[0])} to {shorten_text(cells[1])}; it must increase: remove"
             " that line, or give --fps or --time-column"
         )
     if axis.is_clock and axis.zone is None and len(steps) > 1:
         usual = float(np.median(steps))
         hour = np.abs(steps - usual - HOUR_S) < 0.5 * usual
         if usual < HOUR_S / 2 and np.count_nonzero(hour) == 1:
-            line = table.place(int(np.argmax(hour)) + 1).rpartition(":")[2]
+            line = table.locate_row(int(np.argmax(hour)) + 1).rpartition(":")[2]
             note = f"line {line}: the clock goes on by an hour more than usual: a gap, or summer time (give --fps)"
             axis = replace(axis, notes=(*axis.notes, note))
-    if interval and not axis.is_clock and len(steps) and _counts_by_one(axis):
+    if interval and not axis.is_clock and len(steps) and _has_assumed_seconds(axis):
         step = float(np.median(steps))
-        if abs(step / interval[0] - 1.0) > SAME_INTERVAL:
+        if abs(step / interval[0] - 1.0) > INTERVAL_TOLERANCE:
             raise BadInput(
                 f"{table.where}: time steps by {step:g} s, but {interval[1].strip()} is stated; give --fps, or the time"
                 " with --time-column"
@@ -417,33 +417,33 @@ def _increasing(table: TextTable, axis: TimeAxis) -> TimeAxis:
     return axis
 
 
-def _resolution(seconds: np.ndarray) -> float:
+def _clock_resolution_s(seconds: np.ndarray) -> float:
     """The resolution of a clock, s: a minute or a second where its times show no more, else 0."""
     passed = seconds - seconds[0]
     return next((step for step in (MINUTE_S, SECOND_S) if not np.any(passed % step)), 0.0)
 
 
-def _counts_by_one(axis: TimeAxis) -> bool:
+def _has_assumed_seconds(axis: TimeAxis) -> bool:
     """Whether the unit of a time that counts by ones is only assumed."""
     return any("taken as s" in n for n in axis.notes) and bool(np.all(np.diff(axis.seconds) == 1.0))
 
 
-def _with_other_times(table: TextTable, axis: TimeAxis, taken: Sequence[int]) -> TimeAxis:
+def _compare_other_times(table: TextTable, axis: TimeAxis, taken: Sequence[int]) -> TimeAxis:
     """The axis, after the other columns of time: a finer one gives the seconds, one that is later is told.
 
     Raises BadInput where a second column says another time, beyond the resolution of a clock.
     """
     for other in table.columns:
-        used = other.number in (*taken, *axis.columns) or _is_part(table, other) or _is_only_date(table, other)
-        if used or not (header.is_time_label(other) and _kind(table, other) != "text"):
+        used = other.number in (*taken, *axis.columns) or _is_millisecond_part(table, other) or _is_only_date(table, other)
+        if used or not (header.is_time_label(other) and _column_kind(table, other) != "text"):
             continue
         try:
-            found = _axis_of(table, other, (*taken, *axis.columns))
+            found = _read_axis(table, other, (*taken, *axis.columns))
         except BadInput:
             continue
         passed, also = (s - s[0] for s in (axis.seconds, found.seconds))
         one, two = (str(table.columns[n - 1]) for n in (axis.columns[0], other.number))
-        if np.max(np.abs(passed - also)) > SECOND_S + SAME_CLOCK * passed[-1]:
+        if np.max(np.abs(passed - also)) > SECOND_S + CLOCK_TOLERANCE * passed[-1]:
             raise BadInput(
                 f"{table.where}: {one} and {two} both say time and differ: {passed[-1]:g} and {also[-1]:g} s in all;"
                 " give --time-column"
@@ -458,15 +458,15 @@ def _with_other_times(table: TextTable, axis: TimeAxis, taken: Sequence[int]) ->
     return axis
 
 
-def _is_finer(table: TextTable, other: Column, axis: TimeAxis) -> bool:
+def _is_finer(table: TextTable, other: TableColumn, axis: TimeAxis) -> bool:
     """Whether a column of seconds has finer digits than a clock that counts days."""
     if not any("days of" in note for note in axis.notes):
         return False
-    day = DAY_S * _last_digit(table, table.columns[axis.columns[0] - 1])
-    return _last_digit(table, other) < day and day > 1e-3
+    day = DAY_S * _last_decimal(table, table.columns[axis.columns[0] - 1])
+    return _last_decimal(table, other) < day and day > 1e-3
 
 
-def _last_digit(table: TextTable, column: Column) -> float:
+def _last_decimal(table: TextTable, column: TableColumn) -> float:
     """The value of the last decimal of a column, 1 for whole numbers."""
     sign = "," if table.dialect.comma else "."
     return float(10.0 ** -max(len(cell.partition(sign)[2]) for cell in table.cells(column)))

@@ -16,16 +16,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flashtemp.errors import BadInput, short
+from flashtemp.errors import BadInput, shorten_text
 from flashtemp.physics.tables.cells import shape_of
 
 DAY_S = 86400.0
 HALF_DAY_S = 43200.0
-Place = Callable[[int], str]
-EPOCH = date(1970, 1, 1).toordinal()
+RowLocator = Callable[[int], str]
+EPOCH_ORDINAL = date(1970, 1, 1).toordinal()
 MAX_CELL_LETTERS = 64
 CENTURY_PIVOT = 69  # two-digit years from here on are of the last century (POSIX strptime)
-_MONTHS = (  # names of the Unicode Common Locale Data Repository, without accents: en de fr es it pt nl sv da
+_MONTH_NAMES = (  # names of the Unicode Common Locale Data Repository, without accents: en de fr es it pt nl sv da
     "january januar janvier enero gennaio janeiro januari",
     "february februar fevrier febrero febbraio fevereiro februari",
     "march marz mars marzo marco maart mrz mrt", "april avril abril aprile", "may mai mayo maggio maio mei maj",
@@ -33,7 +33,7 @@ _MONTHS = (  # names of the Unicode Common Locale Data Repository, without accen
     "september septembre septiembre settembre setembro", "october oktober octobre octubre ottobre outubro",
     "november novembre noviembre novembro", "december dezember decembre diciembre dicembre dezembro",
 )  # fmt: skip
-MONTHS = {name: number for number, names in enumerate(_MONTHS, 1) for name in names.split()}
+MONTH_NUMBERS = {name: number for number, names in enumerate(_MONTH_NAMES, 1) for name in names.split()}
 _DAYS_OF_WEEK = " ".join(  # in the same languages
     (
         " monday tuesday wednesday thursday friday saturday sunday montag dienstag mittwoch donnerstag freitag samstag",
@@ -48,7 +48,7 @@ ZONES_S = {  # RFC 5322, 4.3, and the usual names of Europe
     "MDT": -21600, "PST": -28800, "PDT": -25200, "WET": 0, "WEST": 3600, "CET": 3600, "CEST": 7200, "MEZ": 3600,
     "MESZ": 7200, "EET": 7200, "EEST": 10800,
 }  # fmt: skip
-DAYS = re.compile(r"(\d{1,5}) days?,? ", re.ASCII)
+TIME_SPAN_DAYS = re.compile(r"(\d{1,5}) days?,? ", re.ASCII)
 BLANKS = re.compile(r"[\s_\u202f]+")
 FIRST_WORD = re.compile(r"([^\W\d_]{2,9})[.,]{0,2}\s+")
 BEFORE_CLOCK = re.compile(r"^(?:T|[ ,;]+|-(?=\d))")
@@ -57,17 +57,17 @@ COMPACT_DATE = re.compile(r"(\d{4})(\d\d)(\d\d)", re.ASCII)
 DAY_MONTH_YEAR = re.compile(r"(\d{1,2})[-/. ]{1,2}([^\W\d]{3,9})\.?[-/., ]{1,2}(\d{4}|\d{2})")
 MONTH_DAY_YEAR = re.compile(r"([^\W\d]{3,9})\.? {1,2}(\d{1,2}),? {1,2}(\d{4})")
 C_TIME = re.compile(r"([^\W\d]{3}) {1,2}(\d{1,2}) (\d{1,2}:\d\d:\d\d)(?: ([A-Z]{2,4}))? (\d{4})")
-CLOCK = re.compile(
+CLOCK_TIME = re.compile(
     r"(?P<a>\d{1,4}):(?P<b>\d{2})(?::(?P<c>\d{2}))?(?:(?P<sign>[.,:])(?P<part>\d{1,30}))?"
     r"(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?",
     re.ASCII,
 )
 COMPACT_CLOCK = re.compile(r"(\d\d)(\d\d)(\d\d)(?:[.,](\d{1,9}))?", re.ASCII)
-ZONE = re.compile(rf"(?: ?(Z)| ?({'|'.join(ZONES_S)})?(?: ?([-+])(\d\d):?(\d\d)?)?)", re.ASCII)
+ZONE_PATTERN = re.compile(rf"(?: ?(Z)| ?({'|'.join(ZONES_S)})?(?: ?([-+])(\d\d):?(\d\d)?)?)", re.ASCII)
 NUMERIC_ORDERS = ("dmy", "mdy", "ymd")
 
 
-class Stamp(NamedTuple):
+class TimeStamp(NamedTuple):
     """A cell taken apart: numbers of its date with their possible `orders`, clock, zone (s) where it has one.
 
     `date` is (first, second, third) as they stand, () without one.  `clock` is (hours, minutes, seconds) or, of two
@@ -84,7 +84,7 @@ class Stamp(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Moments:
+class TimeColumn:
     """A column of dates or times, s: seconds (n,) from its own zero, and what that zero may be.
 
     `starts` are the moments, s since 1970, of second 0 in the possible orders of day and month, () without a date.
@@ -101,7 +101,7 @@ class Moments:
 
 
 @lru_cache(maxsize=65536)
-def parse_stamp(cell: str) -> Stamp | None:
+def parse_stamp(cell: str) -> TimeStamp | None:
     """A date, a clock time or both in one cell; None where there is neither.
 
     >>> parse_stamp("2024-05-31T12:59:50.25Z").clock, parse_stamp("5/31/2024 2:03 PM").half, parse_stamp("22.5")
@@ -110,14 +110,14 @@ def parse_stamp(cell: str) -> Stamp | None:
     if len(cell) > MAX_CELL_LETTERS:
         return None
     text = BLANKS.sub(" ", cell.strip().strip("'\"")).strip()
-    if found := DAYS.match(text):  # of a time span, as pandas writes it
+    if found := TIME_SPAN_DAYS.match(text):  # of a time span, as pandas writes it
         span = _clock_and_zone(text[found.end() :])
         if span is None or len(span.clock) != 3 or span.half or span.zone is not None:
             return None
         hours, minutes, seconds = span.clock
-        return Stamp((), (), (24 * int(found[1]) + hours, minutes, seconds), span.sign, span.part)
+        return TimeStamp((), (), (24 * int(found[1]) + hours, minutes, seconds), span.sign, span.part)
     if text[:1].isalpha():
-        text = _without_weekday(text)
+        text = _strip_weekday(text)
         if found := C_TIME.fullmatch(text):
             text = f"{found[2]} {found[1]} {found[5]} {found[3]} {found[4] or ''}".rstrip()
     if clock := _clock_and_zone(text):
@@ -128,22 +128,22 @@ def parse_stamp(cell: str) -> Stamp | None:
     date_numbers, orders, rest = found_date
     rest = BEFORE_CLOCK.sub("", rest).strip()
     if not rest:
-        return Stamp(date_numbers, orders)
+        return TimeStamp(date_numbers, orders)
     clock = _clock_and_zone(rest) or _compact_clock(rest)
-    return None if clock is None else Stamp(date_numbers, orders, *_clock_fields(clock))
+    return None if clock is None else TimeStamp(date_numbers, orders, *_clock_fields(clock))
 
 
-def _clock_before_date(text: str) -> Stamp | None:
+def _clock_before_date(text: str) -> TimeStamp | None:
     first, _, rest = text.partition(" ")
     clock, found = _clock_and_zone(first), _leading_date(rest.strip())
     if clock is None and rest[:2].casefold() in ("am", "pm"):
         clock, found = _clock_and_zone(f"{first} {rest[:2]}"), _leading_date(rest[2:].strip())
     if clock is None or found is None or found[2]:
         return None
-    return Stamp(found[0], found[1], *_clock_fields(clock))
+    return TimeStamp(found[0], found[1], *_clock_fields(clock))
 
 
-def _clock_fields(clock: Stamp) -> tuple[tuple[int, ...], str, str, str, float | None]:
+def _clock_fields(clock: TimeStamp) -> tuple[tuple[int, ...], str, str, str, float | None]:
     return clock.clock, clock.sign, clock.part, clock.half, clock.zone
 
 
@@ -162,38 +162,38 @@ def _leading_date(text: str) -> tuple[tuple[int, int, int], tuple[str, ...], str
         return (int(found[1]), int(found[2]), int(found[3])), ("ymd",), text[found.end() :]
     for pattern, day, month in ((DAY_MONTH_YEAR, 1, 2), (MONTH_DAY_YEAR, 2, 1)):
         found = pattern.match(text)
-        number = _month(found[month]) if found else None
+        number = _month_number(found[month]) if found else None
         if found and number:
             return (int(found[day]), number, int(found[3])), ("dmy",), text[found.end() :]
     return None
 
 
 @lru_cache(maxsize=256)
-def _month(name: str) -> int | None:
+def _month_number(name: str) -> int | None:
     """The month of a name or of its beginning, in three letters or more; None where it is none or may be two.
 
     >>> [_month(name) for name in ("März", "févr", "juil", "jui", "Mag", "sept", "foo")]
     [3, 2, 7, None, 5, 9, None]
     """
-    plain = _without_accents(name)
-    found = {number for month, number in MONTHS.items() if len(plain) > 2 and month.startswith(plain)}
+    plain = _strip_accents(name)
+    found = {number for month, number in MONTH_NUMBERS.items() if len(plain) > 2 and month.startswith(plain)}
     return found.pop() if len(found) == 1 else None
 
 
-def _without_accents(word: str) -> str:
+def _strip_accents(word: str) -> str:
     return "".join(c for c in unicodedata.normalize("NFKD", word.casefold()) if not unicodedata.combining(c))
 
 
-def _without_weekday(text: str) -> str:
+def _strip_weekday(text: str) -> str:
     """A text without the day of the week that it begins with; one that is a month too is followed by no date."""
     word = FIRST_WORD.match(text)
     if word is None or _leading_date(text) is not None or C_TIME.fullmatch(text):
         return text
-    plain = _without_accents(word[1])
+    plain = _strip_accents(word[1])
     return text[word.end() :] if f" {plain}" in _DAYS_OF_WEEK else text
 
 
-def _offset_s(zone: re.Match[str]) -> float | None:
+def _zone_offset_s(zone: re.Match[str]) -> float | None:
     """The offset from UTC that a zone states, s; None where it states none."""
     if not (zone[1] or zone[2] or zone[3]):
         return None
@@ -201,28 +201,28 @@ def _offset_s(zone: re.Match[str]) -> float | None:
     return ZONES_S.get(zone[2] or "", 0) + sign * (3600.0 * int(zone[4] or 0) + 60.0 * int(zone[5] or 0))
 
 
-def _clock_and_zone(text: str) -> Stamp | None:
-    found = CLOCK.match(text)
+def _clock_and_zone(text: str) -> TimeStamp | None:
+    found = CLOCK_TIME.match(text)
     if found is None:
         return None
-    zone = ZONE.fullmatch(text[found.end() :])
+    zone = ZONE_PATTERN.fullmatch(text[found.end() :])
     if zone is None:
         return None
-    offset = _offset_s(zone)
+    offset = _zone_offset_s(zone)
     clock = tuple(int(found[k]) for k in "abc" if found[k] is not None)
-    return Stamp((), (), clock, found["sign"] or "", found["part"] or "", (found["half"] or "").lower(), offset)
+    return TimeStamp((), (), clock, found["sign"] or "", found["part"] or "", (found["half"] or "").lower(), offset)
 
 
-def _compact_clock(text: str) -> Stamp | None:
+def _compact_clock(text: str) -> TimeStamp | None:
     """The clock of the basic format of ISO 8601, as 125950 behind a date."""
-    zone = ZONE.fullmatch(text[found.end() :]) if (found := COMPACT_CLOCK.match(text)) else None
+    zone = ZONE_PATTERN.fullmatch(text[found.end() :]) if (found := COMPACT_CLOCK.match(text)) else None
     if found is None or zone is None:
         return None
-    offset = _offset_s(zone)
-    return Stamp((), (), (int(found[1]), int(found[2]), int(found[3])), ".", found[4] or "", "", offset)
+    offset = _zone_offset_s(zone)
+    return TimeStamp((), (), (int(found[1]), int(found[2]), int(found[3])), ".", found[4] or "", "", offset)
 
 
-def parse_moments(cells: Sequence[str], place: Place, label: str = "", column: int | None = None) -> Moments:
+def parse_moments(cells: Sequence[str], place: RowLocator, label: str = "", column: int | None = None) -> TimeColumn:
     """A column of dates, clock times or both as seconds.
 
     `place` says where a row (from 0) stands, `label` and `column` are the column's name and number, for messages.
@@ -235,7 +235,7 @@ def parse_moments(cells: Sequence[str], place: Place, label: str = "", column: i
     for k, stamp in enumerate(stamps):
         if (bool(stamp.date), len(stamp.clock), stamp.zone is None) != kind:
             raise BadInput(
-                f"{place(k)}: {short(repr(cells[k]))} is not written as the first time {short(repr(cells[0]))} is;"
+                f"{place(k)}: {shorten_text(repr(cells[k]))} is not written as the first time {shorten_text(repr(cells[0]))} is;"
                 " repair it"
             )
     seconds = _clock_seconds(stamps, cells, place, label)
@@ -244,32 +244,32 @@ def parse_moments(cells: Sequence[str], place: Place, label: str = "", column: i
         seconds = seconds - np.array([s.zone or 0.0 for s in stamps]) + zone
     whole = not any(s.part.strip("0") for s in stamps) and len(first.clock) != 2
     if first.date:
-        days, starts = _days(stamps, seconds, cells, place)
-        return Moments(days + seconds, True, bool(first.clock), starts, zone, whole)
+        days, starts = _midnight_seconds(stamps, seconds, cells, place)
+        return TimeColumn(days + seconds, True, bool(first.clock), starts, zone, whole)
     seconds = seconds + DAY_S * np.concatenate([[0.0], np.cumsum(np.diff(seconds) < -HALF_DAY_S)])
-    return Moments(seconds, False, True, (), zone, whole)
+    return TimeColumn(seconds, False, True, (), zone, whole)
 
 
-def _parse_cells(cells: Sequence[str], place: Place, column: int | None) -> list[Stamp]:
+def _parse_cells(cells: Sequence[str], place: RowLocator, column: int | None) -> list[TimeStamp]:
     """The stamp of every cell; those of one shape have their numbers in the same places.  Raises BadInput."""
-    parsers: dict[str, Callable[[str], Stamp | None]] = {}
+    parsers: dict[str, Callable[[str], TimeStamp | None]] = {}
     out = []
     for row, cell in enumerate(cells):
         shape = shape_of(cell)
         parse = parsers.get(shape)
         if parse is None:
-            parse = parsers[shape] = _parser_of(cell, shape)
+            parse = parsers[shape] = _make_parser(cell, shape)
         stamp = parse(cell)
         if stamp is None:
             at = "" if column is None else f" in column {column}"
             raise BadInput(
-                f"{place(row)}: {short(repr(cell))}{at} is no time; repair it, or name the time with --time-column"
+                f"{place(row)}: {shorten_text(repr(cell))}{at} is no time; repair it, or name the time with --time-column"
             )
         out.append(stamp)
     return out
 
 
-def _parser_of(cell: str, shape: str) -> Callable[[str], Stamp | None]:
+def _make_parser(cell: str, shape: str) -> Callable[[str], TimeStamp | None]:
     """A quick `parse_stamp` for all cells of a shape: a single 1 among zeros shows which number a digit belongs to."""
     zero = parse_stamp(shape)
     if zero is None:
@@ -284,22 +284,22 @@ def _parser_of(cell: str, shape: str) -> Callable[[str], Stamp | None]:
                 if one != none:
                     places.setdefault((name, 0 if name == "part" else n), []).append(at)
     slices = {key: slice(at[0], at[-1] + 1) for key, at in places.items()}
-    date_of = _numbers_at([slices.get(("date", n), number) for n, number in enumerate(zero.date)])
-    clock_of = _numbers_at([slices.get(("clock", n), number) for n, number in enumerate(zero.clock)])
+    date_of = _number_reader([slices.get(("date", n), number) for n, number in enumerate(zero.date)])
+    clock_of = _number_reader([slices.get(("clock", n), number) for n, number in enumerate(zero.clock)])
     part = slices.get(("part", 0), slice(0, 0))
     _, orders, _, sign, _, half, zone = zero
 
-    def parse(text: str) -> Stamp:
-        return Stamp(date_of(text), orders, clock_of(text), sign, text[part], half, zone)
+    def parse_same_shape(text: str) -> TimeStamp:
+        return TimeStamp(date_of(text), orders, clock_of(text), sign, text[part], half, zone)
 
     try:
-        is_right = parse(cell) == parse_stamp(cell)
+        is_right = parse_same_shape(cell) == parse_stamp(cell)
     except ValueError:  # digits of a number that do not stand side by side
         is_right = False
-    return parse if is_right else parse_stamp
+    return parse_same_shape if is_right else parse_stamp
 
 
-def _clock_seconds(stamps: list[Stamp], cells: Sequence[str], place: Place, label: str) -> np.ndarray:
+def _clock_seconds(stamps: list[TimeStamp], cells: Sequence[str], place: RowLocator, label: str) -> np.ndarray:
     """Seconds of the clock of every stamp, 0 without one."""
     minutes_first = _is_minutes_first(stamps, cells, place, label)
     fraction = _fraction_rule(stamps)
@@ -312,21 +312,21 @@ def _clock_seconds(stamps: list[Stamp], cells: Sequence[str], place: Place, labe
     if long:
         hours, minutes, seconds = 0 * hours, hours, minutes
     half = np.array([s.half for s in stamps])
-    _refuse_row((half != "") & ((hours < 1) | (hours > 12)), "is no time of 12 hours", cells, place)
+    _raise_for_row((half != "") & ((hours < 1) | (hours > 12)), "is no time of 12 hours", cells, place)
     hours = np.where(half == "", hours, hours % 12 + 12 * (half == "p"))
     wrong = (seconds > 60) | ((minutes > 59) & (not long)) | ((hours > 24) & bool(stamps[0].date))
-    _refuse_row(wrong, "is a time that does not exist", cells, place)
+    _raise_for_row(wrong, "is a time that does not exist", cells, place)
     return np.asarray(3600.0 * hours + 60.0 * minutes + seconds + np.array([fraction(s) for s in stamps]))
 
 
-def _refuse_row(wrong: np.ndarray, what: str, cells: Sequence[str], place: Place) -> None:
+def _raise_for_row(is_wrong: np.ndarray, what: str, cells: Sequence[str], place: RowLocator) -> None:
     """BadInput for the first row (n,) that is `wrong`."""
-    if wrong.any():
-        k = int(np.argmax(wrong))
-        raise BadInput(f"{place(k)}: {short(repr(cells[k]))} {what}; repair it")
+    if is_wrong.any():
+        k = int(np.argmax(is_wrong))
+        raise BadInput(f"{place(k)}: {shorten_text(repr(cells[k]))} {what}; repair it")
 
 
-def _is_minutes_first(stamps: list[Stamp], cells: Sequence[str], place: Place, label: str) -> bool:
+def _is_minutes_first(stamps: list[TimeStamp], cells: Sequence[str], place: RowLocator, label: str) -> bool:
     """Whether times of two numbers are minutes and seconds: a fraction or the label says so.  Raises BadInput."""
     if len(stamps[0].clock) != 2 or stamps[0].half or stamps[0].date:
         return False
@@ -335,12 +335,12 @@ def _is_minutes_first(stamps: list[Stamp], cells: Sequence[str], place: Place, l
     if re.search(r"h+ ?: ?m", label, re.IGNORECASE) or label.casefold().strip() == "uhrzeit":
         return False
     raise BadInput(
-        f"{place(0)}: {short(repr(cells[0]))} may be hours and minutes or minutes and seconds; say which in the"
+        f"{place(0)}: {shorten_text(repr(cells[0]))} may be hours and minutes or minutes and seconds; say which in the"
         " header, as Time (mm:ss), or give --fps"
     )
 
 
-def _fraction_rule(stamps: list[Stamp]) -> Callable[[Stamp], float]:
+def _fraction_rule(stamps: list[TimeStamp]) -> Callable[[TimeStamp], float]:
     """How the digits of a fraction count: decimals, but milliseconds behind a colon where their number varies."""
     lengths = {len(s.part) for s in stamps if s.sign == ":"}
     if len(lengths) > 1 and max(lengths) <= 3:
@@ -348,24 +348,24 @@ def _fraction_rule(stamps: list[Stamp]) -> Callable[[Stamp], float]:
     return lambda stamp: float(f"0.{stamp.part}") if stamp.part else 0.0
 
 
-def _numbers_at(parts: list[slice | int]) -> Callable[[str], tuple[int, ...]]:
+def _number_reader(parts: list[slice | int]) -> Callable[[str], tuple[int, ...]]:
     """The numbers of a text at the places `parts`, or fixed ones, remembered by the text of all of them."""
     places = [p for p in parts if isinstance(p, slice)]
     span = slice(min((p.start for p in places), default=0), max((p.stop for p in places), default=0))
     known: dict[str, tuple[int, ...]] = {}
 
-    def numbers(text: str) -> tuple[int, ...]:
+    def read_numbers(text: str) -> tuple[int, ...]:
         found = known.get(text[span])
         if found is None:
             found = known[text[span]] = tuple(int(text[p]) if isinstance(p, slice) else p for p in parts)
         return found
 
-    return numbers
+    return read_numbers
 
 
 # --- the order of day, month and year ---------------------------------------------------------------
-def _days(
-    stamps: list[Stamp], clock: np.ndarray, cells: Sequence[str], place: Place
+def _midnight_seconds(
+    stamps: list[TimeStamp], clock: np.ndarray, cells: Sequence[str], place: RowLocator
 ) -> tuple[np.ndarray, tuple[float, ...]]:
     """Seconds (n,) of midnight from the first one, and the moments that the first midnight may be.
 
@@ -374,34 +374,34 @@ def _days(
     """
     found: dict[str, np.ndarray] = {}
     for order in stamps[0].orders:
-        ordinals = [_ordinal(s.date, order) for s in stamps]
+        ordinals = [_day_ordinal(s.date, order) for s in stamps]
         if None not in ordinals:
-            found[order] = DAY_S * (np.array(ordinals, dtype=float) - EPOCH)
+            found[order] = DAY_S * (np.array(ordinals, dtype=float) - EPOCH_ORDINAL)
     if not found:
-        k = next((n for n, s in enumerate(stamps) if not any(_ordinal(s.date, o) for o in s.orders)), 0)
-        raise BadInput(f"{place(k)}: {short(repr(cells[k]))} is a date that does not exist; repair it")
+        k = next((n for n, s in enumerate(stamps) if not any(_day_ordinal(s.date, o) for o in s.orders)), 0)
+        raise BadInput(f"{place(k)}: {shorten_text(repr(cells[k]))} is a date that does not exist; repair it")
     forward = {o: d for o, d in found.items() if np.all(np.diff(d + clock) >= 0)} or found
     passed = {o: d - d[0] for o, d in forward.items()}
     first = next(iter(passed.values()))
     if any(not np.array_equal(first, other) for other in passed.values()):
-        passed = _without_gap(passed, clock)
+        passed = _drop_orders_with_gaps(passed, clock)
         if len(passed) != 1:
             k = int(np.argmax([s.date != stamps[0].date for s in stamps]))
             raise BadInput(
-                f"{place(k)}: {short(repr(cells[k]))} after {short(repr(cells[0]))}: day and month may stand in either"
+                f"{place(k)}: {shorten_text(repr(cells[k]))} after {shorten_text(repr(cells[0]))}: day and month may stand in either"
                 " order; write dates as 2024-05-31, or give --time-column or --fps"
             )
     chosen = [o for o in passed if o == "mdy"] if stamps[0].half and "mdy" in passed else list(passed)
     return passed[chosen[0]], tuple(dict.fromkeys(float(forward[o][0]) for o in chosen))
 
 
-def _without_gap(passed: dict[str, np.ndarray], clock: np.ndarray) -> dict[str, np.ndarray]:
+def _drop_orders_with_gaps(passed: dict[str, np.ndarray], clock: np.ndarray) -> dict[str, np.ndarray]:
     """Orders in which no step over a change of date is longer than a day, where the others have such gaps."""
     return {o: d for o, d in passed.items() if np.max(np.diff(d + clock), initial=0.0) <= DAY_S} or passed
 
 
 @lru_cache(maxsize=4096)
-def _ordinal(numbers: tuple[int, ...], order: str) -> int | None:
+def _day_ordinal(numbers: tuple[int, ...], order: str) -> int | None:
     """The day of a date in an order of day, month and year; None where there is none."""
     named = dict(zip(order, numbers, strict=True))
     year = named["y"]

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flashtemp.errors import BadInput, short
-from flashtemp.physics.bounded_reading import told as show_cells
+from flashtemp.errors import BadInput, shorten_text
+from flashtemp.physics.bounded_reading import format_cells as show_cells
 from flashtemp.physics.tables import header
 from flashtemp.physics.tables.cells import is_missing, parse_number, split_suffix
-from flashtemp.physics.tables.header import Column
+from flashtemp.physics.tables.header import TableColumn
 from flashtemp.physics.tables.text_table import TextTable
 from flashtemp.physics.tables.timestamps import parse_moments, parse_stamp
 
@@ -71,11 +71,11 @@ def read_wanted(table: TextTable, wanted: Sequence[WantedColumn]) -> np.ndarray:
     out = np.empty((len(table.rows), len(wanted)))
     for j, (column, want) in enumerate(zip(columns, wanted, strict=True)):
         _check_cells(table, column, want)
-        out[:, j] = _values(table, column, want)
+        out[:, j] = _column_values(table, column, want)
     return out
 
 
-def notes_on_units(table: TextTable, wanted: Sequence[WantedColumn]) -> list[str]:
+def note_assumed_units(table: TextTable, wanted: Sequence[WantedColumn]) -> list[str]:
     """Notes on units that are assumed, where the table states those of other columns."""
     columns = find_columns(table, wanted)
     stated = [header.column_unit(column, want.unit)[1] for column, want in zip(columns, wanted, strict=True)]
@@ -88,19 +88,19 @@ def notes_on_units(table: TextTable, wanted: Sequence[WantedColumn]) -> list[str
     ]
 
 
-def find_columns(table: TextTable, wanted: Sequence[WantedColumn]) -> list[Column]:
+def find_columns(table: TextTable, wanted: Sequence[WantedColumn]) -> list[TableColumn]:
     """The column of every wanted quantity: by its name, the last one by elimination, or by order.  Raises BadInput."""
-    named = [_matching(table, want, wanted) for want in wanted] if table.has_header else [[] for _ in wanted]
+    named = [_matching_columns(table, want, wanted) for want in wanted] if table.has_header else [[] for _ in wanted]
     for want, found in zip(wanted, named, strict=True):
         if len(found) > 1:
-            both = " and ".join(short(repr(c.label)) for c in found[:2])
+            both = " and ".join(shorten_text(repr(c.label)) for c in found[:2])
             raise BadInput(f"{table.where}: {both} both say {want.quantity}; give one column of it")
     chosen = [found[0] if found else None for found in named]
     if None not in chosen:
         return [c for c in chosen if c is not None]
     if len(table.columns) != len(wanted):
         raise BadInput(
-            f"{table.place(0)}: {show_cells(list(table.rows[0]))} has {len(table.columns)} values; give"
+            f"{table.locate_row(0)}: {show_cells(list(table.rows[0]))} has {len(table.columns)} values; give"
             f" {len(wanted)} numbers per row: {', '.join(map(str, wanted))}"
         )
     free = [c for c in table.columns if c not in chosen]
@@ -109,23 +109,23 @@ def find_columns(table: TextTable, wanted: Sequence[WantedColumn]) -> list[Colum
         columns = [next(rest) if c is None else c for c in chosen]
         for column, known, want in zip(columns, chosen, wanted, strict=True):
             if known is None and table.has_header and want.names:
-                _no_contradiction(table, column, want)
+                _check_contradiction(table, column, want)
         return columns
-    raise BadInput(f"{table.where}: columns {', '.join(repr(c.label) for c in table.columns)}; name {_asked(wanted)}")
+    raise BadInput(f"{table.where}: columns {', '.join(repr(c.label) for c in table.columns)}; name {_list_wanted(wanted)}")
 
 
-def _asked(wanted: Sequence[WantedColumn]) -> str:
+def _list_wanted(wanted: Sequence[WantedColumn]) -> str:
     return "them " + ", ".join(map(str, wanted))
 
 
-def _matching(table: TextTable, want: WantedColumn, wanted: Sequence[WantedColumn]) -> list[Column]:
+def _matching_columns(table: TextTable, want: WantedColumn, wanted: Sequence[WantedColumn]) -> list[TableColumn]:
     """The columns whose names, or whose units alone, say the quantity."""
-    return [c for c in table.columns if _says(c, want, wanted)]
+    return [c for c in table.columns if _is_column_of(c, want, wanted)]
 
 
-def _says(column: Column, want: WantedColumn, wanted: Sequence[WantedColumn]) -> bool:
+def _is_column_of(column: TableColumn, want: WantedColumn, wanted: Sequence[WantedColumn]) -> bool:
     label = column.label.strip()
-    if len(label) > header.MAX_NAME_LETTERS or not label:
+    if len(label) > header.MAX_LABEL_LETTERS or not label:
         return False
     pattern = re.compile(want.names)
     if len(label) == 1 and label in "tT" and TIME in wanted and TEMPERATURE in wanted:
@@ -143,12 +143,12 @@ def _says(column: Column, want: WantedColumn, wanted: Sequence[WantedColumn]) ->
     return pattern.fullmatch(header.bare_name(name)) is not None and not unit
 
 
-def _no_contradiction(table: TextTable, column: Column, want: WantedColumn) -> None:
+def _check_contradiction(table: TextTable, column: TableColumn, want: WantedColumn) -> None:
     """BadInput where a column that would be taken by elimination says another quantity."""
     if unit := _foreign_unit(column.label, want):
         raise BadInput(f"{table.where}: {column}: {unit!r} is no unit of {want}; correct the names of the columns")
     for other in VOCABULARY:
-        if other is not want and column.label and _says(column, other, (other,)):
+        if other is not want and column.label and _is_column_of(column, other, (other,)):
             raise BadInput(
                 f"{table.where}: {column} says {other.quantity}, where {want} is expected; correct the names of the"
                 " columns"
@@ -161,7 +161,7 @@ def _foreign_unit(label: str, want: WantedColumn) -> str:
     return unit if unit in header.COMMON_UNITS and not header.is_unit_text(unit, want.unit) else ""
 
 
-def _check_cells(table: TextTable, column: Column, want: WantedColumn) -> None:
+def _check_cells(table: TextTable, column: TableColumn, want: WantedColumn) -> None:
     """BadInput for the first cell that is no finite number."""
     comma = table.dialect.comma
     for k, cell in enumerate(table.cells(column)):
@@ -170,25 +170,25 @@ def _check_cells(table: TextTable, column: Column, want: WantedColumn) -> None:
         place = f"{table.where}:{table.lines[k]}"
         if is_missing(cell):
             raise BadInput(
-                f"{place}: {short(cell) or 'an empty cell'} is not a finite number; remove or repair the row"
+                f"{place}: {shorten_text(cell) or 'an empty cell'} is not a finite number; remove or repair the row"
             )
         if want is TIME and parse_stamp(cell):
             continue
         raise BadInput(
-            f"{place}: {show_cells([c for c in table.rows[k] if c])} is not numeric; {short(repr(cell))} in column"
+            f"{place}: {show_cells([c for c in table.rows[k] if c])} is not numeric; {shorten_text(repr(cell))} in column"
             f" {column.number} is no number: repair it"
         )
 
 
-def _values(table: TextTable, column: Column, want: WantedColumn) -> np.ndarray:
+def _column_values(table: TextTable, column: TableColumn, want: WantedColumn) -> np.ndarray:
     """Numbers of a column in the wanted unit; elapsed times as 00:01:02.5 in s."""
     cells = table.cells(column)
     if want is TIME and parse_number(split_suffix(cells[0])[0], table.dialect.comma) is None:
-        moments = parse_moments(cells, table.place, column.label)
+        moments = parse_moments(cells, table.locate_row, column.label)
         if moments.has_date:
-            raise BadInput(f"{table.place(0)}: {short(repr(cells[0]))} is a date; give the time in s from its zero")
+            raise BadInput(f"{table.locate_row(0)}: {shorten_text(repr(cells[0]))} is a date; give the time in s from its zero")
         return moments.seconds
-    values, unit = table.quantity(column, want.unit)
+    values, unit = table.read_quantity(column, want.unit)
     if want.unit == "degC" and not unit:
-        table.check_degrees(f"write it behind the name, as {want.quantity} (degF)")
+        table.check_fahrenheit_remarks(f"write it behind the name, as {want.quantity} (degF)")
     return values

@@ -14,7 +14,7 @@ class Finding:
     says: str
 
 
-def judged(name: str, faults: list[str], good: str) -> Finding:
+def make_finding(name: str, faults: list[str], good: str) -> Finding:
     """All is well where there are no faults; else the first few of them.
 
     >>> judged("units", [], "all parameters have units").ok

@@ -12,24 +12,24 @@ from typing import Any
 import numpy as np
 
 from flashtemp.errors import BadInput, FlashtempError, SolverFailure
-from flashtemp.model.laws import STEP
-from flashtemp.model.scene import Acting, Scene
+from flashtemp.model.laws import COMPLEX_STEP
+from flashtemp.model.scene import ActiveEffect, Scene
 from flashtemp.physics.effect import Deposit, Effect, Factor, Param
 from flashtemp.runs.effect_check import remedies
-from flashtemp.runs.effect_check.balance import rich, states
-from flashtemp.runs.effect_check.findings import Finding, judged
-from flashtemp.runs.effect_check.scenes import Bench, Trial, acting_of
+from flashtemp.runs.effect_check.balance import values_with_all_effects, sample_states
+from flashtemp.runs.effect_check.findings import Finding, make_finding
+from flashtemp.runs.effect_check.scenes import SceneCache, EffectUnderTest, make_acting
 from flashtemp.solver import lanes
 
-CARRIED = ("T", "face", "local_pressure", "spot_fraction", "covered", "friction", "base")  # may pass a derivative on
-WARM = 100.0  # K above ambient: how far laws of temperature are asked
-FREE = ("contact.cover", "contact.spot_fraction")  # where spots are; what the balance itself holds from zero
-SAME = 1e-12  # relative difference of one answer given twice
-CLOSE, STEEP = 1e-5, 1e8  # of derivatives: relative difference; times its argument over the law, beyond all reason
+DIFFERENTIATED_FIELDS = ("T", "face", "local_pressure", "spot_fraction", "covered", "friction", "base")  # may pass a derivative on
+MAX_LAW_RISE_K = 100.0  # K above ambient: how far laws of temperature are asked
+UNBOUNDED_TARGETS = ("contact.cover", "contact.spot_fraction")  # where spots are; what the balance itself holds from zero
+SAME_ANSWER_TOLERANCE = 1e-12  # relative difference of one answer given twice
+DERIVATIVE_TOLERANCE, MAX_RELATIVE_SLOPE = 1e-5, 1e8  # of derivatives: relative difference; times its argument over the law, beyond all reason
 
 
 @dataclass(frozen=True)
-class Question:
+class LawCall:
     """One contribution (the `number`th of its effect) and what its law was asked: T in K, the moment, the rest."""
 
     number: int
@@ -39,277 +39,277 @@ class Question:
     now: Any
     more: tuple
 
-    def ask(self, p, T=None, now=None, law: Callable | None = None):
+    def evaluate_law(self, p, T=None, now=None, law: Callable | None = None):
         """The law's answer, at another temperature or moment if given."""
         law, now = law or self.part.law, self.now if now is None else now
         return law(now, p) if self.film else law(self.T if T is None else T, now, p, *self.more)
 
-    def named(self) -> str:
+    def contribution_text(self) -> str:
         """The contribution as it stands in the file."""
         if self.film or not hasattr(self.part, "target"):
             return f'Heat.{self.part.kind}("{self.part.site}")'
         return f'{type(self.part).__name__}("{self.part.target}")'
 
-    def with_(self, name: str, value) -> dict[str, Any]:
+    def arguments_with(self, name: str, value) -> dict[str, Any]:
         """Arguments of `ask` with another value of T or of a field of the moment."""
-        return {"T": value} if name == "T" else {"now": _moved(self.now, **{name: value})}
+        return {"T": value} if name == "T" else {"now": _replace_fields(self.now, **{name: value})}
 
-    def value(self, name: str):
+    def argument_value(self, name: str):
         """T, or that field of the moment."""
         return self.T if name == "T" else getattr(self.now, name, None)
 
 
-class Overheard(Effect):
+class CallRecorder(Effect):
     """An effect that notes what its laws are asked."""
 
     def __init__(self, effect: Effect, file: Path):
         self.effect, self.file = effect, file
-        self.questions: list[Question] = []
+        self.calls: list[LawCall] = []
 
     def heat(self, scene, p):
         for number, part in enumerate(self.effect.heat(scene, p)):
-            yield part if isinstance(part, Deposit) else replace(part, law=partial(self._law, number, part))
+            yield part if isinstance(part, Deposit) else replace(part, law=partial(self._record_call, number, part))
 
-    def _law(self, number, part, *asked):
+    def _record_call(self, number, part, *asked):
         film = getattr(part, "kind", "") == "film"
         T, now, p, *more = (None, *asked) if film else asked
-        calm = _real(now) if now is not None else None
-        self.questions.append(Question(number, part, film, _bare(T), calm, tuple(more)))
+        calm = _real_moment(now) if now is not None else None
+        self.calls.append(LawCall(number, part, film, _real_part(T), calm, tuple(more)))
         try:
             return part.law(*asked)
         except Exception as fault:
-            fault.add_note(remedies.place(self.file, part.law))
+            fault.add_note(remedies.locate_law(self.file, part.law))
             raise
 
 
-def overheard(bench: Bench, trial: Trial) -> tuple[list[Question], SimpleNamespace, Scene]:
+def record_law_calls(bench: SceneCache, trial: EffectUnderTest) -> tuple[list[LawCall], SimpleNamespace, Scene]:
     """What the balance asks the laws while sliding and while waiting, in 2D and in 3D; parameters; scene.
 
     Raises whatever a law raises.
     """
-    kept: dict[tuple, Question] = {}
+    kept: dict[tuple, LawCall] = {}
     for shape in ("lifted", "3D"):
-        scene = bench.scene(trial, values=rich(bench, trial, shape))
+        scene = bench.build_scene(trial, values=values_with_all_effects(bench, trial, shape))
         own = next(a for a in scene.acting if a.name == trial.name)
-        note = Overheard(own.effect, trial.file)
-        acting = tuple(Acting(a.name, note, a.p) if a is own else a for a in scene.acting)
-        for balance, system, t, y, _ in states(replace(scene, acting=acting)):
+        note = CallRecorder(own.effect, trial.file)
+        acting = tuple(ActiveEffect(a.name, note, a.p) if a is own else a for a in scene.acting)
+        for balance, system, t, y, _ in sample_states(replace(scene, acting=acting)):
             out = np.zeros(balance.size)
             system.rate(t, y, out)
             now = system.moment(t)
-            lanes.loss_at_depth(balance, system.interface.at(system.contact(now, y).state, now))
-            for q in note.questions:
+            lanes.spreading_loss_at_depth(balance, system.interface.moment_at_contact(system.solve_contact(now, y).state, now))
+            for q in note.calls:
                 kept.setdefault((q.number, shape, system.phase.sliding), q)
-            note.questions.clear()
+            note.calls.clear()
     return list(kept.values()), own.p, scene
 
 
-def asked(bench: Bench, trial: Trial) -> list[Finding]:
+def check_laws(bench: SceneCache, trial: EffectUnderTest) -> list[Finding]:
     """The findings on all laws of an effect on the balance."""
     try:
-        questions, p, scene = overheard(bench, trial)
+        questions, p, scene = record_law_calls(bench, trial)
     except SolverFailure as fault:
         return [Finding("laws", False, f"the balance has no answer at its defaults: {fault}")]
     except FlashtempError:
         raise
     except Exception as fault:
-        return [Finding("laws", False, remedies.of_exception(trial.file, fault))]
+        return [Finding("laws", False, remedies.explain_exception(trial.file, fault))]
     found: list[Finding] = []
     for name, look, good in (
-        ("laws", _answers, "every law gives numbers wherever the balance asks it"),
-        ("repeatable", _repeats, "every law gives the same answer to the same question"),
-        ("pointwise", _pointwise, "every law sees its own point and no other"),
-        ("derivatives", _derivatives, "every law passes its derivative on, by complex step as by differences"),
-        ("ends", _ends, "laws stay finite at rest, without pressure, and at every parameter's ends"),
+        ("laws", _check_answers, "every law gives numbers wherever the balance asks it"),
+        ("repeatable", _check_repeats, "every law gives the same answer to the same question"),
+        ("pointwise", _check_pointwise, "every law sees its own point and no other"),
+        ("derivatives", _check_derivatives, "every law passes its derivative on, by complex step as by differences"),
+        ("ends", _check_ends, "laws stay finite at rest, without pressure, and at every parameter's ends"),
     ):
         if all(f.ok for f in found[:2]):
-            found.append(judged(name, remedies.once_a_line(look(Laws(bench, trial, questions, p, scene))), good))
+            found.append(make_finding(name, remedies.first_fault_per_line(look(LawsUnderTest(bench, trial, questions, p, scene))), good))
     return found
 
 
-def not_off(bench: Bench, trial: Trial) -> list[str]:
+def find_laws_not_off(bench: SceneCache, trial: EffectUnderTest) -> list[str]:
     """Laws that do something with all parameters off, each with its line and its answer there."""
-    own = trial.own | {k.split(".", 1)[1]: v for k, v in trial.off().items()}
-    questions, _, scene = overheard(bench, trial)
-    acting = acting_of(trial, own, bench.folder)
-    laws, faults = _by_number(acting, scene), []
+    own = trial.own_values | {k.split(".", 1)[1]: v for k, v in trial.off_values().items()}
+    questions, _, scene = record_law_calls(bench, trial)
+    acting = make_acting(trial, own, bench.folder)
+    laws, faults = _laws_by_number(acting, scene), []
     for q in (q for q in questions if q.number in laws):
-        value, neutral = np.asarray(q.ask(acting.p, law=laws[q.number])), 1.0 if isinstance(q.part, Factor) else 0.0
+        value, neutral = np.asarray(q.evaluate_law(acting.p, law=laws[q.number])), 1.0 if isinstance(q.part, Factor) else 0.0
         if np.any(value != neutral):
-            says = f"{q.named()} is {value.flat[np.argmax(np.abs(value - neutral))]:.6g} with all parameters off"
-            faults.append(f"{remedies.place(trial.file, q.part.law)}: {says}; it is then exactly {neutral:g}")
-    return remedies.once_a_line(faults)
+            says = f"{q.contribution_text()} is {value.flat[np.argmax(np.abs(value - neutral))]:.6g} with all parameters off"
+            faults.append(f"{remedies.locate_law(trial.file, q.part.law)}: {says}; it is then exactly {neutral:g}")
+    return remedies.first_fault_per_line(faults)
 
 
 @dataclass(frozen=True)
-class Laws:
+class LawsUnderTest:
     """The questions to the laws of an effect on trial, with the parameters and the scene of its defaults."""
 
-    bench: Bench
-    trial: Trial
-    questions: list[Question]
+    bench: SceneCache
+    trial: EffectUnderTest
+    calls: list[LawCall]
     p: SimpleNamespace
     scene: Scene
 
 
 # --- one law -----------------------------------------------------------------------------------------
-def _tried(trial: Trial, work: Callable[[], Iterator[str]], where: str = "") -> Iterator[str]:
+def _catch_law_errors(trial: EffectUnderTest, check: Callable[[], Iterator[str]], where: str = "") -> Iterator[str]:
     """What work says; an exception of the law is a fault that names its line."""
     try:
         with np.errstate(all="ignore"):
-            yield from work()
+            yield from check()
     except FlashtempError:
         raise
     except Exception as fault:
-        yield remedies.of_exception(trial.file, fault, where)
+        yield remedies.explain_exception(trial.file, fault, where)
 
 
-def _answers(of: Laws) -> Iterator[str]:
-    for q in of.questions:
-        yield from _tried(of.trial, partial(_answer, of, q))
+def _check_answers(context: LawsUnderTest) -> Iterator[str]:
+    for q in context.calls:
+        yield from _catch_law_errors(context.trial, partial(_check_answer, context, q))
 
 
-def _answer(of: Laws, q: Question) -> Iterator[str]:
-    value = np.asarray(q.ask(of.p))
-    at = f"{remedies.place(of.trial.file, q.part.law)}: {q.named()}"
+def _check_answer(context: LawsUnderTest, q: LawCall) -> Iterator[str]:
+    value = np.asarray(q.evaluate_law(context.p))
+    at = f"{remedies.locate_law(context.trial.file, q.part.law)}: {q.contribution_text()}"
     if not np.issubdtype(value.dtype, np.number):
         yield f"{at} gives {value!r}; give a number"
     elif q.film and not np.all(np.real(value) >= 0):
         yield f"{at} is {np.min(np.real(value)):.3g} W/m2K; a film carries heat towards what is colder: give >= 0"
     elif not q.film and not np.all(np.isfinite(value)):
-        yield f"{at} is not finite at its defaults; {remedies.HELD}"
+        yield f"{at} is not finite at its defaults; {remedies.HOLD_REMEDY}"
 
 
-def _repeats(of: Laws) -> Iterator[str]:
-    for q in of.questions:
-        yield from _tried(of.trial, partial(_repeat, of, q))
+def _check_repeats(context: LawsUnderTest) -> Iterator[str]:
+    for q in context.calls:
+        yield from _catch_law_errors(context.trial, partial(_check_repeat, context, q))
 
 
-def _repeat(of: Laws, q: Question) -> Iterator[str]:
-    first = np.array(q.ask(of.p))
+def _check_repeat(context: LawsUnderTest, q: LawCall) -> Iterator[str]:
+    first = np.array(q.evaluate_law(context.p))
     for name in ("T", "local_pressure"):
-        if isinstance(q.value(name), np.ndarray):
-            q.ask(of.p, **q.with_(name, 1.1 * q.value(name)))
-    if not np.array_equal(first, np.array(q.ask(of.p)), equal_nan=True):
-        at = remedies.place(of.trial.file, q.part.law)
-        yield f"{at}: {q.named()} answers otherwise when asked again; a law keeps nothing and draws no random numbers"
+        if isinstance(q.argument_value(name), np.ndarray):
+            q.evaluate_law(context.p, **q.arguments_with(name, 1.1 * q.argument_value(name)))
+    if not np.array_equal(first, np.array(q.evaluate_law(context.p)), equal_nan=True):
+        at = remedies.locate_law(context.trial.file, q.part.law)
+        yield f"{at}: {q.contribution_text()} answers otherwise when asked again; a law keeps nothing and draws no random numbers"
 
 
-def _pointwise(of: Laws) -> Iterator[str]:
-    for q in of.questions:
+def _check_pointwise(context: LawsUnderTest) -> Iterator[str]:
+    for q in context.calls:
         if any(np.ndim(m) for m in q.more):
-            yield from _tried(of.trial, partial(_apart, of, q))
+            yield from _catch_law_errors(context.trial, partial(_compare_single_distance, context, q))
             continue
-        lead = next((q.value(n) for n in ("T", "local_pressure", "spot_fraction") if np.ndim(q.value(n))), None)
-        if lead is not None and len(lead) > 1 and getattr(q.part, "target", "") not in FREE[:1]:
-            yield from _tried(of.trial, partial(_alone, of, q, lead))
+        lead = next((q.argument_value(n) for n in ("T", "local_pressure", "spot_fraction") if np.ndim(q.argument_value(n))), None)
+        if lead is not None and len(lead) > 1 and getattr(q.part, "target", "") not in UNBOUNDED_TARGETS[:1]:
+            yield from _catch_law_errors(context.trial, partial(_compare_single_point, context, q, lead))
 
 
-def _alone(of: Laws, q: Question, lead: np.ndarray) -> Iterator[str]:
+def _compare_single_point(context: LawsUnderTest, q: LawCall, lead: np.ndarray) -> Iterator[str]:
     rng = np.random.default_rng(5)
-    arrays = {n: v for n in CARRIED if np.ndim(v := q.value(n))}
+    arrays = {n: v for n in DIFFERENTIATED_FIELDS if np.ndim(v := q.argument_value(n))}
     shake = {n: v * (1 + 0.05 * rng.uniform(-1, 1, v.shape)) for n, v in arrays.items()}
     T = shake.pop("T", q.T)
-    now = _moved(q.now, **shake)
-    every = np.broadcast_to(q.ask(of.p, T=T, now=now), lead.shape)
+    now = _replace_fields(q.now, **shake)
+    every = np.broadcast_to(q.evaluate_law(context.p, T=T, now=now), lead.shape)
     fields = {n: v for n in getattr(now, "_fields", ()) if np.ndim(v := getattr(now, n)) == lead.ndim}
     own = {n: v[:1] for n, v in fields.items() if len(v) == len(lead)}
-    alone = np.broadcast_to(q.ask(of.p, T=T[:1] if np.ndim(T) else T, now=_moved(now, **own)), lead[:1].shape)
-    yield from _same(of, q, alone, every[:1])
+    alone = np.broadcast_to(q.evaluate_law(context.p, T=T[:1] if np.ndim(T) else T, now=_replace_fields(now, **own)), lead[:1].shape)
+    yield from _require_same(context, q, alone, every[:1])
 
 
-def _apart(of: Laws, q: Question) -> Iterator[str]:
+def _compare_single_distance(context: LawsUnderTest, q: LawCall) -> Iterator[str]:
     """A law of distances sees one of them alone as among the others."""
-    every = np.asarray(q.ask(of.p))
-    alone = np.asarray(replace(q, more=tuple(m[:1] if np.ndim(m) else m for m in q.more)).ask(of.p))
-    yield from _same(of, q, alone, every[:1] if every.ndim else every)
+    every = np.asarray(q.evaluate_law(context.p))
+    alone = np.asarray(replace(q, more=tuple(m[:1] if np.ndim(m) else m for m in q.more)).evaluate_law(context.p))
+    yield from _require_same(context, q, alone, every[:1] if every.ndim else every)
 
 
-def _same(of: Laws, q: Question, alone, among) -> Iterator[str]:
-    if not np.allclose(alone, among, rtol=SAME, atol=0.0):
+def _require_same(context: LawsUnderTest, q: LawCall, alone, among) -> Iterator[str]:
+    if not np.allclose(alone, among, rtol=SAME_ANSWER_TOLERANCE, atol=0.0):
         yield (
-            f"{remedies.place(of.trial.file, q.part.law)}: {q.named()} answers otherwise at one point when asked about "
+            f"{remedies.locate_law(context.trial.file, q.part.law)}: {q.contribution_text()} answers otherwise at one point when asked about "
             "that point alone; a law sees its own point: no mean, max or sum over an array"
         )
 
 
-def _derivatives(of: Laws) -> Iterator[str]:
-    for q in (q for q in of.questions if not q.film):
-        yield from _tried(of.trial, partial(_slopes, of, q))
+def _check_derivatives(context: LawsUnderTest) -> Iterator[str]:
+    for q in (q for q in context.calls if not q.film):
+        yield from _catch_law_errors(context.trial, partial(_check_derivative, context, q))
 
 
-def _slopes(of: Laws, q: Question) -> Iterator[str]:
+def _check_derivative(context: LawsUnderTest, q: LawCall) -> Iterator[str]:
     rng = np.random.default_rng(3)
-    for name in CARRIED:
-        v = q.value(name)
+    for name in DIFFERENTIATED_FIELDS:
+        v = q.argument_value(name)
         if v is None or not np.issubdtype(np.asarray(v).dtype, np.number):
             continue
         v = np.asarray(v, dtype=float)
-        warm = of.scene.ambient + rng.uniform(0.0, WARM, v.shape)
+        warm = context.scene.ambient + rng.uniform(0.0, MAX_LAW_RISE_K, v.shape)
         v = warm if name in ("T", "face") else v * (1 + 0.2 * rng.uniform(-1, 1, v.shape))
         step = 3e-6 * np.maximum(np.abs(v), 1e-300)
-        exact = np.imag(q.ask(of.p, **q.with_(name, v + 1j * STEP * np.abs(v)))) / STEP
-        up, down = (np.asarray(q.ask(of.p, **q.with_(name, v + s * step))) for s in (1, -1))
+        exact = np.imag(q.evaluate_law(context.p, **q.arguments_with(name, v + 1j * COMPLEX_STEP * np.abs(v)))) / COMPLEX_STEP
+        up, down = (np.asarray(q.evaluate_law(context.p, **q.arguments_with(name, v + s * step))) for s in (1, -1))
         by = np.real(up - down) / 6e-6
-        if np.any(np.abs(exact - by) > CLOSE * np.abs(by) + 1e-8 * np.max(np.abs(up))):
-            yield remedies.of_slope(of.trial.file, q.part.law, q.named(), name)
+        if np.any(np.abs(exact - by) > DERIVATIVE_TOLERANCE * np.abs(by) + 1e-8 * np.max(np.abs(up))):
+            yield remedies.explain_slope(context.trial.file, q.part.law, q.contribution_text(), name)
 
 
 # --- where powers blow up ----------------------------------------------------------------------------
-def _ends(of: Laws) -> Iterator[str]:
+def _check_ends(context: LawsUnderTest) -> Iterator[str]:
     """Laws that are not finite at rest, without pressure, or where a parameter is at an end of its range."""
-    laws = {q.number: q.part.law for q in of.questions}
-    for where, p, there in [("", of.p, laws), *_bounds(of)]:
-        for q in of.questions:
-            if q.number in there and getattr(q.part, "target", "") not in FREE:
-                for what, now in _corners(q):
+    laws = {q.number: q.part.law for q in context.calls}
+    for where, p, there in [("", context.p, laws), *_parameter_ends(context)]:
+        for q in context.calls:
+            if q.number in there and getattr(q.part, "target", "") not in UNBOUNDED_TARGETS:
+                for what, now in _corner_moments(q):
                     places = " and ".join(w for w in (what, where) if w) or "it is asked"
                     look = partial(
-                        _at_end, of, replace(q, part=replace(q.part, law=there[q.number]), now=now), p, places
+                        _check_end, context, replace(q, part=replace(q.part, law=there[q.number]), now=now), p, places
                     )
-                    yield from _tried(of.trial, look, places)
+                    yield from _catch_law_errors(context.trial, look, places)
 
 
-def _at_end(of: Laws, q: Question, p, where: str) -> Iterator[str]:
-    value = np.asarray(q.ask(p))
+def _check_end(context: LawsUnderTest, q: LawCall, p, where: str) -> Iterator[str]:
+    value = np.asarray(q.evaluate_law(p))
     wild = not np.all(np.isfinite(value)) and not (q.film and np.all(value == np.inf))
     if q.now is not None and np.ndim(q.now.local_pressure) and not np.any(q.now.local_pressure) and not wild:
-        slope = np.imag(q.ask(p, now=_moved(q.now, local_pressure=q.now.local_pressure + 1j * STEP))) / STEP
-        wild = bool(np.any(np.abs(slope) * q.now.pressure > STEEP * (1.0 + np.max(np.abs(value)))))
+        slope = np.imag(q.evaluate_law(p, now=_replace_fields(q.now, local_pressure=q.now.local_pressure + 1j * COMPLEX_STEP))) / COMPLEX_STEP
+        wild = bool(np.any(np.abs(slope) * q.now.pressure > MAX_RELATIVE_SLOPE * (1.0 + np.max(np.abs(value)))))
     if wild:
-        yield f"{remedies.place(of.trial.file, q.part.law)}: {q.named()} blows up where {where}; {remedies.HELD}"
+        yield f"{remedies.locate_law(context.trial.file, q.part.law)}: {q.contribution_text()} blows up where {where}; {remedies.HOLD_REMEDY}"
 
 
-def _corners(q: Question) -> Iterator[tuple[str, Any]]:
+def _corner_moments(q: LawCall) -> Iterator[tuple[str, Any]]:
     """The moment as it was, at rest, and without pressure."""
     yield "", q.now
     if q.now is None:
         return
     if q.now.touching:
-        yield "the speed is 0", _moved(q.now, speed=0.0, last_speed=0.0)
-    yield "the slid distance and the time are 0", _moved(q.now, slid=0.0, contact_time=0.0, t=0.0)
+        yield "the speed is 0", _replace_fields(q.now, speed=0.0, last_speed=0.0)
+    yield "the slid distance and the time are 0", _replace_fields(q.now, slid=0.0, contact_time=0.0, t=0.0)
     if np.ndim(q.now.local_pressure):
-        yield "the local pressure is 0", _moved(q.now, local_pressure=0.0 * q.now.local_pressure)
+        yield "the local pressure is 0", _replace_fields(q.now, local_pressure=0.0 * q.now.local_pressure)
 
 
-def _bounds(of: Laws) -> Iterator[tuple[str, SimpleNamespace, dict[int, Callable]]]:
+def _parameter_ends(context: LawsUnderTest) -> Iterator[tuple[str, SimpleNamespace, dict[int, Callable]]]:
     """Every numeric parameter at both ends of its range: words, parameters and laws by number."""
-    if of.trial.effect.base or _slow(of.trial.effect):
+    if context.trial.effect.base or _is_slow(context.trial.effect):
         return
-    for key, param in of.trial.effect.params().items():
-        for end in _range(param):
+    for key, param in context.trial.effect.params().items():
+        for end in _range_ends(param):
             try:
-                acting = acting_of(of.trial, of.trial.own | {key: end}, of.bench.folder)
-                yield f"{key} = {end:g}", acting.p, _by_number(acting, of.scene)
+                acting = make_acting(context.trial, context.trial.own_values | {key: end}, context.bench.folder)
+                yield f"{key} = {end:g}", acting.p, _laws_by_number(acting, context.scene)
             except BadInput:
                 continue  # refused in words: that is an answer
 
 
-def _by_number(acting: Acting, scene: Scene) -> dict[int, Callable]:
+def _laws_by_number(acting: ActiveEffect, scene: Scene) -> dict[int, Callable]:
     return {n: c.law for n, c in enumerate(acting.contributions(scene)) if not isinstance(c, Deposit)}
 
 
-def _range(param: Param) -> list[float]:
+def _range_ends(param: Param) -> list[float]:
     """Both ends of a parameter's range that are numbers; just inside an open one."""
     if "number" not in param.kinds or not isinstance(param.value, (int, float)):
         return []
@@ -317,20 +317,20 @@ def _range(param: Param) -> list[float]:
     return [end for end in (low, param.high) if np.isfinite(end)]
 
 
-def _slow(effect: type[Effect]) -> bool:
+def _is_slow(effect: type[Effect]) -> bool:
     """Whether each scene of it costs a table: its author looks after the ends."""
     return effect.leave is not Effect.leave
 
 
 # --- moments -----------------------------------------------------------------------------------------
-def _bare(value):
+def _real_part(value):
     return np.real(value) if np.iscomplexobj(value) else value
 
 
-def _real(now):
+def _real_moment(now):
     """A moment without imaginary parts."""
-    return now._replace(**{n: _bare(v) for n in CARRIED[1:] if (v := getattr(now, n)) is not None})
+    return now._replace(**{n: _real_part(v) for n in DIFFERENTIATED_FIELDS[1:] if (v := getattr(now, n)) is not None})
 
 
-def _moved(now, **values):
+def _replace_fields(now, **values):
     return now._replace(**values) if values else now

@@ -11,14 +11,14 @@ from typing import Any
 
 from flashtemp.errors import BadInput
 from flashtemp.model import build, case_file
-from flashtemp.model.case_file import Places
-from flashtemp.model.numerics import Settings, settings
-from flashtemp.model.scene import Acting, Scene
+from flashtemp.model.case_file import KeyLocations
+from flashtemp.model.numerics import SolverSettings, read_settings
+from flashtemp.model.scene import ActiveEffect, Scene
 from flashtemp.physics.effect import Effect, catalogue
 from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
 
-SMALL = {  # a thin block, so that its back is reached; two repetitions of 0.2 m, longer than one lap together
+SMALL_CASE = {  # a thin block, so that its back is reached; two repetitions of 0.2 m, longer than one lap together
     "block.height": 0.002,
     "road.track_length": 0.15,
     "schedule.distance": 0.2,
@@ -27,12 +27,12 @@ SMALL = {  # a thin block, so that its back is reached; two repetitions of 0.2 m
     "numerics.cells": [8, 8, 8],
     "output.profiles": 6,
 }
-SHAPES: dict[str, dict[str, Any]] = {  # how the block waits, and whether it has a width
+CASE_SHAPES: dict[str, dict[str, Any]] = {  # how the block waits, and whether it has a width
     "lifted": {},
     "resting": {"schedule.lifted": False},
     "3D": {"numerics.across": 3, "ambient.road_sides": 30.0},
 }
-RICH = {  # every base effect acts
+ALL_EFFECTS_CASE = {  # every base effect acts
     "contact.alpha": 2e4,
     "contact.heat_split": 0.7,
     "contact.spot_exponent": 0.7,
@@ -42,7 +42,7 @@ RICH = {  # every base effect acts
 
 
 @dataclass(frozen=True)
-class Trial:
+class EffectUnderTest:
     """An effect on trial, by name and class; `values` {"table.key": value} that it cannot do without."""
 
     name: str
@@ -60,66 +60,66 @@ class Trial:
         return Path(str(self.module.__file__))
 
     @property
-    def heats(self) -> bool:
+    def has_heat(self) -> bool:
         """Whether it acts on the balance; the others act on the picture only."""
         return self.effect.heat is not Effect.heat
 
-    def off(self) -> dict[str, float]:
+    def off_values(self) -> dict[str, float]:
         """All parameters that can be off, off, as {"table.key": value}."""
         table = self.effect.section or self.name
         return {f"{table}.{k}": p.off for k, p in self.effect.params().items() if p.off is not None}
 
     @property
-    def own(self) -> dict[str, Any]:
+    def own_values(self) -> dict[str, Any]:
         """Values of its own table, by key."""
         return {k.split(".", 1)[1]: v for k, v in self.values.items() if k.startswith(f"{self.name}.")}
 
     @property
-    def rest(self) -> dict[str, Any]:
+    def other_values(self) -> dict[str, Any]:
         """Values of all other tables, {"table.key": value}."""
         return {k: v for k, v in self.values.items() if not k.startswith(f"{self.name}.")}
 
 
-class Bench:
+class SceneCache:
     """Cases, scenes and runs with an effect on trial; files are looked up in `folder`."""
 
     def __init__(self, folder: Path = Path()):
         self.folder = folder
         self._runs: dict[tuple, Run] = {}
 
-    def given(self, trial: Trial | None, beside=(), values: Mapping[str, Any] | None = None) -> tuple[Scene, Settings]:
+    def build_scene_settings(self, trial: EffectUnderTest | None, added_effects=(), values: Mapping[str, Any] | None = None) -> tuple[Scene, SolverSettings]:
         """The small scene with the effect on trial, effects `beside` it and values of keys.  Raises BadInput."""
         known = catalogue() | ({trial.name: trial.effect} if trial else {})
         named = [trial.name] if trial and not trial.effect.base else []
         own = dict(trial.values) if trial else {}
-        where = Places("the small case", by="--check")
-        raw = case_file.merge({}, SMALL | {"effects": [*beside, *named]} | own | dict(values or {}), where.by)
-        reader = case_file.Reader(known, where)
-        listed = reader.names(raw, "effects", list(known)) or ()
-        tables = reader.values(raw, listed, ())
+        where = KeyLocations("the small case", by="--check")
+        raw = case_file.merge_overrides({}, SMALL_CASE | {"effects": [*added_effects, *named]} | own | dict(values or {}), where.by)
+        reader = case_file.CaseReader(known, where)
+        listed = reader.read_effect_names(raw, "effects", list(known)) or ()
+        tables = reader.read_values(raw, listed, ())
         if reader.faults:
             raise BadInput(*reader.faults)
         acting = {n: e for n, e in known.items() if e.base or n in listed}
-        return build.scene(tables, acting, self.folder), settings(tables)
+        return build.build_scene(tables, acting, self.folder), read_settings(tables)
 
-    def scene(self, trial: Trial | None, beside=(), values: Mapping[str, Any] | None = None) -> Scene:
+    def build_scene(self, trial: EffectUnderTest | None, added_effects=(), values: Mapping[str, Any] | None = None) -> Scene:
         """The small scene.  Raises BadInput."""
-        return self.given(trial, beside, values)[0]
+        return self.build_scene_settings(trial, added_effects, values)[0]
 
-    def run(self, trial: Trial | None, beside=(), values: Mapping[str, Any] | None = None) -> Run:
+    def run(self, trial: EffectUnderTest | None, added_effects=(), values: Mapping[str, Any] | None = None) -> Run:
         """The run of the small scene, made once.  Raises BadInput, SolverFailure."""
         who = (trial.name, trial.effect, repr(sorted(trial.values.items()))) if trial else None
-        key = (who, tuple(beside), repr(sorted((values or {}).items())))
+        key = (who, tuple(added_effects), repr(sorted((values or {}).items())))
         if key not in self._runs:
-            self._runs[key] = march(*self.given(trial, beside, values))
+            self._runs[key] = march(*self.build_scene_settings(trial, added_effects, values))
         return self._runs[key]
 
-    def without(self, trial: Trial, values: Mapping[str, Any]) -> Run:
+    def run_without(self, trial: EffectUnderTest, values: Mapping[str, Any]) -> Run:
         """The run of the small scene without the effect on trial, all else the same."""
-        return self.run(None, values=trial.rest | dict(values))
+        return self.run(None, values=trial.other_values | dict(values))
 
 
-def acting_of(trial: Trial, own: Mapping[str, Any], folder: Path) -> Acting:
+def make_acting(trial: EffectUnderTest, own_values: Mapping[str, Any], folder: Path) -> ActiveEffect:
     """The effect on trial with values of its own keys, the others at their defaults.  Raises BadInput."""
-    values = {k: p.value for k, p in trial.effect.params().items()} | dict(own)
-    return Acting(trial.name, trial.effect(), SimpleNamespace(**trial.effect.prepare(values, folder)))
+    values = {k: p.value for k, p in trial.effect.params().items()} | dict(own_values)
+    return ActiveEffect(trial.name, trial.effect(), SimpleNamespace(**trial.effect.prepare(values, folder)))

@@ -88,7 +88,8 @@ def judge_campaign(folder: Path, engine: str, limit: int, store: Path | None = N
         resource.setrlimit(resource.RLIMIT_CPU, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
         try:
             write_evidence(
-                recorder.to_stored_search({"name": folder.name, **read_truth(folder), **out}), store / f"{folder.name}.pkl.xz"
+                recorder.to_stored_search({"name": folder.name, **read_truth(folder), **out}),
+                store / f"{folder.name}.pkl.xz",
             )
         except Exception:  # the verdict counts all the same
             out["not_stored"] = traceback.format_exc(limit=-6)

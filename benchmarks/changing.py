@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import scipy_peer
-from common import ErrorRow, time_call, profile_error, print_rows, time_march
+from common import ErrorRow, print_rows, profile_error, time_call, time_march
 
 from flashtemp.model.case import load_case
 from flashtemp.model.numerics import installed_bindings

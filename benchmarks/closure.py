@@ -105,7 +105,9 @@ def small_rows() -> list[ErrorRow]:
     """Large stripes, four cells per diameter: the flash factor is 1 within 25 %."""
     began = time.process_time()
     [[_, by_load]] = compare_levels(*POINTS[5], PATTERNS[-1:], 4)
-    return [ErrorRow("flash factor of stripes, off 1", 0, 100.0 * abs(by_load - 1.0), 25.0, time.process_time() - began)]
+    return [
+        ErrorRow("flash factor of stripes, off 1", 0, 100.0 * abs(by_load - 1.0), 25.0, time.process_time() - began)
+    ]
 
 
 def main() -> None:

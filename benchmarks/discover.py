@@ -104,7 +104,7 @@ def flatten_case(case: Path) -> None:
 def run_seed(seed: int, wide: bool = False) -> dict:
     """Make a campaign, discover, then open the truth."""
     from flashtemp.comparison import campaign
-    from flashtemp.comparison.twin import SEALED_TRUTH, SyntheticPlan, make_synthetic_campaign
+    from flashtemp.comparison.synthetic_campaign import SEALED_TRUTH, SyntheticPlan, make_synthetic_campaign
     from flashtemp.discovery import engine
     from flashtemp.model import case
 
@@ -112,7 +112,11 @@ def run_seed(seed: int, wide: bool = False) -> dict:
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "campaign"
         few = {"conditions": 2} if wide else {}
-        make_synthetic_campaign(case.load_case(CASE, overrides(plan, wide)), SyntheticPlan(tuple(plan["hidden"]), seed, sliding=3, **few), out)
+        make_synthetic_campaign(
+            case.load_case(CASE, overrides(plan, wide)),
+            SyntheticPlan(tuple(plan["hidden"]), seed, sliding=3, **few),
+            out,
+        )
         if wide:
             flatten_case(out / "case.toml")
         made = time.process_time() - began
@@ -192,7 +196,9 @@ def _record_verdict(verdict, search, truth: dict) -> dict:
             if s.effect in truth["hidden"]:
                 k = STRENGTH[s.effect]
                 a = s.candidate.strengths[k]
-                z[s.effect] = abs(truth["hidden"][s.effect][k] - find_effect(s.effect).params()[k].off) / abs(a) * s.seen
+                z[s.effect] = (
+                    abs(truth["hidden"][s.effect][k] - find_effect(s.effect).params()[k].off) / abs(a) * s.typical_z
+                )
     causes = []
     for c in verdict.causes:
         for p in c.parameters:
@@ -279,7 +285,9 @@ def print_tables(file: Path) -> None:
         print(f"pairs whose weaker z is {low} to {high}:", dict(Counter(classify_record(r) for r in own)))
     for r in sorted(kinds["outside"], key=lambda r: r["hidden"]):
         print(f"  left out of the catalogue: {r['hidden'][0]} -> {r['verdict']} {', '.join(r.get('accepted', []))}")
-    good = [(c, r) for r in kinds["single"] if classify_record(r) == "right" for c in r["causes"] if c["true"] is not None]
+    good = [
+        (c, r) for r in kinds["single"] if classify_record(r) == "right" for c in r["causes"] if c["true"] is not None
+    ]
     inside = sum(c["ci95"][0] <= c["true"] <= c["ci95"][1] for c, _ in good)
     errors = [abs(c["value"] / c["true"] - 1) for c, r in good if max(r["z"].values()) >= 10]
     pulls = [(c["value"] - c["true"]) / max(c["stderr"], 1e-300) for c, _ in good]

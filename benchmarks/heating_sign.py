@@ -20,7 +20,7 @@ from scipy.stats import qmc, spearmanr
 from flashtemp.errors import SolverFailure
 from flashtemp.model.case import load_case
 from flashtemp.physics.material import LIBRARY
-from flashtemp.runs.load_dependence import MINIMAL_OUTPUT, LoadCase, compute_load_frictions
+from flashtemp.runs.studies.load_dependence import MINIMAL_OUTPUT, LoadCase, compute_load_frictions
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "benchmarks" / "results" / "heating_sign.json"

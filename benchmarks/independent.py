@@ -61,7 +61,9 @@ def hold_out_some(campaign, seed: int):
     def mark_held_out(entry):
         return replace(entry, held_out=entry is view or (whole and entry.given == view.given))
 
-    return replace(campaign, views=tuple(map(mark_held_out, campaign.views)), forces=tuple(map(mark_held_out, campaign.forces)))
+    return replace(
+        campaign, views=tuple(map(mark_held_out, campaign.views)), forces=tuple(map(mark_held_out, campaign.forces))
+    )
 
 
 def draw_programme(seed: int):
@@ -129,7 +131,7 @@ def _record_verdict(verdict, search, plan: dict, hidden: dict) -> dict:
     z = 0.0
     for s in search.ranking[0] if search.ranking else ():
         if s.effect in hidden:
-            z = abs(hidden[s.effect] / s.candidate.first[1]) * s.seen
+            z = abs(hidden[s.effect] / s.candidate.leading_strength[1]) * s.typical_z
     causes = [
         {"effect": c.effect, "ln_bayes": c.ln_bayes, "laboratory": bool(getattr(c, "laboratory", False)),
          "parameters": {p.name: [p.value, p.stderr, *p.ci95] for p in c.parameters}}
@@ -151,7 +153,10 @@ def run(first: int, last: int, file: Path, **how: bool) -> None:
         try:
             found = run_seed(seed, **how)
         except Exception:  # a failure is a result too
-            found = draw_hidden(seed, how.get("small", False)) | {"verdict": "failed", "error": traceback.format_exc(limit=4)}
+            found = draw_hidden(seed, how.get("small", False)) | {
+                "verdict": "failed",
+                "error": traceback.format_exc(limit=4),
+            }
         with file.open("a") as out:
             out.write(json.dumps(found, default=float) + "\n")
         named = [c["effect"] for c in found.get("causes", [])]

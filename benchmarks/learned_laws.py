@@ -82,7 +82,7 @@ def run_seed(seed: int) -> dict:
     from flashtemp.discovery.prediction.prediction import predict_condition
     from flashtemp.discovery.prediction.problem import prepare_problem
     from flashtemp.discovery.selection.forward_selection import EffectSearch
-    from flashtemp.runs.workers import open_worker_pool
+    from flashtemp.runs.results.worker_pool import open_worker_pool
 
     began = time.process_time()
     with tempfile.TemporaryDirectory() as folder, open_worker_pool(predict_condition, 1) as run:

@@ -3,7 +3,7 @@
 Uniform pressure, a peak at the leading edge and friction by theory, at 0.1 and 1 m/s after 0.5 m, against four times
 the cells per direction of the default mesh.  Errors are the largest between 0.05 L and 0.95 L, in percent of the
 largest rise: the first and the last twentieth hold the singular edges.  Writes benchmarks/results/mesh_error.json,
-which flashtemp/runs/mesh_error.py quotes.
+which flashtemp/runs/checks/mesh_error.py quotes.
 """
 
 from __future__ import annotations

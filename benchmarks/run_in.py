@@ -29,12 +29,16 @@ def rows(repeat: int, runs=tuple(STATED), finest: float = 2.0, **more) -> list[E
     truth, out = repetition_end_rises(best), []
     for mesh, rtol in runs:
         for binding in installed_bindings():
-            case = load_case(CASE, {"numerics.mesh": mesh, "numerics.rtol": rtol, "numerics.integrator": binding} | more)
+            case = load_case(
+                CASE, {"numerics.mesh": mesh, "numerics.rtol": rtol, "numerics.integrator": binding} | more
+            )
             seconds, run = time_march(case, repeat)
             found = np.array([np.interp(best.x, run.x, row) for row in repetition_end_rises(run)])
             error = 100 * float(np.abs(found - truth)[:, 2:-2].max() / truth.max())
             out.append(
-                ErrorRow(f"{binding}, mesh {mesh:g}, rtol {rtol:g}", run.mesh.n_cells, error, STATED[mesh, rtol], seconds)
+                ErrorRow(
+                    f"{binding}, mesh {mesh:g}, rtol {rtol:g}", run.mesh.n_cells, error, STATED[mesh, rtol], seconds
+                )
             )
     return out
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import scipy_peer
-from common import ErrorRow, time_call, profile_error, print_rows, time_march
+from common import ErrorRow, print_rows, profile_error, time_call, time_march
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from flashtemp.model.case import load_case
@@ -53,7 +53,9 @@ def rows(repeat: int) -> list[ErrorRow]:
     out = []
     for limit, change in ((0.1, GOOD), (1.0, ROUGH)):
         for binding in installed_bindings():
-            case = load_case(CASE, {"numerics.integrator": binding, "output.profiles": 150, "output.fields": 2, **change})
+            case = load_case(
+                CASE, {"numerics.integrator": binding, "output.profiles": 150, "output.fields": 2, **change}
+            )
             seconds, run = time_march(case, repeat)
             late = 100 * max(abs(middle_rise(run, t) - T) for t, T in zip(*history, strict=True)) / rise.max()
             error = max(profile_error(run, x, rise), late)

@@ -110,7 +110,9 @@ def tolerances() -> None:
     run_case(MILLION | {"numerics.mesh": 0.2})
     for rtol in (1e-4, 1e-3, 2e-3, 3e-3, 5e-3):
         run, seconds = run_case(MILLION | {"numerics.integrator": installed_bindings()[-1], "numerics.rtol": rtol})
-        print(f"rtol {rtol:g}: {run.statistics['steps']} steps, {surface_error(run):.4f} %, {seconds:.2f} s", flush=True)
+        print(
+            f"rtol {rtol:g}: {run.statistics['steps']} steps, {surface_error(run):.4f} %, {seconds:.2f} s", flush=True
+        )
 
 
 def small_rows() -> list[ErrorRow]:
@@ -193,7 +195,7 @@ def cores() -> None:
 def parts() -> None:
     """Seconds in the compiled loops, in the rest of the callbacks (laws, ledger), and outside them (CVODE, copies)."""
     from flashtemp.solver import kernels_2d, kernels_3d
-    from flashtemp.solver.linearised import LinearisedSystem
+    from flashtemp.solver.linearisation import LinearisedSystem
     from flashtemp.solver.system import PhaseSystem
 
     run_case(MILLION | {"numerics.mesh": 0.2})
@@ -214,7 +216,12 @@ def parts() -> None:
     ):
         for name in names:
             setattr(module, name, timed(getattr(module, name), "loops"))
-    for kind, name in ((PhaseSystem, "rate"), (PhaseSystem, "linearised"), (LinearisedSystem, "times"), (LinearisedSystem, "solve")):
+    for kind, name in (
+        (PhaseSystem, "rate"),
+        (PhaseSystem, "linearised"),
+        (LinearisedSystem, "times"),
+        (LinearisedSystem, "solve"),
+    ):
         setattr(kind, name, timed(getattr(kind, name), "callbacks"))
     for binding in installed_bindings():
         spent |= dict.fromkeys(spent, 0.0)
@@ -231,7 +238,7 @@ def parts() -> None:
 
 def bandwidth() -> None:
     """Time of one pass over memory, beside one product and one solve of the preconditioner."""
-    from flashtemp.solver.balance import HeatBalance
+    from flashtemp.solver.heat_balance import HeatBalance
     from flashtemp.solver.system import PhaseSystem
 
     scene = load_case(CASE, MILLION).scene

@@ -48,7 +48,9 @@ def disc_scene(frame: str, steps: float):
     from test_road_frame import one_disc
 
     made = one_disc(lab, CELLS)
-    acting = tuple(replace(a, effect=PacedSpots(steps)) if isinstance(a.effect, ResolvedSpots) else a for a in made.acting)
+    acting = tuple(
+        replace(a, effect=PacedSpots(steps)) if isinstance(a.effect, ResolvedSpots) else a for a in made.acting
+    )
     x = made.mesh.x.copy()
     if frame != "own frame":
         x[0] -= UNEVEN * (x[1] - x[0])
@@ -84,7 +86,10 @@ def small_rows() -> list[ErrorRow]:
 
 def rows() -> list[ErrorRow]:
     """The road in its own frame with other limits too; fixed cells at a loose tolerance without one end in nonsense."""
-    limits = {"own frame": (4.0 * STEPS_PER_DIAMETER, STEPS_PER_DIAMETER, 0.0), "fixed cells": (4.0 * STEPS_PER_DIAMETER, STEPS_PER_DIAMETER)}
+    limits = {
+        "own frame": (4.0 * STEPS_PER_DIAMETER, STEPS_PER_DIAMETER, 0.0),
+        "fixed cells": (4.0 * STEPS_PER_DIAMETER, STEPS_PER_DIAMETER),
+    }
     rtols = [float(r) for r in np.geomspace(LOOSE, TIGHT, 3)]
     return [measure_row(frame, steps, rtol) for frame in STATED for rtol in rtols for steps in limits[frame]]
 

@@ -19,12 +19,12 @@ from flashtemp.discovery import engine
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.decision import EffectSize
 from flashtemp.discovery.diagnostics import setup_errors as setup_module
-from flashtemp.discovery.diagnostics.adequacy_tests import run_adequacy_tests, refit_all_data
+from flashtemp.discovery.diagnostics.adequacy_tests import refit_all_data, run_adequacy_tests
 from flashtemp.discovery.diagnostics.cross_validation import cross_validate
 from flashtemp.discovery.diagnostics.setup_errors import ReducedFit
 from flashtemp.discovery.diagnostics.stated_inputs import StatedInput
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
-from flashtemp.discovery.estimation.linearised_fit import LinearisedFit, FitStatus
+from flashtemp.discovery.estimation.linearised_fit import FitStatus, LinearisedFit
 from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY
 from flashtemp.discovery.estimation.per_condition import estimate_effect_by_condition
 from flashtemp.discovery.law_identification import IdentifiedLaw, heldout_excess, ln_choice_odds
@@ -51,7 +51,7 @@ def criteria_changed(**values: float) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class StoredModel:
-    """Names of the effects of a model, as the keys of `effects`."""
+    """Names of the effects of a model, as the keys of `effect_priors`."""
 
     effects: dict[str, None]
 
@@ -258,7 +258,10 @@ def store_fit(search: EffectSearch, fit: LinearisedFit, with_inputs: LinearSyste
     free = {p: v for p, v in fit.effect_priors.items() if p not in fit.bound}
     base, own = engine.assess_model(search, search.base), engine.assess_model(search, fit)
     change = engine.size_of_change(search, base, own)
-    blocks = [b.with_columns_of(o, lambda p: p.kind is Kind.INPUT) for b, o in zip(fit.blocks, with_inputs.blocks, strict=True)]
+    blocks = [
+        b.with_columns_of(o, lambda p: p.kind is Kind.INPUT)
+        for b, o in zip(fit.blocks, with_inputs.blocks, strict=True)
+    ]
     every = refit_all_data(fit)
     pairs = (f.system.block_chi2(f.solution) for f in (fit, every))
     misfits = [(float(u if b.held_out else s), b.count) for b, s, u in zip(fit.blocks, *pairs, strict=True)]
@@ -268,10 +271,10 @@ def store_fit(search: EffectSearch, fit: LinearisedFit, with_inputs: LinearSyste
             tuple(s.probability for s in estimate_effect_by_condition(problem, fit, e, every=every_datum))
             for every_datum in (False, True)
         )
-        for e in fit.model.effects
+        for e in fit.model.effect_priors
     }
     return StoredFit(
-        model=StoredModel(dict.fromkeys(fit.model.effects)),
+        model=StoredModel(dict.fromkeys(fit.model.effect_priors)),
         status=fit.status,
         ln_evidence=float(fit.ln_evidence),
         promise=float(fit.promise),
@@ -279,13 +282,15 @@ def store_fit(search: EffectSearch, fit: LinearisedFit, with_inputs: LinearSyste
         count=int(fit.solution.count),
         effect_priors=fit.effect_priors,
         bound=fit.bound,
-        largest={frozenset(f): float(fit.evidence_at_max_discrepancy(problem, f)) for f in (free, fit.effect_priors, {})},
+        largest={
+            frozenset(f): float(fit.evidence_at_max_discrepancy(problem, f)) for f in (free, fit.effect_priors, {})
+        },
         probabilities=scatter,  # type: ignore[arg-type]
         adequacy={t.name: float(t.value) for t in run_adequacy_tests(problem, fit, CRITERIA)},
         misfits=tuple(misfits),
         heldout=tuple(map(float, left_out.density)),
         is_held_out=left_out.is_held_out,
-        size=_with_whole_mesh_error(change.size) if fit.model.effects else None,
+        size=_with_whole_mesh_error(change.size) if fit.model.effect_priors else None,
         setup=_store_setup(search, fit, LinearSystem(blocks), inputs),
     )
 
@@ -296,7 +301,7 @@ def _with_whole_mesh_error(size: EffectSize) -> EffectSize:
 
 
 def _store_setup(search: EffectSearch, fit: LinearisedFit, system: LinearSystem, inputs: Any) -> StoredSetup:
-    known = {i.parameter: i for i in inputs}
+    known = {i.column_id: i for i in inputs}
     problem = search.problem
     floors = (None, LARGEST_DISCREPANCY)
     found, largest = (setup_module._reduce_fit(problem, fit, system, known, floor) for floor in floors)

@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from common import ErrorRow, time_call, print_rows
+from common import ErrorRow, print_rows, time_call
 
 from flashtemp.model.build import find_theory
 from flashtemp.model.case import load_case

@@ -11,10 +11,12 @@ import numpy as np
 from flashtemp.__main__ import main as flashtemp
 from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare
-from flashtemp.comparison.twin import Plan, twin
+from flashtemp.comparison.synthetic_campaign import Plan, twin
 from flashtemp.model.case import load
 from flashtemp.solver.march import march
-from flashtemp.viz import comparison, field, maps, profile, space_time, theme, worn
+from flashtemp.viz import theme
+from flashtemp.viz.measurement import comparison
+from flashtemp.viz.run import field, profile, run_in_maps, space_time, wear_profile
 
 ROOT = Path(__file__).parent.parent
 OUT = ROOT / "docs" / "pictures"
@@ -112,7 +114,12 @@ def run_in() -> None:
     }  # fmt: skip
     exponents(laws).savefig(OUT / "exponent.png", dpi=130)
     run = simulate("run_in")
-    for name, module in (("run_in", maps), ("run_in_map", space_time), ("run_in_field", field), ("worn", worn)):
+    for name, module in (
+        ("run_in", run_in_maps),
+        ("run_in_map", space_time),
+        ("run_in_field", field),
+        ("worn", wear_profile),
+    ):
         module.draw(run).savefig(OUT / f"{name}.png", dpi=110)
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import xarray as xr
 
 import flashtemp
-from flashtemp.comparison.twin import SEALED, Plan, twin
+from flashtemp.comparison.synthetic_campaign import SEALED, Plan, twin
 
 CASE = Path(__file__).parents[1] / "cases" / "paper_story"
 HIDDEN = {"effects": ["edge_pressure"], "edge_pressure.B": 2.0, "edge_pressure.length": 4e-3}

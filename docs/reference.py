@@ -12,8 +12,8 @@ import gallery
 import flashtemp
 from flashtemp.api.effects import parameter_line
 from flashtemp.cli.commands import app
+from flashtemp.model.case_template import MANY, about, example
 from flashtemp.model.schema import NAMED, TABLES, declared
-from flashtemp.model.starter import MANY, about, example
 from flashtemp.physics.quantities import CAMERA, QUANTITIES, SITES
 
 MADE = "made"  # the folder beside the pages that holds them; not kept

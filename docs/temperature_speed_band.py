@@ -16,7 +16,7 @@ import numpy as np
 from choices import CHOICES, ROOT
 
 import flashtemp
-from flashtemp.camera.observation import ABOVE, observe
+from flashtemp.camera.prediction.observation import ABOVE, observe
 from flashtemp.camera.recording import Recording
 from flashtemp.viz import theme
 

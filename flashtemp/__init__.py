@@ -39,8 +39,8 @@ if TYPE_CHECKING:  # for editors and type checkers, which run nothing
     from flashtemp.api.friction import compute_contact_area, friction, loads, spectrum, spots, tread, tyre
     from flashtemp.api.inputs import load
     from flashtemp.api.simulation import check, open_fields, resume, simulate, view
-    from flashtemp.api.starting import new
     from flashtemp.api.studies import converge, repetitions, sensitivity, sweep, wait
+    from flashtemp.api.templates import new
     from flashtemp.comparison.campaign import Campaign
     from flashtemp.discovery.verdict import Verdict
     from flashtemp.errors import BadInput, SolverFailure

@@ -11,11 +11,11 @@ PROGRAM_FOLDER = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 if __name__ == "__main__" and not sys.flags.safe_path and sys.path[0] != PROGRAM_FOLDER:
     del sys.path[0]
 
-from flashtemp.cli.ending import EXIT_DONE, report_fault
+from flashtemp.cli.exit_codes import EXIT_DONE, report_fault
 from flashtemp.cli.interrupts import answer_interrupts
 from flashtemp.cli.log_file import log_to_file, split_log_option
 from flashtemp.errors import BadInput, FlashtempError
-from flashtemp.runs.current_folder import exclude_current_folder
+from flashtemp.runs.results.current_folder import exclude_current_folder
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -49,7 +49,9 @@ def _ended(asked: list[str], last: bool) -> int:
                     _ignore_local_settings()
                 return _run([word for word in asked if word != "--debug"], debug)
             except Exception as fault:
-                if interrupts.is_requested and not isinstance(fault, FlashtempError):  # an interrupt in another's clothes
+                if interrupts.is_requested and not isinstance(
+                    fault, FlashtempError
+                ):  # an interrupt in another's clothes
                     raise KeyboardInterrupt from fault
                 raise
     except BrokenPipeError:  # the reader of stdout has gone, as in `| head`

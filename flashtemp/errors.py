@@ -53,7 +53,7 @@ class UserInterrupt(FlashtempError):
 def shorten_text(text: str) -> str:
     """A text for a message, cut where nobody would read on.
 
-    >>> short("7" * 500)[-20:]
+    >>> shorten_text("7" * 500)[-20:]
     '... (500 characters)'
     """
     return text if len(text) <= 200 else f"{text[:160]}... ({len(text)} characters)"
@@ -78,7 +78,7 @@ class IncompleteResult(FlashtempError):
 def describe_exception(fault: BaseException) -> str:
     """Why something failed, in one line.
 
-    >>> reason(OSError(28, "No space left on device", "run.nc")), reason(ValueError())
+    >>> describe_exception(OSError(28, "No space left on device", "run.nc")), describe_exception(ValueError())
     ('No space left on device: run.nc', 'ValueError')
     """
     if isinstance(fault, OSError) and fault.strerror:
@@ -90,7 +90,7 @@ def describe_exception(fault: BaseException) -> str:
 def suggest_name(name: str, known: Iterable[str]) -> str:
     """What would be right instead of an unknown name, as half a sentence: the nearest or all known.
 
-    >>> nearest("frction", ["friction", "contact"])
+    >>> suggest_name("frction", ["friction", "contact"])
     "; did you mean 'friction'?"
     """
     known = list(known)

@@ -26,9 +26,9 @@ from flashtemp.model.schedule import Schedule, constant_series
 from flashtemp.physics.effect import Effect, Heat, Term
 from flashtemp.physics.material import LIBRARY, Material
 from flashtemp.physics.quantities import KELVIN
-from flashtemp.solver.balance import HeatBalance
+from flashtemp.solver.heat_balance import HeatBalance
 from flashtemp.solver.march import march
-from flashtemp.solver.progress import MarchState
+from flashtemp.solver.march_state import MarchState
 from flashtemp.solver.system import PhaseSystem
 
 RUBBER, ROAD, L = LIBRARY["tread_rubber"], LIBRARY["asphalt"], 0.025
@@ -125,7 +125,9 @@ def check_second_order(label, errors, bound):
 
 def case(**given):
     """A case assembled from overrides alone, table__key=value, and its run."""
-    made = assemble_case({}, {k.replace("__", "."): v for k, v in given.items()}, KeyLocations("none"), Path(), "verification")
+    made = assemble_case(
+        {}, {k.replace("__", "."): v for k, v in given.items()}, KeyLocations("none"), Path(), "verification"
+    )
     run = march(made.scene, made.settings)
     assert run.energy_imbalance < LEAK
     return run
@@ -143,7 +145,7 @@ def calibrate():
     from flashtemp.discovery import engine
     from flashtemp.discovery.prediction.prediction import predict_condition
     from flashtemp.discovery.prediction.problem import prepare_problem
-    from flashtemp.runs.workers import open_worker_pool
+    from flashtemp.runs.results.worker_pool import open_worker_pool
 
     def made(campaign):
         with open_worker_pool(predict_condition, 1) as run:

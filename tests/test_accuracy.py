@@ -10,11 +10,11 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 
 from flashtemp.model.case import load_case
-from flashtemp.model.laws import COMPLEX_STEP
+from flashtemp.model.effect_laws import COMPLEX_STEP
 from flashtemp.model.numerics import installed_bindings
-from flashtemp.runs.convergence import Convergence
+from flashtemp.runs.studies.convergence import Convergence
 from flashtemp.solver import cvode
-from flashtemp.solver.balance import HeatBalance
+from flashtemp.solver.heat_balance import HeatBalance
 from flashtemp.solver.system import PhaseSystem
 
 L = 0.025
@@ -182,7 +182,12 @@ def test_bounded_faces_conserve_heat_and_their_derivative_is_exact(across):
     system, y, v = PhaseSystem(b, scene.schedule.phases[0]), np.zeros(b.size), np.zeros(b.size)
     y[: b.n], v[: b.n] = rng.normal(size=b.n), rng.normal(size=b.n)
     now = system.moment(1e-3)
-    bounded = system.solid.limit_undershoots(y[: b.n], system.incoming_enthalpy(system.incoming_rise(now)), b.advection_coefficient(now), system.undershoot_floor)
+    bounded = system.solid.limit_undershoots(
+        y[: b.n],
+        system.incoming_enthalpy(system.incoming_rise(now)),
+        b.advection_coefficient(now),
+        system.undershoot_floor,
+    )
     assert len(bounded.faces) > 0.1 * b.n / 2
     moved, step, product = np.zeros(b.n), np.zeros(b.size, dtype=complex), np.zeros(b.size)
     bounded.add_rate(moved)
@@ -190,4 +195,6 @@ def test_bounded_faces_conserve_heat_and_their_derivative_is_exact(across):
     assert abs(heat.sum()) < 1e-12 * np.abs(heat).sum()
     system.linearise(1e-3, y, 1e-2).apply_jacobian(v, product)
     system.rate(1e-3, y + 1j * COMPLEX_STEP * v, step)
-    np.testing.assert_allclose(product[: b.n], step.imag[: b.n] / COMPLEX_STEP, rtol=1e-9, atol=1e-9 * np.abs(product).max())
+    np.testing.assert_allclose(
+        product[: b.n], step.imag[: b.n] / COMPLEX_STEP, rtol=1e-9, atol=1e-9 * np.abs(product).max()
+    )

@@ -14,7 +14,8 @@ from flashtemp.api.simulation import simulate
 from flashtemp.model.case import assemble_case
 from flashtemp.model.case_file import KeyLocations
 from flashtemp.solver.march import march
-from flashtemp.viz import animation, animation_frame, theme, time_axis
+from flashtemp.viz import theme, time_axis
+from flashtemp.viz.run import animation, animation_frame
 
 SMALL = {
     "effects": ["edge_pressure", "wear", "friction_softening"],

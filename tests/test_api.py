@@ -14,9 +14,9 @@ import pytest
 import flashtemp
 from flashtemp.cli.commands import COMMAND_NAMES as COMMAND_NAMES
 from flashtemp.cli.commands import app
-from flashtemp.discovery.verdict import Cause, ParameterEstimate, CandidateReport, Verdict
-from flashtemp.runs.load_dependence import PROCESS_NAMES, LoadDependence, list_subsets
-from flashtemp.showing import MAX_TABLE_ROWS, DisplayTable, DisplayMixin
+from flashtemp.discovery.verdict import CandidateReport, Cause, ParameterEstimate, Verdict
+from flashtemp.display import MAX_TABLE_ROWS, DisplayMixin, DisplayTable
+from flashtemp.runs.studies.load_dependence import PROCESS_NAMES, LoadDependence, list_subsets
 
 ROOT = Path(__file__).parents[1]
 CALL = {"run": "simulate", "import": "import_recording"}  # the others are called as the command
@@ -187,9 +187,16 @@ def test_loads_show_shares():
 
 def test_a_verdict_shows_causes_and_rivals():
     cause = Cause(
-        "wear", "rubber wears off", (ParameterEstimate("wear.rate", 4e-11, 1e-12, (3e-11, 5e-11), "m2/N"),), 100.0, 9.0, 0.9
+        "wear",
+        "rubber wears off",
+        (ParameterEstimate("wear.rate", 4e-11, 1e-12, (3e-11, 5e-11), "m2/N"),),
+        100.0,
+        9.0,
+        0.9,
     )
-    verdict = Verdict(TITLE, "named", ("Cause: <i>wear</i>.",), (cause,), rivals=(CandidateReport("flash", 3.0, 0.5, ""),))
+    verdict = Verdict(
+        TITLE, "named", ("Cause: <i>wear</i>.",), (cause,), rivals=(CandidateReport("flash", 3.0, 0.5, ""),)
+    )
     found = opened(verdict._repr_html_())
     text = "".join(found.itertext())
     assert all(word in text for word in (TITLE, "named", "Cause: <i>wear</i>.", "wear.rate", "4e-11", "m2/N", "flash"))
@@ -197,7 +204,9 @@ def test_a_verdict_shows_causes_and_rivals():
 
 
 def test_long_tables_are_cut_and_parts_unfold():
-    sheet = DisplayTable("top", [(n, None) for n in range(MAX_TABLE_ROWS + 5)], parts=[DisplayTable("<deep>", [("x", True)])])
+    sheet = DisplayTable(
+        "top", [(n, None) for n in range(MAX_TABLE_ROWS + 5)], parts=[DisplayTable("<deep>", [("x", True)])]
+    )
     found = opened(sheet.to_html())
     assert len(found.findall("table/tbody/tr")) == MAX_TABLE_ROWS
     assert "and 5 more" in "".join(found.itertext())

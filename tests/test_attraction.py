@@ -86,7 +86,9 @@ def test_more_work_softer_rubber_and_a_smoother_road_take_more_hold():
 
     base = factor(elastic(1e7))
     assert 1.0 < base < min(factor(elastic(1e7), 0.2), factor(elastic(3e6)), factor(elastic(1e7, "concrete B")))
-    viscous = PerssonTheory(rheology.READY_RUBBERS["A"], roughness_spectrum.READY_ROADS["asphalt A"])  # stiff at the frequencies of sliding
+    viscous = PerssonTheory(
+        rheology.READY_RUBBERS["A"], roughness_spectrum.READY_ROADS["asphalt A"]
+    )  # stiff at the frequencies of sliding
     assert factor(viscous, v=1e-3) > factor(viscous, v=1.0) > 1.0
 
 
@@ -113,13 +115,20 @@ def test_enlarged_is_what_a_theory_takes():
 def test_a_modulus_at_rest_is_needed():
     rubber = rheology.Rubber(rheology.ColeCole(0.0, 1e9, 0.5, 1e-8), rheology.WLF(7.718, 116.6, 293.15))
     with pytest.raises(BadInput, match="modulus: 0"):
-        adhesion.adhesion_enlargement(PerssonTheory(rubber, roughness_spectrum.READY_ROADS["asphalt A"]), *COLD, 0.05, LOADS)
+        adhesion.adhesion_enlargement(
+            PerssonTheory(rubber, roughness_spectrum.READY_ROADS["asphalt A"]), *COLD, 0.05, LOADS
+        )
 
 
 @pytest.mark.parametrize(
     ("theory", "work", "p", "says"),
     [
-        (elastic(1e6, roughness_spectrum.self_affine_spectrum(3e-6, 3e3, 0.8, 250.0, 0.05)), 0.05, LOADS, "without load"),
+        (
+            elastic(1e6, roughness_spectrum.self_affine_spectrum(3e-6, 3e3, 0.8, 250.0, 0.05)),
+            0.05,
+            LOADS,
+            "without load",
+        ),
         (elastic(1e7), -0.05, LOADS, "work of adhesion >= 0"),
         (elastic(1e7), 0.05, LOADS[::-1], "rising pressures"),
         (elastic(1e7), 0.05, [0.0, 1e5], "rising pressures"),

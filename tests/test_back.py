@@ -15,16 +15,16 @@ from scipy.special import i0e, i1e
 
 import flashtemp
 from flashtemp.api.simulation import resume, simulate
-from flashtemp.camera.observation import observe
+from flashtemp.camera.prediction.observation import observe
 from flashtemp.camera.recording import Recording
 from flashtemp.errors import BadInput
 from flashtemp.model.case import assemble_case
 from flashtemp.model.case_file import KeyLocations
 from flashtemp.model.priors import find_uncertain_inputs
-from flashtemp.model.schedule import SpeedProfile, Schedule, constant_series
-from flashtemp.runs.convergence import watched_values
-from flashtemp.runs.inert import describe_inactive_effects
-from flashtemp.runs.sensitivity_result import OUTPUT_SPECS
+from flashtemp.model.schedule import Schedule, SpeedProfile, constant_series
+from flashtemp.runs.checks.inactive_effects import describe_inactive_effects
+from flashtemp.runs.studies.convergence import watched_values
+from flashtemp.runs.studies.sensitivity_result import OUTPUT_SPECS
 
 L, P, V = 0.025, 1.5e5, 0.1
 SMALL = {"numerics__mesh": 0.5, "schedule__distance": 0.3}
@@ -91,7 +91,14 @@ def test_the_prior_of_a_speed_does_not_turn_the_block():
 @pytest.mark.parametrize(("turn", "said"), [(1, 0), (0, 1)])
 def test_track_memory_is_called_idle_only_where_road_never_comes_again(turn, said):
     given = {"schedule.repetitions": 3, "schedule.turn": turn, "schedule.distance": 0.2, "numerics.mesh": 0.4}
-    assert len(describe_inactive_effects(assemble_case({}, given | {"effects": ["track_memory"]}, KeyLocations("none"), Path(), "shuttle"))) == said
+    assert (
+        len(
+            describe_inactive_effects(
+                assemble_case({}, given | {"effects": ["track_memory"]}, KeyLocations("none"), Path(), "shuttle")
+            )
+        )
+        == said
+    )
 
 
 def test_what_belongs_to_the_block_stays_where_it_is(lab):
@@ -287,7 +294,9 @@ def test_cameras_see_the_wake_on_the_side_where_it_is(lab):
 
 def test_a_turn_divides_the_repetition():
     course = SpeedProfile.from_signed_speeds((0.0, 1.0, 3.0, 4.0), (0.1, 0.1, -0.1, -0.1))
-    plan = Schedule(course.speed, constant_series(1e5), 0.25, 4, 5.0, heading=course.heading, turns=course.turns, turn=2)
+    plan = Schedule(
+        course.speed, constant_series(1e5), 0.25, 4, 5.0, heading=course.heading, turns=course.turns, turn=2
+    )
     assert course.turns == (2.0,)
     assert [p.direction for p in plan.phases if p.sliding] == [
         1, 1, -1, -1, 1, 1, -1, -1, -1, -1, 1, 1, -1, -1, 1, 1

@@ -14,14 +14,14 @@ from flashtemp.camera.camera_classes import CAMERA_CLASSES
 from flashtemp.camera.image_screening import (
     find_flickering_lines,
     find_outlying_pixels,
-    screen_recording,
     find_shutter_events,
+    screen_recording,
 )
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
 from flashtemp.comparison.campaign import RecordingEntry
 from flashtemp.comparison.line_noise import LineNoise
-from flashtemp.comparison.noise import NoiseLevels, raise_stated_noise, estimate_noise, unwhiten, whiten
+from flashtemp.comparison.noise import NoiseLevels, estimate_noise, raise_stated_noise, unwhiten, whiten
 from flashtemp.comparison.screening import screen_campaign
 from flashtemp.discovery.estimation.camera_error_columns import (
     CAMERA_ERROR_SCALES,

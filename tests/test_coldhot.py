@@ -9,7 +9,7 @@ import pytest
 
 from flashtemp.physics.friction import cold_hot_law, curve_peak, tread_block, tyre
 from flashtemp.physics.friction.adhesive_shear import AdhesiveShear
-from flashtemp.physics.friction.flash_temperature import SlidingHistory, ContactSpots
+from flashtemp.physics.friction.flash_temperature import ContactSpots, SlidingHistory
 from flashtemp.physics.friction.persson import PerssonTheory
 from flashtemp.physics.friction.rheology import READY_RUBBERS as RUBBERS
 from flashtemp.physics.friction.road_side import RoadSide
@@ -50,7 +50,10 @@ def test_the_kernel_theory_forgets_within_a_fifth_of_a_diameter(T):
 @pytest.mark.parametrize("shear", [None, AdhesiveShear(4e6)], ids=["viscoelastic", "adhesive"])
 def test_memory_over_a_road_that_takes_heat(shear, stone):
     """Rubber on a stone other than those of 3 mm: the law stays within 6 %, 0.2 D is off by up to 10 %."""
-    theory, spots = PerssonTheory(RUBBERS["A"], ROADS["concrete B"], shear=shear), ContactSpots(6e-3, 0.15, RoadSide(LIBRARY[stone]))
+    theory, spots = (
+        PerssonTheory(RUBBERS["A"], ROADS["concrete B"], shear=shear),
+        ContactSpots(6e-3, 0.15, RoadSide(LIBRARY[stone])),
+    )
     found = cold_hot_law.compare_with_kernels(theory, RUBBER, spots, [0.3, 2.0], 313.15, 2e5)
     print(found)
     assert found.deviation.max() < 0.06

@@ -13,8 +13,9 @@ from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import Campaign, LoadCellEntry, RecordingEntry
 from flashtemp.comparison.compare import Comparison, ForceComparison, RecordingComparison
 from flashtemp.comparison.noise import NoiseLevels, lag1_autocorrelation, largest_structured_residual, whiten
-from flashtemp.viz import comparison as draw
-from flashtemp.viz import residuals, theme
+from flashtemp.viz import theme
+from flashtemp.viz.measurement import comparison as draw
+from flashtemp.viz.measurement import residual_plots
 
 TIME = np.array([1.0, 2.0, 4.0, 8.0, 9.0, 11.0])
 REPETITION = np.array([1, 1, 1, 1, 2, 2])
@@ -154,7 +155,9 @@ def test_measured_and_computed_share_colours_and_differences_are_centred():
     kelvin = {(ax.images[0].norm.vmin, ax.images[0].norm.vmax) for ax in shown[:, 2]}
     (limits,) = kelvin
     assert -limits[0] == limits[1] >= abs(s.largest.K)
-    assert {(ax.images[0].norm.vmin, ax.images[0].norm.vmax) for ax in shown[:, 3]} == {(-draw.MAX_COLOUR_SIGMA, draw.MAX_COLOUR_SIGMA)}
+    assert {(ax.images[0].norm.vmin, ax.images[0].norm.vmax) for ax in shown[:, 3]} == {
+        (-draw.MAX_COLOUR_SIGMA, draw.MAX_COLOUR_SIGMA)
+    }
 
 
 def test_a_wild_pixel_does_not_take_the_colours():
@@ -217,7 +220,7 @@ def test_the_standard_error_of_a_mean_is_that_of_simulated_noise(kept):
     means = []
     for _ in range(1500):
         noise = level.white * rng.normal(size=(6, 4, 5)) + level.pattern * rng.normal(size=(4, 5))
-        values, error = residuals.mean_residual(np.where(gone, np.nan, noise), level, kept)
+        values, error = residual_plots.mean_residual(np.where(gone, np.nan, noise), level, kept)
         means.append(values)
     np.testing.assert_allclose(np.std(means, axis=0), error, rtol=0.08)
 
@@ -235,10 +238,10 @@ def test_means_are_drawn_with_twice_their_error_and_red_beyond():
         np.testing.assert_allclose(edge[1:-1], at[some])
         np.testing.assert_allclose(half[1:-1], 2 * 0.05 / np.sqrt(n[some]))
         out = some & (np.abs(values) > 2 * 0.05 / np.sqrt(np.maximum(n, 1)))
-        np.testing.assert_allclose(dots(ax, residuals.BEYOND_COLOUR), np.stack([at[out], values[out]], axis=1))
+        np.testing.assert_allclose(dots(ax, residual_plots.BEYOND_COLOUR), np.stack([at[out], values[out]], axis=1))
         assert f"{out.sum()} of {some.sum()} beyond noise" in ax.get_title(loc="left")
     second = s.residual[4:]
-    assert dots(repetition, residuals.BEYOND_COLOUR)[-1].tolist() == pytest.approx([2, np.nanmean(second)])
+    assert dots(repetition, residual_plots.BEYOND_COLOUR)[-1].tolist() == pytest.approx([2, np.nanmean(second)])
     np.testing.assert_allclose(band(repetition)[1][-1], 2 * 0.05 / np.sqrt(np.isfinite(second).sum()))
 
 
@@ -246,7 +249,9 @@ def test_white_noise_stays_in_the_band():
     inside = []
     for seed in range(6):
         fig = draw.draw_mean_residuals(seeing("wake", NoiseLevels(0.05, 0.03), seed=seed))
-        inside += [(len(dots(ax, residuals.BEYOND_COLOUR)), len(dots(ax, theme.AMBIENT_COLOUR))) for ax in fig.axes[:2]]
+        inside += [
+            (len(dots(ax, residual_plots.BEYOND_COLOUR)), len(dots(ax, theme.AMBIENT_COLOUR))) for ax in fig.axes[:2]
+        ]
     out, within = np.sum(inside, axis=0)
     assert 0.01 < out / (out + within) < 0.12
 
@@ -269,13 +274,13 @@ def test_friction_is_drawn_over_the_time_slid_without_waits():
     render(fig)
     above, below = fig.axes
     on = np.isfinite(p.residual)
-    seen = dots(above, residuals.MEASURED_COLOUR)
+    seen = dots(above, residual_plots.MEASURED_COLOUR)
     np.testing.assert_array_equal(seen[:, 1], np.array(p.force.mu)[on])
     np.testing.assert_allclose(np.diff(seen[:, 0]), 0.1)
-    computed = [i.get_ydata() for i in above.lines if to_hex(i.get_color()) == to_hex(residuals.COMPUTED_COLOUR)]
+    computed = [i.get_ydata() for i in above.lines if to_hex(i.get_color()) == to_hex(residual_plots.COMPUTED_COLOUR)]
     assert len(computed) == 2  # one piece per repetition
     np.testing.assert_array_equal(np.concatenate(computed), p.predicted[on])
-    red, grey = dots(below, residuals.BEYOND_COLOUR), dots(below, theme.AMBIENT_COLOUR)
+    red, grey = dots(below, residual_plots.BEYOND_COLOUR), dots(below, theme.AMBIENT_COLOUR)
     assert len(red) == (np.abs(p.residual[on]) > 0.01).sum()
     assert len(red) + len(grey) == on.sum()
     assert below.patches[0].get_height() == pytest.approx(0.02)

@@ -21,9 +21,9 @@ from flashtemp.model.scene import ActiveEffect
 from flashtemp.physics.effect import Effect, Factor, find_effect
 from flashtemp.physics.material import LIBRARY
 from flashtemp.physics.quantities import KELVIN
-from flashtemp.solver.balance import HeatBalance
+from flashtemp.solver.heat_balance import HeatBalance
 from flashtemp.solver.march import march
-from flashtemp.solver.progress import MarchState
+from flashtemp.solver.march_state import MarchState
 from flashtemp.solver.system import PhaseSystem
 
 RUBBER, ROAD, STONE = (LIBRARY[name] for name in ("tread_rubber", "asphalt", "granite"))
@@ -85,7 +85,9 @@ def test_a_contact_that_is_asked_once_is_what_it_is_at_every_moment(monkeypatch,
     """To the bit, while speed and pressure change, at the start, at rest and lifted."""
     given = {k.replace("__", "."): v for k, v in QUICK.items()} | {"schedule.lifted": lifted, "output.profiles": 4}
     given |= {"schedule.speed": [[0.0, 0.1], [0.5, 0.1], [1.0, 0.3]], "contact.pressure": [[0.0, 1e5], [0.3, 2e5]]}
-    made = assemble_case({"effects": [name]} if name not in ("", "warm") else {}, given, KeyLocations("none"), Path(), "asked")
+    made = assemble_case(
+        {"effects": [name]} if name not in ("", "warm") else {}, given, KeyLocations("none"), Path(), "asked"
+    )
     plain = made.scene
     if name == "warm":
         plain = replace(plain, acting=(*plain.acting, ActiveEffect("warmed", Warmed(), SimpleNamespace())))

@@ -20,7 +20,7 @@ from flashtemp.physics.friction import flash_temperature, friction_curves, perss
 from flashtemp.physics.friction.adhesive_shear import AdhesiveShear
 from flashtemp.physics.friction.curve_peak import find_peak
 from flashtemp.physics.material import LIBRARY
-from flashtemp.viz import friction_curves as picture
+from flashtemp.viz.theory import friction_curves as picture
 
 A, RUBBER, SPOTS = rheology.READY_RUBBERS["A"], LIBRARY["tread_rubber"], flash_temperature.ContactSpots(3e-3)
 ASPHALT = persson.PerssonTheory(A, roughness_spectrum.READY_ROADS["asphalt A"], shear=AdhesiveShear(4e6))
@@ -70,7 +70,9 @@ def test_table_over_temperature(asphalt):
 )
 def test_table_ends_where_the_shift_factors_do(reach, T0, low, high):
     rubber = rheology.Rubber(A.modulus, rheology.MeasuredShift(reach, (0.0, -1.0)))
-    T = friction_curves._table_temperatures(persson.PerssonTheory(rubber, roughness_spectrum.READY_ROADS["asphalt A"]), T0)
+    T = friction_curves._table_temperatures(
+        persson.PerssonTheory(rubber, roughness_spectrum.READY_ROADS["asphalt A"]), T0
+    )
     assert (T[0], T[-1]) == pytest.approx((low, high))
 
 
@@ -151,7 +153,7 @@ def test_shift_moves_the_ridge(concrete):
 
 
 def test_ridge_is_unknown_where_the_maximum_is_outside(asphalt):
-    assert np.isnan(asphalt.ridge()[-1])
+    assert np.isnan(asphalt.peak_speeds()[-1])
 
 
 def test_remarks_tell_what_lies_outside(asphalt, concrete):
@@ -209,7 +211,11 @@ def test_the_folder_holds_a_case_that_gives_the_same(results, tmp_path):
 def test_files_of_the_case_come_along(tmp_path):
     q = np.geomspace(250.0, 1e6, 20)
     np.savetxt(
-        tmp_path / "C.csv", np.c_[q, roughness_spectrum.READY_ROADS["asphalt A"](q)], delimiter=",", header="q,C", comments=""
+        tmp_path / "C.csv",
+        np.c_[q, roughness_spectrum.READY_ROADS["asphalt A"](q)],
+        delimiter=",",
+        header="q,C",
+        comments="",
     )
     (tmp_path / "case.toml").write_text(
         'effects = ["persson_friction"]\n[contact]\npressure = [[0.0, 1e5], [5.0, 3e5]]\n'
@@ -337,7 +343,9 @@ def test_picture_has_units_and_no_overlaps(name):
 def test_picture_tells_what_no_tester_holds(concrete, asphalt):
     def drawn(found, style):
         ax = picture.draw(found, "x").axes[0]
-        lines = [i for i in ax.lines if to_hex(i.get_color()) == to_hex(picture.COLD_COLOUR) and i.get_linewidth() > 1.0]
+        lines = [
+            i for i in ax.lines if to_hex(i.get_color()) == to_hex(picture.COLD_COLOUR) and i.get_linewidth() > 1.0
+        ]
         return next(i.get_ydata() for i in lines if (i.get_linestyle() == "-") == (style == "full"))
 
     top = find_peak(concrete.speed, concrete.cold.mu)

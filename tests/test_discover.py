@@ -25,18 +25,18 @@ import pytest
 
 from flashtemp.__main__ import main
 from flashtemp.comparison import campaign
-from flashtemp.comparison.twin import SEALED_TRUTH, SyntheticPlan, make_synthetic_campaign
+from flashtemp.comparison.synthetic_campaign import SEALED_TRUTH, SyntheticPlan, make_synthetic_campaign
 from flashtemp.discovery import engine
 from flashtemp.discovery.diagnostics.verdict_sentences import ADEQUACY_WORDS
 from flashtemp.discovery.estimation import fitting, whitening
 from flashtemp.discovery.parameters import SHIFT_KINDS, ParameterId
 from flashtemp.discovery.prediction import prediction
 from flashtemp.discovery.verdict import VERDICT_KINDS
+from flashtemp.display import make_json_safe
 from flashtemp.errors import BadInput
 from flashtemp.model.case import load_case
 from flashtemp.physics.effect import catalogue, find_effect
-from flashtemp.showing import make_json_safe
-from flashtemp.viz.verdict_parts import count_rare_tests
+from flashtemp.viz.verdict.plot_helpers import count_rare_tests
 
 CASE = Path(__file__).parents[1] / "cases" / "uniform_pressure"
 SMALL = {
@@ -115,7 +115,11 @@ def make(hidden: Hidden, folder: Path, scale: float = 1.0, brief: bool = False) 
         for k, p in find_effect(name).params().items():
             if p.off is not None and isinstance(p.value, (int, float)):
                 given[f"{name}.{k}"] = p.off + scale * (own.get(k, p.off) - p.off)
-    out = make_synthetic_campaign(load_case(CASE, given), SyntheticPlan(tuple(hidden.effects), hidden.seed, conditions=2, sliding=2), folder / "lab")
+    out = make_synthetic_campaign(
+        load_case(CASE, given),
+        SyntheticPlan(tuple(hidden.effects), hidden.seed, conditions=2, sliding=2),
+        folder / "lab",
+    )
     shutil.move(out / SEALED_TRUTH, folder / "sealed.json")
     (out / SEALED_TRUTH).parent.rmdir()
     return out
@@ -376,7 +380,9 @@ def test_road_under_a_block_that_slides_to_and_fro_is_found_to_remember(tmp_path
     """Lifted and slid back at once: edges in the wake, and evidence that jumps with the steps, left this unexplained."""
     given = {"schedule.turn": 1, "schedule.repetitions": 4, "schedule.distance": 0.2, "schedule.wait": 0.0}
     given |= {"schedule.lifted": True, "road.track_length": 3.5, "numerics.mesh": 1.0}
-    lab = make_synthetic_campaign(load_case(CASE, given), SyntheticPlan(("track_memory",), 3, conditions=1), tmp_path / "lab")
+    lab = make_synthetic_campaign(
+        load_case(CASE, given), SyntheticPlan(("track_memory",), 3, conditions=1), tmp_path / "lab"
+    )
     hidden = json.loads((lab / SEALED_TRUTH).read_text())["hidden"]["track_memory"]["strength"]
     verdict, _ = engine.discover(campaign.load(lab))
     assert (verdict.kind, [c.effect for c in verdict.causes]) == ("named", ["track_memory"])
@@ -519,7 +525,9 @@ def tiny(tmp_path_factory):
     """One condition, side wall only, nothing hidden; the image is known to 0.5 px and stands 1 px further off."""
     folder = tmp_path_factory.mktemp("tiny")
     (folder / "case.toml").write_text("")
-    out = make_synthetic_campaign(load_case(folder / "case.toml", TINY), SyntheticPlan((), 41, 1, ("sidewall",), 3), folder / "lab")
+    out = make_synthetic_campaign(
+        load_case(folder / "case.toml", TINY), SyntheticPlan((), 41, 1, ("sidewall",), 3), folder / "lab"
+    )
     told, truth = campaign.load(out), json.loads((out / SEALED_TRUTH).read_text())
     [view] = told.views
     r = view.recording
@@ -529,14 +537,14 @@ def tiny(tmp_path_factory):
 
 def check_calibration(base, truth):
     """All that a right calibration fulfils: its certificate, noise left alone, and what was drawn found again."""
-    assert base.converged, base.status
+    assert base.is_converged, base.status
     assert abs(base.solution.chi2 / base.solution.count - 1) < 5 * np.sqrt(2 / base.solution.count), "chi2"
     for key, factor in truth["nuisance"].items():
         p = ParameterId.of_key(key)
         found = base.model.free[key] + base.solution[p]
         assert abs(found - np.log(factor)) < 4 * base.solution.sd(p), key
     file, drawn = "condition1_sidewall.nc", truth["recordings"]["condition1"]["sidewall"]["shift"]
-    shift = base.model.shift(file)
+    shift = base.model.image_shift(file)
     for axis in (0, 1):
         name = ParameterId(SHIFT_KINDS[axis], file=file)
         assert abs(shift[axis] + base.solution[name] - drawn[axis] - OFF) < 4 * base.solution.sd(name), name

@@ -65,7 +65,9 @@ def test_rows_of_a_case_are_sorted_and_repeated_frequencies_averaged():
 def test_old_encoding_and_poisson(tmp_path):
     head = "f;G';G'';T\nHz;MPa;MPa;°C\n"
     (tmp_path / "a.csv").write_bytes((head + "1;1;0.1;20\n2;1;0.1;20\n3;1;0.1;20\n").encode("latin-1"))
-    assert master_curve_files.read_master_curve("a.csv", tmp_path, "k", None, 0.25).storage == pytest.approx([2.5e6] * 3)
+    assert master_curve_files.read_master_curve("a.csv", tmp_path, "k", None, 0.25).storage == pytest.approx(
+        [2.5e6] * 3
+    )
 
 
 def test_measured_files():
@@ -102,7 +104,9 @@ def test_sweeps_fall_on_the_master_curve(tmp_path):
     sweeps = master_curve_files.read_sweeps("raw.csv", tmp_path, "k")
     assert sweeps.rms_scatter(SHIFT) < 2e-3 < 0.2 < sweeps.rms_scatter(None)
     table = MeasuredShift(T := tuple(np.arange(250.0, 320.0, 2.5)), tuple(np.log10(SHIFT(np.array(T)))))
-    assert master_curve_files.read_master_curve("raw.csv", tmp_path, "k", table)(omega) == pytest.approx(LAW(omega), rel=5e-3)
+    assert master_curve_files.read_master_curve("raw.csv", tmp_path, "k", table)(omega) == pytest.approx(
+        LAW(omega), rel=5e-3
+    )
 
 
 def test_sweeps_need_the_right_shift(tmp_path):

@@ -35,8 +35,10 @@ def test_there_are_examples():
 def test_all_folders_are_walked():
     """meshes and viz stand beside the package and are installed inside it."""
     names = modules()
-    assert {"flashtemp.meshes.mesh", "flashtemp.physics.effects.friction", "flashtemp.camera.formats.flir"} <= set(
-        names
-    )
+    assert {
+        "flashtemp.meshes.mesh",
+        "flashtemp.physics.effects.friction",
+        "flashtemp.camera.importing.formats.flir",
+    } <= set(names)
     assert any(n.startswith("flashtemp.viz.") for n in names)
     assert flashtemp.__name__ in names

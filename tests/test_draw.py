@@ -13,7 +13,7 @@ import pytest
 import flashtemp
 from flashtemp.__main__ import main
 from flashtemp.errors import IncompleteResult
-from flashtemp.runs.finished import open_run
+from flashtemp.runs.load_run import open_run
 
 CASE = """title = "small"
 effects = ["wear"]
@@ -125,8 +125,10 @@ def test_without_fields_the_other_pictures_are_drawn(case, tmp_path, capsys):
 def test_fields_of_a_run_whose_pictures_failed_lie_beside_its_checkpoint(case, tmp_path, monkeypatch):
     """Also where output.vtk = false keeps none in a result that is whole."""
     with monkeypatch.context() as m:
-        m.setattr("flashtemp.runs.processes.cores", lambda: 1)  # a second process would know nothing of what follows
-        m.setattr("flashtemp.viz.field.draw", lambda run: 1 / 0)
+        m.setattr(
+            "flashtemp.runs.results.processes.cores", lambda: 1
+        )  # a second process would know nothing of what follows
+        m.setattr("flashtemp.viz.run.field.draw", lambda run: 1 / 0)
         with pytest.raises(IncompleteResult, match=r"missing in .*field.png \(ZeroDivisionError: division by zero\)"):
             flashtemp.simulate(case, {"output.vtk": False, "output.animation": False}, out=tmp_path / "a")
     assert not (tmp_path / "a" / "field.png").exists()

@@ -11,11 +11,11 @@ import pytest
 import flashtemp
 from flashtemp.__main__ import main
 from flashtemp.errors import BadInput
-from flashtemp.physics.own_effects import read_effect
-from flashtemp.runs.effect_check import balance, battery
-from flashtemp.runs.effect_check.battery import run_all_checks
-from flashtemp.runs.effect_check.scenes import SceneCache, EffectUnderTest
-from flashtemp.runs.effect_check.source import find_unit_fault
+from flashtemp.physics.user_effects import read_effect
+from flashtemp.runs.checks.effect_check import heat_balance_checks, run_checks
+from flashtemp.runs.checks.effect_check.fixtures import EffectUnderTest, SceneCache
+from flashtemp.runs.checks.effect_check.run_checks import run_all_checks
+from flashtemp.runs.checks.effect_check.source_checks import find_unit_fault
 
 DOCS = Path(__file__).parents[1] / "docs" / "how_to" / "effects.md"
 SOUND = '''"""Friction falls as the contact warms.
@@ -79,8 +79,13 @@ BROKEN = {  # what is written instead, where it is told, and in which words
     "import": ("import numpy as np\n", "import numpy as np\nimport pytest\n", "imports", "own.py:10: imports pytest; .*numpy"),
 }  # fmt: skip
 
-ALONE = {look.__name__: lambda trial, bench, look=look: look(trial) for look in battery.FILE_CHECKS}  # spares the runs
-ALONE |= {"off": battery.check_off, "acts": lambda trial, bench: balance.check_default_change(bench, trial)}
+ALONE = {
+    look.__name__: lambda trial, bench, look=look: look(trial) for look in run_checks.FILE_CHECKS
+}  # spares the runs
+ALONE |= {
+    "off": run_checks.check_off,
+    "acts": lambda trial, bench: heat_balance_checks.check_default_change(bench, trial),
+}
 
 
 @pytest.fixture(scope="module")

@@ -11,10 +11,17 @@ import pytest
 import flashtemp
 from flashtemp.errors import SolverFailure
 from flashtemp.physics.effect import Param, catalogue
-from flashtemp.runs.effect_check import balance, camera, laws, source
-from flashtemp.runs.effect_check.balance import difference_product, random_direction, state_parts, jacobian_product, smooth_temperature_rise, sample_states
-from flashtemp.runs.effect_check.scenes import ALL_EFFECTS_CASE, CASE_SHAPES, SceneCache, EffectUnderTest
-from flashtemp.solver.balance import HeatBalance
+from flashtemp.runs.checks.effect_check import camera_checks, heat_balance_checks, law_checks, source_checks
+from flashtemp.runs.checks.effect_check.fixtures import ALL_EFFECTS_CASE, CASE_SHAPES, EffectUnderTest, SceneCache
+from flashtemp.runs.checks.effect_check.heat_balance_checks import (
+    difference_product,
+    jacobian_product,
+    random_direction,
+    sample_states,
+    smooth_temperature_rise,
+    state_parts,
+)
+from flashtemp.solver.heat_balance import HeatBalance
 from flashtemp.solver.system import PhaseSystem
 
 PACKAGE = Path(flashtemp.__file__).parent
@@ -54,14 +61,14 @@ def check_findings(*findings) -> None:
 @pytest.mark.parametrize("name", HEATING)
 @pytest.mark.sample("[c-h]*-lifted")
 def test_off_is_the_base_bit_for_bit(bench, name, shape):
-    check_findings(balance.off(bench, TRIALS[name], shape))
+    check_findings(heat_balance_checks.off(bench, TRIALS[name], shape))
 
 
 @pytest.mark.parametrize("name", HEATING)
 @pytest.mark.sample("[!epr]*", "persson_friction", "radiation")
 def test_acts_at_its_defaults(bench, name):
     trial = TRIALS[name]
-    check_findings(balance.check_default_change(bench, trial))
+    check_findings(heat_balance_checks.check_default_change(bench, trial))
     if name == "pressure_roll":  # what leans sideways has a width
         shape = CASE_SHAPES["3D"]
         assert np.ptp(bench.run(trial, values=shape).field[-1] - bench.run(None, values=shape).field[-1]) > 1.0
@@ -74,7 +81,7 @@ def test_acts_at_its_defaults(bench, name):
 
 @pytest.mark.parametrize("name", [n for n in OPTIONAL if n not in HEATING])
 def test_camera(bench, name):
-    check_findings(*camera.check_camera_effect(bench, TRIALS[name]))
+    check_findings(*camera_checks.check_camera_effect(bench, TRIALS[name]))
 
 
 @pytest.mark.parametrize("name", BASE)
@@ -87,7 +94,7 @@ def test_base_effect_differs_from_its_off(bench, name):
         on = param.value if param.value != off else {np.inf: 2e4}.get(off, min(param.high, 100.0) / 2)
         tilted = ("pressure_tilt",)  # the exponent of phi needs a pressure that is not the reference
         without, acting = (bench.run(None, tilted, {key: value}) for value in (off, on))
-        assert balance.differing_arrays(without, acting), key
+        assert heat_balance_checks.differing_arrays(without, acting), key
 
 
 def test_meaning_of_off_in_the_base(bench):
@@ -111,7 +118,7 @@ def test_meaning_of_off_in_the_base(bench):
 @pytest.mark.parametrize("name", [*BASE, *HEATING])
 def test_laws_are_sound(bench, name):
     """Finite, repeatable, pointwise, differentiable, and finite where speed, pressure or a parameter is at its end."""
-    check_findings(*laws.check_laws(bench, TRIALS[name]))
+    check_findings(*law_checks.check_laws(bench, TRIALS[name]))
 
 
 @pytest.mark.parametrize("shape", CASE_SHAPES)
@@ -131,7 +138,7 @@ def test_films_of_the_base_change_with_nothing_but_touch_and_air(bench, shape):
 
 @EACH_IN_EVERY_SHAPE
 def test_jacobian_is_exact(bench, name, shape):
-    check_findings(balance.jacobian(bench, TRIALS.get(name), shape))
+    check_findings(heat_balance_checks.jacobian(bench, TRIALS.get(name), shape))
 
 
 @pytest.mark.parametrize(
@@ -160,7 +167,7 @@ def test_jacobian_is_exact_where_effects_meet(bench, names):
 @EACH_IN_EVERY_SHAPE
 def test_linearisation_used_by_the_solver(bench, name, shape):
     """`times` is J v, but for the slope of k(T): that by little."""
-    check_findings(balance.linearisation(bench, TRIALS.get(name), shape))
+    check_findings(heat_balance_checks.linearisation(bench, TRIALS.get(name), shape))
 
 
 BESIDE_WEAR = [(), ("debris_film",), ("micro_flash", "friction_softening"), ("sheared_block", "friction_softening")]
@@ -182,7 +189,7 @@ def test_linearisation_of_abrasion_is_exact_where_spots_are_fixed(bench, beside)
 @EACH_IN_EVERY_SHAPE
 def test_every_linear_step_conserves_heat(bench, name, shape):
     """The rate, its linearisation and the preconditioner: none makes or loses heat, whatever they approximate."""
-    check_findings(balance.conservation(bench, TRIALS.get(name), shape))
+    check_findings(heat_balance_checks.conservation(bench, TRIALS.get(name), shape))
 
 
 @pytest.mark.parametrize(
@@ -192,7 +199,7 @@ def test_every_linear_step_conserves_heat(bench, name, shape):
     "track_memory", "wear", "thermal_expansion", "conductivity_slope", "radiation", "friction_moment", "debris_film"
 )
 def test_energy_audit(bench, name):
-    check_findings(*(balance.energy(bench, TRIALS[name], shape) for shape in CASE_SHAPES))
+    check_findings(*(heat_balance_checks.energy(bench, TRIALS[name], shape) for shape in CASE_SHAPES))
 
 
 @pytest.mark.long
@@ -200,7 +207,7 @@ def test_energy_audit(bench, name):
 def test_energy_audit_of_all_effects_together(bench, shape):
     values = ALL_EFFECTS_CASE | CASE_SHAPES[shape] | {"friction.volumetric_share": 0.0}
     every = {k: v for need in NEEDS.values() for k, v in need.items()}
-    assert bench.run(None, HEATING, values | every).energy_imbalance < balance.MAX_HEAT_LEAK
+    assert bench.run(None, HEATING, values | every).energy_imbalance < heat_balance_checks.MAX_HEAT_LEAK
 
 
 def test_runaway_is_explained(bench):
@@ -212,13 +219,18 @@ def test_runaway_is_explained(bench):
 # --- what the files declare ------------------------------------------------------------------------
 @pytest.mark.parametrize("name", EVERY)
 def test_declaration(name):
-    check_findings(source.check_words(TRIALS[name]), source.check_parameters(TRIALS[name]))
+    check_findings(source_checks.check_words(TRIALS[name]), source_checks.check_parameters(TRIALS[name]))
     assert all(isinstance(p, Param) for p in catalogue()[name].params().values())
 
 
 @pytest.mark.parametrize("name", EVERY)
 def test_file(name):
-    check_findings(*(look(TRIALS[name]) for look in (source.check_file, source.check_imports, source.check_example)))
+    check_findings(
+        *(
+            look(TRIALS[name])
+            for look in (source_checks.check_file, source_checks.check_imports, source_checks.check_example)
+        )
+    )
 
 
 def test_every_file_is_in_the_catalogue():
@@ -243,12 +255,12 @@ NAMED = {  # modules that name an effect, and why they must
     "model/priors.py": {"friction_softening", "edge_pressure", "wear", "persson_friction"},  # how well keys are known
     "discovery/parameters.py": {"pressure_tilt"},  # a docstring's example of a key
     "discovery/hypotheses/input_steps.py": {"reflection"},  # moves the reflected temperature that a recording states
-    "viz/verdict_parts.py": {"third_body"},  # a docstring's example of a name
-    "runs/friction_study.py": {"persson_friction"},  # asks for the table that this effect's theory makes
-    "runs/road.py": {"persson_friction"},  # writes a road's spectrum into that effect's keys
+    "viz/verdict/plot_helpers.py": {"third_body"},  # a docstring's example of a name
+    "runs/studies/friction_study.py": {"persson_friction"},  # asks for the table that this effect's theory makes
+    "runs/studies/road_surface.py": {"persson_friction"},  # writes a road's spectrum into that effect's keys
     "api/friction.py": {"persson_friction", "resolved_spots"},  # explains what a case needs for these studies
-    "model/starter.py": {"friction_softening", "track_memory"},  # examples in the text of a case to begin with
-    "api/starting.py": {"edge_pressure"},  # an example in the text of a campaign to begin with
+    "model/case_template.py": {"friction_softening", "track_memory"},  # examples in the text of a case to begin with
+    "api/templates.py": {"edge_pressure"},  # an example in the text of a campaign to begin with
     "cli/friction.py": {"persson_friction"},  # helps of commands that serve one effect
     "cli/road.py": {"persson_friction", "resolved_spots"},
     "physics/tables/wanted.py": {"wear"},  # a word in headers of tables of worn depth

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from flashtemp.comparison import campaign
-from flashtemp.comparison.twin import SyntheticPlan, make_synthetic_campaign
+from flashtemp.comparison.synthetic_campaign import SyntheticPlan, make_synthetic_campaign
 from flashtemp.discovery import engine
 from flashtemp.model.case import load_case
 from flashtemp.solver.march import march

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from test_formats import fff, info_record, jpeg, raw_record
 
-from flashtemp.camera import importing
-from flashtemp.camera.files import read_frames
-from flashtemp.camera.formats.cells import parse_cells
-from flashtemp.camera.formats.text_labels import is_evenly_spaced
-from flashtemp.camera.import_options import ImportOptions
-from flashtemp.camera.import_request import describe_order, expand_patterns
+from flashtemp.camera.importing import recording_import
+from flashtemp.camera.importing.formats.cell_parsing import parse_cells
+from flashtemp.camera.importing.formats.text_labels import is_evenly_spaced
+from flashtemp.camera.importing.import_options import ImportOptions
+from flashtemp.camera.importing.import_request import describe_order, expand_patterns
+from flashtemp.camera.importing.readers import read_frames
 from flashtemp.camera.radiometry import ObjectParameters, PlanckCalibration, apparent_counts
 from flashtemp.errors import BadInput
 from flashtemp.physics.friction import measured_roughness
-from flashtemp.runs import road
+from flashtemp.runs.studies import road_surface
 
 
 def scene(rows: int, columns: int) -> np.ndarray:
@@ -575,7 +575,7 @@ def test_frames_follow_the_order_of_the_copies(tmp_path):
     facts = ImportOptions(
         view="sidewall", downstream="right", pixel=(0.0, 59.0), mm_per_pixel=0.5, start=0.0, repetition=1, fps=1.0
     )
-    result = importing.import_recording(expand_patterns([str(tmp_path / name) for name in names]), facts)
+    result = recording_import.import_recording(expand_patterns([str(tmp_path / name) for name in names]), facts)
     assert np.diff(result.recording.temperature.mean(axis=(1, 2))) == pytest.approx([1.0, 1.0], abs=1e-3)
     assert any(note.startswith("order of the files: s_31.csv, s_31 (1).csv, s_32.csv") for note in result.notes)
 
@@ -614,7 +614,7 @@ def test_a_line_scan_with_units_needs_no_profile(tmp_path, kind, encoding):
     assert scan.step == pytest.approx(STEP, rel=1e-3)
     assert scan.heights == pytest.approx(HEIGHTS, abs=1e-12)
     assert len(scan.notes) == 1
-    heights, step, _ = road._read_heights(file, False, None)
+    heights, step, _ = road_surface._read_heights(file, False, None)
     assert (heights.ndim, step) == (1, pytest.approx(STEP, rel=1e-3))
 
 
@@ -633,8 +633,8 @@ def test_a_scan_without_units_is_asked_for(tmp_path):
     rows = [f"{1e-3 * k:.4f},{1e3 * z:.7f}" for k, z in enumerate(HEIGHTS)]
     file.write_text("x,z\n" + "\n".join(rows) + "\n")
     with pytest.raises(BadInput, match="--profile"):
-        road.read_road_spectrum(file)
-    notes = road.read_road_spectrum(file, profile=True).notes
+        road_surface.read_road_spectrum(file)
+    notes = road_surface.read_road_spectrum(file, profile=True).notes
     assert [note.partition(": unit of ")[2] for note in notes] == [f"{c!r} not in the file, taken as m" for c in "xz"]
 
 

@@ -31,34 +31,34 @@ from flashtemp.discovery.diagnostics.verdict_sentences import (
 from flashtemp.discovery.engine import _rule_result
 from flashtemp.discovery.verdict import (
     VERDICT_KINDS,
+    CandidateReport,
     Cause,
-    ParameterEstimate,
+    ConditionEstimate,
     FitMetrics,
-    SetupErrorReport,
     InputCorrection,
     InputResult,
     LearnedLaw,
     MissingHeatFlux,
-    ConditionEstimate,
     NormalisedDeviation,
-    CandidateReport,
+    ParameterEstimate,
     RuleResult,
+    SetupErrorReport,
     StructureTest,
     Verdict,
 )  # fmt: skip
 from flashtemp.physics.effect import catalogue
-from flashtemp.viz import (
+from flashtemp.viz import theme
+from flashtemp.viz.html import page as html_parts
+from flashtemp.viz.html import verdict_report
+from flashtemp.viz.verdict import (
     before_after,
-    candidates,
-    difference,
-    discovery,
+    candidate_scores,
     missing_heat,
-    theme,
-    verdict_parts,
-    verdict_report,
+    plot_helpers,
+    residual_images,
+    verdict_figures,
     whitened_maps,
 )
-from flashtemp.viz import html as html_parts
 
 StructureTest.__test__ = False  # a class of the verdict, not one of pytest
 TITLE = 'run-in <script>alert(1)</script> & "more" $5'
@@ -339,7 +339,7 @@ def pages(tmp_path_factory):
 @pytest.fixture
 def unpainted(monkeypatch):
     """Pages without pictures, which take their time."""
-    monkeypatch.setattr(discovery, "figures", lambda verdict: {})
+    monkeypatch.setattr(verdict_figures, "figures", lambda verdict: {})
 
 
 @pytest.mark.parametrize("kind", VERDICT_KINDS)
@@ -375,7 +375,9 @@ def test_the_answer_comes_first(pages, kind):
     says = [reader.text.index(line) for line in verdict(kind).says]
     sections = [reader.text.find(h) for h in ("1. ", "Convergence of the calibration", "Warnings") if h in reader.text]
     assert first < min(says) <= max(says) < min(sections)
-    assert verdict_report.ANSWERS_BY_KIND[kind][1] in {v for t, n, v in reader.attributes if n == "class" for v in v.split()}
+    assert verdict_report.ANSWERS_BY_KIND[kind][1] in {
+        v for t, n, v in reader.attributes if n == "class" for v in v.split()
+    }
 
 
 def test_a_named_cause_stands_with_its_interval_and_its_gain(pages):
@@ -480,8 +482,8 @@ def test_noise_is_judged_by_the_very_data_that_are_shown(unpainted):
     page = verdict_report.render_report(verdict("named", 1, before=quiet, after=quiet, tests=sure))
     assert "2. It is not noise" in page
     assert "4 of 4 tests find" in page
-    share = 100 * np.mean([np.abs(v) > 3 for v in verdict_parts.whitened_means(quiet[0]).ravel() if np.isfinite(v)])
-    assert verdict_parts.outlier_fraction(quiet[0]) == pytest.approx(share / 100)
+    share = 100 * np.mean([np.abs(v) > 3 for v in plot_helpers.whitened_means(quiet[0]).ravel() if np.isfinite(v)])
+    assert plot_helpers.outlier_fraction(quiet[0]) == pytest.approx(share / 100)
 
 
 def test_every_adequacy_test_has_plain_words(unpainted):
@@ -489,7 +491,9 @@ def test_every_adequacy_test_has_plain_words(unpainted):
         assert len({words.passes, words.measured_by, words.fails}) == 3
         assert "modes" not in words.passes + words.fails
     text = Reader(
-        verdict_report.render_report(verdict("named", gates=dict.fromkeys(ADEQUACY_WORDS, (5.0, 4.0)), before=(), after=()))
+        verdict_report.render_report(
+            verdict("named", gates=dict.fromkeys(ADEQUACY_WORDS, (5.0, 4.0)), before=(), after=())
+        )
     )
     rows = text.table("what was checked")
     assert [r[0] for r in rows] == [words.passes for words in ADEQUACY_WORDS.values()]
@@ -497,7 +501,7 @@ def test_every_adequacy_test_has_plain_words(unpainted):
 
 
 def test_colour_bars_begin_and_end_at_a_number():
-    for part in difference.draw(verdict("named", 1)).subfigs:
+    for part in residual_images.draw(verdict("named", 1)).subfigs:
         images = part.axes[0].images[0], part.axes[2].images[0]
         for picture in images:
             ticks = picture.colorbar.get_ticks()
@@ -508,10 +512,10 @@ def test_colour_bars_begin_and_end_at_a_number():
 
 def test_the_frame_shown_is_of_a_difference_that_stands_out_or_hot():
     s = both()[0]
-    shown = difference._select_frame(s)
+    shown = residual_images._select_frame(s)
     assert TIME[shown] == s.largest.time
     faint = replace(s, largest=replace(s.largest, sigma=4.0, time=TIME[0]))
-    assert difference._select_frame(faint) == verdict_parts.hottest_frame(s, np.arange(len(TIME))) != 0
+    assert residual_images._select_frame(faint) == plot_helpers.hottest_frame(s, np.arange(len(TIME))) != 0
 
 
 # --- pictures ---------------------------------------------------------------------------------------
@@ -542,9 +546,9 @@ def render(fig):
 )
 @pytest.mark.sample("group-3")
 def test_no_text_leaves_a_picture(kind, count):
-    for name, fig in discovery.draw_figures(verdict(kind, count)).items():
+    for name, fig in verdict_figures.draw_figures(verdict(kind, count)).items():
         render(fig)
-        assert name in discovery.PICTURE_CAPTIONS
+        assert name in verdict_figures.PICTURE_CAPTIONS
 
 
 def test_warnings_are_printed_with_the_answer():
@@ -553,29 +557,29 @@ def test_warnings_are_printed_with_the_answer():
 
 @pytest.mark.long
 def test_files_are_named_by_what_they_show(tmp_path):
-    paths = discovery.draw_all(verdict("named"), tmp_path)
+    paths = verdict_figures.draw_all(verdict("named"), tmp_path)
     wanted = ["what_is_wrong.png", "not_noise.png", "missing.png", "why.png", "else.png", "gained.png"]
     assert [p.name for p in paths] == wanted
     assert all(p.read_bytes().startswith(b"\x89PNG") for p in paths)
-    assert discovery.draw_all(verdict("no_verdict", before=recordings()[0]), tmp_path) == []
+    assert verdict_figures.draw_all(verdict("no_verdict", before=recordings()[0]), tmp_path) == []
 
 
 @pytest.mark.long
 def test_the_worst_conditions_are_drawn_and_said():
     v = verdict("named", 6)
-    drawn = verdict_parts.select_recordings(v)
+    drawn = plot_helpers.select_recordings(v)
     assert len(drawn) == 4
-    sizes = [max(verdict_parts.largest_difference(p) for p in g) for g in verdict_parts.group_recordings(v)]
-    assert sorted(max(verdict_parts.largest_difference(p) for p in g) for g in drawn) == sorted(sizes)[2:]
-    assert verdict_parts.describe_selection(v).startswith("Drawn are the 4 of 6 conditions")
-    assert verdict_parts.describe_selection(v) in Reader(verdict_report.render_report(v)).text
+    sizes = [max(plot_helpers.largest_difference(p) for p in g) for g in plot_helpers.group_recordings(v)]
+    assert sorted(max(plot_helpers.largest_difference(p) for p in g) for g in drawn) == sorted(sizes)[2:]
+    assert plot_helpers.describe_selection(v).startswith("Drawn are the 4 of 6 conditions")
+    assert plot_helpers.describe_selection(v) in Reader(verdict_report.render_report(v)).text
     assert "ambient" not in drawn[0][0].words
-    assert verdict_parts.describe_selection(verdict("named", 2)) == ""
+    assert plot_helpers.describe_selection(verdict("named", 2)) == ""
 
 
 def test_images_and_lines_are_those_of_the_recordings():
     v = verdict("named", 1)
-    fig = difference.draw(v)
+    fig = residual_images.draw(v)
     s = v.before[0]
     k = int(np.argmin(np.abs(TIME - s.largest.time)))
     measured, computed, off, lines = fig.subfigs[0].axes[:4]
@@ -592,7 +596,7 @@ def test_images_and_lines_are_those_of_the_recordings():
 
 
 def test_means_over_frames_are_white_where_only_noise_is_left():
-    flat = np.concatenate([verdict_parts.whitened_means(s).ravel() for s in recordings(6)[1]])
+    flat = np.concatenate([plot_helpers.whitened_means(s).ravel() for s in recordings(6)[1]])
     flat = flat[np.isfinite(flat)]
     assert np.std(flat) == pytest.approx(1.0, abs=0.05)
     assert np.abs(np.mean(flat)) < 0.05
@@ -601,7 +605,7 @@ def test_means_over_frames_are_white_where_only_noise_is_left():
 def test_profiles_and_single_repetitions_are_drawn():
     a, b = zip(both("profile"), both("profile", {"schedule.speed": 0.5}, seed=2, held=True), strict=True)
     v = verdict("named", before=a, after=b)
-    for fig in (difference.draw(v), whitened_maps.draw(v), before_after.draw(v)):
+    for fig in (residual_images.draw(v), whitened_maps.draw(v), before_after.draw(v)):
         render(fig)
     alone = verdict("named", missing=(lacks("as in the case", repetitions=(1,)),))
     assert len(render(missing_heat.draw(alone)).axes) == 2
@@ -620,26 +624,27 @@ def test_what_is_not_resolved_is_grey_and_bands_are_95_percent():
 
 def test_all_scores_are_drawn_with_the_alarm_level():
     v = verdict("named")
-    ax = candidates.draw_scores(v).axes[0]
+    ax = candidate_scores.draw_scores(v).axes[0]
     assert sorted(p.get_width() for p in ax.patches) == sorted([CAUSE.ln_bayes, *(r.score for r in RIVALS)])
-    assert any(set(line.get_xdata()) == {candidates.LN_BAYES_ALARM} for line in ax.lines)
-    assert to_hex(ax.patches[0].get_facecolor()) == candidates.ACCEPTED_COLOUR.lower()
+    assert any(set(line.get_xdata()) == {candidate_scores.LN_BAYES_ALARM} for line in ax.lines)
+    assert to_hex(ax.patches[0].get_facecolor()) == candidate_scores.ACCEPTED_COLOUR.lower()
     assert ax.get_xscale() == "symlog"
-    kinds = {to_hex(p.get_edgecolor()) for p in candidates.draw_scores(verdict("group")).axes[0].patches}
-    assert candidates.AMBIGUOUS_COLOUR.lower() in kinds
+    kinds = {to_hex(p.get_edgecolor()) for p in candidate_scores.draw_scores(verdict("group")).axes[0].patches}
+    assert candidate_scores.AMBIGUOUS_COLOUR.lower() in kinds
     twice = replace(v, rivals=(*RIVALS, CandidateReport("edge_pressure", 3139.0, 0.8, "accepted")))
-    assert len(candidates.draw_scores(twice).axes[0].patches) == 1 + len(RIVALS)
+    assert len(candidate_scores.draw_scores(twice).axes[0].patches) == 1 + len(RIVALS)
 
 
 def test_extreme_numbers_are_drawn():
     scores = (3e5, 12.0, 9.0, -4e3, float("nan"))
     rivals = tuple(
-        CandidateReport(f"{n}_{i}", s, 0.5, "", refitted=True) for i, (n, s) in enumerate(zip(NAMES, scores, strict=False))
+        CandidateReport(f"{n}_{i}", s, 0.5, "", refitted=True)
+        for i, (n, s) in enumerate(zip(NAMES, scores, strict=False))
     )
     pulls = tuple(NormalisedDeviation(f"gain, file_{i}.nc", 1.0, 0.1, 40.0 * (-1) ** i) for i in range(40))
     v = verdict("unexplained", rivals=rivals, nuisance=pulls, separability=None)
-    render(candidates.draw_scores(v))
-    fig = render(candidates.draw_alternatives(v))
+    render(candidate_scores.draw_scores(v))
+    fig = render(candidate_scores.draw_alternatives(v))
     assert "24 of 40" in fig.axes[0].get_title(loc="left")
     same = FitMetrics(0.0701, 1.066, 0.071, 1.0)
     close = replace(same, rmse_K=0.0659)
@@ -648,8 +653,10 @@ def test_extreme_numbers_are_drawn():
 
 @pytest.mark.long
 def test_what_was_not_tried_has_no_bar_and_no_score():
-    v = verdict("unexplained", 1, rivals=(*RIVALS, CandidateReport("spots", 0.0, 0.0, "not tried: the case has no spots")))
-    assert len(candidates.draw_scores(v).axes[0].patches) == len(RIVALS)
+    v = verdict(
+        "unexplained", 1, rivals=(*RIVALS, CandidateReport("spots", 0.0, 0.0, "not tried: the case has no spots"))
+    )
+    assert len(candidate_scores.draw_scores(v).axes[0].patches) == len(RIVALS)
     reader = Reader(verdict_report.render_report(v))
     assert ["spots", "the case has no spots"] in reader.table("effect", "why not")
     assert "spots" not in {r[0] for r in reader.table("candidate")}
@@ -872,8 +879,8 @@ def test_what_cannot_be_as_stated_has_no_number():
 
 @pytest.mark.parametrize(("low", "wide"), [(20.1, 1.2), (20.2, 3.0), (20.4, 5.9), (20.4, 1.5), (20.0, 15.0)])
 def test_a_colour_bar_has_no_part_without_colours(low, wide):
-    ends = difference._round_ticks(Normalize(low, low + wide))
-    marks = difference._inner_ticks(Normalize(ends[0], ends[-1]))
+    ends = residual_images._round_ticks(Normalize(low, low + wide))
+    marks = residual_images._inner_ticks(Normalize(ends[0], ends[-1]))
     assert ends[0] - 1e-9 <= marks[0] < marks[-1] <= ends[-1] + 1e-9
     assert 3 <= len(marks) <= 8
 
@@ -911,7 +918,9 @@ def test_a_gain_or_loss_is_told_only_beyond_its_statistical_error(unpainted, err
 
 
 def test_a_rule_that_passed_has_a_text_that_says_so():
-    for rule in decide(VerdictEvidence(True, False, ("pressure_tilt",), ln_bayes=58.0, ln_bayes_discrepancy=40.0)).rules:
+    for rule in decide(
+        VerdictEvidence(True, False, ("pressure_tilt",), ln_bayes=58.0, ln_bayes_discrepancy=40.0)
+    ).rules:
         found = _rule_result(rule)
         assert rule.passed
         assert found.consequence == describe_success(found) != rule.consequence

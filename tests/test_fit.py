@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from flashtemp.comparison import campaign
-from flashtemp.comparison.twin import SEALED_TRUTH, SyntheticPlan, make_synthetic_campaign
+from flashtemp.comparison.synthetic_campaign import SEALED_TRUTH, SyntheticPlan, make_synthetic_campaign
 from flashtemp.discovery.diagnostics.adequacy_tests import normalised_deviations
 from flashtemp.discovery.diagnostics.cross_validation import without_flexible_terms
 from flashtemp.discovery.diagnostics.verdict_sentences import describe_assumed_optics
@@ -27,7 +27,12 @@ from flashtemp.discovery.estimation.hyperparameters import maximise_evidence
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem, whitened_residual
 from flashtemp.discovery.estimation.linearised_fit import FitStatus
 from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY, LEAST_DISCREPANCY
-from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD, PRESSURE_MODE_SD, UNSTATED_OPTICS_SD, nuisance_priors
+from flashtemp.discovery.estimation.nuisance_priors import (
+    NUISANCE_SD,
+    PRESSURE_MODE_SD,
+    UNSTATED_OPTICS_SD,
+    nuisance_priors,
+)
 from flashtemp.discovery.estimation.trust_region import QuadraticModel
 from flashtemp.discovery.hypotheses.candidates import ModelPoint
 from flashtemp.discovery.parameters import Kind, ParameterId
@@ -52,7 +57,9 @@ def campaigns(tmp_path_factory, calibrate):
         folder = tmp_path_factory.mktemp("fit")
         (folder / "case.toml").write_text("")
         settings = {"conditions": 1, "views": ("sidewall",), "sliding": 3, "nuisance": 0.5} | plan
-        out = make_synthetic_campaign(load_case(folder / "case.toml", SMALL), SyntheticPlan(tuple(hidden), seed, **settings), folder / "lab")
+        out = make_synthetic_campaign(
+            load_case(folder / "case.toml", SMALL), SyntheticPlan(tuple(hidden), seed, **settings), folder / "lab"
+        )
         if believed:
             rows = (out / "case.toml").read_text().splitlines()
             [at] = [i for i, row in enumerate(rows) if row.split(" = ")[0] == believed.split(" = ")[0]]
@@ -108,7 +115,7 @@ def extended(made, name):
 # --- calibration -------------------------------------------------------------------------------------
 def test_calibration_converges_and_promises_nothing_more(two):
     fit = two.base
-    assert fit.converged
+    assert fit.is_converged
     assert fit.promise < NEGLIGIBLE_STEP_GAIN
     assert fit.model.effects == {}
     assert len(fit.blocks) == 4
@@ -120,7 +127,7 @@ def test_what_was_drawn_is_found_again(two):
     for key, factor in two.truth["nuisance"].items():
         p = ParameterId.of_key(key)
         assert abs(value(fit, key) - np.log(factor)) < 4 * fit.solution.sd(p), key
-        assert 0 < fit.solution.sd(p) < two.problem.priors[p]
+        assert 0 < fit.solution.sd(p) < two.problem.key_priors[p]
     for number, own in enumerate(two.truth["recordings"].values()):
         level = value(fit, "friction.mu") + fit.solution[ParameterId(Kind.LEVEL, condition=number)]
         drawn = np.log(two.truth["nuisance"]["friction.mu"] * own["friction_jitter"])
@@ -189,10 +196,10 @@ def test_a_turned_image_is_aligned_whatever_its_columns_promise(two):
     """Turned by a third of a degree a side wall is explained by the column of the turn as if it were not; it is turned
     back before anything is concluded."""
     best, file = two.base.model, next(v.file for v in two.problem.campaign.views if v.recording.view == "sidewall")
-    place, p = best.place(file), ParameterId(Kind.TURN, file=file)
-    turned = replace(best, places=best.places | {file: replace(place, turn=place.turn + 0.006)})
+    place, p = best.image_placement(file), ParameterId(Kind.TURN, file=file)
+    turned = replace(best, places=best.placements | {file: replace(place, turn=place.turn + 0.006)})
     found, _ = fitted(two, Hypothesis(two.problem, two.data, turned))
-    assert abs(found.model.setup_value(p) - best.placed(p)) < 0.001
+    assert abs(found.model.setup_value(p) - best.setup_value(p)) < 0.001
     assert found.ln_evidence == pytest.approx(two.base.ln_evidence, abs=0.5 * NUMERICAL_NOISE_GAIN)
 
 
@@ -205,7 +212,9 @@ def test_images_that_promise_next_to_nothing_are_not_predicted_again():
     step = model.best_step()
     found = image_alignment._of_promising_images(names, model, step)
     assert found.tolist() == [*step[:2].tolist(), 0.0, 0.0, *step[4:].tolist()]
-    assert model.predicted_reduction(step) - model.predicted_reduction(found) < image_alignment.NEGLIGIBLE_ALIGNMENT_GAIN
+    assert (
+        model.predicted_reduction(step) - model.predicted_reduction(found) < image_alignment.NEGLIGIBLE_ALIGNMENT_GAIN
+    )
 
 
 def test_where_an_image_lies_that_is_held_out_is_estimated_from_that_image(two):
@@ -236,12 +245,14 @@ def test_the_clock_of_an_image_that_is_held_out_is_followed_beyond_one_run(wakes
 
     conditions = tuple(replace(c, views=tuple(map(apart, c.views))) for c in wakes.problem.conditions)
     problem = replace(wakes.problem, conditions=conditions)
-    model = wakes.base.model.moved(ParameterId.of_key("friction.mu"), away)
+    model = wakes.base.model.with_step(ParameterId.of_key("friction.mu"), away)
     found, seen = fitted(SimpleNamespace(problem=problem), Hypothesis(problem, wakes.data, model))
-    clocks = [m.placed(p) for m in seen]
+    clocks = [m.setup_value(p) for m in seen]
     assert found.is_converged
     assert clocks == sorted(clocks, reverse=True)  # nothing throws it back
-    assert found.model.setup_value(p) == pytest.approx(wakes.base.model.placed(p) - early, abs=0.5 * NUISANCE_SD[Kind.CLOCK])
+    assert found.model.setup_value(p) == pytest.approx(
+        wakes.base.model.setup_value(p) - early, abs=0.5 * NUISANCE_SD[Kind.CLOCK]
+    )
 
 
 def test_where_all_images_of_a_view_are_off_alike_each_pays_for_what_is_its_own(two):
@@ -319,7 +330,7 @@ def peak(peaked):
 def test_a_full_fit_from_a_gross_misfit_ends_at_the_truth(peaked, peak):
     """From where the sensitivities of that base point, no single step leads there."""
     assert without_flexible_terms(peaked.base).chi2 > 5.0 * peaked.base.solution.count
-    assert peak.usable
+    assert peak.is_comparable
     p, truth = ParameterId.of_effect("edge_pressure", "B"), peaked.truth["hidden"]["edge_pressure"]["B"]
     assert abs(peak.model.value(p) + peak.solution[p] - truth) < 4.0 * peak.solution.sd(p)
     assert peak.chi2 == pytest.approx(peak.solution.count, abs=5 * np.sqrt(2 * peak.solution.count))

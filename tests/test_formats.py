@@ -14,10 +14,10 @@ import pytest
 import scipy.io
 import tifffile
 
-from flashtemp.camera.files import read_frames
-from flashtemp.camera.formats import clean_text
-from flashtemp.camera.formats.cells import count_numeric, parse_cells
-from flashtemp.camera.formats.text_layout import read_layout
+from flashtemp.camera.importing.formats import fast_text
+from flashtemp.camera.importing.formats.cell_parsing import count_numeric, parse_cells
+from flashtemp.camera.importing.formats.text_layout import read_layout
+from flashtemp.camera.importing.readers import read_frames
 from flashtemp.camera.radiometry import ObjectParameters, PlanckCalibration, apparent_counts
 from flashtemp.camera.recording import Recording
 from flashtemp.errors import BadInput
@@ -299,9 +299,9 @@ def test_text_says_its_parameters(given):
     ["1.", ".5", "+-1", "-", "1e", "e5", "1.2.3", "1e2.5", "1e2e3", "--", "", "1 2", "1;2", "1_0", "nan", "9" * 65],
 )
 def test_what_is_no_plain_number_is_read_carefully(cell):
-    assert clean_text.read_plain_rows("1\t2.5\n3\t4\n")[1].tolist() == [[1.0, 2.5], [3.0, 4.0]]
+    assert fast_text.read_plain_rows("1\t2.5\n3\t4\n")[1].tolist() == [[1.0, 2.5], [3.0, 4.0]]
     for row in (f"{cell}\t4", f"3\t{cell}"):
-        assert clean_text.read_plain_rows(f"1\t2\n{row}\n5\t6\n") is None
+        assert fast_text.read_plain_rows(f"1\t2\n{row}\n5\t6\n") is None
 
 
 PLAIN = {
@@ -321,7 +321,7 @@ def test_plain_text_is_read_at_once_and_as_carefully(kind):
         if number:
             odd = str(rng.choice([*' .,;+-e\t\n"1x', "\n\n", "--", "1;1", "\n1;2;3\n"]))
             said = whole[:k] + odd + whole[k + int(rng.integers(0, 2)) :]
-        found = clean_text.read_plain_rows(said)
+        found = fast_text.read_plain_rows(said)
         if found is None:
             assert number, "nothing was unusual"
             continue

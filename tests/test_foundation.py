@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from flashtemp.errors import SolverFailure
 from flashtemp.meshes.grading import two_sided
-from flashtemp.solver.winkler import SpringFoundation
+from flashtemp.solver.winkler_foundation import SpringFoundation
 
 L, K_N, MEAN, LOAD = 0.025, 1.4e9, 1.5e5, 1.5e5 * 0.025
 EDGES = two_sided(L, 3e-5, 6e-5, 56, 1)
@@ -44,7 +44,9 @@ def test_load_and_moment_balance_to_rounding(seed, log_height, lever, turning):
 def test_guided_block_is_an_independent_root_of_the_load(seed, log_height):
     free = uneven(seed, 10**log_height)
     shift = brentq(lambda c: np.maximum(0, free + c) @ DX - LOAD, -free.max(), MEAN - free.min() + MEAN, xtol=1e-9)
-    np.testing.assert_allclose(BED.solve_equilibrium(free, MEAN).pressure, np.maximum(0, free + shift), atol=1e-7 * MEAN)
+    np.testing.assert_allclose(
+        BED.solve_equilibrium(free, MEAN).pressure, np.maximum(0, free + shift), atol=1e-7 * MEAN
+    )
 
 
 def test_pressure_that_carries_its_load_is_left_alone():

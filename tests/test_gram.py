@@ -211,7 +211,9 @@ def test_products_of_lent_columns_are_those_of_their_data(blocks):
         assert "gram" in vars(found)
         assert SHIFT not in [n for n, _ in found.names]
         np.testing.assert_allclose(found.gram, replace(found).gram, rtol=1e-12, atol=1e-12)
-        assert "gram" not in vars(new.with_columns_of(replace(b, F=b.F.copy()), lambda p: True))  # other data: nothing is lent
+        assert "gram" not in vars(
+            new.with_columns_of(replace(b, F=b.F.copy()), lambda p: True)
+        )  # other data: nothing is lent
         assert found.with_residual(b.r).gram is found.gram
 
 
@@ -271,7 +273,7 @@ def test_all_blocks_left_out_gives_the_prior(blocks):
 )
 def test_a_parameter_is_written_where_it_acts(parameter, text):
     assert str(parameter) == text
-    assert parameter.everywhere == ("|" not in text)
+    assert parameter.is_shared == ("|" not in text)
 
 
 def test_parameters_are_told_apart_and_sorted():
@@ -300,7 +302,10 @@ def test_other_residuals_on_the_same_columns_are_a_system_of_their_own(blocks):
 def test_equations_add_up_over_blocks(blocks):
     """Those of all fitted blocks are the sum of those of each."""
     system = LinearSystem(blocks)
-    whole, parts = system.normal_equations(), [system.normal_equations(lambda b, own=b: b is own) for b in fitted(blocks)]
+    whole, parts = (
+        system.normal_equations(),
+        [system.normal_equations(lambda b, own=b: b is own) for b in fitted(blocks)],
+    )
     np.testing.assert_allclose(whole.matrix, sum(p.matrix for p in parts), rtol=1e-12)
     np.testing.assert_allclose(whole.right, sum(p.right for p in parts), rtol=1e-12)
     assert (whole.count, whole.square) == (sum(p.count for p in parts), pytest.approx(sum(p.square for p in parts)))

@@ -80,7 +80,9 @@ def test_discovery_names_the_slope_of_the_conductivity(candidates):
 def test_where_nothing_slides_no_heat_of_any_shape_is_asked_for():
     """Nor where only data that are held out feel it."""
     problem = prepare_problem(campaign.load(BOARD), lambda tasks: [predict_condition(t) for t in tasks])
-    tasks = problem.make_tasks(problem.stated_model, DerivativeRequest(problem.free_keys, scatter=True, modes=2, trends=True))
+    tasks = problem.make_tasks(
+        problem.stated_model, DerivativeRequest(problem.free_keys, scatter=True, modes=2, trends=True)
+    )
     [made] = problem.predict(tasks[:1])
     kinds = {p.kind for o in made.observables.values() for p in o.columns}
     assert not kinds & {Kind.MODE, Kind.TREND, Kind.SCATTER}

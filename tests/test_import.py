@@ -10,14 +10,17 @@ import numpy as np
 import pytest
 
 from flashtemp.__main__ import main
-from flashtemp.camera import geometry, import_options, importing, recording
-from flashtemp.camera.import_options import ImportOptions
-from flashtemp.camera.import_request import expand_patterns
+from flashtemp.camera import recording
+from flashtemp.camera.importing import import_options, recording_import, rectification
+from flashtemp.camera.importing.import_options import ImportOptions
+from flashtemp.camera.importing.import_request import expand_patterns
 from flashtemp.camera.radiometry import ObjectParameters, PlanckCalibration, recompute_temperature
 from flashtemp.errors import BadInput
 
 ROWS, COLUMNS, PITCH = 30, 50, 0.5  # mm per pixel
-HERE = ImportOptions(view="sidewall", downstream="right", pixel=(5.0, 24.0), mm_per_pixel=PITCH, start=0.0, repetition=1)
+HERE = ImportOptions(
+    view="sidewall", downstream="right", pixel=(5.0, 24.0), mm_per_pixel=PITCH, start=0.0, repetition=1
+)
 
 
 def field(u, v, t=0.0):
@@ -28,12 +31,12 @@ def field(u, v, t=0.0):
 def seen(M, t=0.0, shape=(ROWS, COLUMNS)):
     """The image (rows, columns) that a camera with the map M (m) takes of the field."""
     columns, rows = np.meshgrid(np.arange(shape[1]), np.arange(shape[0]))
-    at = geometry.apply_homography(M, np.column_stack([columns.ravel(), rows.ravel()])).reshape(*shape, 2)
+    at = rectification.apply_homography(M, np.column_stack([columns.ravel(), rows.ravel()])).reshape(*shape, 2)
     return field(1e3 * at[..., 0], 1e3 * at[..., 1], t)
 
 
 def straight(turn=("right", "up"), pixel=(5.0, 24.0)):
-    return geometry.map_from_scale(geometry.image_axes(*turn), pixel, (0.0, 0.0), (PITCH, PITCH))
+    return rectification.map_from_scale(rectification.image_axes(*turn), pixel, (0.0, 0.0), (PITCH, PITCH))
 
 
 def write(path, image, clock=""):
@@ -48,7 +51,7 @@ def image(tmp_path):
 
 
 def made(names, **said):
-    return importing.import_recording(list(names), ImportOptions(**said).merged_over(HERE)).recording
+    return recording_import.import_recording(list(names), ImportOptions(**said).merged_over(HERE)).recording
 
 
 def off(r, t=0.0) -> float:
@@ -98,7 +101,7 @@ def test_second_point_of_a_tilted_image(tmp_path):
     M = 1e-3 * PITCH * np.array([[np.cos(slope), -np.sin(slope)], [-np.sin(slope), -np.cos(slope)]])
     M = np.block([[M, -(M @ [[5.0], [24.0]])], [np.zeros((1, 2)), np.ones((1, 1))]])
     path = write(tmp_path / "a.csv", seen(M))
-    u, v = 1e3 * geometry.apply_homography(M, np.array([[45.0, 15.0]]))[0]
+    u, v = 1e3 * rectification.apply_homography(M, np.array([[45.0, 15.0]]))[0]
     r = made([path], mm_per_pixel=None, second=(45.0, 15.0, u, v))
     assert off(r) < 0.05
     assert 0.3 < np.isfinite(r.temperature).mean() < 1
@@ -109,7 +112,7 @@ SLANTED = np.array([[1, 0, 0], [0, 1, 0], [2.0, -1.5, 1.0]]) @ SLANTED
 
 
 def points(M, pixels=((4, 26), (46, 25), (44, 4), (6, 3))):
-    places = 1e3 * geometry.apply_homography(M, np.array(pixels, float))
+    places = 1e3 * rectification.apply_homography(M, np.array(pixels, float))
     return tuple((*map(float, p), *map(float, at)) for p, at in zip(pixels, places, strict=True))
 
 
@@ -178,11 +181,11 @@ def test_dead_pixels_are_found_and_edges_kept():
         + 15.0 * ((np.abs(v - u / 2) < 1) & (u > 20))
         + 0.05 * chance.standard_normal(u.shape)
     )
-    assert geometry.find_dead_pixels(T[None]).sum() == 0
+    assert rectification.find_dead_pixels(T[None]).sum() == 0
     lone = np.zeros(T.shape, bool)
     lone[10:40:12, 90:150:9] = True
     lone[20, 120:122] = True
-    found = geometry.find_dead_pixels(np.where(lone, T + 4.0 * (-1) ** u, T)[None])
+    found = rectification.find_dead_pixels(np.where(lone, T + 4.0 * (-1) ** u, T)[None])
     assert np.array_equal(found, lone)
 
 
@@ -204,7 +207,9 @@ def series(tmp_path, clocks=("12:00:03.0", "12:00:03.5", "12:00:05.0")):
 def test_time_stamps(tmp_path):
     names = series(tmp_path)
     assert made(names, start=2.0).time == pytest.approx([2.0, 2.5, 4.0])
-    zero = importing.import_recording(names, ImportOptions(**{**vars(HERE), "start": None, "zero": "2024-05-31T12:00:01"})).recording
+    zero = recording_import.import_recording(
+        names, ImportOptions(**{**vars(HERE), "start": None, "zero": "2024-05-31T12:00:01"})
+    ).recording
     assert zero.time == pytest.approx([2.0, 2.5, 4.0])
     assert made(names, fps=10.0).time == pytest.approx([0.0, 0.1, 0.2])
     back = made(names[::-1], start=2.0)
@@ -217,11 +222,11 @@ def test_repetitions(tmp_path):
     names = series(tmp_path)
     assert made(names, repetition=3).repetition.tolist() == [3, 3, 3]
     free = ImportOptions(**{**vars(HERE), "repetition": None})
-    starts = importing.import_recording(names, ImportOptions(starts=(0.0, 0.5, 1.8)).merged_over(free)).recording
+    starts = recording_import.import_recording(names, ImportOptions(starts=(0.0, 0.5, 1.8)).merged_over(free)).recording
     assert starts.repetition.tolist() == [1, 2, 3]
     case = tmp_path / "case.toml"
     case.write_text("[schedule]\nspeed = 0.1\ndistance = 0.1\nrepetitions = 3\nwait = 0.2\n")
-    result = importing.import_recording(names, ImportOptions(case=case).merged_over(free))
+    result = recording_import.import_recording(names, ImportOptions(case=case).merged_over(free))
     assert result.recording.repetition.tolist() == [1, 1, 2]
     assert result.block[0] > 0.01
 
@@ -229,7 +234,9 @@ def test_repetitions(tmp_path):
 def test_times_of_a_file(tmp_path):
     names, times = series(tmp_path, ("", "", "")), tmp_path / "t.csv"
     times.write_text("file,time,repetition\ni0.csv,1.5,1\ni1.csv,2.5,1\ni2.csv,12,2\n")
-    r = importing.import_recording(names, ImportOptions(**{**vars(HERE), "start": None, "repetition": None, "times": times})).recording
+    r = recording_import.import_recording(
+        names, ImportOptions(**{**vars(HERE), "start": None, "repetition": None, "times": times})
+    ).recording
     assert (r.time.tolist(), r.repetition.tolist()) == ([1.5, 2.5, 12.0], [1, 1, 2])
     for bad, says in (
         ("file,time\ni0.csv,1\n", "0 rows for i1.csv"),
@@ -249,7 +256,9 @@ def test_emissivity_of_exported_temperatures(image):
     with pytest.raises(BadInput, match="--was.emissivity and --was.reflected"):
         made([image], emissivity=0.9)
     r = made([image], emissivity=0.9, was={"emissivity": 0.95, "reflected": 20.0}, band=3000.0)
-    wanted = recompute_temperature(seen(straight()), old, old.with_values({"emissivity": 0.9}), PlanckCalibration(1.0, 1.0, 3000.0))
+    wanted = recompute_temperature(
+        seen(straight()), old, old.with_values({"emissivity": 0.9}), PlanckCalibration(1.0, 1.0, 3000.0)
+    )
     assert r.temperature[0, ::-1] == pytest.approx(wanted, abs=1e-3)
     assert r.emissivity == 0.9
     with pytest.raises(BadInput, match="planck.*no counts"):
@@ -293,7 +302,9 @@ def test_camera_facts_reach_the_recording(image):
 def test_recording_of_recordings(tmp_path, image):
     """A recording can be cut and timed anew without saying again where its pixels lie."""
     made([image]).save(tmp_path / "r.nc")
-    r = importing.import_recording([tmp_path / "r.nc"], ImportOptions(crop=(0.0, 5.0, 0.0, 5.0), start=7.0)).recording
+    r = recording_import.import_recording(
+        [tmp_path / "r.nc"], ImportOptions(crop=(0.0, 5.0, 0.0, 5.0), start=7.0)
+    ).recording
     assert (r.time[0], r.view, r.u[-1]) == (7.0, "sidewall", pytest.approx(0.005))
     assert off(r) < 1e-4
 
@@ -456,7 +467,7 @@ def test_faults_of_a_template_all_at_once(tmp_path, capsys):
 
 @pytest.mark.parametrize("view", ["sidewall", "wake"])
 def test_registration_picture_shows_block_and_image(image, view):
-    from flashtemp.viz.registration import draw
+    from flashtemp.viz.measurement.registration import draw
 
     r = made([image], view=view)
     ax = draw(r, (0.020, 0.010)).axes[0]

@@ -127,7 +127,7 @@ def test_images_are_moved_far_where_nothing_else_is_wrong(tmp_path, calibrate, h
     if is_registered:  # at first, or by the alignment of the fit
         base = calibrate(replace(stated, candidates=())).base
         for view in stated.views:
-            turn = base.model.place(view.file).turn
+            turn = base.model.image_placement(view.file).turn
             assert turn == pytest.approx(beyond["turned"], abs=2e-3)
     else:
         assert found.stated_model.placements == {}

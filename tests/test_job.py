@@ -17,10 +17,10 @@ import xarray as xr
 import flashtemp
 from flashtemp.__main__ import main
 from flashtemp.api.simulation import resume, simulate
+from flashtemp.display import write_json
 from flashtemp.model.case import load_case
 from flashtemp.model.numerics import installed_bindings
 from flashtemp.runs import job
-from flashtemp.showing import write_json
 from flashtemp.solver.cvode import BdfIntegrator, IntegratorSettings
 
 SMALL = {
@@ -282,7 +282,8 @@ def test_ctrl_c_at_the_command_line(folder, tmp_path):
 @pytest.mark.long
 def test_both_bindings_give_the_same_answer(folder):
     first, second = (
-        simulate(load_case(folder, SMALL | {"numerics.integrator": b, "numerics.rtol": 1e-6})) for b in installed_bindings()
+        simulate(load_case(folder, SMALL | {"numerics.integrator": b, "numerics.rtol": 1e-6}))
+        for b in installed_bindings()
     )
     rise = np.abs(first.T_block - 20.0).max()
     # columns of the track are kept at solver steps, linear between: 8e-5 whatever rtol is

@@ -22,15 +22,15 @@ import pytest
 
 import flashtemp
 from flashtemp.camera import recording
-from flashtemp.camera.import_request import expand_patterns
+from flashtemp.camera.importing.import_request import expand_patterns
 from flashtemp.errors import BadInput
-from flashtemp.lab import folder as folders
+from flashtemp.lab import workspace as folders
 from flashtemp.lab.camera_page import CameraPage
 from flashtemp.lab.campaign_page import CampaignPage
+from flashtemp.lab.image_marks import CORNER_NAMES, BlockMarks, find_onsets
 from flashtemp.lab.jobs import Job, JobList
-from flashtemp.lab.marks import CORNER_NAMES, BlockMarks, find_onsets
-from flashtemp.lab.toml_text import set_toml_key
-from flashtemp.model.toml_value import value_text
+from flashtemp.lab.toml_editing import set_toml_key
+from flashtemp.model.toml_format import value_text
 
 CASE = """title = "small"
 [schedule]

@@ -10,13 +10,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flashtemp.camera.geometry import _interpolate_image
-from flashtemp.camera.pixels import PixelAxis, sample_rotated
-from flashtemp.camera.placement import ImagePlacement
+from flashtemp.camera.image_placement import ImagePlacement
+from flashtemp.camera.importing.rectification import _interpolate_image
+from flashtemp.camera.prediction.pixel_sampling import PixelAxis, sample_rotated
 from flashtemp.camera.radiometry import LONG_WAVE
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
-from flashtemp.comparison.twin import SEALED_TRUTH, SyntheticPlan, make_synthetic_campaign
+from flashtemp.comparison.synthetic_campaign import SEALED_TRUTH, SyntheticPlan, make_synthetic_campaign
 from flashtemp.discovery import engine
 from flashtemp.discovery.estimation.nuisance_priors import position_sd_px
 from flashtemp.discovery.hypotheses.candidates import ModelPoint
@@ -24,7 +24,7 @@ from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction import prediction
 from flashtemp.discovery.prediction.problem import prepare_problem
 from flashtemp.model.case import load_case
-from flashtemp.runs.workers import open_worker_pool
+from flashtemp.runs.results.worker_pool import open_worker_pool
 
 TINY = {
     "block.height": 0.005, "schedule.distance": 0.3, "road.track_length": 0.3, "numerics.mesh": 0.4,
@@ -46,7 +46,9 @@ def test_an_image_is_as_far_off_as_any_point_about_which_it_turned_makes_it():
         off = np.hypot(0.2, 9e-3 * moved.std() / 3e-4)
         assert position_sd_px(r, ImagePlacement(turn=9e-3), axis) == pytest.approx(off, rel=0.01)
         assert position_sd_px(r, ImagePlacement(scale=0.003), axis) == 0.2  # grows from the corner that was marked
-    assert position_sd_px(replace(r, view="wake"), ImagePlacement(turn=9e-3), 0) == 0.2  # lined up along the block's edge
+    assert (
+        position_sd_px(replace(r, view="wake"), ImagePlacement(turn=9e-3), 0) == 0.2
+    )  # lined up along the block's edge
 
 
 # --- an image that is turned or scaled ----------------------------------------------------------------------
@@ -89,7 +91,11 @@ def tiny(tmp_path_factory):
     """One condition, side wall only, nothing hidden."""
     folder = tmp_path_factory.mktemp("tiny")
     (folder / "case.toml").write_text("")
-    return campaign.load(make_synthetic_campaign(load_case(folder / "case.toml", TINY), SyntheticPlan((), 41, 1, ("sidewall",), 3), folder / "lab"))
+    return campaign.load(
+        make_synthetic_campaign(
+            load_case(folder / "case.toml", TINY), SyntheticPlan((), 41, 1, ("sidewall",), 3), folder / "lab"
+        )
+    )
 
 
 def altered(told, change):
@@ -111,10 +117,10 @@ def test_a_scale_that_is_off_and_a_mirror_are_found(tiny, calibrate):
     found = calibrate(altered(tiny, worse))
     assert [(e.kind, e.files) for e in found.recording_errors] == [("mirrored", ("condition1_sidewall.nc",))]
     base, p = found.base, ParameterId(Kind.SCALE, file="condition1_sidewall.nc")
-    assert base.converged
+    assert base.is_converged
     parts = (p, ParameterId(Kind.SCALE, name="sidewall"))  # its own, and what all images of its view share
     at = [base.solution.names.index(q) for q in parts]
-    scale = base.model.places[p.file].scale + sum(base.solution[q] for q in parts)
+    scale = base.model.placements[p.file].scale + sum(base.solution[q] for q in parts)
     sd = float(np.sqrt(base.solution.covariance[np.ix_(at, at)].sum()))
     assert abs(scale - (1.0 / 1.008 - 1.0)) < 4.0 * sd
     assert sd < 3e-3  # the data know it
@@ -125,13 +131,15 @@ def test_a_block_much_longer_than_told_is_found(tmp_path, calibrate):
     """Nearly four times what a ruler may be off by: from the length that was told no fit gets there."""
     told = 0.0241
     (tmp_path / "case.toml").write_text("")
-    lab = make_synthetic_campaign(load_case(tmp_path / "case.toml", TINY), SyntheticPlan((), 43, 1, ("sidewall", "wake"), 12), tmp_path / "lab")
+    lab = make_synthetic_campaign(
+        load_case(tmp_path / "case.toml", TINY), SyntheticPlan((), 43, 1, ("sidewall", "wake"), 12), tmp_path / "lab"
+    )
     text = (lab / "case.toml").read_text()
     assert "length = 0.025" in text
     (lab / "case.toml").write_text(text.replace("length = 0.025", f"length = {told}"))
     base, p = calibrate(campaign.load(lab)).base, ParameterId(Kind.SIZE, name="block.length")
     found = told * (1.0 + base.model.sizes[p.name] + base.solution[p])
-    assert base.usable
+    assert base.is_comparable
     assert abs(found - 0.025) < min(1e-4, 3.0 * told * base.solution.sd(p))
 
 
@@ -163,9 +171,9 @@ def test_a_clock_that_is_off_is_put_right_and_not_along_a_tangent(tiny, calibrat
     """Where road or block has passed a pixel, no tangent reaches so far; the last frame is then of the very end."""
     p = ParameterId(Kind.CLOCK, file="condition1_sidewall.nc")
     base = calibrate(altered(tiny, lambda r: replace(r, time=r.time - early))).base
-    assert base.converged
-    assert base.model.places[p.file].clock < -0.3 * early  # what is usual draws it back
-    assert abs(base.model.places[p.file].clock + base.solution[p] + early) < 3.0 * base.solution.sd(p)
+    assert base.is_converged
+    assert base.model.placements[p.file].clock < -0.3 * early  # what is usual draws it back
+    assert abs(base.model.placements[p.file].clock + base.solution[p] + early) < 3.0 * base.solution.sd(p)
     assert abs(base.solution.chi2 / base.solution.count - 1.0) < 5.0 * np.sqrt(2.0 / base.solution.count)
 
 
@@ -238,7 +246,11 @@ SMALL = {
 def made(folder, seed, hidden=(), **more):
     (folder / "case.toml").write_text("")
     given = SMALL | ({"effects": list(hidden)} if hidden else {}) | more
-    return make_synthetic_campaign(load_case(folder / "case.toml", given), SyntheticPlan(tuple(hidden), seed, conditions=2, sliding=3), folder / "lab")
+    return make_synthetic_campaign(
+        load_case(folder / "case.toml", given),
+        SyntheticPlan(tuple(hidden), seed, conditions=2, sliding=3),
+        folder / "lab",
+    )
 
 
 def rewritten(lab, change, view="sidewall"):
@@ -332,7 +344,9 @@ def test_a_campaign_that_3d_made_needs_nothing_in_2d(tmp_path):
         "schedule.repetitions": 3, "schedule.distance": 1.0, "schedule.wait": 10.0, "ambient.convection": 20.0,
         "road.track_length": 1.0, "numerics.across": 60, "numerics.first_y": 3e-5,
     }  # fmt: skip
-    made = make_synthetic_campaign(load_case(tmp_path / "case.toml", world), SyntheticPlan((), 61, 2, ("sidewall", "wake"), 4), tmp_path / "lab")
+    made = make_synthetic_campaign(
+        load_case(tmp_path / "case.toml", world), SyntheticPlan((), 61, 2, ("sidewall", "wake"), 4), tmp_path / "lab"
+    )
     believed = made / "case.toml"
     flat = re.sub(r"(?m)^across = .*$", "across = 1", believed.read_text())
     believed.write_text(re.sub(r"(?m)^first_y = .*\n", "", flat))

@@ -10,7 +10,7 @@ import pytest
 from independent_lane_classes import Set, slide
 
 from flashtemp import load
-from flashtemp.solver.balance import HeatBalance
+from flashtemp.solver.heat_balance import HeatBalance
 from flashtemp.solver.march import march
 from flashtemp.solver.system import PhaseSystem
 

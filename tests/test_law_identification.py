@@ -93,7 +93,9 @@ def identified(tmp_path_factory):
         problem, _, first = engine.correct_measurements(problem, quiet)
         search = select_effects(*engine.calibrate_base(problem, first, quiet), quiet)
         with pytest.MonkeyPatch.context() as patch:
-            some = [w for w in list_possible_laws(search) if w.quantity.name == "friction" and w.regressor.name in ARGUMENTS]
+            some = [
+                w for w in list_possible_laws(search) if w.quantity.name == "friction" and w.regressor.name in ARGUMENTS
+            ]
             patch.setattr(law_identification, "laws_of", lambda search: some)
             return search, some, identify_law(search, quiet)
 

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from flashtemp.camera.point_observation import sensor_temperatures
-from flashtemp.camera.points import positions_from_rows
+from flashtemp.camera.prediction.sensor_observation import sensor_temperatures
+from flashtemp.camera.sensors import positions_from_rows
 from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare
 from flashtemp.errors import BadInput
 from flashtemp.model import priors
 from flashtemp.model.case import load_case
-from flashtemp.runs import vtk
-from flashtemp.solver.balance import HeatBalance
+from flashtemp.runs.results import vtk
+from flashtemp.solver.heat_balance import HeatBalance
 from flashtemp.solver.march import march
 from flashtemp.solver.sensitivity import Perturbation, run_with_sensitivities
 from flashtemp.solver.system import PhaseSystem
-from flashtemp.viz import case_sketch
+from flashtemp.viz.run import case_sketch
 
 STACK = (("disc", 15.0, 3.9e6, 0.002), ("glue", 0.2, 1.8e6, 2e-4), ("board", 1.1, 2.0e6, 0.006))  # W/mK, J/m3K, m
 CONTACT = (4e-4, 1.5e-3)  # m2K/W
@@ -238,7 +238,9 @@ def test_traces_of_layers_are_differences_of_runs(tmp_path, key, value):
     made = case(tmp_path, own, back=False)
     step = 0.01 * value
     moved = made.with_values({key: value + step})
-    near = run_with_sensitivities(made.scene, made.settings, {key: Perturbation(moved.scene, step, is_stretched=True)}, at=(30.0,))
+    near = run_with_sensitivities(
+        made.scene, made.settings, {key: Perturbation(moved.scene, step, is_stretched=True)}, at=(30.0,)
+    )
 
     def back(run):
         return up(run)[1][-1]

@@ -16,21 +16,21 @@ from scipy.stats import multivariate_normal
 
 import flashtemp
 from flashtemp.comparison import campaign
-from flashtemp.comparison.twin import SEALED_TRUTH, SyntheticPlan, make_synthetic_campaign
+from flashtemp.comparison.synthetic_campaign import SEALED_TRUTH, SyntheticPlan, make_synthetic_campaign
 from flashtemp.discovery import engine, law_identification
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.estimation.camera_error_columns import NO_CAMERA_ERRORS
 from flashtemp.discovery.estimation.hyperparameters import Hyperparameters
 from flashtemp.discovery.estimation.linear_gaussian import DataBlock, LinearSystem
-from flashtemp.discovery.estimation.linearised_fit import LinearisedFit, FitStatus
+from flashtemp.discovery.estimation.linearised_fit import FitStatus, LinearisedFit
 from flashtemp.discovery.estimation.model_discrepancy import TYPICAL_DISCREPANCY
 from flashtemp.discovery.estimation.per_condition import estimate_by_condition, estimate_effect_by_condition
 from flashtemp.discovery.hypotheses.candidates import ModelPoint
 from flashtemp.discovery.hypotheses.formula_fit import fit_simplest_formula
 from flashtemp.discovery.hypotheses.piecewise_linear_law import (
-    LEARNED_LAW_NAME,
     INITIAL_LAW_NODES,
     LEARNABLE_QUANTITIES,
+    LEARNED_LAW_NAME,
     MAX_LAW_NODES,
     REGRESSORS,
     PiecewiseLinearLaw,
@@ -40,11 +40,11 @@ from flashtemp.discovery.hypotheses.piecewise_linear_law import (
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.selection.forward_selection import EffectSearch
 from flashtemp.model.case import load_case
-from flashtemp.physics.own_effects import read_effect
 from flashtemp.physics.quantities import KELVIN
-from flashtemp.runs.effect_check import balance, battery, laws
-from flashtemp.runs.effect_check.battery import run_all_checks
-from flashtemp.runs.effect_check.scenes import SceneCache, EffectUnderTest
+from flashtemp.physics.user_effects import read_effect
+from flashtemp.runs.checks.effect_check import heat_balance_checks, law_checks, run_checks
+from flashtemp.runs.checks.effect_check.fixtures import EffectUnderTest, SceneCache
+from flashtemp.runs.checks.effect_check.run_checks import run_all_checks
 from flashtemp.solver.march import march
 
 BENCHMARK = Path(__file__).parents[1] / "benchmarks" / "learned_laws.py"
@@ -92,15 +92,15 @@ STEEP = {  # ln of factors on friction over temperature (degC): a measured peak,
 def test_steep_friction_is_linearised_where_it_is_solved(which, tmp_path):
     """Newton's last slope is that of its last point, not of the one before: the difference was 3e-10 of J v."""
     told, bench = trial(PiecewiseLinearLaw(*pair("friction", "temperature"), *STEEP[which]), tmp_path)
-    for shape in balance.SHAPE_WORDS:
-        assert balance.linearisation(bench, told, shape).ok, shape
+    for shape in heat_balance_checks.SHAPE_WORDS:
+        assert heat_balance_checks.linearisation(bench, told, shape).ok, shape
 
 
 @pytest.mark.parametrize("which", KINDS, ids="-".join)
 def test_the_file_reads_like_one_of_ours(which, tmp_path):
     """Words, units, bounds, example, and laws point by point: the battery without its runs."""
     told, bench = trial(law(*pair(*which), USUAL), tmp_path)
-    found = [look(told) for look in battery.FILE_CHECKS] + laws.check_laws(bench, told)
+    found = [look(told) for look in run_checks.FILE_CHECKS] + law_checks.check_laws(bench, told)
     assert [f.says for f in found if not f.ok] == []
     assert {"example", "derivatives", "pointwise", "ends"} <= {f.name for f in found}
 
@@ -456,7 +456,9 @@ def hump(tmp_path_factory):
         "schedule.repetitions": 2, "schedule.distance": 0.4, "schedule.wait": 8.0, "road.track_length": 0.4,
         "numerics.mesh": 0.5, "numerics.rtol": 1e-3, "output.profiles": 10,
     }  # fmt: skip
-    out = make_synthetic_campaign(load_case(folder, given, trust=True), SyntheticPlan(("hump",), 301, conditions=2, sliding=2), folder / "lab")
+    out = make_synthetic_campaign(
+        load_case(folder, given, trust=True), SyntheticPlan(("hump",), 301, conditions=2, sliding=2), folder / "lab"
+    )
     truth = json.loads((out / SEALED_TRUTH).read_text())["hidden"]["hump"]
     shutil.rmtree((out / SEALED_TRUTH).parent)
     verdict, search = engine.discover(campaign.load(out), workers=1)

@@ -18,9 +18,16 @@ from flashtemp.__main__ import main
 from flashtemp.model.build import find_theory
 from flashtemp.model.case import load_case
 from flashtemp.physics.friction import friction_table
-from flashtemp.runs.load_dependence import HEATING, PROCESS_NAMES, LoadDependence, attribute_load_dependence, compute_case_friction, list_subsets
+from flashtemp.runs.studies.load_dependence import (
+    HEATING,
+    PROCESS_NAMES,
+    LoadDependence,
+    attribute_load_dependence,
+    compute_case_friction,
+    list_subsets,
+)
 from flashtemp.solver.march import march
-from flashtemp.viz import loads as picture
+from flashtemp.viz.studies import load_dependence as picture
 
 CASE = Path(__file__).parents[1] / "cases" / "mu_of_p"
 COARSE = {

@@ -9,10 +9,10 @@ import pytest
 from test_logger_files import import_table, refused, rows
 
 from flashtemp.__main__ import main
-from flashtemp.camera import timing
-from flashtemp.camera.formats import text as text_images
-from flashtemp.camera.import_options import ImportOptions
-from flashtemp.camera.thermocouple_files import read_positions
+from flashtemp.camera.importing import frame_times
+from flashtemp.camera.importing.formats import text as text_images
+from flashtemp.camera.importing.import_options import ImportOptions
+from flashtemp.camera.importing.thermocouple_files import read_positions
 from flashtemp.physics.friction import measured_roughness
 from flashtemp.physics.tables import timestamps
 from flashtemp.physics.tables.cells import parse_number, shape_of
@@ -324,8 +324,8 @@ def test_places_are_read_as_spreadsheets_write_them(tmp_path, text):
 
 def test_times_of_files_have_names_in_letters_of_either_case(tmp_path):
     (tmp_path / "times.csv").write_text("sep=;\nFile;Time;\na.csv;0;\nb.csv;1,5 s;\n")
-    seen = [(tmp_path / name, timing.FrameTimestamps(1)) for name in ("a.csv", "b.csv")]
-    assert timing.resolve_times(seen, ImportOptions(times=tmp_path / "times.csv")).tolist() == [0.0, 1.5]
+    seen = [(tmp_path / name, frame_times.FrameTimestamps(1)) for name in ("a.csv", "b.csv")]
+    assert frame_times.resolve_times(seen, ImportOptions(times=tmp_path / "times.csv")).tolist() == [0.0, 1.5]
 
 
 IMAGE = np.round(25.0 + np.add.outer(np.sin(np.arange(60.0)), np.cos(np.arange(80.0))), 2)

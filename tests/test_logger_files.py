@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flashtemp.camera import thermocouple_files
-from flashtemp.camera.import_options import ImportOptions
+from flashtemp.camera.importing import thermocouple_files
+from flashtemp.camera.importing.import_options import ImportOptions
 from flashtemp.errors import BadInput
 from flashtemp.physics.interpolation import read_surface, read_xy_pairs
 from flashtemp.physics.tables import wanted

@@ -13,10 +13,10 @@ from matplotlib.colors import to_rgb
 
 import flashtemp
 from flashtemp.__main__ import main
-from flashtemp.camera.looking import HISTOGRAM_BINS, PREVIEW_FRAMES, _Histogram, _FrameSample
+from flashtemp.camera.importing.file_preview import HISTOGRAM_BINS, PREVIEW_FRAMES, _FrameSample, _Histogram
 from flashtemp.errors import BadInput
-from flashtemp.lab.images import open_frames
-from flashtemp.viz.raw_images import DEAD_PIXEL_COLOUR, OUT_OF_RANGE_COLOUR, draw, encode_png
+from flashtemp.lab.opened_frames import open_frames
+from flashtemp.viz.measurement.raw_images import DEAD_PIXEL_COLOUR, OUT_OF_RANGE_COLOUR, draw, encode_png
 
 
 def images(folder, count=3, rows=20, columns=30):

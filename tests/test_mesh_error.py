@@ -10,8 +10,8 @@ import pytest
 
 from flashtemp.__main__ import main
 from flashtemp.model.case import load_case
-from flashtemp.runs import mesh_error
-from flashtemp.runs.mesh_error import FACE_ERROR_PERCENT, estimate_face_error
+from flashtemp.runs.checks import mesh_error
+from flashtemp.runs.checks.mesh_error import FACE_ERROR_PERCENT, estimate_face_error
 from flashtemp.solver.march import march
 
 ROOT = Path(__file__).parents[1]
@@ -71,7 +71,9 @@ def test_the_estimate_is_what_was_measured():
 
 def test_a_run_at_the_mesh_it_warns_of_is_so_far_off():
     """The estimate of 0.2 times the cells, against a run that is ten times as fine."""
-    coarse, fine = (march(c.scene, c.settings) for c in (load_case(CASE, SHORT | {"numerics.mesh": m}) for m in (0.2, 2.0)))
+    coarse, fine = (
+        march(c.scene, c.settings) for c in (load_case(CASE, SHORT | {"numerics.mesh": m}) for m in (0.2, 2.0))
+    )
     k = coarse.last_sliding_index
     length = 0.025
     inner = (coarse.x > 0.05 * length) & (coarse.x < 0.95 * length)

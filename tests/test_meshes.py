@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flashtemp.camera.observation import SIDE_WALL_CELLS, WAKE_CELL_GROWTH
-from flashtemp.camera.synthetic import empty_recording
+from flashtemp.camera.prediction.observation import SIDE_WALL_CELLS, WAKE_CELL_GROWTH
+from flashtemp.camera.prediction.synthetic_recording import empty_recording
 from flashtemp.comparison.campaign import RecordingEntry
 from flashtemp.comparison.compare import view_overrides
 from flashtemp.meshes.grading import geometric
@@ -54,10 +54,14 @@ def test_what_recordings_see_asks_for_cells(tmp_path):
     """A side wall for even cells up the block, a wake for road behind it; more that a case has already is kept."""
     base = case(tmp_path)
     scene = base.scene
-    side, wake = (RecordingEntry(v, empty_recording(v, scene, np.array([1.0]), np.array([1]), 0.05)) for v in ("sidewall", "wake"))
+    side, wake = (
+        RecordingEntry(v, empty_recording(v, scene, np.array([1.0]), np.array([1]), 0.05)) for v in ("sidewall", "wake")
+    )
     assert view_overrides(base, [side]) == {"numerics.above": SIDE_WALL_CELLS}
     assert view_overrides(base, [wake]).keys() == {"road.downstream", "numerics.behind"}
     assert view_overrides(base, [side, wake]) == view_overrides(base, [side]) | view_overrides(base, [wake])
     assert view_overrides(base, [wake])["numerics.behind"] == WAKE_CELL_GROWTH
-    assert view_overrides(case(tmp_path, **{"numerics.above": 25}), [replace(side, held_out=True)]) == {"numerics.above": 25}
+    assert view_overrides(case(tmp_path, **{"numerics.above": 25}), [replace(side, held_out=True)]) == {
+        "numerics.above": 25
+    }
     assert view_overrides(base, []) == {}

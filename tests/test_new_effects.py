@@ -10,7 +10,7 @@ import pytest
 from flashtemp.meshes.mesh import Mesh
 from flashtemp.physics.effect import Heat, find_effect
 from flashtemp.physics.effects.radiation import STEFAN_BOLTZMANN_W_M2K4
-from flashtemp.solver.balance import HeatBalance
+from flashtemp.solver.heat_balance import HeatBalance
 from flashtemp.solver.system import PhaseSystem
 
 L, H = 0.025, 0.002

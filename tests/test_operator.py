@@ -13,16 +13,20 @@ from scipy.optimize import brentq
 from scipy.special import erfc
 from scipy.stats import norm
 
-from flashtemp.camera import observation
-from flashtemp.camera.hold import effective_contact_conductance
-from flashtemp.camera.instrument import CameraModel
-from flashtemp.camera.observation import observe
-from flashtemp.camera.pixels import PixelAxis, sample_rotated, axis_weights
-from flashtemp.camera.placement import ImagePlacement
+from flashtemp.camera.image_placement import ImagePlacement
+from flashtemp.camera.prediction import observation
+from flashtemp.camera.prediction.camera_model import CameraModel
+from flashtemp.camera.prediction.image_registration import align_image
+from flashtemp.camera.prediction.observation import observe
+from flashtemp.camera.prediction.pixel_sampling import PixelAxis, axis_weights, sample_rotated
+from flashtemp.camera.prediction.wall_temperature.contact_conductance import effective_contact_conductance
+from flashtemp.camera.prediction.wall_temperature.side_wall_temperature import (
+    FaceHistory,
+    WallFilmCoefficients,
+    side_wall_rise,
+)
 from flashtemp.camera.radiometry import LONG_WAVE
 from flashtemp.camera.recording import Recording
-from flashtemp.camera.registration import align_image
-from flashtemp.camera.wall import FaceHistory, WallFilmCoefficients, side_wall_rise
 from flashtemp.meshes.mesh import Mesh
 from flashtemp.model.case import assemble_case
 from flashtemp.model.case_file import KeyLocations

@@ -19,9 +19,10 @@ from flashtemp.__main__ import main
 from flashtemp.cli import commands as command_line
 from flashtemp.errors import BadInput, UserInterrupt
 from flashtemp.model.case import load_case
-from flashtemp.physics import own_effects
+from flashtemp.physics import user_effects
 from flashtemp.physics.effect import catalogue
-from flashtemp.runs import job, sweep
+from flashtemp.runs import job
+from flashtemp.runs.studies import sweep
 from flashtemp.solver.march import march
 
 DUST = '''"""Abrasion dust lubricates the contact: friction falls with the distance slid."""
@@ -350,12 +351,14 @@ def package(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
 
     def declare(**points):
-        found = [EntryPoint(name, value, own_effects.ENTRY_POINT_GROUP) for name, value in points.items()]
-        monkeypatch.setattr(own_effects, "entry_points", lambda group: found if group == own_effects.ENTRY_POINT_GROUP else [])
-        own_effects.find_installed_effects.cache_clear()
+        found = [EntryPoint(name, value, user_effects.ENTRY_POINT_GROUP) for name, value in points.items()]
+        monkeypatch.setattr(
+            user_effects, "entry_points", lambda group: found if group == user_effects.ENTRY_POINT_GROUP else []
+        )
+        user_effects.find_installed_effects.cache_clear()
 
     yield declare
-    own_effects.find_installed_effects.cache_clear()
+    user_effects.find_installed_effects.cache_clear()
     sys.modules.pop("dusty", None)
     sys.modules.pop("empty", None)
 

@@ -10,8 +10,8 @@ import pytest
 
 import flashtemp
 import flashtemp.viz
-from flashtemp.runs import processes
-from flashtemp.viz import painter
+from flashtemp.runs.results import processes
+from flashtemp.viz import drawing_process
 
 SMALL = {
     "block.height": 0.005, "road.depth": 0.01, "schedule.distance": 0.05, "schedule.repetitions": 2,
@@ -47,9 +47,9 @@ def alone(run, tmp_path_factory):
 @pytest.fixture
 def two(monkeypatch):
     """A painter whose second process is awake from the first step of a march on."""
-    monkeypatch.setattr(painter, "AFTER", -1.0)
+    monkeypatch.setattr(drawing_process, "AFTER", -1.0)
     monkeypatch.setattr(processes, "cores", lambda: 2)
-    with painter.PictureDrawer(True) as both:
+    with drawing_process.PictureDrawer(True) as both:
         both.wrap_watch(None)(None, 1.0)
         yield both
 
@@ -85,7 +85,7 @@ def test_both_draw_what_one_draws_to_the_byte(run, alone, two, mine, tmp_path, m
 @pytest.mark.parametrize("late", [False, True])
 def test_one_draws_all_where_the_second_is_killed(run, alone, two, mine, tmp_path, monkeypatch, late):
     """Before it is asked, or with the last picture in its hands: whatever it left behind is drawn once more."""
-    second, tell, drawn = two._second, painter._send_object, flashtemp.viz.draw_picture
+    second, tell, drawn = two._second, drawing_process._send_object, flashtemp.viz.draw_picture
     others, asked = len(flashtemp.viz.requested_pictures()) - 1, threading.Event()
 
     def struck(stream, what):
@@ -99,7 +99,7 @@ def test_one_draws_all_where_the_second_is_killed(run, alone, two, mine, tmp_pat
         tell(stream, what)
 
     if late:
-        monkeypatch.setattr(painter, "_tell", struck)
+        monkeypatch.setattr(drawing_process, "_tell", struck)
         monkeypatch.setattr(flashtemp.viz, "drawn", lambda *what: (asked.wait(), drawn(*what))[1])
     else:
         second.kill()
@@ -111,14 +111,14 @@ def test_one_draws_all_where_the_second_is_killed(run, alone, two, mine, tmp_pat
 @pytest.fixture
 def asked(monkeypatch):
     """An event: the second process has been asked for a picture."""
-    event, tell = threading.Event(), painter._send_object
+    event, tell = threading.Event(), drawing_process._send_object
 
     def told(stream, what):
         tell(stream, what)
         if isinstance(what, flashtemp.viz.PictureRequest):
             event.set()
 
-    monkeypatch.setattr(painter, "_tell", told)
+    monkeypatch.setattr(drawing_process, "_tell", told)
     return event
 
 
@@ -147,19 +147,19 @@ def test_an_interrupt_leaves_nobody_who_draws_into_a_folder_that_gets_another_na
 
 def test_no_second_process_for_a_short_march_or_where_there_is_no_core_for_it(monkeypatch):
     begun = []
-    monkeypatch.setattr(painter, "_begun", lambda: begun.append(True))
+    monkeypatch.setattr(drawing_process, "_begun", lambda: begun.append(True))
     for several, cores, after in ((True, 2, 1e6), (True, 1, -1.0), (False, 2, -1.0)):
         monkeypatch.setattr(processes, "cores", lambda cores=cores: cores)
-        monkeypatch.setattr(painter, "AFTER", after)
-        painter.PictureDrawer(several).wrap_watch(None)(None, 1.0)
+        monkeypatch.setattr(drawing_process, "AFTER", after)
+        drawing_process.PictureDrawer(several).wrap_watch(None)(None, 1.0)
     assert not begun
 
 
 def test_a_second_process_that_cannot_load_is_done_without(run, alone, monkeypatch, tmp_path):
-    monkeypatch.setattr(painter, "AFTER", -1.0)
+    monkeypatch.setattr(drawing_process, "AFTER", -1.0)
     monkeypatch.setattr(processes, "cores", lambda: 2)
-    monkeypatch.setattr(painter, "__name__", "flashtemp.nowhere")
-    with painter.PictureDrawer(True) as both:
+    monkeypatch.setattr(drawing_process, "__name__", "flashtemp.nowhere")
+    with drawing_process.PictureDrawer(True) as both:
         both.wrap_watch(None)(None, 1.0)
         both._second.wait()
         assert both.draw_pictures(run, tmp_path, True) == {}

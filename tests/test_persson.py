@@ -25,7 +25,7 @@ from flashtemp.physics.friction import (
 )
 from flashtemp.physics.friction.adhesive_shear import AdhesiveShear
 from flashtemp.physics.material import LIBRARY
-from flashtemp.solver.balance import HeatBalance
+from flashtemp.solver.heat_balance import HeatBalance
 from flashtemp.solver.march import march
 from flashtemp.solver.system import PhaseSystem
 
@@ -171,7 +171,9 @@ def test_what_a_wavenumber_feels_of_a_spot(v, known):
     def felt(q):
         memory = heat_kernels.HeatMemory(np.array([q]), RUBBER.volumetric_capacity, RUBBER.diffusivity)
         heat = np.array([[1e4]])
-        return float(memory.temperature_rise(*memory.steady_weights(3e-3 / v), heat, memory.spread_heat(heat[0])[None])[0])
+        return float(
+            memory.temperature_rise(*memory.steady_weights(3e-3 / v), heat, memory.spread_heat(heat[0])[None])[0]
+        )
 
     for q, rise in zip((1e3, 1e4, 1e5), known, strict=False):
         assert_digits(felt(q), rise)
@@ -305,7 +307,9 @@ def test_stiffer_rubber_touches_less(rubber, road, state, factor):
 @given(RUBBERS, ROADS, STATES, st.floats(0.05, 0.95))
 def test_stretch_adds_up_over_bands_of_roughness(rubber, road, state, where):
     cut = float(road.q0 * (road.q1 / road.q0) ** where)
-    parts = [persson.PerssonTheory(rubber, replace(road, **band))(*state).G_at_q1 for band in ({"q1": cut}, {"q0": cut})]
+    parts = [
+        persson.PerssonTheory(rubber, replace(road, **band))(*state).G_at_q1 for band in ({"q1": cut}, {"q0": cut})
+    ]
     assert sum(parts) == pytest.approx(float(persson.PerssonTheory(rubber, road)(*state).G_at_q1), rel=1e-6)
     assert persson.PerssonTheory(rubber, road).without_shorter_waves(cut)(*state).G_at_q1 == parts[0]
 

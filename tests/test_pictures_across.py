@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.collections import QuadMesh
 
-from flashtemp.viz import spots, width
+from flashtemp.viz.run import spots, width_maps
 
 SMALL = {
     "numerics__mesh": 0.25, "block__height": 0.004, "block__width": 0.02, "schedule__distance": 0.03,
@@ -16,7 +16,7 @@ SMALL = {
 
 @pytest.mark.parametrize("downstream", [0.0, 0.01])
 def test_width_shows_the_wake_where_there_is_one(lab, downstream):
-    fig = width.draw(lab.case(**SMALL, numerics__across=8, road__downstream=downstream))
+    fig = width_maps.draw(lab.case(**SMALL, numerics__across=8, road__downstream=downstream))
     above = fig.axes[0]
     fig.canvas.draw()
     assert len(above.images) == (2 if downstream else 1)

@@ -27,13 +27,13 @@ from flashtemp.errors import SolverFailure
 from flashtemp.model.case import assemble_case, load_case
 from flashtemp.model.case_file import KeyLocations
 from flashtemp.physics.effects.radiation import STEFAN_BOLTZMANN_W_M2K4
-from flashtemp.physics.own_effects import read_effect
 from flashtemp.physics.quantities import KELVIN
-from flashtemp.runs.effect_check import battery, laws
-from flashtemp.runs.effect_check.scenes import SceneCache, EffectUnderTest
-from flashtemp.runs.finished import open_run
-from flashtemp.solver.balance import HeatBalance
+from flashtemp.physics.user_effects import read_effect
+from flashtemp.runs.checks.effect_check import law_checks, run_checks
+from flashtemp.runs.checks.effect_check.fixtures import EffectUnderTest, SceneCache
+from flashtemp.runs.load_run import open_run
 from flashtemp.solver.enthalpy import CapacityTable, TabulatedCapacity
+from flashtemp.solver.heat_balance import HeatBalance
 from flashtemp.solver.march import march
 from flashtemp.solver.sensitivity import Perturbation, run_with_sensitivities
 
@@ -127,10 +127,10 @@ def test_the_file_reads_like_one_of_the_catalogue(pair, tmp_path):
     """Words, units, bounds, example, and laws point by point: the battery without its runs."""
     (tmp_path / "learned.py").write_text(effect_source(law(*pair)))
     trial, bench = EffectUnderTest("learned", read_effect(tmp_path / "learned.py"), {}), SceneCache()
-    found = [look(trial) for look in battery.FILE_CHECKS] + laws.check_laws(bench, trial)
+    found = [look(trial) for look in run_checks.FILE_CHECKS] + law_checks.check_laws(bench, trial)
     assert [f.says for f in found if not f.ok] == []
     assert {"example", "derivatives", "pointwise", "ends"} <= {f.name for f in found}
-    assert laws.find_laws_not_off(bench, trial) == []
+    assert law_checks.find_laws_not_off(bench, trial) == []
 
 
 @pytest.mark.parametrize("name", ["disc", "back board", 'a "b" \\ é {x}'])
@@ -142,7 +142,7 @@ def test_the_file_of_a_layer_names_it_whatever_its_name(name, tmp_path):
     p = SimpleNamespace(**{k: v.value for k, v in effect.params().items()})
     [part] = effect().heat(scene, p)
     assert part.law(np.array([[[293.15]]]), None, p).item() == pytest.approx(np.exp(0.27))
-    assert all(f.ok for f in [look(EffectUnderTest("learned", effect, {})) for look in battery.FILE_CHECKS])
+    assert all(f.ok for f in [look(EffectUnderTest("learned", effect, {})) for look in run_checks.FILE_CHECKS])
 
 
 # --- which laws are offered -----------------------------------------------------------------------------------------
@@ -260,7 +260,9 @@ def test_derivatives_by_nodes_are_those_of_full_marches(pair, tmp_path):
     def at_times(run):
         return run.T_block[[int(np.flatnonzero(run.time == t)[0]) for t in times]]
 
-    hood = run_with_sensitivities(made.scene, settings, {pair: Perturbation(moved(0.01 * size), 0.01 * size)}, "", times, True)
+    hood = run_with_sensitivities(
+        made.scene, settings, {pair: Perturbation(moved(0.01 * size), 0.01 * size)}, "", times, True
+    )
     up, down = (at_times(march(moved(s * size), replace(settings, rtol=1e-5, atol=1e-4))) for s in (0.1, -0.1))
     slope = (up - down) / (0.2 * size)
     assert np.abs(slope).max() * size > 0.05  # K: it is seen at all
@@ -334,7 +336,9 @@ def test_enthalpy_is_the_integral_of_the_heat_capacity():
     table = CapacityTable.tabulate(rises, wavy(rises))
     for rise in (-40.0, 0.0, 0.3, 59.9, 61.24, 200.0):
         exact = quad(wavy, 0.0, rise, points=[60.0] if rise > 60.0 else None, epsabs=1e-10)[0]
-        assert table.enthalpy_rise(np.array([rise])).item() == pytest.approx(exact, abs=0.5**2 / 12 * 0.5 / 8.0**2 * 200.0)
+        assert table.enthalpy_rise(np.array([rise])).item() == pytest.approx(
+            exact, abs=0.5**2 / 12 * 0.5 / 8.0**2 * 200.0
+        )
     at = np.linspace(-140.0, 390.0, 999)
     np.testing.assert_allclose(table.temperature_rise(table.enthalpy_rise(at)), at, atol=1e-11)
     eps = 1e-30

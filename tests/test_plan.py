@@ -10,7 +10,7 @@ import pytest
 
 from flashtemp.__main__ import main
 from flashtemp.comparison import campaign
-from flashtemp.comparison.twin import SyntheticPlan, make_synthetic_campaign
+from flashtemp.comparison.synthetic_campaign import SyntheticPlan, make_synthetic_campaign
 from flashtemp.discovery import experiment_design
 from flashtemp.discovery.experiment_design import DETECTION_Z, assess_design
 from flashtemp.discovery.parameters import ParameterId
@@ -19,7 +19,7 @@ from flashtemp.discovery.prediction.problem import prepare_problem
 from flashtemp.discovery.selection.scores import Separability
 from flashtemp.model.case import load_case
 from flashtemp.physics.effect import catalogue
-from flashtemp.runs.workers import open_worker_pool
+from flashtemp.runs.results.worker_pool import open_worker_pool
 
 CASE = """
 [block]
@@ -83,8 +83,8 @@ def test_one_condition_cannot_tell_load_from_speed(outlooks):
     one = by_name(outlooks[0])
     for name, other in zip(ALIKE, ALIKE[::-1], strict=True):
         assert one[name].z > DETECTION_Z  # it is seen
-        assert not one[name].separable
-        assert (one[name].nearest, abs(one[name].rho)) == (other, pytest.approx(1.0, abs=1e-6))
+        assert not one[name].is_separable
+        assert (one[name].nearest_rival, abs(one[name].rho)) == (other, pytest.approx(1.0, abs=1e-6))
 
 
 def test_what_is_never_seen_is_like_nothing():
@@ -96,7 +96,7 @@ def test_what_is_never_seen_is_like_nothing():
 def test_two_conditions_tell_them_apart(outlooks):
     one, two = map(by_name, outlooks)
     for name in ALIKE:
-        assert two[name].separable
+        assert two[name].is_separable
         assert abs(two[name].rho) < 0.99
         assert two[name].z_left > 3 * one[name].z_left
 
@@ -166,7 +166,9 @@ def test_the_advice_comes_true(outlooks, tmp_path_factory):
 def test_what_is_measured_already_can_be_planned_on(tmp_path):
     """Recordings as files: nothing of their values matters but the noise that they tell."""
     (tmp_path / "case.toml").write_text(CASE)
-    out = make_synthetic_campaign(load_case(tmp_path / "case.toml"), SyntheticPlan((), 3, 1, ("sidewall",), 2), tmp_path / "lab")
+    out = make_synthetic_campaign(
+        load_case(tmp_path / "case.toml"), SyntheticPlan((), 3, 1, ("sidewall",), 2), tmp_path / "lab"
+    )
     told = replace(campaign.load(out), candidates=("heat_depth", "pressure_tilt"))
     [view] = told.views
     warm = replace(view, recording=replace(view.recording, temperature=view.recording.temperature + 3.0))

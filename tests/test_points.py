@@ -10,13 +10,14 @@ import pytest
 from scipy.optimize import brentq
 
 import flashtemp
-from flashtemp.camera import recording, synthetic
-from flashtemp.camera.point_observation import required_times, first_order_lag
-from flashtemp.camera.points import positions_from_rows
+from flashtemp.camera import recording
+from flashtemp.camera.prediction import synthetic_recording
+from flashtemp.camera.prediction.sensor_observation import first_order_lag, required_times
 from flashtemp.camera.recording import Recording
+from flashtemp.camera.sensors import positions_from_rows
 from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare
-from flashtemp.comparison.twin import SEALED_TRUTH
+from flashtemp.comparison.synthetic_campaign import SEALED_TRUTH
 from flashtemp.discovery import sensor_positions
 from flashtemp.discovery.prediction.prediction import DerivativeRequest, predict_condition
 from flashtemp.discovery.prediction.problem import prepare_problem
@@ -423,15 +424,17 @@ def test_a_time_constant_is_calibrated_within_what_is_known_of_it(tmp_path, trut
 
 def test_twins_are_late_by_what_is_drawn_and_never_early(tmp_path):
     recording = slow(tmp_path, 3.0, told=1.0).views[0].recording
-    drawn = [synthetic.draw_errors(recording, np.random.default_rng(s), 1.0).lags for s in range(200)]
+    drawn = [synthetic_recording.draw_errors(recording, np.random.default_rng(s), 1.0).lags for s in range(200)]
     assert np.std(drawn) == pytest.approx(3.0, rel=0.15)
     scene = load_case(tmp_path / "case.toml").scene
     times = tuple(required_times(recording.places, recording.time).tolist())
     run = march(scene, replace(load_case(tmp_path / "case.toml").settings, times=times, fields=2))
     shown = {}
     for lags in ((0.0, 5.0), (-1.0, 0.0), (-9.0, 0.0)):
-        faults = synthetic.SyntheticRecordingErrors((0.0, 0.0), 0.0, 1.0, 0.0, lags=lags)
-        shown[lags] = synthetic.render_recording(run, scene, recording, faults, np.random.default_rng(1)).temperature[:, 0]
+        faults = synthetic_recording.SyntheticRecordingErrors((0.0, 0.0), 0.0, 1.0, 0.0, lags=lags)
+        shown[lags] = synthetic_recording.render_recording(
+            run, scene, recording, faults, np.random.default_rng(1)
+        ).temperature[:, 0]
     assert np.array_equal(shown[-1.0, 0.0], shown[-9.0, 0.0])  # as fast as can be
     late = 100.0 * (stepped([0.006], recording.time, 6.0) - stepped([0.006], recording.time, 1.0))[:, 0]
     assert (shown[0.0, 5.0] - shown[-1.0, 0.0])[:, 1] == pytest.approx(late, abs=0.05)
@@ -479,7 +482,9 @@ def test_without_a_gain_the_same_is_left_over(tmp_path):
 def test_a_gain_moves_the_rise_of_its_own_point(tmp_path):
     made = gauged(tmp_path, 0.005)
     problem = prepare_problem(made, lambda tasks: [predict_condition(t) for t in tasks])
-    [seen] = problem.predict(problem.make_tasks(problem.stated_model, DerivativeRequest(problem.free_keys, optics=True)))
+    [seen] = problem.predict(
+        problem.make_tasks(problem.stated_model, DerivativeRequest(problem.free_keys, optics=True))
+    )
     shown = seen.observables[made.views[0].file]
     column = shown.columns[sensor_gain_id("b", 1)]
     rise = shown.values[:, 0] - 20.0
@@ -493,12 +498,16 @@ def test_twins_and_places_for_one_more_thermocouple_have_gains(tmp_path):
     problem = prepare_problem(made, lambda tasks: [predict_condition(t) for t in tasks])
     assert all(v.recording.places.gain_sigma == 0.05 for v in sensor_positions.candidate_sensor_recordings(problem))
     scene, recording = problem.case.scene, made.views[0].recording
-    drawn = [synthetic.draw_errors(recording, np.random.default_rng(s), 1.0).gains for s in range(200)]
+    drawn = [synthetic_recording.draw_errors(recording, np.random.default_rng(s), 1.0).gains for s in range(200)]
     assert np.std(drawn) == pytest.approx(0.05, rel=0.15)
     run = march(scene, replace(problem.case.settings, times=tuple(recording.time), fields=2))
     plain, larger = (
-        synthetic.render_recording(
-            run, scene, recording, synthetic.SyntheticRecordingErrors((0.0, 0.0), 0.0, 1.0, 0.0, (), g), np.random.default_rng(1)
+        synthetic_recording.render_recording(
+            run,
+            scene,
+            recording,
+            synthetic_recording.SyntheticRecordingErrors((0.0, 0.0), 0.0, 1.0, 0.0, (), g),
+            np.random.default_rng(1),
         )
         for g in ((), (0.1, 0.0))
     )

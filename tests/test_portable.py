@@ -18,7 +18,7 @@ import pytest
 
 from flashtemp.cli import interrupts
 from flashtemp.errors import BadInput
-from flashtemp.runs import folders, processes
+from flashtemp.runs.results import processes, result_folder
 
 ROOT = Path(__file__).parents[1]
 CASE = """title = "Z\u00fcrich \u8eca"
@@ -81,18 +81,18 @@ def test_two_runs_keep_out_of_each_others_folder_without_fcntl(tmp_path, monkeyp
 
     monkeypatch.setitem(sys.modules, "fcntl", None)
     monkeypatch.setitem(sys.modules, "msvcrt", SimpleNamespace(LK_LOCK=1, LK_NBLCK=2, locking=locking))
-    lock = folders.lock_folder(tmp_path)
+    lock = result_folder.lock_folder(tmp_path)
     assert not Path(os.readlink(f"/proc/self/fd/{lock}")).is_relative_to(tmp_path)
     with pytest.raises(BadInput, match="another run is writing"):
-        folders.lock_folder(tmp_path)
+        result_folder.lock_folder(tmp_path)
     os.close(lock)
-    os.close(folders.lock_folder(tmp_path))
+    os.close(result_folder.lock_folder(tmp_path))
 
 
 def test_a_second_run_in_a_locked_folder_is_refused(tmp_path):
-    lock = folders.lock_folder(tmp_path)
+    lock = result_folder.lock_folder(tmp_path)
     with pytest.raises(BadInput, match="another run is writing"):
-        folders.lock_folder(tmp_path)
+        result_folder.lock_folder(tmp_path)
     os.close(lock)
 
 

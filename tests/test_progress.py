@@ -93,7 +93,8 @@ def test_discovery_says_how_long_it_takes_as_soon_as_it_can(monkeypatch):
     left = [re.search(r"about (\d+) s left", t) for t in told]
     assert left[:2] == [None, None]
     parts = [
-        engine.STAGE_START_FRACTIONS[stage] for stage in ("calibrating", "sensitivities", "fitting", "judging", "questioning")
+        engine.STAGE_START_FRACTIONS[stage]
+        for stage in ("calibrating", "sensitivities", "fitting", "judging", "questioning")
     ]
     assert parts == sorted(parts)
     after = (parts[0], parts[0], *parts[1:], parts[-1], 0.5 * (1.0 + parts[-1]))

@@ -12,7 +12,7 @@ import flashtemp.physics
 from flashtemp.errors import BadInput
 from flashtemp.meshes import block_on_road
 from flashtemp.model.scene import ActiveEffect
-from flashtemp.physics import Deposit, Effect, Factor, Heat, Term, catalogue, contributions
+from flashtemp.physics import Deposit, Effect, Factor, Heat, Term, catalogue, contribution_check
 from flashtemp.physics.quantities import CAMERA_QUANTITIES, QUANTITIES, SITES
 
 ROOT = Path(__file__).parents[1]
@@ -78,7 +78,7 @@ def test_typo_on_the_balance_is_refused(part, said, remedy):
 )
 def test_typo_on_the_camera_is_refused(part, said, remedy):
     with pytest.raises(BadInput) as fault:
-        contributions.check_camera_contributions("fan", Stated(part), None)
+        contribution_check.check_camera_contributions("fan", Stated(part), None)
     [line] = fault.value.lines
     assert said in line
     assert re.search(remedy, line)

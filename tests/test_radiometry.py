@@ -89,7 +89,9 @@ def test_reapplied_parameters():
     shown = object_temperature(apparent_counts(T, E60, new), E60, old)
     assert recompute_temperature(shown, old, new, E60) == pytest.approx(T, abs=1e-9)
     assert recompute_temperature(T, old, old) is T
-    assert recompute_temperature(T[T > 20], old, new) == pytest.approx(T[T > 20] + 5, abs=15)  # the generic band is a few K off
+    assert recompute_temperature(T[T > 20], old, new) == pytest.approx(
+        T[T > 20] + 5, abs=15
+    )  # the generic band is a few K off
     generic = recompute_temperature(shown, old, new, LONG_WAVE)
     assert np.abs(generic - T).max() < 0.25
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flashtemp.camera.placement import ImagePlacement
+from flashtemp.camera.image_placement import ImagePlacement
 from flashtemp.comparison import campaign
-from flashtemp.comparison.twin import SyntheticPlan, make_synthetic_campaign
+from flashtemp.comparison.synthetic_campaign import SyntheticPlan, make_synthetic_campaign
 from flashtemp.discovery.estimation import whitening
 from flashtemp.discovery.estimation.nuisance_priors import all_derivatives
 from flashtemp.discovery.measurement_errors.image_pose import ImagePose, register_image
@@ -24,7 +24,7 @@ from flashtemp.discovery.measurement_errors.recording_fit import HypothesisEvide
 from flashtemp.discovery.prediction.prediction import predict_again, predict_condition
 from flashtemp.discovery.prediction.problem import prepare_problem, replace_views
 from flashtemp.model.case import load_case
-from flashtemp.runs.workers import call_safely
+from flashtemp.runs.results.worker_pool import call_safely
 
 TINY = {
     "block.height": 0.005, "schedule.distance": 0.3, "schedule.repetitions": 1, "road.track_length": 0.3,
@@ -44,7 +44,9 @@ def campaign_problem(folder, hidden=(), conditions=2, views=("sidewall", "wake")
     """A small campaign of one speed and two pressures, made ready."""
     folder.mkdir()
     (folder / "case.toml").write_text("")
-    lab = make_synthetic_campaign(load_case(folder / "case.toml", TINY), SyntheticPlan(hidden, seed, conditions, views, 4), folder / "lab")
+    lab = make_synthetic_campaign(
+        load_case(folder / "case.toml", TINY), SyntheticPlan(hidden, seed, conditions, views, 4), folder / "lab"
+    )
     return cropped(prepare_problem(campaign.load(lab), run), {"sidewall": (0, 16, 108), "wake": (50, 16, 40)})
 
 
@@ -60,7 +62,7 @@ def cropped(problem, cuts):
 
 
 def predicted(problem):
-    return problem.predictions(problem.tasks(problem.start, replace(all_derivatives(problem), fields=True)))
+    return problem.predict(problem.make_tasks(problem.stated_model, replace(all_derivatives(problem), fields=True)))
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -188,7 +190,7 @@ def test_two_recordings_that_bear_the_view_of_each_other_are_told_apart(plain):
     problem, _ = plain
     condition = problem.conditions[0]
     alone = replace(
-        problem, conditions=(condition,), pins=problem.pins[:1],
+        problem, conditions=(condition,), pins=problem.mesh_overrides[:1],
         campaign=replace(problem.campaign, views=condition.views, forces=condition.forces),
     )  # fmt: skip
     alone = cropped(alone, {"sidewall": (0, 16, 40), "wake": (0, 16, 40)})
@@ -236,8 +238,8 @@ def faster(view, factor=3.0):
 def seen_in_pose(problem, first, pose):
     """The problem with the first wall as it would be seen in a pose, without errors of its own but noise."""
     view = problem.conditions[0].views[0]
-    task = replace(problem.tasks(problem.start, all_derivatives(problem))[0], views=(view,))
-    seen = predict_again(task, first[0].full, view, pose.apply_to(problem.start, view.file))
+    task = replace(problem.make_tasks(problem.stated_model, all_derivatives(problem))[0], views=(view,))
+    seen = predict_again(task, first[0].full_run, view, pose.apply_to(problem.stated_model, view.file))
     noise = np.random.default_rng(2).normal(size=seen.values.shape) * 0.05
     return with_images(problem, {view.file: seen.values + noise})
 

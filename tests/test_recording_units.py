@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flashtemp.camera.points import positions_from_rows
 from flashtemp.camera.recording import Recording, load
+from flashtemp.camera.sensors import positions_from_rows
 from flashtemp.errors import BadInput
 
 T = np.array([[[20.0, 25.0], [30.0, 40.0]], [[21.0, 26.0], [31.0, np.nan]]])

@@ -14,7 +14,7 @@ from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import Campaign, LoadCellEntry, RecordingEntry
 from flashtemp.comparison.compare import Comparison, ForceComparison, RecordingComparison, summary_line
 from flashtemp.comparison.noise import NoiseLevels, ResidualPeak
-from flashtemp.viz import comparison_report
+from flashtemp.viz.html import comparison_report
 
 TITLE = 'run-in <script>alert(1)</script> & "more"'
 RUN = SimpleNamespace(

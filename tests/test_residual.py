@@ -7,8 +7,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flashtemp.comparison.means import AveragedFrames
-from flashtemp.comparison.noise import NoiseLevels, lag1_autocorrelation, estimate_noise, largest_structured_residual, unwhiten, whiten
+from flashtemp.comparison.frame_means import AveragedFrames
+from flashtemp.comparison.noise import (
+    NoiseLevels,
+    estimate_noise,
+    lag1_autocorrelation,
+    largest_structured_residual,
+    unwhiten,
+    whiten,
+)
 from flashtemp.discovery.estimation import whitening
 from flashtemp.discovery.prediction.frame_averaging import group_frames
 
@@ -95,7 +102,12 @@ def test_frames_are_taken_together_where_little_changes():
 
 
 def test_correlation_of_white_noise_is_within_its_error():
-    z = np.array([[lag1_autocorrelation(whiten(residual(s), NoiseLevels(0.05, 0.03)), a)[1] for a in (0, 1, 2)] for s in range(60)])
+    z = np.array(
+        [
+            [lag1_autocorrelation(whiten(residual(s), NoiseLevels(0.05, 0.03)), a)[1] for a in (0, 1, 2)]
+            for s in range(60)
+        ]
+    )
     assert np.abs(z).max() < 4.5
     assert np.std(z) == pytest.approx(1.0, abs=0.2)
 

@@ -19,9 +19,9 @@ from flashtemp.meshes.mesh import Mesh
 from flashtemp.model.numerics import SolverSettings, choose_binding
 from flashtemp.physics.effects.resolved_spots import ResolvedSpots
 from flashtemp.physics.friction.spot_patterns import DiscPattern
-from flashtemp.solver.balance import HeatBalance
+from flashtemp.solver.heat_balance import HeatBalance
 from flashtemp.solver.march import march, remap_road
-from flashtemp.solver.progress import MarchState
+from flashtemp.solver.march_state import MarchState
 from flashtemp.solver.system import PhaseSystem
 
 D, SPEED, LENGTH, WIDTH, WAY = 3e-3, 0.1, 0.0255, 0.0045, 6  # the disc moves by so many diameters

@@ -10,7 +10,12 @@ from scipy.special import erfcx
 
 from flashtemp.physics.friction import flash_temperature, road_side
 from flashtemp.physics.friction.adhesive_shear import AdhesiveShear
-from flashtemp.physics.friction.flash_temperature import SlidingHistory, ContactSpots, compute_heating_path, solve_hot_branch
+from flashtemp.physics.friction.flash_temperature import (
+    ContactSpots,
+    SlidingHistory,
+    compute_heating_path,
+    solve_hot_branch,
+)
 from flashtemp.physics.friction.persson import PerssonTheory
 from flashtemp.physics.friction.rheology import READY_RUBBERS as RUBBERS
 from flashtemp.physics.friction.road_side import RoadSide
@@ -112,7 +117,9 @@ def test_heat_from_the_depth_reaches_the_road_late(alpha, m):
 def test_a_road_that_takes_nothing_changes_nothing():
     """Viscoelastic friction over a road of hardly any effusivity: as without one."""
     air = RoadSide(Material(1e-9, 1e-3, 1e-3))
-    bare, over = (compute_heating_path(THEORY, RUBBER, ContactSpots(0.01, 0.2, road), 1.0, T0, P, 60) for road in (None, air))
+    bare, over = (
+        compute_heating_path(THEORY, RUBBER, ContactSpots(0.01, 0.2, road), 1.0, T0, P, 60) for road in (None, air)
+    )
     np.testing.assert_allclose(over.mu, bare.mu, rtol=1e-6)
     np.testing.assert_allclose(over.T, bare.T, rtol=1e-6)
 
@@ -137,7 +144,9 @@ def test_few_steps_are_enough_for_the_hot_branch():
     spots = ContactSpots(0.01, 0.2, RoadSide(STONE))
     for v in (0.1, 3.0):
         quick = solve_hot_branch(STICKY, RUBBER, spots, v, T0, P)[0].mu
-        assert float(quick) == pytest.approx(compute_heating_path(STICKY, RUBBER, spots, v, T0, P, 240).mu[-1], rel=1e-3)
+        assert float(quick) == pytest.approx(
+            compute_heating_path(STICKY, RUBBER, spots, v, T0, P, 240).mu[-1], rel=1e-3
+        )
 
 
 def test_heat_of_a_slide_goes_somewhere():
@@ -149,5 +158,7 @@ def test_heat_of_a_slide_goes_somewhere():
     print(released, slide.road_flux / released)
     last = P * 1.0 / 0.2 * float(slide.evaluate_theory(1.0).adhesive)
     assert released[-1] == pytest.approx(last, rel=0.02)
-    assert np.all(slide.road_flux / released > slide.spots.road_heat_fraction(RUBBER))  # heat from the depth flows there as well
+    assert np.all(
+        slide.road_flux / released > slide.spots.road_heat_fraction(RUBBER)
+    )  # heat from the depth flows there as well
     assert slide.surface > T0 + 5

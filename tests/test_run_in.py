@@ -11,9 +11,9 @@ import pytest
 from flashtemp.errors import BadInput, SolverFailure
 from flashtemp.meshes import block_on_road
 from flashtemp.model.case import load_case
-from flashtemp.physics import closed_forms
+from flashtemp.physics import analytical_solutions
 from flashtemp.physics.effect import Term, find_effect
-from flashtemp.solver.balance import HeatBalance
+from flashtemp.solver.heat_balance import HeatBalance
 from flashtemp.solver.march import march
 from flashtemp.solver.system import PhaseSystem
 
@@ -56,7 +56,7 @@ def test_V17_relaxation_and_mean_depth(lab, speed):
     start, p = run.pressure[0] - 2.5e5, run.pressure - 2.5e5
     for repetition, factor in ((1, 0.745276), (10, 0.0528657)):
         end = np.flatnonzero(run.sliding & (run.repetition == repetition))[-1]
-        exactly = closed_forms.abrasion_relaxation(K_N, 6e-11, run.slid[end])
+        exactly = analytical_solutions.abrasion_relaxation(K_N, 6e-11, run.slid[end])
         assert exactly == pytest.approx(factor, rel=1e-6)
         error = np.abs(p[end] - exactly * start).max() / np.abs(start).max()
         lab.check(f"V17 relaxation after {run.slid[end]:g} m at {speed:g} m/s, of the first deviation", error, 5e-8)
@@ -159,7 +159,9 @@ def test_where_the_block_lifts_off_it_exchanges_no_heat_with_the_road(lab):
     system = PhaseSystem(HeatBalance(scene), scene.schedule.phases[0])
     rise = np.zeros(system.b.n)
     rise[mesh.block] = 30.0
-    met = system.interface.solve_contact(system.moment(0.5), np.zeros(20), rise, np.zeros((2, mesh.n_road)), system.b.ones)
+    met = system.interface.solve_contact(
+        system.moment(0.5), np.zeros(20), rise, np.zeros((2, mesh.n_road)), system.b.ones
+    )
     lifted = met.pressure_solution.pressure == 0
     assert 3 < lifted.sum() < 17
     into_road = np.abs(met.flux.into_road)
@@ -239,7 +241,9 @@ def test_worn_profile_of_backward_is_that_of_chosen_peak():
 @pytest.fixture(scope="module")
 def new_block():
     """One repetition of cases/run_in on a coarse mesh."""
-    case = load_case(CASES / "run_in", {"schedule.repetitions": 1, "numerics.cells": [40, 10, 12], "output.profiles": 6})
+    case = load_case(
+        CASES / "run_in", {"schedule.repetitions": 1, "numerics.cells": [40, 10, 12], "output.profiles": 6}
+    )
     return march(case.scene, case.settings)
 
 

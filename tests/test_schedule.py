@@ -148,7 +148,9 @@ def test_waiting_counts_as_slid_to_the_end():
 
 
 def test_prints_as_a_sentence():
-    s = Schedule(TimeSeries((0.0, 9.0), (0.1, 0.2)), constant_series(1e5), distance=0.5, repetitions=2, wait=3.0, lifted=False)
+    s = Schedule(
+        TimeSeries((0.0, 9.0), (0.1, 0.2)), constant_series(1e5), distance=0.5, repetitions=2, wait=3.0, lifted=False
+    )
     assert str(s).startswith("Schedule 2 x 0.5 m at 0.1..0.2 m/s, wait 3 s, block in contact while waiting")
 
 

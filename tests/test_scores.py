@@ -27,7 +27,9 @@ def candidate(low: float, spread: float) -> CandidateEffect:
     """An effect of one strength, off at 0, and one shape: with a spread above 1 it has three variants."""
     strength = Param(TYPICAL, "1", "strength", low=low, high=2.0, off=0.0)
     shape = Param(0.002, "m", "length", low=1e-4, high=0.1, spread=spread)
-    return CandidateEffect("peak", {"B": strength, "length": shape}, {"B": TYPICAL}, {"length": 0.002}, is_optical=False)
+    return CandidateEffect(
+        "peak", {"B": strength, "length": shape}, {"B": TYPICAL}, {"length": 0.002}, is_optical=False
+    )
 
 
 def signatures(variants: int) -> np.ndarray:

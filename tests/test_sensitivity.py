@@ -16,11 +16,15 @@ from flashtemp.__main__ import main
 from flashtemp.errors import BadInput, UserInterrupt
 from flashtemp.model.case import assemble_case, load_case
 from flashtemp.model.case_file import KeyLocations
-from flashtemp.model.priors import UncertainInput, find_uncertain_inputs, expand_materials
-from flashtemp.runs import shares
-from flashtemp.runs.prediction_band import BAND95_HALF_WIDTH_SD, study_uncertainty, compute_linear_sensitivity
-from flashtemp.runs.sensitivity_result import OUTPUT_SPECS
-from flashtemp.runs.sign_of_friction import find_trends
+from flashtemp.model.priors import UncertainInput, expand_materials, find_uncertain_inputs
+from flashtemp.runs.studies import variance_decomposition
+from flashtemp.runs.studies.friction_trends import find_trends
+from flashtemp.runs.studies.sensitivity_result import OUTPUT_SPECS
+from flashtemp.runs.studies.uncertainty_propagation import (
+    BAND95_HALF_WIDTH_SD,
+    compute_linear_sensitivity,
+    study_uncertainty,
+)
 from flashtemp.solver.march import march
 
 SMALL = {
@@ -42,8 +46,8 @@ def case(**more):
 def test_shares_of_a_product_of_exponentials():
     """exp(a z1 + b z2): first-order and total shares in closed form; z3 does nothing."""
     a, b = 0.5, 0.3
-    z = shares.latin_hypercube(120, 3)
-    found = shares.fit_polynomial_chaos(z, np.exp(a * z[:, 0] + b * z[:, 1]))
+    z = variance_decomposition.latin_hypercube(120, 3)
+    found = variance_decomposition.fit_polynomial_chaos(z, np.exp(a * z[:, 0] + b * z[:, 1]))
     alone = np.expm1(np.array([a * a, b * b, 0.0]))
     whole = np.expm1(a * a + b * b)
     np.testing.assert_allclose(found.first_order_indices(3), alone / whole, atol=0.01)
@@ -53,8 +57,8 @@ def test_shares_of_a_product_of_exponentials():
 
 def test_shares_of_a_polynomial_are_exact():
     """z1 + z2^2/2 + z1 z3: variances 1, 1/2 and 1 of which z1 and z3 share the last."""
-    z = shares.latin_hypercube(60, 3)
-    found = shares.fit_polynomial_chaos(z, z[:, 0] + 0.5 * z[:, 1] ** 2 + z[:, 0] * z[:, 2])
+    z = variance_decomposition.latin_hypercube(60, 3)
+    found = variance_decomposition.fit_polynomial_chaos(z, z[:, 0] + 0.5 * z[:, 1] ** 2 + z[:, 0] * z[:, 2])
     np.testing.assert_allclose(found.first_order_indices(3), [0.4, 0.2, 0.0], atol=1e-9)
     np.testing.assert_allclose(found.total_indices(3), [0.8, 0.2, 0.4], atol=1e-9)
 
@@ -63,12 +67,17 @@ def test_shares_of_a_polynomial_are_exact():
 def test_what_no_input_explains_is_told():
     for rows, count in ((60, 4), (150, 15)):
         noise = np.random.default_rng(3).normal(size=rows)
-        assert shares.fit_polynomial_chaos(shares.latin_hypercube(rows, count), noise).unexplained > 0.75
+        assert (
+            variance_decomposition.fit_polynomial_chaos(
+                variance_decomposition.latin_hypercube(rows, count), noise
+            ).unexplained
+            > 0.75
+        )
 
 
 def test_a_prior_is_cut_off_where_its_key_ends():
     one = UncertainInput("contact.spot_fraction", 0.95, 0.05, "1", 1e-9, 1.0, "")
-    drawn = one.value_at(shares.latin_hypercube(2000, 1)[:, 0])
+    drawn = one.value_at(variance_decomposition.latin_hypercube(2000, 1)[:, 0])
     assert one.is_near_bound
     assert drawn.max() <= 1.0
     # mean of a normal cut off one sd above: mean - sd phi(1)/Phi(1)
@@ -100,7 +109,7 @@ def test_linear_shares_of_heat(plain):
     slopes = plain.slopes["numbers"][:, name]
     R = float(plain.run.T_block[plain.run.last][-1] - plain.run.ambient_degC)
     expected = np.array([0.02 * R, 0.05 * R, 0.5]) ** 2
-    np.testing.assert_allclose(shares.linear_shares(slopes), expected / expected.sum(), atol=2e-3)
+    np.testing.assert_allclose(variance_decomposition.linear_shares(slopes), expected / expected.sum(), atol=2e-3)
 
 
 # --- coverage ----------------------------------------------------------------------------------------
@@ -111,7 +120,7 @@ def coverage(made, found, count):
     """
     full = expand_materials(made)
     inside = []
-    for row in shares.latin_hypercube(count, len(found.inputs), seed=11):
+    for row in variance_decomposition.latin_hypercube(count, len(found.inputs), seed=11):
         values = {i.key: float(i.at(z)) for i, z in zip(found.inputs, row, strict=True)}
         truth = march(full.with_values(values).scene, full.settings)
         k = truth.last_sliding_index

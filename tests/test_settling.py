@@ -15,8 +15,14 @@ from flashtemp.__main__ import main
 from flashtemp.api.simulation import simulate
 from flashtemp.errors import BadInput
 from flashtemp.model.case import load_case
-from flashtemp.runs.relaxation_fit import RelaxationFit, MeanRecord
-from flashtemp.runs.running_in import INTERVAL_CONFIDENCE, RELAXATION_PARAMETERS, read_record, fit_relaxation, analyse_running_in
+from flashtemp.runs.studies.relaxation_fit import MeanRecord, RelaxationFit
+from flashtemp.runs.studies.running_in import (
+    INTERVAL_CONFIDENCE,
+    RELAXATION_PARAMETERS,
+    analyse_running_in,
+    fit_relaxation,
+    read_record,
+)
 
 FINAL, START = 0.9, 0.8
 
@@ -175,7 +181,9 @@ def test_straight_line():
     """A trend without curvature sets a lower end to s_w only."""
     rng = np.random.default_rng(2)
     n = np.arange(10)
-    answer = fit_relaxation(MeanRecord(3.5 * n, 3.5 * (n + 1), 0.8 + 0.004 * n + 1e-4 * rng.normal(size=10), length=3.5))
+    answer = fit_relaxation(
+        MeanRecord(3.5 * n, 3.5 * (n + 1), 0.8 + 0.004 * n + 1e-4 * rng.normal(size=10), length=3.5)
+    )
     check_cannot(answer, "relaxation is longer than your data, s_w at least ")
     low, high = answer.s_w_interval
     assert high == math.inf
@@ -225,7 +233,9 @@ def test_structured_residuals_are_told():
     answer = fit_relaxation(MeanRecord(n, n, two, length=1.0, unit="repetitions"))
     assert "not one exponential alone" in str(answer)
     assert "without the first 1 to 3 values s_w = " in str(answer)
-    told = sum("not one" in str(fit_relaxation(noisy(np.random.default_rng(k), 4.0, 20, 0.003, False))) for k in range(60))
+    told = sum(
+        "not one" in str(fit_relaxation(noisy(np.random.default_rng(k), 4.0, 20, 0.003, False))) for k in range(60)
+    )
     assert told <= 4
 
 

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 
 from flashtemp.__main__ import main
 from flashtemp.viz import theme
-from flashtemp.viz.residuals import draw_residuals
-from flashtemp.viz.shown_text import UNKNOWN_LETTER, replace_unprintable
+from flashtemp.viz.literal_text import UNKNOWN_LETTER, replace_unprintable
+from flashtemp.viz.measurement.residual_plots import draw_residuals
 
 ODD = (
     "a $x^2$ b",

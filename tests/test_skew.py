@@ -102,7 +102,8 @@ def test_friction_of_a_skewed_road():
     assert part.pressure == tuple(p)
     assert part(p[0]) == pytest.approx(1.25, rel=0.03)
     plain, worn = (
-        PerssonTheory(rheology.READY_RUBBERS["A"], ROAD, shear=AdhesiveShear(4e6), enlarged=e)(0.1, 293.15, p) for e in ((), (part,))
+        PerssonTheory(rheology.READY_RUBBERS["A"], ROAD, shear=AdhesiveShear(4e6), enlarged=e)(0.1, 293.15, p)
+        for e in ((), (part,))
     )
     np.testing.assert_allclose(worn.viscous / plain.viscous, 1 / np.array(part.factor))
     np.testing.assert_allclose(worn.adhesive / plain.adhesive, part.factor)
@@ -116,7 +117,7 @@ class Lowered:
 
     def __init__(self, f: float, q: float):
         self.f, self.q = f, q
-        self.breaks = (*ROAD.law.bend_wavenumbers, q)
+        self.bend_wavenumbers = (*ROAD.law.bend_wavenumbers, q)
 
     def __call__(self, q):
         return ROAD.law(q) * np.where(np.asarray(q) < self.q, self.f**2, 1.0)

@@ -169,10 +169,10 @@ def test_flattened_tops_lower_friction_as_they_are_lowered(worn):
     The argument of skewness.py, mu ~ 1/R, holds where only tops touch and not beyond.
     """
     ratio = worn.against("mu", "worn", "plain")
-    print(ratio, worn.against("area", "worn", "plain"), worn.follows)
+    print(ratio, worn.against("area", "worn", "plain"), worn.friction_area_product)
     np.testing.assert_allclose(ratio, 0.6, rtol=0.08)
-    assert worn.follows[0] == pytest.approx(1.0, abs=0.08)
-    assert worn.follows[1] < 0.93
+    assert worn.friction_area_product[0] == pytest.approx(1.0, abs=0.08)
+    assert worn.friction_area_product[1] < 0.93
 
 
 def test_the_twin_with_the_same_spectrum_rubs_more(worn):
@@ -205,7 +205,9 @@ def test_wear_of_long_waves_costs_at_most_their_share_of_friction():
     long = carried.q < 2 * np.pi / cutoff
     share = float((carried.density * carried.weight)[long].sum() / carried.viscous)
     some, every = (
-        skewed_friction.compare_roads(0.6, A, 1.0, T, [p], grid=64, seeds=(0, 1, 2), cutoff=c).mean_ratio("mu", "worn", "plain")
+        skewed_friction.compare_roads(0.6, A, 1.0, T, [p], grid=64, seeds=(0, 1, 2), cutoff=c).mean_ratio(
+            "mu", "worn", "plain"
+        )
         for c in (cutoff, 0.0)
     )
     print(some, every, share)

@@ -87,7 +87,10 @@ def test_loss_alone_changes_friction_in_proportion():
 
 def test_the_same_law_for_both_is_one_factor():
     """loss_rest = rest and loss_peak = (1 + rest)/2 is the law of the storage: results of one factor on E."""
-    one, both = (replace(LINEAR, payne=p)(0.1, WARM, P) for p in (PayneSoftening(0.4), PayneSoftening(0.4, loss_peak=0.7, loss_rest=0.4)))
+    one, both = (
+        replace(LINEAR, payne=p)(0.1, WARM, P)
+        for p in (PayneSoftening(0.4), PayneSoftening(0.4, loss_peak=0.7, loss_rest=0.4))
+    )
     np.testing.assert_allclose(both.P, one.P, rtol=1e-6)
     assert both.viscous == pytest.approx(float(one.viscous), rel=1e-6)
 
@@ -116,7 +119,9 @@ def test_the_default_of_a_case_is_one_factor_and_the_keys_arrive(tmp_path):
     (tmp_path / "case.toml").write_text('effects = ["persson_friction"]\n')
 
     def payne(**given):
-        return find_theory(load_case(tmp_path, {f"persson_friction.{k}": v for k, v in given.items()}))[1].p.theory.payne
+        return find_theory(load_case(tmp_path, {f"persson_friction.{k}": v for k, v in given.items()}))[
+            1
+        ].p.theory.payne
 
     assert payne() is None
     assert payne(payne_rest=0.4) == PayneSoftening(0.4, 0.05)

@@ -15,7 +15,7 @@ from flashtemp.meshes.grading import geometric
 from flashtemp.meshes.mesh import Mesh
 from flashtemp.physics.effects.resolved_spots import ResolvedSpots
 from flashtemp.physics.friction.spot_patterns import ContactMap, DiscPattern, place_discs, read_contact_map
-from flashtemp.solver.balance import HeatBalance
+from flashtemp.solver.heat_balance import HeatBalance
 from flashtemp.solver.system import PhaseSystem
 
 D, PHI = 3e-3, 0.2

@@ -12,7 +12,7 @@ import pytest
 
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
-from flashtemp.comparison.twin import SyntheticPlan, make_synthetic_campaign
+from flashtemp.comparison.synthetic_campaign import SyntheticPlan, make_synthetic_campaign
 from flashtemp.discovery import engine
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.diagnostics.effect_size import change_per_unit
@@ -31,7 +31,7 @@ from flashtemp.errors import BadInput
 from flashtemp.model import priors
 from flashtemp.model.case import load_case
 from flashtemp.model.schema import COMMAND_TABLES, COMPUTATION_TABLES
-from flashtemp.runs.workers import open_worker_pool
+from flashtemp.runs.results.worker_pool import open_worker_pool
 
 ROOT = Path(__file__).parents[1]
 SMALL = {
@@ -64,13 +64,13 @@ def checked(made, factor, keys):
     views, forces = (tuple(map(wrong, own)) for own in (made.campaign.views, made.campaign.forces))
     problem = made.prepare(views=views, forces=forces, free=("ambient.convection",))
     inputs = tuple(i for i in list_stated_inputs(problem) if i.key in keys)
-    asked = DerivativeRequest(problem.free, scatter=True, modes=2, optics=True, block_sizes=True)
-    first = problem.predictions(problem.tasks(problem.start, asked))
-    first = add_input_columns(problem, problem.start, first, inputs)
+    asked = DerivativeRequest(problem.free_keys, scatter=True, modes=2, optics=True, block_sizes=True)
+    first = problem.predict(problem.make_tasks(problem.stated_model, asked))
+    first = add_input_columns(problem, problem.stated_model, first, inputs)
     data = WhitenedData.from_predictions(problem, first)
     system = LinearSystem(data.make_blocks(first))
     changes = partial(change_per_unit, data, first, system)
-    known = nuisance_priors(problem, system.names, problem.start)
+    known = nuisance_priors(problem, system.names, problem.stated_model)
     out = {}
     for cell, total in ((True, None), (False, system.normal_equations(lambda block: not block.label.endswith(".csv")))):
         checks = {c.input.key: c for c in check_inputs(system, known, total, inputs, changes)}
@@ -125,7 +125,8 @@ def test_every_physical_number_of_a_case_is_an_input_or_exempt_with_a_reason(nam
 
 def test_cameras_state_emissivity_and_reflected_temperature(tmp_path):
     listed = {
-        i.key: i for i in list_stated_inputs(problem_of(load_case(ROOT / "cases" / "uniform_pressure"), tmp_path, "wake", 0.9))
+        i.key: i
+        for i in list_stated_inputs(problem_of(load_case(ROOT / "cases" / "uniform_pressure"), tmp_path, "wake", 0.9))
     }
     assert (listed["wake.emissivity"].value, listed["wake.emissivity"].sd) == (0.9, 0.05)
     assert (listed["wake.reflected_temperature"].value, listed["wake.reflected_temperature"].sd) == (20.0, 2.0)
@@ -226,9 +227,9 @@ def columns(made):
     """The prediction at the stated point with all columns that are compared, and its task with a tight tolerance."""
     problem = made.prepare()
     asked = DerivativeRequest(inputs=tuple(ParameterId.of_input(key) for key in COMPARED))
-    [task] = problem.tasks(problem.start, asked)
-    task = replace(task, pins=task.pins | {"numerics.mesh": 0.4})
-    fine = replace(task, pins=task.pins | {"numerics.rtol": 1e-6}, derivatives=DerivativeRequest())
+    [task] = problem.make_tasks(problem.stated_model, asked)
+    task = replace(task, pins=task.mesh_overrides | {"numerics.mesh": 0.4})
+    fine = replace(task, pins=task.mesh_overrides | {"numerics.rtol": 1e-6}, derivatives=DerivativeRequest())
     return SimpleNamespace(seen=predict_condition(task), fine=fine, still=predict_condition(fine))
 
 
@@ -259,7 +260,9 @@ def test_inputs_of_a_view_have_columns_and_a_size_of_the_block_has_one_column_on
     """The column of emissivity is the slope that the camera model knows analytically."""
     problem = made.prepare()
     asked = tuple(map(ParameterId.of_input, ("sidewall.emissivity", "sidewall.reflected_temperature", "block.length")))
-    [seen] = problem.predictions(problem.tasks(problem.start, DerivativeRequest(optics=True, block_sizes=True, inputs=asked)))
+    [seen] = problem.predict(
+        problem.make_tasks(problem.stated_model, DerivativeRequest(optics=True, block_sizes=True, inputs=asked))
+    )
     wall, wake = (seen.observables[v.file].columns for v in problem.campaign.views)
     gain = wall[ParameterId(Kind.GAIN)]
     assert np.abs(wall[asked[0]] - gain).max() < 0.02 * np.abs(gain).max()
@@ -315,7 +318,9 @@ def test_an_input_that_would_change_less_than_the_model_may_err_is_not_contradic
     assert "hardly depend" in faint.words
 
 
-@pytest.mark.parametrize(("contradicted", "meshes"), [(("block.height",), [INPUT_CELL_FACTORS, None]), ((), [INPUT_CELL_FACTORS])])
+@pytest.mark.parametrize(
+    ("contradicted", "meshes"), [(("block.height",), [INPUT_CELL_FACTORS, None]), ((), [INPUT_CELL_FACTORS])]
+)
 def test_inputs_that_data_contradict_are_asked_again_on_the_mesh_of_the_data(monkeypatch, contradicted, meshes):
     """A coarse mesh makes up a column of what changes next to nothing; the exact one replaces it, others stay."""
     height, mu = (ParameterId.of_input(key) for key in ("block.height", "friction.mu"))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from flashtemp.runs import steadiness
+from flashtemp.runs.checks import stick_slip_stability
 
 
 def ran(lab, **given):
@@ -24,7 +24,7 @@ FALLS = {"effects": ["friction_speed", "friction_softening"], "friction_speed__e
 def test_slope_of_a_power_law(lab, speed):
     """mu ~ v^m at given temperatures: dmu/dv = m mu/v."""
     scene, run = ran(lab, **FALLS, schedule__speed=speed)
-    found = steadiness.estimate_velocity_weakening(scene, run)
+    found = stick_slip_stability.estimate_velocity_weakening(scene, run)
     assert found.speed == abs(speed)
     assert found.slope == pytest.approx(-0.3 * run.friction[run.last] / abs(speed), rel=1e-4)
     assert found.damping == pytest.approx(-found.slope * 1.5e5 * 0.025 * 0.05, rel=1e-12)
@@ -34,7 +34,7 @@ def test_slope_of_a_power_law(lab, speed):
 @pytest.mark.parametrize("stiffness", [1e4, 1e6])
 def test_a_block_on_a_spring_shakes_below_that_damping_and_rests_above(lab, mass, stiffness):
     scene, run = ran(lab, **FALLS)
-    found = steadiness.estimate_velocity_weakening(scene, run)
+    found = stick_slip_stability.estimate_velocity_weakening(scene, run)
     mu, N, v = run.friction[run.last], 1.5e5 * 0.025 * 0.05, found.speed
 
     def grows(damping):
@@ -56,8 +56,8 @@ def test_a_block_on_a_spring_shakes_below_that_damping_and_rests_above(lab, mass
 
 
 def test_a_run_says_so_only_where_friction_falls(lab):
-    [said] = steadiness.warn_of_stick_slip(*ran(lab, **FALLS))
+    [said] = stick_slip_stability.warn_of_stick_slip(*ran(lab, **FALLS))
     assert "not modelled here" in said
     assert "N s/m" in said
-    assert steadiness.warn_of_stick_slip(*ran(lab)) == []
-    assert steadiness.warn_of_stick_slip(*ran(lab, **FALLS | {"friction_speed__exponent": 0.3})) == []
+    assert stick_slip_stability.warn_of_stick_slip(*ran(lab)) == []
+    assert stick_slip_stability.warn_of_stick_slip(*ran(lab, **FALLS | {"friction_speed__exponent": 0.3})) == []

@@ -17,10 +17,11 @@ import xarray as xr
 from flashtemp.__main__ import main
 from flashtemp.errors import SolverFailure
 from flashtemp.model.case import load_case
-from flashtemp.runs import kept_points, sweep
-from flashtemp.runs.workers import stream_results
+from flashtemp.runs.results import resumable_batch
+from flashtemp.runs.results.worker_pool import stream_results
+from flashtemp.runs.studies import sweep
 from flashtemp.solver.march import march
-from flashtemp.viz import sweep as picture
+from flashtemp.viz.studies import sweep as picture
 
 CASE = """title = "small"
 [block]
@@ -104,9 +105,9 @@ def test_a_changed_file_is_another_point(case, tmp_path):
     (case / "p.csv").write_text("0.0,1.5\n0.025,0.5\n")
     given = ["effects=pressure_profile", "pressure_profile.profile=p.csv"]
     first = sweep.plan_sweep(case, *sweep.parse_axes([*given, "schedule.speed=0.1,0.2"])).points[0]
-    name = kept_points._hash_case(first)
+    name = resumable_batch._hash_case(first)
     (case / "p.csv").write_text("0.0,0.5\n0.025,1.5\n")
-    assert kept_points._hash_case(first) != name
+    assert resumable_batch._hash_case(first) != name
 
 
 def test_a_point_that_fails_is_told_and_the_rest_stays(case, tmp_path, capsys):

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flashtemp.errors import BadInput
-from flashtemp.physics.interpolation import Curve, Surface, read_surface, read_xy_pairs, read_rows
+from flashtemp.physics.interpolation import Curve, Surface, read_rows, read_surface, read_xy_pairs
 
 CURVE = Curve((0.0, 1.0, 3.0), (2.0, 4.0, 3.0))
 SURFACE = Surface((0.1, 1.0), (20.0, 60.0, 100.0), ((0.8, 0.6, 0.3), (0.9, 0.7, 0.5)))

@@ -14,12 +14,12 @@ from flashtemp.model import numerics
 from flashtemp.model.build import first_cells
 from flashtemp.model.case import assemble_case
 from flashtemp.model.case_file import KeyLocations
-from flashtemp.solver.balance import HeatBalance
 from flashtemp.solver.conjugate_residuals import MAX_RESIDUAL_RATIO, solve_shifted_system
+from flashtemp.solver.heat_balance import HeatBalance
 from flashtemp.solver.march import march
+from flashtemp.solver.mesh_mapping import stretch_mesh
 from flashtemp.solver.run import Run
 from flashtemp.solver.sensitivity import Perturbation, run_with_sensitivities
-from flashtemp.solver.stretching import stretch_mesh
 from flashtemp.solver.system import PhaseSystem
 
 SMALL = {
@@ -210,7 +210,11 @@ def test_trace_of_what_slid_first_as_long_as_it_may_be_seen():
     base, step, apart = MOVES[key]
     times = tuple(d / plain.speeds[1] for d in (0.05, 0.08, 0.12))
     hood = run_with_sensitivities(
-        plain, replace(case({}).settings, times=times), {key: Perturbation(scene(moved({}, key, base + step)), step)}, "", times
+        plain,
+        replace(case({}).settings, times=times),
+        {key: Perturbation(scene(moved({}, key, base + step)), step)},
+        "",
+        times,
     )
     tight = replace(case({}).settings, times=times, rtol=1e-7, atol=1e-6, order=5)
     above, below = (see(march(scene(moved({}, key, base + s * apart)), tight), "T_wake", times) for s in (1.0, -1.0))
@@ -273,7 +277,9 @@ def test_a_scene_that_is_not_moved_differs_by_nothing():
 def test_neighbours_do_not_meet(bare):
     """A trace is the same whoever is beside it, within what other steps change."""
     alone = traces({}, ["pressure_tilt.a"])
-    many, one = (h.derivative_of(lambda run: see(run, "T_block", moments({})), "pressure_tilt.a") for h in (bare, alone))
+    many, one = (
+        h.derivative_of(lambda run: see(run, "T_block", moments({})), "pressure_tilt.a") for h in (bare, alone)
+    )
     assert rms(many - one) < 0.01 * rms(one)
 
 
@@ -283,7 +289,9 @@ def test_any_moment_may_be_asked_for():
     times = tuple(sorted({p.begin + f * (p.end - p.begin) for p in phases for f in (0.0, 1e-9, 1e-6, 5e-5, 0.5, 1.0)}))
     step = MOVES["friction.mu"][1]
     own = replace(case({}).settings, times=times)
-    hood = run_with_sensitivities(scene({}), own, {"mu": Perturbation(scene({"friction.mu": 1.0 + step}), step)}, "", times)
+    hood = run_with_sensitivities(
+        scene({}), own, {"mu": Perturbation(scene({"friction.mu": 1.0 + step}), step)}, "", times
+    )
     assert np.isin(times, hood.perturbed["mu"].time).all()
     assert len(hood.perturbed["mu"].frames) == len(times)
     assert np.isfinite(hood.derivative_of(lambda run: run.T_block, "mu")).all()
@@ -302,7 +310,9 @@ def late(given, repetition=2, size=1e-2):
 def check_late(given):
     since, hood = late(given)
     for name in BOUNDS:
-        whole, part = (hood.derivative_of(lambda run, name=name: see(run, name, moments(given)), k) for k in ("whole", "since"))
+        whole, part = (
+            hood.derivative_of(lambda run, name=name: see(run, name, moments(given)), k) for k in ("whole", "since")
+        )
         np.testing.assert_allclose(part, whole, rtol=1e-9, atol=1e-9 * max(1.0, np.nanmax(np.abs(whole))), err_msg=name)
     before = hood.reference.time <= since
     assert before.sum() > 5

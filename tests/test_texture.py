@@ -13,7 +13,7 @@ from scipy.special import beta, gamma
 from flashtemp.__main__ import main
 from flashtemp.errors import BadInput
 from flashtemp.physics.friction import measured_roughness
-from flashtemp.physics.friction.roughness_spectrum import MeasuredSpectrum, SelfAffineLaw, RoughnessSpectrum
+from flashtemp.physics.friction.roughness_spectrum import MeasuredSpectrum, RoughnessSpectrum, SelfAffineLaw
 
 DATA = Path(__file__).parent / "data"
 PIXEL, N, SURFACES = 2e-4, 512, 6
@@ -108,7 +108,9 @@ def test_tilt_and_place_count_for_nothing(heights, areas):
     plane = 0.02 * PIXEL * np.arange(N)
     tilted = measured_roughness.spectrum_of_topography(heights[0] + plane + 3 * plane[:, None] + 0.01, PIXEL)
     np.testing.assert_allclose(tilted.C, areas[0].C, rtol=1e-6)
-    flat, tilted = (measured_roughness.spectrum_of_profile(heights[0, 5] + extra, PIXEL) for extra in (0.0, plane + 0.01))
+    flat, tilted = (
+        measured_roughness.spectrum_of_profile(heights[0, 5] + extra, PIXEL) for extra in (0.0, plane + 0.01)
+    )
     np.testing.assert_allclose(tilted.C, flat.C, rtol=1e-6)
     assert flat.valid_range[0] >= 0.999 * 2 * 2 * np.pi / (N * PIXEL)
 
@@ -189,7 +191,9 @@ def test_the_command_on_an_area(heights, tmp_path, capsys):
         told.append(json.loads(capsys.readouterr().out))
         assert Path(told[-1]["picture"]).stat().st_size > 5000
         points = measured_roughness.read_spectrum(out.name, tmp_path, "k")
-        assert RoughnessSpectrum(points, *points.valid_range).rms_height == pytest.approx(told[-1]["rms_height_m"], rel=1e-6)
+        assert RoughnessSpectrum(points, *points.valid_range).rms_height == pytest.approx(
+            told[-1]["rms_height_m"], rel=1e-6
+        )
     assert told[0]["rms_height_m"] == pytest.approx(told[1]["rms_height_m"], rel=1e-3)
     assert told[0]["hurst"] == pytest.approx(0.8, abs=0.08)
     assert told[0]["remarks"] == []
@@ -258,12 +262,15 @@ def test_what_no_road_has_is_remarked(heights, kind, pixel, said, tmp_path, caps
 
 def test_a_hurst_exponent_may_reach_its_limits():
     for hurst, count in ((-0.02, 1), (0.0, 0), (1.0, 0), (1.004, 0), (1.02, 1)):
-        assert len(measured_roughness.SpectrumSummary(1e-4, 9.9, 1e3, 1e5, SelfAffineLaw(1e-14, 1e3, hurst)).remarks) == count
+        assert (
+            len(measured_roughness.SpectrumSummary(1e-4, 9.9, 1e3, 1e5, SelfAffineLaw(1e-14, 1e3, hurst)).remarks)
+            == count
+        )
     assert len(measured_roughness.SpectrumSummary(1e-4, 10.1, 1e3, 1e5, SelfAffineLaw(1e-14, 1e3, 0.8)).remarks) == 1
 
 
 def test_the_picture_shows_points_and_law():
-    from flashtemp.viz import spectrum
+    from flashtemp.viz.theory import spectrum
 
     q = np.geomspace(100.0, 1e5, 20)
     points = MeasuredSpectrum(tuple(q), tuple(LAW(q)))

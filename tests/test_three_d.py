@@ -10,14 +10,14 @@ import pytest
 from scipy.sparse import csc_matrix, diags
 from scipy.sparse.linalg import splu
 
-from flashtemp.camera.observation import observe
+from flashtemp.camera.prediction.observation import observe
+from flashtemp.camera.prediction.wall_temperature.side_wall_temperature import wall_deficit_length
 from flashtemp.camera.recording import Recording
-from flashtemp.camera.wall import wall_deficit_length
 from flashtemp.meshes import block_on_road
 from flashtemp.model.case import assemble_case
 from flashtemp.model.case_file import KeyLocations
 from flashtemp.physics.effect import Factor, Heat
-from flashtemp.solver.balance import HeatBalance
+from flashtemp.solver.heat_balance import HeatBalance
 from flashtemp.solver.march import march
 from flashtemp.solver.system import PhaseSystem
 

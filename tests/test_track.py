@@ -11,12 +11,12 @@ from truth.asperities import kept
 
 from flashtemp.meshes.grading import geometric
 from flashtemp.model.case import load_case
-from flashtemp.solver import lanes
-from flashtemp.solver.balance import HeatBalance
+from flashtemp.solver import contact_lanes
 from flashtemp.solver.circular_track import CircularTrack, build_inflow, build_track
+from flashtemp.solver.heat_balance import HeatBalance
 from flashtemp.solver.march import march
-from flashtemp.solver.progress import MarchState
-from flashtemp.solver.system import RoadInflow, PhaseSystem
+from flashtemp.solver.march_state import MarchState
+from flashtemp.solver.system import PhaseSystem, RoadInflow
 
 CASES = Path(__file__).parents[1] / "cases"
 
@@ -89,8 +89,8 @@ def test_lanes_mix_with_their_surroundings(fraction):
         state = asked.interface.contact_state(now, np.full(len(b.cell_road), now.pressure))
         T = np.zeros(b.n)
         mesh.planes(T)[mesh.road] = road[0].reshape(mesh.n_road, 1)
-        found = lanes.lane_rises(b, state, T, road)
-        at_depth = lanes.incoming_lane_rises(b, asked.interface.spreading_loss_at_depth(state, now), road)
+        found = contact_lanes.lane_rises(b, state, T, road)
+        at_depth = contact_lanes.incoming_lane_rises(b, asked.interface.spreading_loss_at_depth(state, now), road)
         share, rise = kept(fraction, diameter, D, age + young), road[1, -1]
         print(
             f"{age:g} s: {found[0] / rise:.4f}, of discs {share:.4f}; at half the first cell {at_depth[-1, 0] / rise:.4f}"

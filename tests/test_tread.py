@@ -15,7 +15,7 @@ from flashtemp.errors import BadInput
 from flashtemp.model.case import load_case
 from flashtemp.physics.friction import cold_hot_law, tread_block
 from flashtemp.physics.friction.curve_peak import find_peak
-from flashtemp.physics.friction.flash_temperature import FrictionBranch, ContactSpots
+from flashtemp.physics.friction.flash_temperature import ContactSpots, FrictionBranch
 from flashtemp.physics.friction.persson import PerssonTheory
 from flashtemp.physics.friction.rheology import READY_RUBBERS as RUBBERS
 from flashtemp.physics.friction.road_side import RoadSide
@@ -82,7 +82,9 @@ def test_steps_are_doubled_until_the_friction_stays():
         law = cold_hot_law.ColdHotLaw(branch, branch, 2e-3)
         path, moved = tread_block.refine_steps(BLOCK, law, slips, 200, most)
         n = steps[mu, most] = len(path.time) - 1
-        friction, finer = (tread_block.mean_traction(tread_block.pass_footprint(BLOCK, law, slips, k)) for k in (n, 2 * n))
+        friction, finer = (
+            tread_block.mean_traction(tread_block.pass_footprint(BLOCK, law, slips, k)) for k in (n, 2 * n)
+        )
         np.testing.assert_allclose(tread_block.mean_traction(path), friction)
         assert moved == pytest.approx(np.abs(finer / friction - 1).max())
         assert (moved > tread_block.STEP_DOUBLING_TOLERANCE) == (most == 200)
@@ -98,7 +100,9 @@ def test_one_small_change_does_not_settle_stick_slip():
     light, slips = replace(BLOCK, mass=1e-3), [0.05, 0.09]
     branch = FrictionBranch(np.array([1e-5, 1e-3, 10.0]), np.array([0.2, 0.45, 0.35]), np.zeros(3), np.zeros(3))
     law = cold_hot_law.ColdHotLaw(branch, branch, 2e-3)
-    few, more, most = (tread_block.mean_traction(tread_block.pass_footprint(light, law, slips, n)) for n in (200, 400, 800))
+    few, more, most = (
+        tread_block.mean_traction(tread_block.pass_footprint(light, law, slips, n)) for n in (200, 400, 800)
+    )
     assert np.abs(more / few - 1).max() < tread_block.STEP_DOUBLING_TOLERANCE < np.abs(most / more - 1).max()
     path, moved = tread_block.refine_steps(light, law, slips, 200, 800)
     assert len(path.time) - 1 == 800
@@ -190,7 +194,9 @@ def test_friction_is_highest_at_a_slip_like_diameter_over_footprint():
     ratios = {}
     for diameter, footprint in ((0.005, 0.1), (0.02, 0.1), (0.01, 0.2)):
         found = cold_hot_law.derive_law(THEORY, RUBBER, ContactSpots(diameter), T0, P, 27.0)
-        path = tread_block.pass_footprint(replace(BLOCK, footprint=footprint, mass=0.1), found, tread_block.SWEPT_SLIPS, 300)
+        path = tread_block.pass_footprint(
+            replace(BLOCK, footprint=footprint, mass=0.1), found, tread_block.SWEPT_SLIPS, 300
+        )
         best = find_peak(tread_block.SWEPT_SLIPS, tread_block.mean_traction(path))
         assert not best.is_at_edge
         ratios[diameter, footprint] = best.at * footprint / diameter

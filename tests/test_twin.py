@@ -12,14 +12,20 @@ import pytest
 from truth import uncooled_camera
 
 from flashtemp.__main__ import main
-from flashtemp.camera import synthetic_camera_errors as camera_errors
 from flashtemp.camera.camera_classes import COOLED, UNCOOLED
-from flashtemp.camera.observation import SIDE_WALL_CELLS, WAKE_CELL_GROWTH
+from flashtemp.camera.prediction import synthetic_camera_errors as camera_errors
+from flashtemp.camera.prediction.observation import SIDE_WALL_CELLS, WAKE_CELL_GROWTH
+from flashtemp.camera.prediction.synthetic_camera_errors import SyntheticCamera
 from flashtemp.camera.recording import load as recording
-from flashtemp.camera.synthetic_camera_errors import SyntheticCamera
 from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare, summary_line
-from flashtemp.comparison.twin import SEALED_TRUTH, SyntheticPlan, draw_discretisation, draw_effect_parameters, make_synthetic_campaign
+from flashtemp.comparison.synthetic_campaign import (
+    SEALED_TRUTH,
+    SyntheticPlan,
+    draw_discretisation,
+    draw_effect_parameters,
+    make_synthetic_campaign,
+)
 from flashtemp.errors import BadInput
 from flashtemp.model.case import load_case
 from flashtemp.model.schema import find_value_fault

@@ -13,13 +13,13 @@ from scipy.integrate import quad
 from flashtemp.__main__ import main
 from flashtemp.model.schema import COMMAND_TABLES
 from flashtemp.physics.friction import cold_hot_law, tread_block, tyre
-from flashtemp.physics.friction.flash_temperature import FrictionBranch, ContactSpots
+from flashtemp.physics.friction.flash_temperature import ContactSpots, FrictionBranch
 from flashtemp.physics.friction.persson import PerssonTheory
 from flashtemp.physics.friction.rheology import READY_RUBBERS as RUBBERS
 from flashtemp.physics.friction.roughness_spectrum import READY_ROADS as ROADS
 from flashtemp.physics.material import LIBRARY
-from flashtemp.runs import rolling
-from flashtemp.viz import tyre as picture
+from flashtemp.runs.studies import rolling
+from flashtemp.viz.theory import tyre as picture
 
 CASE = Path(__file__).parents[1] / "cases" / "tyre"
 THEORY, RUBBER, P = PerssonTheory(RUBBERS["A"], ROADS["asphalt A"]), LIBRARY["tread_rubber"], 3e5
@@ -54,7 +54,9 @@ def corner():
 
     def one(T, D, k=1.5e8, spots=OfThree):
         if (T, D, k, spots) not in known:
-            law = cold_hot_law.derive_law(THEORY, RUBBER, spots(D), T + 273.15, P, 2 * float(TYRE.lateral_speed(15.0)), stated_ratio=0.2)
+            law = cold_hot_law.derive_law(
+                THEORY, RUBBER, spots(D), T + 273.15, P, 2 * float(TYRE.lateral_speed(15.0)), stated_ratio=0.2
+            )
             known[T, D, k, spots] = tyre.compute_cornering(TYRE, law, LOADS, ANGLES, k, 0.1, T + 273.15, steepest=15.0)
         return known[T, D, k, spots]
 

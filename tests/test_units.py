@@ -12,18 +12,23 @@ from hypothesis import strategies as st
 
 import flashtemp
 from flashtemp.__main__ import main
-from flashtemp.camera import import_options
-from flashtemp.camera.points import positions_from_rows
+from flashtemp.camera.importing import import_options
+from flashtemp.camera.sensors import positions_from_rows
 from flashtemp.cli import commands
 from flashtemp.errors import BadInput
-from flashtemp.model.schema import COMMAND_TABLES, MATERIAL_KEYS, CASE_TABLES
+from flashtemp.model.schema import CASE_TABLES, COMMAND_TABLES, MATERIAL_KEYS
 from flashtemp.physics import units
 from flashtemp.physics.effect import catalogue
-from flashtemp.runs import sweep
+from flashtemp.runs.studies import sweep
 
 DECLARED = {
     p.unit
-    for table in (*CASE_TABLES.values(), *COMMAND_TABLES.values(), MATERIAL_KEYS, *(e.params() for e in catalogue().values()))
+    for table in (
+        *CASE_TABLES.values(),
+        *COMMAND_TABLES.values(),
+        MATERIAL_KEYS,
+        *(e.params() for e in catalogue().values()),
+    )
     for p in table.values()
     if {"number", "amount", "amounts"} & set(p.kinds) and p.unit
 }

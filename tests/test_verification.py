@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 from flashtemp.meshes import block_on_road
 from flashtemp.meshes.grading import geometric, two_sided
 from flashtemp.meshes.mesh import Mesh
-from flashtemp.physics import closed_forms
+from flashtemp.physics import analytical_solutions
 from flashtemp.physics.effect import Deposit, Factor, Heat, Term
 from flashtemp.physics.effects.convection import Convection
 from flashtemp.physics.effects.flash import Flash
@@ -44,7 +44,7 @@ def test_V1_constant_flux(lab):
     z, T, surface = heated(lab, 24, 12e-3, 2e-5, 4, 1e4, 3.5)
     lab.check("V1 surface, K of 29.55997", abs(surface - 29.559970), 0.01)
     lab.check("V1 at 1 mm, K of 5.292016", abs(CubicSpline(z, T)(1e-3) - 5.292016), 0.0006)
-    lab.check("V1 profile, K", np.abs(T - closed_forms.constant_flux(RUBBER, 1e4, 3.5, z)).max(), 0.01)
+    lab.check("V1 profile, K", np.abs(T - analytical_solutions.constant_flux(RUBBER, 1e4, 3.5, z)).max(), 0.01)
 
 
 def test_V2_pulse_with_the_events_of_the_schedule(lab):
@@ -62,7 +62,7 @@ def test_V3_volumetric_source_and_order_in_depth(lab, depth, bound):
         mesh = lab.column(24, 12e-3, 2e-5, refine)
         _, rise = lab.slide(lab.scene(mesh, lab.APART, lab.MU, Deposit(1.0, depth), pressure=1e5, time=0.03))
         z = mesh.z_centre[mesh.block[0]]
-        errors.append(np.abs(rise[mesh.block[0]] - closed_forms.deep_source(RUBBER, 1e4, depth, 0.03, z)).max())
+        errors.append(np.abs(rise[mesh.block[0]] - analytical_solutions.deep_source(RUBBER, 1e4, depth, 0.03, z)).max())
     lab.check_second_order(f"V3 depth {depth:g} m, K", errors, bound)
 
 
@@ -70,7 +70,7 @@ def test_V13_slab_and_order(lab):
     errors = []
     for refine in (1, 2, 4):
         z, T, surface = heated(lab, 16, 7e-3, 2e-4, refine, 1e3, 100.0)
-        errors.append(np.abs(T - closed_forms.slab_heating(RUBBER, 7e-3, 1e3, 100.0, z)).max())
+        errors.append(np.abs(T - analytical_solutions.slab_heating(RUBBER, 7e-3, 1e3, 100.0, z)).max())
     lab.check_second_order("V13 profile, K", errors, 0.002)
     lab.check("V13 heated face, K of 15.855354", abs(surface - 15.8553540), 0.0025)
     lab.check("V13 back, K of 2.8167688", abs(T[-1] - 2.8167688), 0.003)
@@ -92,7 +92,7 @@ def test_V14_slab_cools_to_the_holder_and_order(lab):
         _, rise = lab.slide(world, warm=1.0, rtol=1e-9)
         z = mesh.z_centre[mesh.block[0]]
         errors.append(
-            np.abs(rise[mesh.block[0]] - closed_forms.slab_cooling(RUBBER, 7e-3, 20.0, 400.0, 7e-3 - z)).max()
+            np.abs(rise[mesh.block[0]] - analytical_solutions.slab_cooling(RUBBER, 7e-3, 20.0, 400.0, 7e-3 - z)).max()
         )
     lab.check_second_order("V14 slab, of 1", errors, 1e-5)
 
@@ -135,7 +135,7 @@ def test_V6_source_at_the_interface(lab):
 def test_V7_sources_at_and_above_the_interface(lab, m, joined, resisted):
     J, spot, _ = touch(lab, 4, inf, 0.01, surface=5e4, deep=5e4, depth=1 / m)
     lab.check(f"V7 m = {m:g}/m, alpha = inf, flux relative", abs(J / joined - 1), 0.00015)
-    rise = closed_forms.shared_deep_rise(RUBBER, ROAD, 5e4, 5e4, 1 / m, 0.01)
+    rise = analytical_solutions.shared_deep_rise(RUBBER, ROAD, 5e4, 5e4, 1 / m, 0.01)
     lab.check(f"V7 m = {m:g}/m, alpha = inf, K of {rise:.8g}", abs(spot - rise), 0.001)
     J, _, _ = touch(lab, 4, 2e4, 0.01, surface=5e4, deep=5e4, depth=1 / m)
     lab.check(f"V7 m = {m:g}/m, alpha = 2e4, flux relative", abs(J / resisted - 1), 0.0001)
@@ -165,7 +165,7 @@ def roll(
 def test_V8_uniform_flux(lab):
     x, T, _ = roll(lab)
     lab.check("V8 uniform at L/2, K of 20.241636", abs(PchipInterpolator(x, T)(L / 2) - 20.241636), 0.012)
-    lab.check("V8 uniform, K of 28.625996", np.abs(T - closed_forms.road_rise(ROAD, 0.1, 7.5e4, x)).max(), 0.07)
+    lab.check("V8 uniform, K of 28.625996", np.abs(T - analytical_solutions.road_rise(ROAD, 0.1, 7.5e4, x)).max(), 0.07)
 
 
 def test_V8_linear_flux_peaks_in_the_middle(lab):
@@ -174,7 +174,7 @@ def test_V8_linear_flux_peaks_in_the_middle(lab):
     peak = top.derivative().roots(extrapolate=False)
     lab.check("V8 linear, place of the peak, m of 0.0125", abs(peak[-1] - L / 2), 0.0001)
     lab.check("V8 linear, peak, K of 13.494424", abs(top(peak[-1]) - 13.494424), 0.008)
-    lab.check("V8 linear, K", np.abs(T - closed_forms.road_rise_linear(ROAD, 0.1, 7.5e4, L, x)).max(), 0.07)
+    lab.check("V8 linear, K", np.abs(T - analytical_solutions.road_rise_linear(ROAD, 0.1, 7.5e4, L, x)).max(), 0.07)
 
 
 @pytest.mark.long
@@ -187,7 +187,9 @@ def test_V8_exponential_flux(lab):
     lab.check("V8 exponential, place of the peak, m of 4.27016e-3", abs(peak - 4.27016e-3), 2.5e-6)
     lab.check("V8 exponential, peak, K of 6.926413", abs(top(peak) - 6.926413), 0.008)
     lab.check(
-        "V8 exponential, K", np.abs(T - closed_forms.road_rise_exponential(ROAD, 0.1, 7.5e4, decay, x)).max(), 0.07
+        "V8 exponential, K",
+        np.abs(T - analytical_solutions.road_rise_exponential(ROAD, 0.1, 7.5e4, decay, x)).max(),
+        0.07,
     )
 
 
@@ -198,7 +200,7 @@ def test_V8_wake_behind_the_block(lab):
     place, T = mesh.x_centre, rise[mesh.road[:, -1]]
     lab.check("V8 wake 0.1 m behind, K of 6.757681", abs(PchipInterpolator(place, T)(L + 0.1) - 6.757681), 0.012)
     far = place > L + 2e-3
-    closed = closed_forms.road_wake(ROAD, 0.1, 7.5e4, L, place[far])
+    closed = analytical_solutions.road_wake(ROAD, 0.1, 7.5e4, L, place[far])
     lab.check("V8 wake from 2 mm behind, K", np.abs(T[far] - closed).max(), 0.05)
 
 
@@ -241,18 +243,20 @@ def test_V9_jaeger_strip(lab, peclet, around, time, lines, bounds):
     top = CubicSpline(run.x, theta)
     roots = top.derivative().roots(extrapolate=False)
     peak = roots[np.argmax(top(roots))]
-    lab.check(f"V9 Pe = {peclet:g}, middle", abs(top(b) - closed_forms.jaeger_strip(peclet, 0.0)), bounds[0])
+    lab.check(f"V9 Pe = {peclet:g}, middle", abs(top(b) - analytical_solutions.jaeger_strip(peclet, 0.0)), bounds[0])
     lab.check(
         f"V9 Pe = {peclet:g}, peak",
-        abs(top(peak) - closed_forms.jaeger_strip(peclet, closed_forms.jaeger_strip_peak(peclet))),
+        abs(top(peak) - analytical_solutions.jaeger_strip(peclet, analytical_solutions.jaeger_strip_peak(peclet))),
         bounds[1],
     )
     lab.check(
-        f"V9 Pe = {peclet:g}, place of the peak X", abs(1 - peak / b - closed_forms.jaeger_strip_peak(peclet)), bounds[2]
+        f"V9 Pe = {peclet:g}, place of the peak X",
+        abs(1 - peak / b - analytical_solutions.jaeger_strip_peak(peclet)),
+        bounds[2],
     )
     lab.check(
         f"V9 Pe = {peclet:g}, profile relative to the peak",
-        np.abs(theta - closed_forms.jaeger_strip(peclet, X)).max() / theta.max(),
+        np.abs(theta - analytical_solutions.jaeger_strip(peclet, X)).max() / theta.max(),
         bounds[3],
     )
 
@@ -262,7 +266,7 @@ def test_V19_conveyor_converges_on_a_uniform_mesh(lab):
     errors = []
     for refine in (1, 2, 4):
         x, T, mesh = roll(lab, refine=refine, cells=(25, 4, 24), first=(1.0, 1.0, 4e-8))
-        error = np.abs(T - closed_forms.road_rise(ROAD, 0.1, 7.5e4, x))
+        error = np.abs(T - analytical_solutions.road_rise(ROAD, 0.1, 7.5e4, x))
         errors.append((error * mesh.dx_block).sum() / L)
     print("V19 mean error, K", errors, lab.orders(errors))
     assert min(lab.orders(errors)) > 0.9
@@ -277,19 +281,26 @@ def test_V19_order_along_x_for_a_smooth_flux(lab):
     for refine in (1, 2, 4):
         smooth = Factor("contact.pressure", lambda T, now, p: flux(now.x))
         x, T, _ = roll(lab, smooth, refine=refine, cells=(16, 4, 16), first=(1e-3, 1e-3, 2e-7), depth=3e-5)
-        errors.append(max(abs(t - closed_forms.road_rise_by_quadrature(ROAD, 0.1, flux, at)) for t, at in zip(T, x, strict=True)))
+        errors.append(
+            max(
+                abs(t - analytical_solutions.road_rise_by_quadrature(ROAD, 0.1, flux, at))
+                for t, at in zip(T, x, strict=True)
+            )
+        )
     lab.check_second_order("V19 smooth flux along x, K of 31", errors, 0.04)
 
 
 def test_V23_lanes_widen(lab):
     x, T, _ = roll(lab, (Lanes(), {}), road=ROAD, phi=0.2, mean=1.5e4, depth=2.2e-3, first=(2e-5, 1e-4, 2e-6))
-    at_exit = T[-1] / closed_forms.road_rise(ROAD, 0.1, 7.5e4, x[-1])
+    at_exit = T[-1] / analytical_solutions.road_rise(ROAD, 0.1, 7.5e4, x[-1])
     lab.check(
-        "V23 factor at the exit", abs(at_exit - closed_forms.lane_factor(ROAD.diffusivity, 3e-3, x[-1] / 0.1)), 0.0009
+        "V23 factor at the exit",
+        abs(at_exit - analytical_solutions.lane_factor(ROAD.diffusivity, 3e-3, x[-1] / 0.1)),
+        0.0009,
     )
     inside = x > 2e-3
-    rise = closed_forms.road_rise(ROAD, 0.1, 7.5e4, x) * [
-        closed_forms.lane_factor(ROAD.diffusivity, 3e-3, s / 0.1) for s in x
+    rise = analytical_solutions.road_rise(ROAD, 0.1, 7.5e4, x) * [
+        analytical_solutions.lane_factor(ROAD.diffusivity, 3e-3, s / 0.1) for s in x
     ]
     lab.check("V23 profile from 2 mm on, K", np.abs(T - rise)[inside].max(), 0.025)
 
@@ -316,14 +327,14 @@ def test_V11_gap_of_a_deep_source(lab):
     )  # fmt: skip
     run, _ = lab.slide(world)
     gap = (run.T_spot - run.T_block)[-1] / 0.8
-    assert gap == pytest.approx([closed_forms.spot_flash_deep(RUBBER, 1e4, 5e-5, 3e-3, 0.1)] * 2, rel=1e-7)
+    assert gap == pytest.approx([analytical_solutions.spot_flash_deep(RUBBER, 1e4, 5e-5, 3e-3, 0.1)] * 2, rel=1e-7)
 
 
 @pytest.mark.long
 def test_V15_everything_scales_with_the_root_of_speed(lab):
     profiles = {}
     for v in (0.1, 0.5, 1.0):
-        s = 1 / closed_forms.speed_scaling(v, 0.1)  # depths reached at the same slid distance
+        s = 1 / analytical_solutions.speed_scaling(v, 0.1)  # depths reached at the same slid distance
         mesh = block_on_road.build(L, s * 7e-6, s * 2.2e-6, (24, 16, 24), 1e-4, 1e-3, s * 1e-8, s * 3e-9)
         world = lab.scene(
             mesh, lab.MU, (Flash(), {}), rubber=lab.FILM_RUBBER, road=lab.FILM_ROAD, speed=v, phi=0.2, time=3.5 / v
@@ -345,7 +356,7 @@ def test_V15_V16_V18_default_case(lab):
     for v in (0.1, 1.0):
         run = lab.case(schedule__speed=v, contact__flash_factor=0.0, **BARE)
         dx = run.mesh.dx_block
-        final = (closed_forms.road_rise(ROAD, v, 1.5e5 * v / 0.2, run.x) * dx).sum()
+        final = (analytical_solutions.road_rise(ROAD, v, 1.5e5 * v / 0.2, run.x) * dx).sum()
         rise = run.T_block[-1] - 20.0
         share[v] = (rise * dx).sum() / final, run.at_x(rise, L / 2)
         given = 1.5e5 * 3.5 * L
@@ -355,6 +366,6 @@ def test_V15_V16_V18_default_case(lab):
     lab.check(
         "V15 case, rise at L/2, ratio relative to 3.162278", abs(share[1.0][1] / share[0.1][1] / 3.162278 - 1), 0.00018
     )
-    guide = closed_forms.road_driven(RUBBER, ROAD, L, 0.2, 3.5)
+    guide = analytical_solutions.road_driven(RUBBER, ROAD, L, 0.2, 3.5)
     lab.check("V16 share of the final rise against its guide 0.8995", abs(share[0.1][0] - guide), 0.04)
     lab.check("V16 the share depends on distance alone", abs(share[1.0][0] - share[0.1][0]), 0.001)

@@ -13,8 +13,8 @@ from matplotlib.image import imread
 from flashtemp.__main__ import main
 from flashtemp.api.simulation import simulate
 from flashtemp.model.case import load_case
-from flashtemp.runs.vtk import open_fields
-from flashtemp.viz import space, window
+from flashtemp.runs.results.vtk import open_fields
+from flashtemp.viz.run import view_3d, vtk_window
 
 SMALL = {
     "numerics.mesh": 0.4, "schedule.distance": 0.05, "output.profiles": 4, "output.fields": 2, "output.pictures": False,
@@ -53,7 +53,7 @@ def test_screenshot_shows_something(folders, name, tmp_path, capsys, monkeypatch
 
 
 def test_without_a_window_matplotlib_draws_and_says_what_is_missing(folders, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(window, "off_screen", lambda: False)
+    monkeypatch.setattr(vtk_window, "off_screen", lambda: False)
     file = tmp_path / "plain.png"
     assert main(["view", str(folders["wide"]), "--screenshot", str(file)]) == 0
     assert "libegl1" in capsys.readouterr().err
@@ -61,25 +61,25 @@ def test_without_a_window_matplotlib_draws_and_says_what_is_missing(folders, tmp
 
 
 def test_a_window_that_ends_the_process_is_survived(monkeypatch):
-    monkeypatch.setattr(window, "TRIAL", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
-    assert window.prepare_off_screen() is False
+    monkeypatch.setattr(vtk_window, "TRIAL", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
+    assert vtk_window.prepare_off_screen() is False
 
 
 def test_vtk_is_not_imported_before_its_window_is_chosen():
-    code = "import sys, flashtemp.viz.window, flashtemp.viz.space; print(any(m.startswith('vtk') for m in sys.modules))"
+    code = "import sys, flashtemp.viz.run.vtk_window, flashtemp.viz.run.view_3d; print(any(m.startswith('vtk') for m in sys.modules))"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "False"
 
 
 def test_parts_are_the_field(folders):
     """Edges in mm, temperatures in place: the warmer side is y > 0, and 2D is drawn out to its width."""
-    x, y, z, T = space.read_bodies(open_fields(folders["wide"]), 1.0)["block"]
+    x, y, z, T = view_3d.read_bodies(open_fields(folders["wide"]), 1.0)["block"]
     assert T.shape == (len(x) - 1, len(y) - 1, len(z) - 1)
     assert (y[0], y[-1]) == pytest.approx((-25.0, 25.0))
     assert T[T.shape[0] // 2, -1, 0] > T[T.shape[0] // 2, 0, 0] + 1.0
     assert T[..., 0].max() > T[..., -1].max() + 1.0
-    _, y, z, T = space.read_bodies(open_fields(folders["flat"]), 1.0)["road"]
+    _, y, z, T = view_3d.read_bodies(open_fields(folders["flat"]), 1.0)["road"]
     assert y.tolist() == [-25.0, 25.0]
-    assert -1.5 * space.ROAD_SHOWN_MM < z[0] < -2.0
+    assert -1.5 * view_3d.ROAD_SHOWN_MM < z[0] < -2.0
     assert z[-1] == 0.0
     assert T.shape[2] == len(z) - 1
 
@@ -95,7 +95,7 @@ def test_parts_are_the_field(folders):
 )
 def test_bad_wishes_are_told_in_one_line(folders, more, says, capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(window, "on_screen", lambda: False)
+    monkeypatch.setattr(vtk_window, "on_screen", lambda: False)
     assert main(["view", str(folders["flat"]), *more]) == 2
     said = capsys.readouterr().err.strip()
     assert says in said
@@ -110,7 +110,7 @@ def test_a_folder_without_fields(tmp_path, capsys):
 @pytest.fixture(scope="module")
 def opened(folders):
     """The window of the wide block, with its slider and its plane, drawn where nobody looks."""
-    if not window.prepare_off_screen():
+    if not vtk_window.prepare_off_screen():
         pytest.skip("VTK finds no window here")
     import pyvista
 
@@ -121,7 +121,7 @@ def opened(folders):
     fields = open_fields(folders["wide"])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(pyvista, "Plotter", Hidden)
-        plot = space.make_plotter(fields, float(fields.times[0]), off=False)
+        plot = view_3d.make_plotter(fields, float(fields.times[0]), off=False)
     yield plot, fields
     plot.close()
 
@@ -140,12 +140,12 @@ def test_the_window_says_what_and_when(opened):
     slider = plot.widgets.slider_widgets[0].GetRepresentation()
     assert (slider.GetMinimumValue(), slider.GetMaximumValue()) == pytest.approx((fields.times[0], fields.times[-1]))
     assert slider.GetTitleText() == "time (s)"
-    marks, _ = space.colour_bar_ticks(*space.temperature_limits(fields, float(fields.times[0])))
+    marks, _ = view_3d.colour_bar_ticks(*view_3d.temperature_limits(fields, float(fields.times[0])))
     assert plot.scalar_bar.GetNumberOfLabels() == len(marks)
     assert plot.scalar_bar.GetLookupTable().GetTableRange() == pytest.approx((marks[0], marks[-1]))
     shown = [actor.GetText(vtk_corner) for actor in plot.actors.values() if hasattr(actor, "GetText")
              for vtk_corner in range(8)]  # fmt: skip
-    assert space.KEY_HELP in shown
+    assert view_3d.KEY_HELP in shown
 
 
 def test_arrow_keys_step_through_the_kept_fields(opened):
@@ -161,7 +161,7 @@ def test_arrow_keys_step_through_the_kept_fields(opened):
 
 @pytest.mark.parametrize(("low", "high"), [(20.0, 47.6), (20.0, 21.0), (19.94, 20.9), (-10.3, 214.0), (35.0, 583.0)])
 def test_the_colour_bar_has_round_numbers_from_end_to_end(low, high):
-    marks, form = space.colour_bar_ticks(low, high)
+    marks, form = view_3d.colour_bar_ticks(low, high)
     step = marks[1] - marks[0]
     assert 4 <= len(marks) <= 8
     assert marks[0] <= low

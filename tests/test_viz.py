@@ -18,9 +18,10 @@ from flashtemp.meshes.mesh import centres
 from flashtemp.model.case import assemble_case
 from flashtemp.model.case_file import KeyLocations
 from flashtemp.solver.march import march
-from flashtemp.viz import animation, budget, field, friction, maps, profile, space_time, theme, time_axis, worn
+from flashtemp.viz import theme, time_axis
+from flashtemp.viz.run import animation, budget, field, friction, profile, run_in_maps, space_time, wear_profile
 
-PICTURES = (profile, space_time, field, friction, budget, maps, worn, animation)
+PICTURES = (profile, space_time, field, friction, budget, run_in_maps, wear_profile, animation)
 RUNS = {
     "run_in": {"effects": ["track_memory", "friction_softening"], "schedule.repetitions": 9, "schedule.wait": 10.0},
     "one": {},
@@ -233,7 +234,7 @@ def centres_of(image):
 
 def panels(run):
     """Axes of the maps in the order in which they are read, down the columns."""
-    found = [(ax.get_subplotspec(), ax) for ax in maps.draw(run).axes if ax.images]
+    found = [(ax.get_subplotspec(), ax) for ax in run_in_maps.draw(run).axes if ax.images]
     return [ax for _, ax in sorted(found, key=lambda pair: (pair[0].colspan.start, pair[0].rowspan.start))]
 
 
@@ -259,7 +260,7 @@ def test_maps_show_the_fields_at_the_end_of_every_repetition(runs):
 
 
 def test_maps_keep_first_and_last_of_many_and_leave_white_where_nothing_touches(runs, monkeypatch):
-    monkeypatch.setattr(maps, "MOST", 3)
+    monkeypatch.setattr(run_in_maps, "MOST", 3)
     assert [ax.get_title(loc="left") for ax in panels(runs["run_in"])] == [f"repetition {r}" for r in (1, 5, 9)]
     run = runs["worn"]
     lost = run.x > 0.02
@@ -271,19 +272,19 @@ def test_maps_keep_first_and_last_of_many_and_leave_white_where_nothing_touches(
 
 def test_worn_shows_face_and_pressure_before_and_after_or_is_skipped(runs):
     run = runs["worn"]
-    face, press = worn.draw(run).axes
+    face, press = wear_profile.draw(run).axes
     for k, height, pressure in zip([0, *time_axis.sliding_ends(run)], face.lines, press.lines, strict=True):
         np.testing.assert_array_equal(height.get_ydata(), -1e6 * run.worn[k])
         np.testing.assert_array_equal(pressure.get_ydata(), 1e-6 * run.pressure[k])
     assert run.worn[-1].min() > 0
     assert theme.format_decimal(1e9 * run.worn_volume, 3) in face.get_title(loc="left")
     fresh = replace(run, worn=0.0 * run.worn)
-    assert worn.applies(run)
-    assert worn.applies(fresh)  # its pressure changed shape
+    assert wear_profile.applies(run)
+    assert wear_profile.applies(fresh)  # its pressure changed shape
     grown = np.outer(np.linspace(1.0, 3.0, len(run.time)) * run.sliding, run.pressure[0])
-    assert not worn.applies(replace(fresh, pressure=grown))
-    assert maps.applies(runs["no_wait"])
-    assert not worn.applies(runs["no_wait"])
+    assert not wear_profile.applies(replace(fresh, pressure=grown))
+    assert run_in_maps.applies(runs["no_wait"])
+    assert not wear_profile.applies(runs["no_wait"])
 
 
 @pytest.mark.parametrize(("name", "more"), [("one", []), ("worn", ["run_in", "worn"])])

@@ -11,7 +11,14 @@ from flashtemp import simulate
 from flashtemp.__main__ import main
 from flashtemp.errors import BadInput
 from flashtemp.model.case import load_case
-from flashtemp.runs.wait_time import WAIT_TOLERANCE, MAX_MARCHES, TEMPERATURE_TOLERANCE_K, PeakTemperature, format_duration, find_minimum_wait
+from flashtemp.runs.studies.wait_time import (
+    MAX_MARCHES,
+    TEMPERATURE_TOLERANCE_K,
+    WAIT_TOLERANCE,
+    PeakTemperature,
+    find_minimum_wait,
+    format_duration,
+)
 
 SMALL = {  # a thin block on a cold holder: seconds of waiting count
     "effects": ["holder_sink"],
@@ -59,7 +66,10 @@ def test_answer_is_long_enough_and_a_tenth_less_is_not(case, file, capsys, of, c
     assert answer["reached"] <= below
     assert highest(case(schedule__wait=0.9 * answer["wait"]), curve) > below
     assert answer["too_short"] < answer["wait"]
-    near = answer["reached"] > below - TEMPERATURE_TOLERANCE_K or answer["wait"] < answer["too_short"] * (1 + WAIT_TOLERANCE) + WAIT_TOLERANCE
+    near = (
+        answer["reached"] > below - TEMPERATURE_TOLERANCE_K
+        or answer["wait"] < answer["too_short"] * (1 + WAIT_TOLERANCE) + WAIT_TOLERANCE
+    )
     assert near
     assert len(answer["tried"]) <= MAX_MARCHES + 3
     assert answer["total"] == pytest.approx(2 * 2.0 + answer["wait"])
@@ -68,7 +78,8 @@ def test_answer_is_long_enough_and_a_tenth_less_is_not(case, file, capsys, of, c
 def test_text_and_progress(file, capsys, monkeypatch):
     """The printed wait is rounded up; every march is told on stderr."""
     monkeypatch.setattr(
-        "flashtemp.runs.wait_time._peak", lambda case, wait, of: PeakTemperature(wait, 30 + 20 / (1 + wait / 7), 3, 29, 9000)
+        "flashtemp.runs.studies.wait_time._peak",
+        lambda case, wait, of: PeakTemperature(wait, 30 + 20 / (1 + wait / 7), 3, 29, 9000),
     )
     assert main(arguments(file, "--below", "40")) == 0
     out, err = capsys.readouterr()
@@ -86,14 +97,16 @@ def test_text_and_progress(file, capsys, monkeypatch):
 def test_few_marches_suffice(case, monkeypatch, constant, level):
     """Cooling like exp(-sqrt(wait/constant)), hot by 20 K: within the tolerance in at most 12 marches."""
     monkeypatch.setattr(
-        "flashtemp.runs.wait_time._peak",
+        "flashtemp.runs.studies.wait_time._peak",
         lambda case, wait, of: PeakTemperature(wait, 40 + 20 * exp(-sqrt(wait / constant)), 3, 40, 0),
     )
     below, exact = 40 + 20 * level, constant * log(level) ** 2
     answer = find_minimum_wait(case(), below)
     assert len(answer.tried) <= 12
     assert exact <= answer.wait <= float(str(answer).split()[1])
-    assert answer.reached > below - TEMPERATURE_TOLERANCE_K or answer.wait <= exact * (1 + WAIT_TOLERANCE) + WAIT_TOLERANCE
+    assert (
+        answer.reached > below - TEMPERATURE_TOLERANCE_K or answer.wait <= exact * (1 + WAIT_TOLERANCE) + WAIT_TOLERANCE
+    )
 
 
 def test_no_wait_is_needed(case):

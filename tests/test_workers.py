@@ -18,12 +18,18 @@ import pytest
 
 from flashtemp.discovery.hypotheses.candidates import ModelPoint, find_candidates
 from flashtemp.discovery.parameters import ParameterId
-from flashtemp.discovery.prediction.prediction import DerivativeRequest, LoadCellEntry, Prediction, PredictionTask, predict_condition
+from flashtemp.discovery.prediction.prediction import (
+    DerivativeRequest,
+    LoadCellEntry,
+    Prediction,
+    PredictionTask,
+    predict_condition,
+)
 from flashtemp.errors import BadInput, SolverFailure
 from flashtemp.model.case import load_case
 from flashtemp.physics.effect import find_effect
-from flashtemp.runs import workers
-from flashtemp.runs.workers import call_safely, open_worker_pool
+from flashtemp.runs.results import worker_pool
+from flashtemp.runs.results.worker_pool import call_safely, open_worker_pool
 
 MU = ParameterId.of_key("friction.mu")
 SMALL = {
@@ -40,7 +46,17 @@ def tasks(tmp_path):
     force = LoadCellEntry("mu.csv", (0.0, 0.05, 0.09), (1.0, 1.0, 1.0))
     out = []
     for given in ({"friction.mu": 0.8}, lost, {"friction.mu": 1.2}):
-        out.append(PredictionTask(load_case(file), SMALL | given, {}, ModelPoint({"friction.mu": 0.1}), (), (force,), DerivativeRequest((MU,))))
+        out.append(
+            PredictionTask(
+                load_case(file),
+                SMALL | given,
+                {},
+                ModelPoint({"friction.mu": 0.1}),
+                (),
+                (force,),
+                DerivativeRequest((MU,)),
+            )
+        )
     return out
 
 
@@ -151,7 +167,7 @@ def test_an_effect_of_the_users_own_is_a_candidate_in_every_process(tasks, tmp_p
 
 
 def test_as_many_as_there_are_cores(monkeypatch):
-    monkeypatch.setattr(workers, "cores", lambda: 1)
+    monkeypatch.setattr(worker_pool, "cores", lambda: 1)
     with open_worker_pool(lambda n: n + 1) as run:  # could not be sent to another process
         assert run([1, 2]) == [2, 3]
 
@@ -173,7 +189,10 @@ def stand_in(monkeypatch, client):
 def test_without_dask(monkeypatch):
     for name in ("dask", "dask.distributed"):
         monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(BadInput, match=r"^--scheduler: .*not installed; pip install") as said, open_worker_pool(find_effect, None, "a:1"):
+    with (
+        pytest.raises(BadInput, match=r"^--scheduler: .*not installed; pip install") as said,
+        open_worker_pool(find_effect, None, "a:1"),
+    ):
         pass
     assert len(said.value.lines) == 1
     assert "\n" not in str(said.value)
@@ -241,7 +260,7 @@ if __name__ == "__main__":
 CLIENT = """
 import sys, time
 from flashtemp.errors import SolverFailure
-from flashtemp.runs.workers import stream
+from flashtemp.runs.results.worker_pool import stream
 
 try:
     for k, _ in stream(time.sleep, [0.2] * 100, scheduler=sys.argv[1]):
@@ -279,7 +298,10 @@ def test_a_worker_of_a_real_cluster_is_killed(tasks):
             os.kill(victim, signal.SIGKILL)
             killed.set()
 
-        with open_worker_pool(predict_condition, None, cluster.scheduler_address) as run, open_worker_pool(predict_condition, 1) as alone:
+        with (
+            open_worker_pool(predict_condition, None, cluster.scheduler_address) as run,
+            open_worker_pool(predict_condition, 1) as alone,
+        ):
             run(asked[:2])  # the workers have begun
             threading.Timer(0.3, kill).start()
             answers = run(asked)

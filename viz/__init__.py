@@ -8,8 +8,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
+from flashtemp.display import atomic_write
 from flashtemp.errors import describe_exception
-from flashtemp.showing import atomic_write
 
 PICTURES = {
     "profile": "profile", "space_time": "map", "field": "field", "friction": "friction", "budget": "budget",
@@ -70,7 +70,7 @@ def requested_pictures(formats=("png",), animated=True) -> list[PictureRequest]:
 
 
 def draw_picture(run, folder, picture: PictureRequest) -> tuple[list[Path], dict[str, str]]:
-    """Draw one of those `wanted` if it can be: the files, and {what is missing: why}."""
+    """Draw one of those `requested_pictures` if it can be: the files, and {what is missing: why}."""
     moving = picture.formats == ("gif",)
     name = (ANIMATIONS if moving else PICTURES)[picture.module]
     try:
@@ -85,7 +85,7 @@ def draw_each(run, folder, formats=("png",), animated=True) -> tuple[list[Path],
 
 
 def merge_results(answers: Iterable[tuple[list[Path], dict[str, str]]]) -> tuple[list[Path], dict[str, str]]:
-    """All files, and all that is missing, of several that were `drawn`."""
+    """All files, and all that is missing, of several that were `draw_picture`."""
     made: list[Path] = []
     missing: dict[str, str] = {}
     for files, faults in answers:

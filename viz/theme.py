@@ -16,8 +16,8 @@ import numpy as np
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 
-from flashtemp.showing import atomic_write
-from flashtemp.viz.shown_text import show_as_text
+from flashtemp.display import atomic_write
+from flashtemp.viz.literal_text import show_as_text
 
 SPOT_COLOUR = "#B2182B"  # in the macroasperity contact regions
 BLOCK_COLOUR = "#1FA37A"  # block, averaged across y
@@ -126,7 +126,7 @@ def padded_limits(*values, least: float, margin: float = 0.05) -> tuple[float, f
 def format_decimal(value: float, digits: int = 4) -> str:
     """A number for a label, never in exponents.
 
-    >>> number(17504.0, 3), number(0.0416), number(35.0)
+    >>> format_decimal(17504.0, 3), format_decimal(0.0416), format_decimal(35.0)
     ('17500', '0.0416', '35')
     """
     return np.format_float_positional(float(f"{value:.{digits}g}"), trim="-")
@@ -144,9 +144,9 @@ def nice_ceil(value: float) -> float:
 
 
 def spread_indices(count: int, max_count: int) -> np.ndarray:
-    """At most `most` indices spread evenly over range(count), both ends among them.
+    """At most `max_count` indices spread evenly over range(count), both ends among them.
 
-    >>> chosen(3, 5).tolist(), chosen(9, 3).tolist()
+    >>> spread_indices(3, 5).tolist(), spread_indices(9, 3).tolist()
     ([0, 1, 2], [0, 4, 8])
     """
     if count <= max_count:

@@ -100,7 +100,7 @@ def sliding_ends(run) -> np.ndarray:
 def interval_means(values: np.ndarray, time: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Mean over each interval between `edges` (s) of records (n, k), linear between their times (s).
 
-    >>> means(np.array([[0.0], [2.0]]), np.array([0.0, 2.0]), np.array([0.0, 1.0, 2.0])).ravel().tolist()
+    >>> interval_means(np.array([[0.0], [2.0]]), np.array([0.0, 2.0]), np.array([0.0, 1.0, 2.0])).ravel().tolist()
     [0.5, 1.5]
     """
     step = np.diff(time)[:, None]

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from flashtemp.api.inputs import Say, ignore_message
-from flashtemp.api.pictures import report_drawing_faults
-from flashtemp.camera import import_options, importing
-from flashtemp.camera.import_options import ImportOptions
-from flashtemp.camera.import_request import ImportRequest, expand_patterns
-from flashtemp.camera.import_request import output_path as place
-from flashtemp.camera.importing import ImportResult
-from flashtemp.camera.looking import FilePreview, preview_files
+from flashtemp.api.picture_faults import report_drawing_faults
+from flashtemp.camera.importing import import_options, recording_import
+from flashtemp.camera.importing.file_preview import FilePreview, preview_files
+from flashtemp.camera.importing.import_options import ImportOptions
+from flashtemp.camera.importing.import_request import ImportRequest, expand_patterns
+from flashtemp.camera.importing.import_request import output_path as place
+from flashtemp.camera.importing.recording_import import ImportResult
 from flashtemp.errors import BadInput, suggest_name
 
 
@@ -36,14 +36,20 @@ def import_recording(
         asked = files
     else:
         names = [files] if isinstance(files, (str, Path)) else files
-        asked = ImportRequest.from_files([str(name) for name in names], _make_facts(facts), None if out is None else Path(out))
+        asked = ImportRequest.from_files(
+            [str(name) for name in names], _make_facts(facts), None if out is None else Path(out)
+        )
     target = None if asked.out is None else place(asked.out, overwrite)
-    result = importing.import_recording(expand_patterns(asked.files), asked.facts, say, None if target is None else target.parent)
+    result = recording_import.import_recording(
+        expand_patterns(asked.files), asked.facts, say, None if target is None else target.parent
+    )
     if target is None:
         return result
     result.recording.save(target)
     saved = replace(result, saved=target)
-    with report_drawing_faults(saved, target.parent, target.with_suffix(".png").name, "the same command with --overwrite"):
+    with report_drawing_faults(
+        saved, target.parent, target.with_suffix(".png").name, "the same command with --overwrite"
+    ):
         return replace(saved, picture=_draw_registration(result, target))
 
 
@@ -68,7 +74,8 @@ def inspect_files(
     seen = preview_files(expand_patterns(asked.files), asked.facts, say, counts=True)
     if picture is None:
         return seen
-    from flashtemp.viz import raw_images, theme
+    from flashtemp.viz import theme
+    from flashtemp.viz.measurement import raw_images
 
     return replace(seen, picture=theme.save_figure(raw_images.draw(seen), picture))
 
@@ -93,7 +100,9 @@ def _make_facts(given: dict[str, Any]) -> ImportOptions:
     """Keywords as facts; BadInput for one that nobody knows."""
     for name in given:
         if name not in ImportOptions.__dataclass_fields__:
-            raise BadInput(f"import_recording: {name}: unknown fact{suggest_name(name, ImportOptions.__dataclass_fields__)}")
+            raise BadInput(
+                f"import_recording: {name}: unknown fact{suggest_name(name, ImportOptions.__dataclass_fields__)}"
+            )
     return ImportOptions(**given)
 
 
@@ -102,7 +111,8 @@ def _draw_registration(result: ImportResult, target: Path) -> Path | None:
     recording = result.recording
     if recording.places is None and (recording.view == "profile" or min(len(recording.u), len(recording.v)) < 2):
         return None
-    from flashtemp.viz import point_series, registration, theme
+    from flashtemp.viz import theme
+    from flashtemp.viz.measurement import point_series, registration
 
     draw = registration.draw if recording.places is None else point_series.draw_recording
     picture = target.with_suffix(".png")

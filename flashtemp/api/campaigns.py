@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from flashtemp.api.inputs import Overrides, Say, resolve_case, ignore_message
-from flashtemp.api.pictures import RERUN_ELSEWHERE_HINT, report_drawing_faults
+from flashtemp.api.inputs import Overrides, Say, ignore_message, resolve_case
+from flashtemp.api.picture_faults import RERUN_ELSEWHERE_HINT, report_drawing_faults
 from flashtemp.comparison import campaign as reading
 from flashtemp.comparison import compare as comparing
-from flashtemp.comparison import twin as twins
+from flashtemp.comparison import synthetic_campaign as twins
 from flashtemp.comparison.campaign import Campaign
 from flashtemp.comparison.compare import Comparison
 from flashtemp.discovery import engine, experiment_design
@@ -19,10 +19,10 @@ from flashtemp.discovery.experiment_design import DesignReport
 from flashtemp.discovery.prediction.prediction import predict_condition
 from flashtemp.discovery.prediction.problem import prepare_problem
 from flashtemp.discovery.verdict import Verdict
+from flashtemp.display import DisplayMixin, write_json
 from flashtemp.model.case import Case
-from flashtemp.runs.folders import optional_folder
-from flashtemp.runs.workers import open_worker_pool
-from flashtemp.showing import DisplayMixin, write_json
+from flashtemp.runs.results.result_folder import optional_folder
+from flashtemp.runs.results.worker_pool import open_worker_pool
 
 
 def open_campaign(
@@ -54,7 +54,7 @@ def compare(campaign: str | Path | Campaign, *, out: str | Path | None = None, s
             write_json(result.as_dict(), work / "compare.json")
             say("writing the report")
             with report_drawing_faults(result, out or work, "report.html", RERUN_ELSEWHERE_HINT):
-                from flashtemp.viz import comparison_report
+                from flashtemp.viz.html import comparison_report
 
                 comparison_report.write_report(result, work / "report.html")
     return result
@@ -80,10 +80,11 @@ def discover(
             engine.write_extended(search, verdict, work)
             say("writing the report")
             with report_drawing_faults(verdict, out or work, "report.html and pictures", RERUN_ELSEWHERE_HINT):
-                from flashtemp.viz import discovery, verdict_report
+                from flashtemp.viz.html import verdict_report
+                from flashtemp.viz.verdict import verdict_figures
 
                 verdict_report.write_report(verdict, work / "report.html")
-                discovery.draw_all(verdict, work)
+                verdict_figures.draw_all(verdict, work)
     return verdict
 
 
@@ -106,8 +107,8 @@ def plan(
         if work is not None:
             write_json(outlook.as_dict(), work / "plan.json")
             with report_drawing_faults(outlook, out or work, "separability.png", RERUN_ELSEWHERE_HINT):
-                from flashtemp.viz import separability as picture
                 from flashtemp.viz import theme
+                from flashtemp.viz.verdict import separability as picture
 
                 theme.save_figure(picture.draw(outlook), work / "separability.png")
     return outlook
@@ -156,4 +157,6 @@ def twin(
     asked = twins.SyntheticPlan(
         tuple(hide), seed, conditions, tuple(views), nuisance=nuisance, points=tuple(points), camera=camera
     )
-    return SyntheticCampaign(twins.make_synthetic_campaign(resolve_case(case, overrides), asked, Path(out), say), seed, conditions)
+    return SyntheticCampaign(
+        twins.make_synthetic_campaign(resolve_case(case, overrides), asked, Path(out), say), seed, conditions
+    )

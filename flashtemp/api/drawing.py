@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from flashtemp.api.inputs import Say, ignore_message
+from flashtemp.display import DisplayMixin
 from flashtemp.errors import BadInput, IncompleteResult, describe_exception
-from flashtemp.runs import vtk
-from flashtemp.runs.finished import open_run
 from flashtemp.runs.job import describe_missing_files
-from flashtemp.showing import DisplayMixin
+from flashtemp.runs.load_run import open_run
+from flashtemp.runs.results import vtk
 from flashtemp.solver.run import Run
 
 PICTURE_FORMATS = ("png", "svg", "pdf")
@@ -101,7 +101,8 @@ def _draw_sweep(folder: Path, kinds: list[str]) -> tuple[list[Path], dict[str, s
     import xarray as xr
 
     try:
-        from flashtemp.viz import sweep, theme
+        from flashtemp.viz import theme
+        from flashtemp.viz.studies import sweep
 
         figure = sweep.draw(xr.load_dataset(folder / "sweep.nc", engine="h5netcdf"))
         return [theme.save_figure(figure, folder / f"sweep.{kind}") for kind in kinds], {}

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from flashtemp.display import DisplayMixin, DisplayTable
 from flashtemp.errors import BadInput
 from flashtemp.model.case_file import parse_overrides
 from flashtemp.physics.effect import Effect, catalogue, find_effect
-from flashtemp.physics.own_effects import find_installed_effects, read_effect
-from flashtemp.showing import DisplayTable, DisplayMixin
+from flashtemp.physics.user_effects import find_installed_effects, read_effect
 
 if TYPE_CHECKING:
-    from flashtemp.runs.effect_check.findings import Finding
+    from flashtemp.runs.checks.effect_check.findings import Finding
 
 
 @dataclass(frozen=True, repr=False)
@@ -91,9 +91,9 @@ def check_effect(name: str | Path, overrides: Mapping[str, Any] | Iterable[str] 
     `overrides` {"table.key": value} are keys of the small case in which it is tried.  Raises BadInput where there
     is no such effect or file, and for values that it cannot have.
     """
-    from flashtemp.runs.effect_check.battery import run_all_checks
-    from flashtemp.runs.effect_check.findings import Finding
-    from flashtemp.runs.effect_check.scenes import SceneCache, EffectUnderTest
+    from flashtemp.runs.checks.effect_check.findings import Finding
+    from flashtemp.runs.checks.effect_check.fixtures import EffectUnderTest, SceneCache
+    from flashtemp.runs.checks.effect_check.run_checks import run_all_checks
 
     given, name = parse_overrides(overrides), str(name)
     if _is_file(name) and not Path(name).is_file():

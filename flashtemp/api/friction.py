@@ -6,22 +6,22 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from flashtemp.api.inputs import Count, Overrides, resolve_case, ignore_progress
-from flashtemp.api.pictures import RERUN_ELSEWHERE_HINT, report_drawing_faults
+from flashtemp.api.inputs import Count, Overrides, ignore_progress, resolve_case
+from flashtemp.api.picture_faults import RERUN_ELSEWHERE_HINT, report_drawing_faults
+from flashtemp.display import write_json
 from flashtemp.errors import BadInput
 from flashtemp.model import priors
 from flashtemp.model.build import find_theory
 from flashtemp.model.case import Case
 from flashtemp.physics.friction.contact_map import SolvedContactMap
-from flashtemp.runs import area_study, friction_study, load_dependence, rolling, sign_of_friction
-from flashtemp.runs import road as roads
-from flashtemp.runs.area_study import AreaStudy
-from flashtemp.runs.folders import optional_folder
-from flashtemp.runs.friction_study import FrictionStudy
-from flashtemp.runs.load_dependence import DEFAULT_PRESSURES_PA, DEFAULT_SPEEDS_M_S, LoadDependence
-from flashtemp.runs.road import RoadSpectrum, SelfAffineRoad
-from flashtemp.runs.rolling import TreadPassage, TyreForces
-from flashtemp.showing import write_json
+from flashtemp.runs.results.result_folder import optional_folder
+from flashtemp.runs.studies import area_study, friction_study, friction_trends, load_dependence, rolling
+from flashtemp.runs.studies import road_surface as roads
+from flashtemp.runs.studies.area_study import AreaStudy
+from flashtemp.runs.studies.friction_study import FrictionStudy
+from flashtemp.runs.studies.load_dependence import DEFAULT_PRESSURES_PA, DEFAULT_SPEEDS_M_S, LoadDependence
+from flashtemp.runs.studies.road_surface import RoadSpectrum, SelfAffineRoad
+from flashtemp.runs.studies.rolling import TreadPassage, TyreForces
 
 
 def friction(
@@ -43,14 +43,16 @@ def friction(
         if work is not None and out is not None:
             found.save(work, Path(out))
             with report_drawing_faults(found, out or work, "friction.png", RERUN_ELSEWHERE_HINT):
-                from flashtemp.viz import friction_curves as picture
                 from flashtemp.viz import theme
+                from flashtemp.viz.theory import friction_curves as picture
 
                 theme.save_figure(picture.draw(found.curves, loaded.title), work / "friction.png")
     return found
 
 
-def compute_contact_area(case: str | Path | Case, overrides: Overrides | None = None, *, out: str | Path | None = None) -> AreaStudy:
+def compute_contact_area(
+    case: str | Path | Case, overrides: Overrides | None = None, *, out: str | Path | None = None
+) -> AreaStudy:
     """The area in contact over nominal pressure on a road: elastic A(p/E), its linear law, where it saturates.
 
     `out`: folder for the case, curve, numbers and a picture.  Raises BadInput.
@@ -59,7 +61,7 @@ def compute_contact_area(case: str | Path | Case, overrides: Overrides | None = 
     with optional_folder(out) as work:
         found = area_study.study_contact_area(loaded)
         if work is not None and out is not None:
-            from flashtemp.viz import area as picture
+            from flashtemp.viz.studies import contact_area as picture
 
             found.save(work, Path(out))
             picture.draw(found).savefig(work / "area.png")
@@ -90,15 +92,17 @@ def loads(
     load_dependence.refuse_values("--speeds", speeds, 1)
     with optional_folder(out) as work:
         found = load_dependence.attribute_load_dependence(loaded, pressures, speeds, workers, watch)
-        turns = [s for s in sign_of_friction.find_trends(loaded, priors.find_uncertain_inputs(loaded)[0]) if s.over in "Tp"]
+        turns = [
+            s for s in friction_trends.find_trends(loaded, priors.find_uncertain_inputs(loaded)[0]) if s.over in "Tp"
+        ]
         found = replace(found, signs=tuple(turns))
         if work is not None:
             (work / "case.toml").write_text(loaded.toml(loaded.copy_files(work)), encoding="utf-8")
             write_json(found.as_dict(), work / "loads.json")
             found.save(work / "loads.csv")
             with report_drawing_faults(found, out or work, "loads.png", RERUN_ELSEWHERE_HINT):
-                from flashtemp.viz import loads as picture
                 from flashtemp.viz import theme
+                from flashtemp.viz.studies import load_dependence as picture
 
                 theme.save_figure(picture.draw(found), work / "loads.png")
     return found
@@ -122,7 +126,7 @@ def tread(
             answer.save(work, Path(out))
             with report_drawing_faults(answer, out or work, "tread.png", RERUN_ELSEWHERE_HINT):
                 from flashtemp.viz import theme
-                from flashtemp.viz import tread as picture
+                from flashtemp.viz.theory import tread as picture
 
                 theme.save_figure(picture.draw(answer.result, asked.setup.case.title), work / "tread.png")
     return answer
@@ -146,7 +150,7 @@ def tyre(
             answer.save(work, Path(out))
             with report_drawing_faults(answer, out or work, "tyre.png", RERUN_ELSEWHERE_HINT):
                 from flashtemp.viz import theme
-                from flashtemp.viz import tyre as picture
+                from flashtemp.viz.theory import tyre as picture
 
                 theme.save_figure(picture.draw(answer.result, asked.setup.case.title), work / "tyre.png")
     return answer
@@ -207,8 +211,8 @@ def spectrum(
     if out is not None:
         found.save(Path(out))
         with report_drawing_faults(found, Path(out).parent, Path(out).with_suffix(".png").name, RERUN_ELSEWHERE_HINT):
-            from flashtemp.viz import spectrum as picture
             from flashtemp.viz import theme
+            from flashtemp.viz.theory import spectrum as picture
 
             drawn = picture.draw(found.points, found.summary.law, found.file.name)
             theme.save_figure(drawn, Path(out).with_suffix(".png"))

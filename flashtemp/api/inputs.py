@@ -53,7 +53,7 @@ def resolve_case(case: str | Path | Case, overrides: Overrides | None = None) ->
 def parse_points(text: str) -> list[dict[str, Any]]:
     """Places of thermocouples as typed, `x=0.01,z=0.002;z=0.004`, as tables.  Raises BadInput.
 
-    >>> points("x=0.01, z=0.002; z=4e-3"), points("")
+    >>> parse_points("x=0.01, z=0.002; z=4e-3"), parse_points("")
     ([{'x': 0.01, 'z': 0.002}, {'z': 0.004}], [])
     """
     out: list[dict[str, Any]] = []

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from flashtemp.api.inputs import Overrides, Say, resolve_case, ignore_message
+from flashtemp.api.inputs import Overrides, Say, ignore_message, resolve_case
+from flashtemp.display import DisplayMixin
 from flashtemp.errors import BadInput
 from flashtemp.model.case import Case
-from flashtemp.runs import job, vtk
-from flashtemp.runs.vtk import RunFields
-from flashtemp.showing import DisplayMixin
-from flashtemp.solver.progress import MarchState
+from flashtemp.runs import job
+from flashtemp.runs.results import vtk
+from flashtemp.runs.results.vtk import RunFields
+from flashtemp.solver.march_state import MarchState
 from flashtemp.solver.run import Run
 
 Watch = Callable[[MarchState, float], Any]
@@ -64,7 +65,7 @@ def find_resumed_folder(folder: str | Path) -> Path:
 @contextmanager
 def _open_painter(watch: Watch | None, say: Say, wanted: bool = True) -> Iterator[tuple[Watch, job.DrawPictures]]:
     """What is told of the march, and what draws the pictures after it, by two processes where the march takes time."""
-    from flashtemp.viz.painter import PictureDrawer
+    from flashtemp.viz.drawing_process import PictureDrawer
 
     with PictureDrawer(wanted) as painter:
 
@@ -97,7 +98,11 @@ class ViewResult(DisplayMixin):
 
 
 def view(
-    folder: str | Path | RunFields, *, screenshot: str | Path | None = None, time: float | None = None, say: Say = ignore_message
+    folder: str | Path | RunFields,
+    *,
+    screenshot: str | Path | None = None,
+    time: float | None = None,
+    say: Say = ignore_message,
 ) -> ViewResult:
     """Block and road of a result folder in space, in a window or drawn into a .png file.
 
@@ -116,27 +121,27 @@ def view(
 
 
 def _show_window(fields: RunFields, t: float) -> ViewResult:
-    from flashtemp.viz import window
+    from flashtemp.viz.run import vtk_window
 
-    if not window.has_screen():
+    if not vtk_window.has_screen():
         raise BadInput("view: there is no screen here; draw into a file with --screenshot FILE.png")
-    from flashtemp.viz import space
+    from flashtemp.viz.run import view_3d
 
-    space.open_window(fields, t)
+    view_3d.open_window(fields, t)
     return ViewResult(None, t, True)
 
 
 def _save_screenshot(fields: RunFields, t: float, file: Path, say: Say) -> ViewResult:
-    from flashtemp.viz import window
+    from flashtemp.viz.run import vtk_window
 
-    able = window.prepare_off_screen()
-    from flashtemp.viz import space
+    able = vtk_window.prepare_off_screen()
+    from flashtemp.viz.run import view_3d
 
     if able:
-        space.save_screenshot(fields, t, file)
+        view_3d.save_screenshot(fields, t, file)
     else:
         from flashtemp.viz import theme
 
-        say(f"drawn without VTK, which finds no window here: install {window.MISSING_LIBRARIES}")
-        theme.save_figure(space.draw_without_vtk(fields, t), file)
+        say(f"drawn without VTK, which finds no window here: install {vtk_window.MISSING_LIBRARIES}")
+        theme.save_figure(view_3d.draw_without_vtk(fields, t), file)
     return ViewResult(file, t, able)

@@ -7,16 +7,16 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, Literal
 
-from flashtemp.api.inputs import Count, Overrides, Say, resolve_case, ignore_message, ignore_progress
-from flashtemp.api.pictures import report_drawing_faults
+from flashtemp.api.inputs import Count, Overrides, Say, ignore_message, ignore_progress, resolve_case
+from flashtemp.api.picture_faults import report_drawing_faults
 from flashtemp.model.case import Case
-from flashtemp.runs import convergence, prediction_band, running_in, wait_time
-from flashtemp.runs import sweep as sweeps
-from flashtemp.runs.convergence import Convergence
-from flashtemp.runs.running_in import RunningInResult
-from flashtemp.runs.sensitivity_result import SensitivityResult
-from flashtemp.runs.sweep import SweepPlan, SweepResult
-from flashtemp.runs.wait_time import WaitResult
+from flashtemp.runs.studies import convergence, running_in, uncertainty_propagation, wait_time
+from flashtemp.runs.studies import sweep as sweeps
+from flashtemp.runs.studies.convergence import Convergence
+from flashtemp.runs.studies.running_in import RunningInResult
+from flashtemp.runs.studies.sensitivity_result import SensitivityResult
+from flashtemp.runs.studies.sweep import SweepPlan, SweepResult
+from flashtemp.runs.studies.wait_time import WaitResult
 
 
 def sweep(
@@ -41,8 +41,8 @@ def sweep(
         found = sweeps.run_sweep(asked, work, workers, scheduler, watch)
         found.save(work)
         with report_drawing_faults(found, out, "sweep.png", f"flashtemp draw {out}"):
-            from flashtemp.viz import sweep as picture
             from flashtemp.viz import theme
+            from flashtemp.viz.studies import sweep as picture
 
             theme.save_figure(picture.draw(found.dataset), work / "sweep.png")
     return found
@@ -104,12 +104,18 @@ def sensitivity(
     call goes on with an interrupted one.  Raises BadInput, SolverFailure.
     """
     loaded = resolve_case(case, overrides)
-    place = prediction_band.open_study_folder(Path(out), loaded, keys, samples, linear) if out is not None else nullcontext()
+    place = (
+        uncertainty_propagation.open_study_folder(Path(out), loaded, keys, samples, linear)
+        if out is not None
+        else nullcontext()
+    )
     with place as work:
-        found = prediction_band.study_uncertainty(loaded, keys, samples, linear, workers, scheduler, watch, say, work)
+        found = uncertainty_propagation.study_uncertainty(
+            loaded, keys, samples, linear, workers, scheduler, watch, say, work
+        )
         if work is not None:
-            from flashtemp.viz import profile
-            from flashtemp.viz import sensitivity as picture
+            from flashtemp.viz.run import profile
+            from flashtemp.viz.studies import sensitivity as picture
 
             found.save(work)
             picture.draw(found).savefig(work / "sensitivity.png")

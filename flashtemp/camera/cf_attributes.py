@@ -52,7 +52,9 @@ def _refuse_other_meaning(name: str, attrs: dict[str, Any]) -> None:
     """BadInput where attributes say that a variable is another quantity than its name says."""
     standard = attrs.get("standard_name")
     if isinstance(standard, str) and standard and STANDARD_NAME_WORDS.get(name, "") not in standard.lower():
-        raise BadInput(f"{name}: standard_name = {shorten_text(repr(standard))}; give the variable that holds {STANDARD_NAME_WORDS[name]}")
+        raise BadInput(
+            f"{name}: standard_name = {shorten_text(repr(standard))}; give the variable that holds {STANDARD_NAME_WORDS[name]}"
+        )
     about = attrs.get("units_metadata")
     if name == "temperature" and isinstance(about, str) and "difference" in about.lower():
         raise BadInput(f"{name}: units_metadata = {shorten_text(repr(about))}; give temperatures, not differences")

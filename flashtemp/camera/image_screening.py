@@ -31,13 +31,18 @@ MAD_EFFICIENCY = 0.37  # of the MAD against the standard deviation (Rousseeuw & 
 MIN_CAMERA_NOISE_K = 1e-3  # less noise than any camera has: frames were computed, not measured
 USUAL_PSF_PX = 0.7  # width of a point spread that a recording does not state
 PIXEL_APERTURE_SD_PX = 12.0**-0.5  # standard deviation of a pixel's own aperture, px
-COMMON_STEP_FRACTION, COMMON_STEP_SDS = 0.98, 3.0  # fraction of pixels that a common step explains within so many standard deviations
+COMMON_STEP_FRACTION, COMMON_STEP_SDS = (
+    0.98,
+    3.0,
+)  # fraction of pixels that a common step explains within so many standard deviations
 MAX_SCREENED_VALUES = 10_000_000  # values of those frames, evenly taken, in which pixels and lines are judged
 BATCH = 64  # frames at a time
 NEIGHBOURS_PER_SIDE = 2  # neighbours on each side
 MIN_SCALE_PIXELS = 100  # pixels of which a scale is taken
 FLICKER_SIGMA = 3.0  # standard deviations of the noise of a pixel by which a line must flicker to be left out
-MIN_DIFFERENCE_FRACTION = 0.5  # of the variance that half the mean square successive difference is, for independent frames 1
+MIN_DIFFERENCE_FRACTION = (
+    0.5  # of the variance that half the mean square successive difference is, for independent frames 1
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +50,7 @@ class ScreeningResult:
     """What a recording (frames, nv, nu) shows of its camera's defects.
 
     `stuck`, `off_level` and `flickering` pixels (nv, nu); bad `rows` and `columns` by index; `frozen` frames (frames,)
-    repeat the one before; `shutter_events` are indices of the first frame after a jump of the common offset.
+    repeat the one before; `find_shutter_events` are indices of the first frame after a jump of the common offset.
     """
 
     stuck: Mask
@@ -206,7 +211,10 @@ def _excess_over_neighbours(T: Array, axis: int, sharp: float) -> Array:
     if size < 1:
         return np.moveaxis(out, -1, axis)
     near = np.stack([T[..., NEIGHBOURS_PER_SIDE + s : NEIGHBOURS_PER_SIDE + s + size] for s in (-2, -1, 1, 2)])
-    own, ordered = T[..., NEIGHBOURS_PER_SIDE : NEIGHBOURS_PER_SIDE + size], np.sort(near, axis=0)  # comparisons with NaN are false
+    own, ordered = (
+        T[..., NEIGHBOURS_PER_SIDE : NEIGHBOURS_PER_SIDE + size],
+        np.sort(near, axis=0),
+    )  # comparisons with NaN are false
     sides = 2.0 * near[1] - near[0], 2.0 * near[2] - near[3]
     high, low = np.maximum.reduce((ordered[-2], *sides)), np.minimum.reduce((ordered[1], *sides))
     away = np.where(own > high, own - high, np.where(own < low, own - low, 0.0))
@@ -331,7 +339,9 @@ def find_outlying_pixels(residual: Array) -> Mask:
     tests = int((count > 0).sum())
     if tests < MIN_SCALE_PIXELS:
         return none
-    single = [_time_moments(one) for one in found]  # along one axis a deviation is larger than along both: cautious scales
+    single = [
+        _time_moments(one) for one in found
+    ]  # along one axis a deviation is larger than along both: cautious scales
     far: Mask = np.abs(mean) > _outlier_limit(tests, tests) * max(min(_mad_scale(one) for one, _, _ in single), 1e-12)
     free = np.maximum(count - 1, 1)
     if len(residual) < 3 or not (count > 1).any():
@@ -389,7 +399,9 @@ def _is_one_line(mean: Array, line: int) -> bool:
 def _deviation_from_known_neighbours(values: Array) -> Array:
     """Values (frames, lines) less the median of those of four next neighbours that are known."""
     padded = np.pad(values, [(0, 0), (NEIGHBOURS_PER_SIDE, NEIGHBOURS_PER_SIDE)], constant_values=np.nan)
-    near = np.stack([padded[:, NEIGHBOURS_PER_SIDE + s : NEIGHBOURS_PER_SIDE + s + values.shape[1]] for s in (-2, -1, 1, 2)])
+    near = np.stack(
+        [padded[:, NEIGHBOURS_PER_SIDE + s : NEIGHBOURS_PER_SIDE + s + values.shape[1]] for s in (-2, -1, 1, 2)]
+    )
     known = np.isfinite(near)
     middle = np.ma.median(np.ma.array(near, mask=~known), axis=0)
     return np.asarray(values - np.ma.filled(middle, np.nan))
@@ -408,7 +420,9 @@ def _deviation_from_neighbours(T: Array, axis: int) -> Array:
     none."""
     T = np.moveaxis(T, axis, -1)
     padded = np.pad(T, [(0, 0)] * (T.ndim - 1) + [(NEIGHBOURS_PER_SIDE, NEIGHBOURS_PER_SIDE)], constant_values=np.nan)
-    near = np.stack([padded[..., NEIGHBOURS_PER_SIDE + s : NEIGHBOURS_PER_SIDE + s + T.shape[-1]] for s in (-2, -1, 1, 2)])
+    near = np.stack(
+        [padded[..., NEIGHBOURS_PER_SIDE + s : NEIGHBOURS_PER_SIDE + s + T.shape[-1]] for s in (-2, -1, 1, 2)]
+    )
     known = np.isfinite(near)
     count = known.sum(axis=0)
     ordered = np.sort(near, axis=0)  # NaN last
@@ -418,16 +432,18 @@ def _deviation_from_neighbours(T: Array, axis: int) -> Array:
 
 
 def _smaller_known_deviation(a: Array, b: Array) -> Array:
-    """As `_lesser`, NaN where either is."""
+    """As `_smaller_deviation`, NaN where either is."""
     return np.where(np.isfinite(a) & np.isfinite(b), _smaller_deviation(a, b), np.nan)
 
 
-def find_shutter_events(T: Array, recording: Recording, sigma: float, min_fraction: float = COMMON_STEP_FRACTION) -> npt.NDArray[np.int64]:
+def find_shutter_events(
+    T: Array, recording: Recording, sigma: float, min_fraction: float = COMMON_STEP_FRACTION
+) -> npt.NDArray[np.int64]:
     """Frames at which the offset of the image jumps by more than its drift, a Wiener process, may do.
 
     The common step is the mean of the shortest interval that holds half of all pixels' steps (the shorth, Andrews et
     al. 1972; Rousseeuw & Leroy 1988).  It is an offset where it explains the steps of nearly all pixels, a fraction
-    `alike`, within noise: heat that sets in changes pixels differently.  `T` (frames, nv, nu) K may as well be what a
+    `min_fraction`, within noise: heat that sets in changes pixels differently.  `T` (frames, nv, nu) K may as well be what a
     prediction leaves.
     """
     from scipy.stats import norm

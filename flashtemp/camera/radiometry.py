@@ -29,7 +29,7 @@ class PlanckCalibration:
 
     Works on numbers and arrays of any shape, real or complex (complex steps pass through).
 
-    >>> camera = Planck(14906.2, 0.0108, 1396.6, 1.0, -7261.0)
+    >>> camera = PlanckCalibration(14906.2, 0.0108, 1396.6, 1.0, -7261.0)
     >>> round(float(camera.temperature(camera.counts(80.0))), 9)
     80.0
     """

@@ -12,12 +12,12 @@ import numpy as np
 
 from flashtemp.camera import cf_attributes
 from flashtemp.camera.camera_classes import CAMERA_CLASSES, UNCOOLED
-from flashtemp.camera.plausible import MAX_CAMERA_DEGC, finite_range, check_memory, iter_chunks
-from flashtemp.camera.points import SENSOR_KEYS, SensorPositions, positions_from_arrays
+from flashtemp.camera.image_validation import MAX_CAMERA_DEGC, check_memory, finite_range, iter_chunks
+from flashtemp.camera.sensors import SENSOR_KEYS, SensorPositions, positions_from_arrays
+from flashtemp.display import DisplayMixin, DisplayTable, atomic_write, format_count
 from flashtemp.errors import BadInput, shorten_text
-from flashtemp.physics import bounded_hdf5
+from flashtemp.physics import safe_hdf5
 from flashtemp.physics.quantities import KELVIN
-from flashtemp.showing import DisplayTable, DisplayMixin, format_count, atomic_write
 
 VIEW_DESCRIPTIONS = {
     "sidewall": "u = x from the leading edge, v = z above the interface",
@@ -232,7 +232,9 @@ class Recording(DisplayMixin):
             rows.append(("v", (mm * self.v[0], mm * self.v[-1]), "mm"))
         rows.append(("temperature", (low, high), "degC"))
         rows.append(("values missing", 100 * (1 - known / self.temperature.size), "%"))
-        about = ((k, getattr(self, k), unit) for k, (unit, *_) in OPTIONAL_ATTRIBUTES.items() if getattr(self, k) is not None)
+        about = (
+            (k, getattr(self, k), unit) for k, (unit, *_) in OPTIONAL_ATTRIBUTES.items() if getattr(self, k) is not None
+        )
         title = f"Recording '{self.view}' ({VIEW_DESCRIPTIONS[self.view]})"
         return DisplayTable(title, [*rows, *about], notes=[self.source] if self.source else [])
 
@@ -248,7 +250,7 @@ def load(path: str | Path, limit: float | None = None) -> Recording:
     if not path.is_file():
         raise BadInput(f"{path}: no such recording; give a .nc file that flashtemp import has written")
     try:
-        bounded_hdf5.check_hdf5_file(path, RECORDING_VARIABLES.__contains__, partial(_check_dataset, limit))
+        safe_hdf5.check_hdf5_file(path, RECORDING_VARIABLES.__contains__, partial(_check_dataset, limit))
         with (
             warnings.catch_warnings(action="ignore", category=xr.SerializationWarning),  # both marks of missing values
             xr.open_dataset(path, engine="h5netcdf", decode_times=False, decode_timedelta=False) as opened,
@@ -319,7 +321,9 @@ def _read_positions(ds, n: int) -> SensorPositions:
     if len(names) != n:
         names = list(map(str, range(1, n + 1)))
     try:
-        return positions_from_arrays(names, {k: np.atleast_1d(_read_variable(ds, k)) for k in SENSOR_KEYS if k in ds.variables})
+        return positions_from_arrays(
+            names, {k: np.atleast_1d(_read_variable(ds, k)) for k in SENSOR_KEYS if k in ds.variables}
+        )
     except (TypeError, ValueError) as fault:
         raise BadInput(f"{', '.join(SENSOR_KEYS)}: hold what is no number; give one for every point") from fault
 

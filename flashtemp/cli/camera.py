@@ -7,9 +7,9 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from flashtemp.camera.import_options import ImportOptions
-from flashtemp.camera.import_request import ImportRequest
-from flashtemp.cli.terminal import EXIT_DONE, Json, Switch, print_result, print_message
+from flashtemp.camera.importing.import_options import ImportOptions
+from flashtemp.camera.importing.import_request import ImportRequest
+from flashtemp.cli.terminal import EXIT_DONE, Json, Switch, print_message, print_result
 from flashtemp.errors import BadInput
 
 
@@ -38,8 +38,8 @@ def import_(
         Replace a file that exists.
     """
     from flashtemp.api import camera
-    from flashtemp.camera.import_request import expand_patterns
-    from flashtemp.camera.importing import missing_options
+    from flashtemp.camera.importing.import_request import expand_patterns
+    from flashtemp.camera.importing.recording_import import missing_options
 
     if template:
         print(camera.recording_template())
@@ -51,7 +51,9 @@ def import_(
         print_result(seen.as_dict(), json, str(seen))
         return EXIT_DONE
     if asked.out is None:
-        raise BadInput("out: missing; give --out RECORDING.nc", *missing_options(expand_patterns(asked.files), asked.facts))
+        raise BadInput(
+            "out: missing; give --out RECORDING.nc", *missing_options(expand_patterns(asked.files), asked.facts)
+        )
     result = camera.import_recording(asked, overwrite=overwrite, say=print_message)
     for note in result.notes:
         print_message(note)

@@ -5,7 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from flashtemp.cli.terminal import EXIT_DONE, Json, Limit, Trust, print_result, run_and_report, result_folder, message_printer
+from flashtemp.cli.terminal import (
+    EXIT_DONE,
+    Json,
+    Limit,
+    Trust,
+    message_printer,
+    print_result,
+    result_folder,
+    run_and_report,
+)
 
 
 def compare(

@@ -7,9 +7,9 @@ from typing import Any
 
 from cyclopts import App, CycloptsError, Group
 
-from flashtemp.camera import import_options
-from flashtemp.cli import camera, campaigns, effects, friction, laboratory, road, simulate, starting, studies, tyre
-from flashtemp.cli.words import refuse_odd_words
+from flashtemp.camera.importing import import_options
+from flashtemp.cli import camera, campaigns, effects, friction, road, simulate, studies, templates, tyre, web_app
+from flashtemp.cli.argument_checks import refuse_odd_words
 from flashtemp.physics import units
 
 __all__ = ["COMMAND_FUNCTIONS", "COMMAND_NAMES", "CycloptsError", "app", "strip_units"]
@@ -25,7 +25,7 @@ app = App(
     suppress_keyboard_interrupt=False,  # told below
 )
 COMMAND_GROUPS: dict[str, tuple[Any, ...]] = {  # as the help shows them: by task, in the order of use
-    "Simulate": (starting.new, simulate.check, simulate.run, simulate.view, simulate.draw, laboratory.lab),
+    "Simulate": (templates.new, simulate.check, simulate.run, simulate.view, simulate.draw, web_app.lab),
     "Study a case": (
         studies.sweep, studies.converge, studies.sensitivity, studies.repetitions, studies.wait, effects.effects,
     ),
@@ -58,7 +58,9 @@ for _number, (_title, _commands) in enumerate(COMMAND_GROUPS.items()):
     _group = Group(_title, sort_key=_number)
     for _command in _commands:
         _name = _command.__name__.rstrip("_")
-        app.command(_command, name=_name, alias=SECOND_SPELLINGS.get(_name), group=_group, sort_key=COMMAND_NAMES.index(_name))
+        app.command(
+            _command, name=_name, alias=SECOND_SPELLINGS.get(_name), group=_group, sort_key=COMMAND_NAMES.index(_name)
+        )
 
 
 def strip_units(words: list[str]) -> list[str]:

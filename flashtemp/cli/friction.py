@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from flashtemp.cli.terminal import EXIT_DONE, Json, Trust, progress_counter, print_result, result_folder
+from flashtemp.cli.terminal import EXIT_DONE, Json, Trust, print_result, progress_counter, result_folder
 from flashtemp.errors import BadInput
 
 
@@ -100,7 +100,7 @@ def loads(
 
 def _parse_numbers(option: str, text: str, fewest: int) -> tuple[float, ...]:
     """Rising positive numbers between commas."""
-    from flashtemp.runs.load_dependence import refuse_values
+    from flashtemp.runs.studies.load_dependence import refuse_values
 
     try:
         values = tuple(float(v) for v in text.split(","))

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-from flashtemp.runs.processes import STOP_SIGNALS
+from flashtemp.runs.results.processes import STOP_SIGNALS
 
 RETRY_DELAY_S = 0.02  # s until a signal that has to wait is looked at again
 ALARM = getattr(signal, "SIGALRM", None)  # Windows has none

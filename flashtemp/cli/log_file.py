@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
 from typing import IO, Any
 
-from flashtemp.cli.words import refuse_odd_words, refuse_unwritable
+from flashtemp.cli.argument_checks import refuse_odd_words, refuse_unwritable
 from flashtemp.errors import BadInput
 
 LOG_OPTION = "--log"
@@ -42,7 +42,7 @@ class TeeStream:
 def split_log_option(words: list[str]) -> tuple[list[str], str | None]:
     """The words without `--log FILE`, and the file.  Raises BadInput.
 
-    >>> split(["run", "case", "--log", "a.log"]), split(["run", "--log=a.log"]), split(["run"])
+    >>> split_log_option(["run", "case", "--log", "a.log"]), split_log_option(["run", "--log=a.log"]), split_log_option(["run"])
     ((['run', 'case'], 'a.log'), (['run'], 'a.log'), (['run'], None))
     """
     for k, word in enumerate(words):

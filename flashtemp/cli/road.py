@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from flashtemp.cli.terminal import EXIT_DONE, Json, Switch, print_result, print_message
+from flashtemp.cli.terminal import EXIT_DONE, Json, Switch, print_message, print_result
 from flashtemp.errors import BadInput
 
 

@@ -7,7 +7,18 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from flashtemp.cli.terminal import EXIT_DONE, Json, Switch, Trust, print_result, run_and_report, progress_bar, result_folder, print_message, message_printer
+from flashtemp.cli.terminal import (
+    EXIT_DONE,
+    Json,
+    Switch,
+    Trust,
+    message_printer,
+    print_message,
+    print_result,
+    progress_bar,
+    result_folder,
+    run_and_report,
+)
 from flashtemp.errors import BadInput
 
 
@@ -100,7 +111,9 @@ def draw(
     """
     from flashtemp.api import drawing
 
-    drawn, code = run_and_report(lambda: drawing.draw(folder, format=format, pvd=pvd, trust=trust, say=message_printer(json)))
+    drawn, code = run_and_report(
+        lambda: drawing.draw(folder, format=format, pvd=pvd, trust=trust, say=message_printer(json))
+    )
     print_result(drawn.as_dict(), json, str(drawn))
     return code
 
@@ -116,10 +129,13 @@ def check(file: Path, /, *overrides: str, trust: Trust = False, json: Json = Fal
         Keys of the case to change, as table.key=value.
     """
     from flashtemp.api import inputs, simulation
-    from flashtemp.runs import inert, mesh_error
+    from flashtemp.runs.checks import inactive_effects, mesh_error
 
     case = simulation.check(inputs.load(file, list(overrides), trust=trust))
-    cells, remarks = case.scene.mesh.n_cells, inert.describe_inactive_effects(case) + mesh_error.warn_of_coarse_mesh(case)
+    cells, remarks = (
+        case.scene.mesh.n_cells,
+        inactive_effects.describe_inactive_effects(case) + mesh_error.warn_of_coarse_mesh(case),
+    )
     answer = {"ok": True, "case": case.name, "effects": list(case.effects), "cells": cells, "remarks": remarks}
     print_result(answer, json, "\n".join([str(case), *(f"  {remark}" for remark in remarks), "ok"]))
     return EXIT_DONE

@@ -11,11 +11,11 @@ from flashtemp.cli.terminal import (
     Json,
     Switch,
     Trust,
-    progress_counter,
-    print_result,
-    run_and_report,
-    result_folder,
     message_printer,
+    print_result,
+    progress_counter,
+    result_folder,
+    run_and_report,
 )
 
 
@@ -47,7 +47,7 @@ def sweep(
         Address of a running Dask scheduler whose workers share them instead.
     """
     from flashtemp.api import studies
-    from flashtemp.runs import sweep as sweeps
+    from flashtemp.runs.studies import sweep as sweeps
 
     asked = sweeps.plan_sweep(case, *sweeps.parse_axes(list(values)), trust)
     folder = out or Path("results") / f"{asked.case.name}-sweep"
@@ -128,7 +128,9 @@ def wait(
     """
     from flashtemp.api import inputs, studies
 
-    result = studies.wait(inputs.load(case, list(overrides), trust=trust), below=below, of=of, say=message_printer(json))
+    result = studies.wait(
+        inputs.load(case, list(overrides), trust=trust), below=below, of=of, say=message_printer(json)
+    )
     print_result(result.as_dict(), json, str(result))
     return EXIT_DONE
 

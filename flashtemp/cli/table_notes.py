@@ -6,7 +6,7 @@ import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from flashtemp.cli.ending import print_message
+from flashtemp.cli.exit_codes import print_message
 from flashtemp.errors import BadInput
 from flashtemp.physics.interpolation import TABLE_LOGGER
 

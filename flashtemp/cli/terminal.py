@@ -12,9 +12,9 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from flashtemp.cli.ending import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAILED, escape_controls, print_message
+from flashtemp.cli.exit_codes import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAILED, escape_controls, print_message
+from flashtemp.display import to_json
 from flashtemp.errors import IncompleteResult
-from flashtemp.showing import to_json
 
 __all__ = ["EXIT_BAD_INPUT", "EXIT_DONE", "EXIT_FAILED", "escape_controls", "print_message"]  # and what stands below
 
@@ -54,7 +54,7 @@ def run_and_report(call: Callable[[], Any]) -> tuple[Any, int]:
 
 def result_folder(out: Path | None, name: str, go_on: bool = False) -> Path:
     """The folder asked for, or a free one of that name in results/; one that was begun only to `go_on`."""
-    from flashtemp.runs.folders import find_free_name
+    from flashtemp.runs.results.result_folder import find_free_name
 
     return out or find_free_name(Path("results") / name, go_on)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from flashtemp.cli.terminal import EXIT_DONE, Json, Trust, progress_counter, print_result, result_folder
+from flashtemp.cli.terminal import EXIT_DONE, Json, Trust, print_result, progress_counter, result_folder
 
 
 def tread(case: str, /, *overrides: str, out: Path | None = None, trust: Trust = False, json: Json = False) -> int:

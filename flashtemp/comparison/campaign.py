@@ -10,19 +10,21 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.camera import recording, synthetic, thermocouple_files
+from flashtemp.camera import recording
 from flashtemp.camera.camera_classes import CAMERA_CLASSES, UNCOOLED
-from flashtemp.camera.points import positions_from_rows
+from flashtemp.camera.importing import thermocouple_files
+from flashtemp.camera.prediction import synthetic_recording
 from flashtemp.camera.recording import Recording
+from flashtemp.camera.sensors import positions_from_rows
+from flashtemp.comparison.frame_means import AveragedFrames
 from flashtemp.comparison.known_inputs import StatedUncertainty, read_known
-from flashtemp.comparison.means import AveragedFrames
+from flashtemp.display import DisplayMixin, DisplayTable
 from flashtemp.errors import BadInput, suggest_name
 from flashtemp.model import case as cases
-from flashtemp.model import case_file, kinds, schema
+from flashtemp.model import case_file, file_kinds, schema
 from flashtemp.physics import units
 from flashtemp.physics.interpolation import read_xy_pairs
 from flashtemp.physics.tables.wanted import FRICTION, TIME
-from flashtemp.showing import DisplayTable, DisplayMixin
 
 PLANNED_NETD_K = 0.05  # K, of a camera that is imagined
 PLANNED_READINGS = 40  # times that imagined thermocouples are read per repetition
@@ -83,10 +85,10 @@ class Condition:
 
 @dataclass(frozen=True, repr=False)
 class Campaign(DisplayMixin):
-    """`case` file, names of `free` nuisance parameters, views and forces; `folder` where files are looked up.
+    """`read_case` file, names of `read_free_keys` nuisance parameters, views and forces; `folder` where files are looked up.
 
-    `trust`: effect files of the case run whose ever they are; `priors` {free key: relative standard deviation} that
-    the campaign states; `known` {key: how well it says that any other stated number is known}.
+    `trust`: effect files of the case run whose ever they are; `read_priors` {free key: relative standard deviation} that
+    the campaign states; `read_uncertainties` {key: how well it says that any other stated number is known}.
     """
 
     title: str
@@ -124,7 +126,9 @@ class Campaign(DisplayMixin):
     def to_table(self) -> DisplayTable:
         head = ("file", "condition", "held out")
         rows = [(entry.file, describe_overrides(entry.given), entry.held_out) for entry in self.entries]
-        return DisplayTable(f"Campaign '{self.title}'", rows, head, [f"case {self.case}", f"free: {', '.join(self.free)}"])
+        return DisplayTable(
+            f"Campaign '{self.title}'", rows, head, [f"case {self.case}", f"free: {', '.join(self.free)}"]
+        )
 
     def __str__(self) -> str:
         lines = [f"Campaign '{self.title}': {len(self.views)} recordings, {len(self.forces)} load-cell traces"]
@@ -136,7 +140,7 @@ class Campaign(DisplayMixin):
 def describe_overrides(given: dict[str, Any]) -> str:
     """A condition in words.
 
-    >>> told({"schedule.speed": 0.1}), told({})
+    >>> describe_overrides({"schedule.speed": 0.1}), describe_overrides({})
     ('schedule.speed = 0.1', 'the case')
     """
     return ", ".join(f"{k} = {v:g}" if isinstance(v, float) else f"{k} = {v}" for k, v in given.items()) or "the case"
@@ -145,16 +149,16 @@ def describe_overrides(given: dict[str, Any]) -> str:
 def load(path: str | Path, planned: bool = False, trust: bool = False, limit: float | None = None) -> Campaign:
     """Read campaign.toml (or a folder that holds it) and everything it names.
 
-    With `planned`, a recording may give a `view` instead of a file: what a camera would take is then imagined.
+    With `planned`, a recording may give a `read_recording` instead of a file: what a camera would take is then imagined.
     `trust` lets effect files of the case run whose ever they are; `limit`: GB of memory that reading one recording may
     take.  Raises BadInput with all faults at once, one line each.
     """
     path = Path(path)
     file = path / "campaign.toml" if path.is_dir() else path
     if not file.is_file():
-        raise BadInput(case_file.describe_missing_file(path, kinds.CAMPAIGN_KIND))
+        raise BadInput(case_file.describe_missing_file(path, file_kinds.CAMPAIGN_KIND))
     text, raw = case_file.read_toml(file)
-    kinds.require_kind(kinds.CAMPAIGN_KIND, raw, file, file.name)
+    file_kinds.require_kind(file_kinds.CAMPAIGN_KIND, raw, file, file.name)
     reader = _CampaignReader(case_file.KeyLocations(str(file), text), file.parent, planned, limit)
     for key in raw.keys() - TOP_KEYS:
         reader.add_fault(key, f"unknown key{suggest_name(key, sorted(TOP_KEYS))}")
@@ -223,7 +227,9 @@ class _CampaignReader:
             return []
         for number, entry in enumerate(entries, 1):
             for key in entry.keys() - ENTRY_KEYS[kind]:
-                self.add_fault(kind, f"{kind} {number}: {key}: unknown key{suggest_name(key, sorted(ENTRY_KEYS[kind]))}", number)
+                self.add_fault(
+                    kind, f"{kind} {number}: {key}: unknown key{suggest_name(key, sorted(ENTRY_KEYS[kind]))}", number
+                )
         return entries
 
     def read_names(self, raw: dict[str, Any], key: str) -> tuple[str, ...] | None:
@@ -235,7 +241,7 @@ class _CampaignReader:
         return tuple(value) if key in raw else None
 
     def read_priors(self, raw: dict[str, Any]) -> dict[str, float] | None:
-        """Free keys with the relative standard deviation of what is known of them; None where `free` is a list."""
+        """Free keys with the relative standard deviation of what is known of them; None where `read_free_keys` is a list."""
         given = raw.get("free")
         if not isinstance(given, dict):
             return None
@@ -246,7 +252,9 @@ class _CampaignReader:
                 self.add_fault("free", f"'{key}' is listed twice; once is enough")
         for key, sd in flat.items():
             if isinstance(sd, bool) or not isinstance(sd, (int, float)) or not 0.0 < sd <= MAX_FREE_SD:
-                self.add_fault("free", f"{key}: {sd!r}; give its relative standard deviation, a number > 0 and <= {MAX_FREE_SD:g}")
+                self.add_fault(
+                    "free", f"{key}: {sd!r}; give its relative standard deviation, a number > 0 and <= {MAX_FREE_SD:g}"
+                )
         return flat
 
     def read_uncertainties(
@@ -269,7 +277,9 @@ class _CampaignReader:
         for name in found or ():
             if name not in known:
                 own = name.endswith(".py")
-                what = "; a file of your own belongs into the case, its candidates" if own else suggest_name(name, known)
+                what = (
+                    "; a file of your own belongs into the case, its candidates" if own else suggest_name(name, known)
+                )
                 self.add_fault("candidates", f"effect '{name}' is not in the catalogue{what}")
         return found
 
@@ -298,8 +308,12 @@ class _CampaignReader:
 
     def read_recording(self, entry: dict[str, Any], number: int, under: CaseLoader | None) -> RecordingEntry | None:
         imagined = self.planned and "view" in entry and "file" not in entry
-        if imagined and entry["view"] not in synthetic.VIEW_GEOMETRY and not ("points" in entry and entry["view"] == "points"):
-            known = ", ".join(synthetic.VIEW_GEOMETRY) + ", or points with their places"
+        if (
+            imagined
+            and entry["view"] not in synthetic_recording.VIEW_GEOMETRY
+            and not ("points" in entry and entry["view"] == "points")
+        ):
+            known = ", ".join(synthetic_recording.VIEW_GEOMETRY) + ", or points with their places"
             self.add_fault("recording", f"recording {number}: view: {entry['view']!r}; give {known}", number)
             return None
         sound = self._has_file(entry, "recording", number) if not imagined else True
@@ -314,7 +328,9 @@ class _CampaignReader:
             except BadInput as fault:
                 self.faults.extend(f"{self.where('recording', number)}: {line}" for line in fault.lines)
                 return None
-            return RecordingEntry(f"planned {number} {entry['view']}", _with_camera_class(taken, entry), given, sigma, held)
+            return RecordingEntry(
+                f"planned {number} {entry['view']}", _with_camera_class(taken, entry), given, sigma, held
+            )
         try:
             if "points" not in entry:
                 taken = recording.load(self.folder / entry["file"], self.limit)
@@ -372,7 +388,9 @@ class _CampaignReader:
         camera = entry.get("camera", UNCOOLED)
         if not isinstance(camera, str) or camera not in CAMERA_CLASSES:
             known = " or ".join(f'"{name}"' for name in CAMERA_CLASSES)
-            self.add_fault(kind, f"{place}: camera: {camera!r}; give {known}{suggest_name(str(camera), CAMERA_CLASSES)}", number)
+            self.add_fault(
+                kind, f"{place}: camera: {camera!r}; give {known}{suggest_name(str(camera), CAMERA_CLASSES)}", number
+            )
         name = "sigma_K" if kind == "recording" else "sigma"
         sigma = entry.get(name)
         if sigma is not None and (
@@ -402,7 +420,9 @@ def _path_exists(path: Path) -> bool:
         return False
 
 
-def _is_same_measurement(one: RecordingEntry | LoadCellEntry, other: RecordingEntry | LoadCellEntry, folder: Path) -> bool:
+def _is_same_measurement(
+    one: RecordingEntry | LoadCellEntry, other: RecordingEntry | LoadCellEntry, folder: Path
+) -> bool:
     """Whether two entries hold the same values at the same times, or are one file.
 
     Two columns of one logger's table are two measurements.  A constant trace may have been typed twice.
@@ -432,5 +452,9 @@ def _planned_recording(entry: dict[str, Any], case: cases.Case, key: str) -> Rec
     scene = case.scene
     if entry["view"] == "points":
         places = positions_from_rows(entry["points"], f"{key}: points")
-        return synthetic.empty_sensor_recording(places, scene, *synthetic.frame_schedule(scene.schedule, PLANNED_READINGS, 4), PLANNED_NETD_K)
-    return synthetic.empty_recording(entry["view"], scene, *synthetic.frame_schedule(scene.schedule, 4, 1), PLANNED_NETD_K)
+        return synthetic_recording.empty_sensor_recording(
+            places, scene, *synthetic_recording.frame_schedule(scene.schedule, PLANNED_READINGS, 4), PLANNED_NETD_K
+        )
+    return synthetic_recording.empty_recording(
+        entry["view"], scene, *synthetic_recording.frame_schedule(scene.schedule, 4, 1), PLANNED_NETD_K
+    )

@@ -9,17 +9,24 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.camera import observation
-from flashtemp.camera.instrument import CameraModel
-from flashtemp.camera.observation import SIDE_WALL_CELLS, WAKE_CELL_GROWTH, PredictedImage, observe
-from flashtemp.camera.registration import align_image
+from flashtemp.camera.prediction import observation
+from flashtemp.camera.prediction.camera_model import CameraModel
+from flashtemp.camera.prediction.image_registration import align_image
+from flashtemp.camera.prediction.observation import SIDE_WALL_CELLS, WAKE_CELL_GROWTH, PredictedImage, observe
 from flashtemp.comparison.campaign import Campaign, Condition, LoadCellEntry, RecordingEntry
-from flashtemp.comparison.noise import NoiseLevels, ResidualPeak, lag1_autocorrelation, estimate_noise, largest_structured_residual, whiten
+from flashtemp.comparison.noise import (
+    NoiseLevels,
+    ResidualPeak,
+    estimate_noise,
+    lag1_autocorrelation,
+    largest_structured_residual,
+    whiten,
+)
 from flashtemp.comparison.screening import screen_campaign
+from flashtemp.display import DisplayMixin, DisplayTable
 from flashtemp.errors import BadInput
 from flashtemp.model.case import Case
 from flashtemp.model.scene import Scene
-from flashtemp.showing import DisplayTable, DisplayMixin
 from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
 
@@ -286,10 +293,18 @@ def compare_recording(run: Run, scene: Scene, view: RecordingEntry) -> Recording
             "or give smaller pixels"
         )
     guess = estimate_noise(left(plain), *stated)
-    found = align_image(run, scene, recording, plain, lambda r: whiten(r, guess), recording.registration_sigma_px or 0.0)
+    found = align_image(
+        run, scene, recording, plain, lambda r: whiten(r, guess), recording.registration_sigma_px or 0.0
+    )
     residual = left(found.seen)
     return compare_with_prediction(
-        view, found.seen.temperature, residual, estimate_noise(residual, *stated), found.shift, found.error, found.refused
+        view,
+        found.seen.temperature,
+        residual,
+        estimate_noise(residual, *stated),
+        found.shift,
+        found.error,
+        found.refused,
     )
 
 
@@ -300,7 +315,9 @@ def stated_noise(view: RecordingEntry) -> tuple[float | None, float | None]:
     return view.sigma_K if view.sigma_K is not None else recording.netd_K, pattern
 
 
-def compare_with_prediction(view: RecordingEntry, predicted, residual, level: NoiseLevels, shift=(0.0, 0.0), error=(0.0, 0.0), refused=None) -> RecordingComparison:
+def compare_with_prediction(
+    view: RecordingEntry, predicted, residual, level: NoiseLevels, shift=(0.0, 0.0), error=(0.0, 0.0), refused=None
+) -> RecordingComparison:
     """A recording against a prediction, residual (frames, nv, nu) K, with its noise and shift found already."""
     sigmas = whiten(residual, level)
     good = np.isfinite(residual)
@@ -338,7 +355,9 @@ def predict_friction(run: Run, force: LoadCellEntry) -> tuple[np.ndarray, np.nda
             f"{force.file}: time_s: goes to {time[-1]:g} s, but the schedule of its condition ends at "
             f"{run.time[-1]:g} s; mend schedule.* in with, or the table"
         )
-    on = (np.interp(time, run.time, run.sliding.astype(float)) > 0.99) & (time <= run.time[-1] * (1 + SCHEDULE_ROUNDING))
+    on = (np.interp(time, run.time, run.sliding.astype(float)) > 0.99) & (
+        time <= run.time[-1] * (1 + SCHEDULE_ROUNDING)
+    )
     if not on.any():
         raise BadInput(f"{force.file}: time_s: no reading was taken while the block slides; check the times")
     return on, np.interp(time, run.time[good], run.friction[good])

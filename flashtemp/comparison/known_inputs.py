@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from flashtemp.camera.recording import VIEW_DESCRIPTIONS
-from flashtemp.errors import BadInput, suggest_name, shorten_text
+from flashtemp.errors import BadInput, shorten_text, suggest_name
 from flashtemp.model.case import Case
 from flashtemp.model.case_file import flatten_tables
 from flashtemp.model.priors import expand_materials
@@ -37,10 +37,12 @@ def known_keys(case: Case) -> dict[str, str]:
     out = {
         f"{table}.{name}": param.unit
         for table in full.values
-        for name, param in full.declared(table).items()
+        for name, param in full.declared_params(table).items()
         if name in full.values[table] and is_physical_number(table, param)
     }
-    return out | {f"{view}.{name}": unit for view in VIEW_DESCRIPTIONS if view != "points" for name, unit in VIEW_KEYS.items()}
+    return out | {
+        f"{view}.{name}": unit for view in VIEW_DESCRIPTIONS if view != "points" for name, unit in VIEW_KEYS.items()
+    }
 
 
 def read_known(given: Any, case: Case, free: tuple[str, ...]) -> tuple[dict[str, StatedUncertainty], tuple[str, ...]]:

@@ -15,7 +15,10 @@ Array = npt.NDArray[np.float64]
 MAD_TO_SD = 1.482602218505602  # standard deviation over median absolute deviation of a normal distribution
 MAD_EFFICIENCY = 0.37  # of the MAD (Rousseeuw & Croux 1993)
 DIFFERENCE_WEIGHTS = {2: np.array([1.0, -2.0, 1.0]), 4: np.array([1.0, -4.0, 6.0, -4.0, 1.0])}  # second and fourth
-MIN_LINES_FOURTH_ORDER, MIN_DIFFERENCES = 9, 4  # lines for fourth differences, and differences of which a scale is taken
+MIN_LINES_FOURTH_ORDER, MIN_DIFFERENCES = (
+    9,
+    4,
+)  # lines for fourth differences, and differences of which a scale is taken
 CHANCE_LIMIT_SDS = 3.09  # one of a thousand: standard deviations beyond which a component is more than chance
 
 
@@ -66,7 +69,9 @@ def _excess_variance(images: Array, axis: int, pixel: float, line: float) -> flo
     usual = line + pixel * _combine_lines(1.0 / np.maximum(count, 1), weights**2) / np.sum(weights**2)
     ratio = _combine_lines(lines, weights) / np.sqrt(np.sum(weights**2) * usual)
     known = ratio[np.isfinite(ratio)]
-    chance = CHANCE_LIMIT_SDS * np.sqrt(2.0 / (MAD_EFFICIENCY * max(len(known), 1) / (0.5 * len(weights))))  # differences overlap
+    chance = CHANCE_LIMIT_SDS * np.sqrt(
+        2.0 / (MAD_EFFICIENCY * max(len(known), 1) / (0.5 * len(weights)))
+    )  # differences overlap
     if len(known) < MIN_DIFFERENCES or _robust_variance(known) < 1.0 + chance:
         return 0.0
     beyond = max(min(map(_robust_variance, _split_halves(ratio))) - 1.0, 0.0)
@@ -107,7 +112,9 @@ class LineWhitening:
     variances: tuple[tuple[int, float, float], ...]
 
     @classmethod
-    def from_values(cls, values: Array, weight: Array | float, white: float, pattern: float, lines: LineNoise) -> LineWhitening:
+    def from_values(
+        cls, values: Array, weight: Array | float, white: float, pattern: float, lines: LineNoise
+    ) -> LineWhitening:
         """For values NaN where unknown, `weight` frames of the camera in each, with noise of pixels `white` and
         `pattern`, K."""
         known = np.isfinite(values)
@@ -130,7 +137,9 @@ class LineWhitening:
 
     def inverse(self, whitened: Array) -> Array:
         """What gave white ones."""
-        values = self._scale_static_part(np.where(self.known, whitened, 0.0), [(a, 1.0 / t) for a, t in self._static_factors()[::-1]])
+        values = self._scale_static_part(
+            np.where(self.known, whitened, 0.0), [(a, 1.0 / t) for a, t in self._static_factors()[::-1]]
+        )
         for axis, times in self._frame_factors()[::-1]:
             values = _scale_line_means(values, self.known, axis, 1.0 / times)
         return np.where(self.known, values, np.nan)
@@ -143,7 +152,7 @@ class LineWhitening:
         ]
 
     def _static_factors(self) -> list[tuple[int, Array]]:
-        """The same of what stays, which `_fresh` has made smaller already."""
+        """The same of what stays, which `_frame_factors` has made smaller already."""
         some = np.any(self.known, axis=0, keepdims=True)
         counts = [some.sum(axis=axis, keepdims=True) for axis, _, _ in self.variances]
         return [

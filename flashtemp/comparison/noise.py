@@ -6,7 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flashtemp.comparison.line_noise import MAD_EFFICIENCY, NO_LINES, CHANCE_LIMIT_SDS, LineNoise, LineWhitening, estimate_line_noise
+from flashtemp.comparison.line_noise import (
+    CHANCE_LIMIT_SDS,
+    MAD_EFFICIENCY,
+    NO_LINES,
+    LineNoise,
+    LineWhitening,
+    estimate_line_noise,
+)
 
 FRAMES_PER_BATCH = 256  # that are worked on at a time
 DIFFERENCE_OVERLAP = 18.0  # values that differences along three axes share
@@ -124,7 +131,7 @@ def frame_mean(residual: np.ndarray) -> np.ndarray:
 
 
 def whiten(residual: np.ndarray, noise: NoiseLevels) -> np.ndarray:
-    """Residuals (frames, nv, nu) in sigma: independent and of unit variance where only `noise` is in them.
+    """Residuals (frames, nv, nu) in sigma: independent and of unit variance where only `estimate_noise` is in them.
 
     Per pixel with n frames of the camera, w in each frame: sqrt(w) (y - c mean(y))/sigma, mean weighted by w,
     c = 1 - (1 + n pattern^2/sigma^2)^(-1/2).
@@ -187,7 +194,9 @@ class ResidualPeak:
     repetition: int
 
 
-def largest_structured_residual(residual: np.ndarray, noise: NoiseLevels, recording, size: int = 5) -> ResidualPeak | None:
+def largest_structured_residual(
+    residual: np.ndarray, noise: NoiseLevels, recording, size: int = 5
+) -> ResidualPeak | None:
     """The largest residual that is wider than a pixel: of means over `size` x `size` pixels of one frame."""
     axes = [a for a in (1, 2) if residual.shape[a] >= size and getattr(recording, "places", None) is None]
     best, where = (-1.0, 0.0), (0, 0, 0)  # points are no neighbours

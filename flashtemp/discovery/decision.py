@@ -132,7 +132,9 @@ def decide(evidence: VerdictEvidence, criteria: Criteria = CRITERIA) -> Decision
         return Decision(kind, tuple(rules))
     for test in evidence.adequacy:
         rules.append(
-            VerdictRule(test.name, test.value, test.limit, test.passed, f"{test.name}: {test.value:.3g}, limit {test.limit:g}")
+            VerdictRule(
+                test.name, test.value, test.limit, test.passed, f"{test.name}: {test.value:.3g}, limit {test.limit:g}"
+            )
         )
     if not all(test.passed for test in evidence.adequacy):
         return Decision("unexplained", tuple(rules))
@@ -223,7 +225,9 @@ def _largest_fraction(size: EffectSize) -> float:
     return max(size.rise_fraction, size.friction_fraction, size.camera_fraction)
 
 
-def _indistinguishable_effects(evidence: VerdictEvidence, criteria: Criteria, rules: list[VerdictRule]) -> tuple[str, ...]:
+def _indistinguishable_effects(
+    evidence: VerdictEvidence, criteria: Criteria, rules: list[VerdictRule]
+) -> tuple[str, ...]:
     """Effects that explain the data as well as an accepted one; empty where there are none."""
     accepted, out = frozenset(evidence.causes), list[str]()
     for a in evidence.alternatives:

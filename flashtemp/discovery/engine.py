@@ -16,7 +16,7 @@ from flashtemp.comparison.campaign import Campaign
 from flashtemp.discovery import experiment_design
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.decision import AlternativeCause, Decision, VerdictEvidence, VerdictRule, decide
-from flashtemp.discovery.diagnostics import description, missing_heat, verdict_sentences
+from flashtemp.discovery.diagnostics import fit_report, missing_heat, verdict_sentences
 from flashtemp.discovery.diagnostics.adequacy_tests import run_adequacy_tests, simulate_structure_tests
 from flashtemp.discovery.diagnostics.camera_error_sizes import camera_error_warnings
 from flashtemp.discovery.diagnostics.cross_validation import (
@@ -40,7 +40,7 @@ from flashtemp.discovery.diagnostics.stated_inputs import StatedInput, list_stat
 from flashtemp.discovery.estimation.fitting import Hypothesis, ProgressCallback
 from flashtemp.discovery.estimation.image_alignment import Linearisation
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
-from flashtemp.discovery.estimation.linearised_fit import LinearisedFit, FitStatus
+from flashtemp.discovery.estimation.linearised_fit import FitStatus, LinearisedFit
 from flashtemp.discovery.estimation.nuisance_priors import all_derivatives
 from flashtemp.discovery.estimation.outlier_rejection import reject_outliers
 from flashtemp.discovery.estimation.whitening import WhitenedData
@@ -55,11 +55,26 @@ from flashtemp.discovery.measurement_errors.recording_errors import (
 from flashtemp.discovery.parameters import Kind
 from flashtemp.discovery.prediction.prediction import DerivativeRequest, Prediction, predict_condition
 from flashtemp.discovery.prediction.problem import Problem, prepare_problem
-from flashtemp.discovery.selection.forward_selection import EffectSearch, effect_names, select_effects, finish_fit, refit_with_candidates
+from flashtemp.discovery.selection.forward_selection import (
+    EffectSearch,
+    effect_names,
+    finish_fit,
+    refit_with_candidates,
+    select_effects,
+)
 from flashtemp.discovery.selection.scores import compute_separability
-from flashtemp.discovery.verdict import Cause, ParameterEstimate, FitMetrics, SetupErrorReport, InputCorrection, InputResult, RuleResult, Verdict
+from flashtemp.discovery.verdict import (
+    Cause,
+    FitMetrics,
+    InputCorrection,
+    InputResult,
+    ParameterEstimate,
+    RuleResult,
+    SetupErrorReport,
+    Verdict,
+)
 from flashtemp.errors import SolverFailure
-from flashtemp.runs.workers import open_worker_pool
+from flashtemp.runs.results.worker_pool import open_worker_pool
 
 # cells of runs that show what the mesh gets wrong: along, up and down, and across in 3D
 COARSER_CELL_FACTORS = ((0.6, 1, 1), (1, 0.6, 1), (1, 1, 0.6), (0.5, 0.5, 0.5))
@@ -83,7 +98,10 @@ class ModelAssessment:
 
 
 def discover(
-    campaign: Campaign, watch: ProgressCallback = lambda text: None, workers: int | None = None, scheduler: str | None = None
+    campaign: Campaign,
+    watch: ProgressCallback = lambda text: None,
+    workers: int | None = None,
+    scheduler: str | None = None,
 ) -> tuple[Verdict, EffectSearch]:
     """Everything: calibrate, select, judge.  Raises BadInput, SolverFailure."""
     began, watch = time.monotonic(), _with_time_left(watch)
@@ -99,7 +117,9 @@ def discover(
     return replace(verdict, seconds=time.monotonic() - began), search
 
 
-def correct_measurements(problem: Problem, watch: ProgressCallback) -> tuple[Problem, tuple[RecordingError, ...], list[Prediction]]:
+def correct_measurements(
+    problem: Problem, watch: ProgressCallback
+) -> tuple[Problem, tuple[RecordingError, ...], list[Prediction]]:
     """Recordings that are not what they are stated to be corrected, images that lie far off registered; and predictions
     of the stated model with all nuisances.  Raises BadInput, SolverFailure."""
     impossible = find_schedule_errors(problem)
@@ -120,7 +140,9 @@ def _predict_stated_model(problem: Problem) -> list[Prediction]:
     return problem.predict(problem.make_tasks(problem.stated_model, replace(all_derivatives(problem), fields=True)))
 
 
-def calibrate_base(problem: Problem, first: list[Prediction], watch: ProgressCallback) -> tuple[Problem, WhitenedData, LinearisedFit]:
+def calibrate_base(
+    problem: Problem, first: list[Prediction], watch: ProgressCallback
+) -> tuple[Problem, WhitenedData, LinearisedFit]:
     """The stated model at its best point, with sensitivities of all candidates.  Raises BadInput, SolverFailure."""
     problem = reject_outliers(problem, first)
     watch("simulating coarser meshes")
@@ -155,7 +177,9 @@ def judge_with_law(verdict: Verdict, search: EffectSearch, watch: ProgressCallba
 
 def predict_coarser_meshes(problem: Problem) -> list[list[Prediction]]:
     """Predictions of the stated model on coarser meshes, all tasks at once for all workers."""
-    cells = (*COARSER_CELL_FACTORS, COARSER_ACROSS_FACTORS) if problem.case["numerics.across"] > 1 else COARSER_CELL_FACTORS
+    cells = (
+        (*COARSER_CELL_FACTORS, COARSER_ACROSS_FACTORS) if problem.case["numerics.across"] > 1 else COARSER_CELL_FACTORS
+    )
     tasks = [task for c in cells for task in problem.make_tasks(problem.stated_model, DerivativeRequest(), c)]
     answers, count = problem.predict(tasks), len(problem.conditions)
     return [answers[k : k + count] for k in range(0, len(answers), count)]
@@ -187,9 +211,9 @@ def write_extended(search: EffectSearch, verdict: Verdict, folder: Path) -> None
 def assess_model(search: EffectSearch, fit: LinearisedFit) -> ModelAssessment:
     """Everything that is asked of the base model and of the extended one alike."""
     known = without_flexible_terms(fit)
-    seeings, pullings = description.compare_all_recordings(search, known)
+    seeings, pullings = fit_report.compare_all_recordings(search, known)
     left_out, known_left_out = (cross_validate(search.data, f) for f in (fit, known))
-    metrics = description.summary_metrics(known, seeings, known_left_out)
+    metrics = fit_report.summary_metrics(known, seeings, known_left_out)
     return ModelAssessment(fit, known, seeings, pullings, left_out, known_left_out, metrics)
 
 
@@ -213,7 +237,13 @@ def judge_search(search: EffectSearch, watch: ProgressCallback, law: IdentifiedL
 
 def size_of_change(search: EffectSearch, base: ModelAssessment, extended: ModelAssessment) -> LargestChange:
     """What the extended model changes of the recordings."""
-    found = largest_change(search.data, base.recording_comparisons, extended.recording_comparisons, base.force_comparisons, extended.force_comparisons)
+    found = largest_change(
+        search.data,
+        base.recording_comparisons,
+        extended.recording_comparisons,
+        base.force_comparisons,
+        extended.force_comparisons,
+    )
     own = camera_fraction(search.data, search.base, extended.fit, search.problem.candidates)
     return replace(found, size=replace(found.size, camera_fraction=own))
 
@@ -256,7 +286,9 @@ def question_inputs(search: EffectSearch, final: LinearisedFit, watch: ProgressC
     return _questioned(search, final, inputs, list(map(merge_columns, exact, shown)))
 
 
-def _questioned(search: EffectSearch, final: LinearisedFit, inputs: Sequence[StatedInput], shown: Sequence[Prediction]) -> InputAssessment:
+def _questioned(
+    search: EffectSearch, final: LinearisedFit, inputs: Sequence[StatedInput], shown: Sequence[Prediction]
+) -> InputAssessment:
     """Inputs against the data by predictions at the final fit with their columns."""
     blocks = search.data.make_blocks(shown)
     blocks = [b.with_columns_of(o, lambda p: p.kind is not Kind.EFFECT or p in final.effect_priors)
@@ -276,7 +308,11 @@ def collect_evidence(
     """All numbers that the verdict rests on."""
     problem, names = search.problem, effect_names(final)
     free = {p: v for p, v in final.effect_priors.items() if p not in final.bound}
-    beyond = final.evidence_at_max_discrepancy(problem, free) - search.base.evidence_at_max_discrepancy(problem, {}) if names else 0.0
+    beyond = (
+        final.evidence_at_max_discrepancy(problem, free) - search.base.evidence_at_max_discrepancy(problem, {})
+        if names
+        else 0.0
+    )
     gain = float(extended.left_out.density.sum() - base.left_out.density.sum())
     several = len(base.left_out.density) > 1 or base.left_out.is_held_out
     unusual = [e for e in setup if e.is_unusual(CRITERIA)]
@@ -312,7 +348,9 @@ def _unresolved_effects(search: EffectSearch, final: LinearisedFit) -> dict[str,
     """Effects that are asked for in place of the final model's and were not judged; what lies beside them changes
     nothing of what was found."""
     own = effect_names(final)
-    return {" with ".join(sorted(n)): gain for n, gain in _unjudged_effects(search, final).items() if not (own and n > own)}
+    return {
+        " with ".join(sorted(n)): gain for n, gain in _unjudged_effects(search, final).items() if not (own and n > own)
+    }
 
 
 def _unjudged_effects(search: EffectSearch, final: LinearisedFit) -> dict[frozenset[str], float]:
@@ -338,7 +376,7 @@ def assemble_verdict(
         shows_cause = False
     gain = float(extended.left_out.density.sum() - base.left_out.density.sum())
     causes = (
-        tuple(description.describe_cause(search, final, e, gain) for e in final.model.effects) if shows_cause else ()
+        tuple(fit_report.describe_cause(search, final, e, gain) for e in final.model.effects) if shows_cause else ()
     )
     unusual = [e for e in setup if e.is_unusual(CRITERIA)]
     named_setup = [e for e in unusual if not e.is_input] if kind not in ("no_verdict", "unexplained") else []
@@ -354,8 +392,8 @@ def assemble_verdict(
         next_experiment=_suggest_experiment(search, decision.group),
         base=base.metrics,
         extended=_with_change_errors(base, extended) if causes else None,
-        rivals=description.report_candidates(search, accepted),
-        nuisance=description.calibrated_parameters(search, final),
+        rivals=fit_report.report_candidates(search, accepted),
+        nuisance=fit_report.calibrated_parameters(search, final),
         tests=(*simulate_structure_tests(base.known, 1, "before"),
                *(simulate_structure_tests(extended.known, 2, "after") if causes else ())),
         missing=missing_heat.estimate_missing_heat(problem, search.base),
@@ -366,7 +404,7 @@ def assemble_verdict(
         pulled=(base.force_comparisons, shown.force_comparisons),
         gates={t.name: (t.value, t.limit) for t in run_adequacy_tests(problem, final, CRITERIA)},
         certificate=_convergence_record(search),
-        assumed=description.assumed_priors(problem),
+        assumed=fit_report.assumed_priors(problem),
         warnings=_collect_warnings(search, final),
         gain=_gain_record(change, base, extended) if causes else None,
         not_named=decision.reasons if kind in ("weak", "none_needed", "no_verdict") else (),
@@ -385,7 +423,9 @@ def _recording_error_cause(e: RecordingError) -> Cause:
     return Cause(str(e.kind), e.words, (), 2.0 * gain, 0.0, 1.0, ln_bayes=gain, laboratory=True)
 
 
-def _input_correction(problem: Problem, final: LinearisedFit, inputs: InputAssessment, unusual: list[SetupError]) -> InputCorrection | None:
+def _input_correction(
+    problem: Problem, final: LinearisedFit, inputs: InputAssessment, unusual: list[SetupError]
+) -> InputCorrection | None:
     """The stated input that explains what a cause would, the most certain first."""
     e = next((e for e in unusual if e.is_input), None)
     check = next((c for c in inputs.checks if e is not None and c.input.key == e.name), None)
@@ -397,12 +437,14 @@ def _input_correction(problem: Problem, final: LinearisedFit, inputs: InputAsses
     # free keys follow an input that is corrected: what it had to explain before is taken from them
     fixed = final.free_priors | {e.parameter: (e.value, FIXED_INPUT_SD_FRACTION * i.sd)}
     solution = inputs.system.solve(fixed, inputs.system.normal_equations(variances=final.hyper.variances))
-    calibrated = {p.name: problem.case[p.name] * math.exp(final.model.free[p.name] + solution[p]) for p in problem.free_keys}
+    calibrated = {
+        p.name: problem.case[p.name] * math.exp(final.model.free[p.name] + solution[p]) for p in problem.free_keys
+    }
     return InputCorrection(i.key, i.value, value, sd, i.unit, e.ln_bayes, e.words, calibrated)
 
 
 def _setup_error_cause(e: SetupError) -> Cause:
-    sd = description.STDERR_INFLATION * e.stderr
+    sd = fit_report.STDERR_INFLATION * e.stderr
     where = e.parameter.file or e.parameter.name
     ends = (e.value - 1.96 * sd, e.value + 1.96 * sd)
     estimate = ParameterEstimate(f"{e.name}.{where}", e.value, sd, ends, e.unit)
@@ -438,7 +480,9 @@ def _suggest_experiment(search: EffectSearch, group: tuple[str, ...]) -> str:
     return experiment_design.suggest_experiment(search.problem, fit, group)
 
 
-def _parameter_shifts(search: EffectSearch, base: LinearisedFit, final: LinearisedFit) -> tuple[tuple[str, float, float, float], ...]:
+def _parameter_shifts(
+    search: EffectSearch, base: LinearisedFit, final: LinearisedFit
+) -> tuple[tuple[str, float, float, float], ...]:
     out = []
     for p in search.problem.free_keys:
         now = search.problem.case[p.name]
@@ -461,12 +505,14 @@ def _convergence_record(search: EffectSearch) -> dict[str, Any]:
 
 def _with_change_errors(base: ModelAssessment, extended: ModelAssessment) -> FitMetrics:
     """The metrics of an extended model with the standard errors of what changes from the base."""
-    fitted = rms_change_error(*(description.fitted_residuals(m.recording_comparisons) for m in (base, extended)))
+    fitted = rms_change_error(*(fit_report.fitted_residuals(m.recording_comparisons) for m in (base, extended)))
     left_out = rms_change_error(base.known_left_out.residuals, extended.known_left_out.residuals)
     return replace(extended.metrics, rmse_change_error_K=fitted, held_out_z_change_error=left_out)
 
 
-def _gain_record(change: LargestChange | None, base: ModelAssessment, extended: ModelAssessment) -> dict[str, Any] | None:
+def _gain_record(
+    change: LargestChange | None, base: ModelAssessment, extended: ModelAssessment
+) -> dict[str, Any] | None:
     if change is None:
         return None
     size = change.size

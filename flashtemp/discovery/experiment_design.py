@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.camera import synthetic
+from flashtemp.camera.prediction import synthetic_recording
 from flashtemp.comparison.campaign import Condition, RecordingEntry
 from flashtemp.comparison.compare import stated_noise
 from flashtemp.comparison.noise import NoiseLevels
@@ -23,7 +23,7 @@ from flashtemp.discovery.estimation.camera_error_columns import USUAL_CAMERA_ERR
 from flashtemp.discovery.estimation.fitting import ProgressCallback
 from flashtemp.discovery.estimation.hyperparameters import Hyperparameters
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
-from flashtemp.discovery.estimation.linearised_fit import LinearisedFit, FitStatus
+from flashtemp.discovery.estimation.linearised_fit import FitStatus, LinearisedFit
 from flashtemp.discovery.estimation.model_discrepancy import TYPICAL_DISCREPANCY
 from flashtemp.discovery.estimation.nuisance_priors import PRESSURE_MODE_COUNT, nuisance_priors
 from flashtemp.discovery.estimation.whitening import WhitenedData
@@ -32,9 +32,9 @@ from flashtemp.discovery.parameters import ParameterId, Priors
 from flashtemp.discovery.prediction.prediction import DerivativeRequest, Prediction, PredictionTask
 from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.discovery.selection.scores import MIN_EFFECT_Z, Separability, compute_separability
+from flashtemp.display import DisplayMixin, DisplayTable
 from flashtemp.errors import FlashtempError
 from flashtemp.physics.quantities import KELVIN
-from flashtemp.showing import DisplayTable, DisplayMixin
 
 DETECTION_Z = 5.0  # signal to noise at which an effect is told from all others
 RIVAL_PRIOR_STRENGTHS = 3.0  # typical strengths that every rival may take meanwhile
@@ -80,7 +80,7 @@ class ProposedExperiment:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DesignReport(DisplayMixin):
-    """Everything that can be said before measuring; `experiments` the most useful first."""
+    """Everything that can be said before measuring; `rank_experiments` the most useful first."""
 
     title: str
     prospects: tuple[Detectability, ...]
@@ -184,7 +184,10 @@ def suggest_experiment(problem: Problem, fit: LinearisedFit, alike: tuple[str, .
 def rank_experiments(problem: Problem, fit: LinearisedFit, effects: list[str]) -> tuple[ProposedExperiment, ...]:
     """One more condition of each kind, ranked by what it leaves of the worst of some effects."""
     now = _remaining_z(problem, fit, effects)
-    asked = [(words, _condition_task(problem, fit.model, key, factor, step)) for words, key, factor, step in CANDIDATE_CONDITIONS]
+    asked = [
+        (words, _condition_task(problem, fit.model, key, factor, step))
+        for words, key, factor, step in CANDIDATE_CONDITIONS
+    ]
     tasks = {words: task for words, task in asked if task is not None}
     out = []
     for (words, task), answer in zip(tasks.items(), problem.run(list(tasks.values())), strict=True):
@@ -213,13 +216,17 @@ def _assume_noise(problem: Problem) -> dict[str, NoiseLevels]:
     out = {}
     for v in problem.campaign.views:
         white, pattern = stated_noise(v)
-        out[v.file] = NoiseLevels(white or DEFAULT_WHITE_NOISE_K, DEFAULT_PATTERN_NOISE_K if pattern is None else pattern)
+        out[v.file] = NoiseLevels(
+            white or DEFAULT_WHITE_NOISE_K, DEFAULT_PATTERN_NOISE_K if pattern is None else pattern
+        )
     return out
 
 
 def _blank_fit(problem: Problem, model: ModelPoint, predictions: list[Prediction]) -> LinearisedFit:
     """A fit of nothing: priors and products only."""
-    system = LinearSystem(WhitenedData.from_predictions(problem, predictions, noises=_assume_noise(problem)).make_blocks(predictions))
+    system = LinearSystem(
+        WhitenedData.from_predictions(problem, predictions, noises=_assume_noise(problem)).make_blocks(predictions)
+    )
     priors = nuisance_priors(problem, system.names, model)
     usual = Hyperparameters(1.0, TYPICAL_DISCREPANCY, USUAL_CAMERA_ERRORS)
     return LinearisedFit(model, tuple(predictions), system, system.solve(priors), priors, usual, FitStatus.CONVERGED)
@@ -276,7 +283,7 @@ def _condition_task(problem: Problem, model: ModelPoint, key: str, factor: float
     except FlashtempError:
         return None
     pins["road.depth"] = max(float(problem.mesh_overrides[0].get("road.depth", 0.0)), float(scene.mesh.depth[-1]))
-    times, repetition = synthetic.frame_schedule(scene.schedule, 4, 1)
+    times, repetition = synthetic_recording.frame_schedule(scene.schedule, 4, 1)
     planned = []
     for v in first.views:
         shape = (len(times), len(v.recording.v), len(v.recording.u))

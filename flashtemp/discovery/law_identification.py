@@ -174,7 +174,9 @@ def heldout_excess(search: EffectSearch) -> tuple[float, float]:
 def list_possible_laws(search: EffectSearch) -> Iterator[PiecewiseLinearLaw]:
     """All pairs of a quantity and a regressor that varies among the conditions that are fitted."""
     problem, runs, scenes = search.problem, [], []
-    for condition, pins, prediction in zip(problem.conditions, problem.mesh_overrides, search.base.predictions, strict=True):
+    for condition, pins, prediction in zip(
+        problem.conditions, problem.mesh_overrides, search.base.predictions, strict=True
+    ):
         if any(not entry.held_out for entry in condition.entries):
             runs.append(prediction.run)
             scenes.append(problem.case.with_values(condition.given | pins).scene)
@@ -202,7 +204,9 @@ def batch_size(laws: Sequence[PiecewiseLinearLaw], data: int) -> int:
     return -(-len(laws) // -(-len(laws) // most))
 
 
-def _score_law(problem: Problem, fit: LinearisedFit, plain: float, law: PiecewiseLinearLaw, c: CandidateEffect) -> ScoredLaw:
+def _score_law(
+    problem: Problem, fit: LinearisedFit, plain: float, law: PiecewiseLinearLaw, c: CandidateEffect
+) -> ScoredLaw:
     """A law at that width of its prior which has the largest evidence, given the other hyperparameters."""
     columns = [p for p in c.strength_columns() if p in fit.system.index]
     nodes, found = _solve_within_bounds(problem, fit, law, columns, 1.0)
@@ -283,13 +287,17 @@ def _refine_nodes(search: EffectSearch, found: FittedLaw, watch: ProgressCallbac
     return found
 
 
-def _fit_refined(search: EffectSearch, found: FittedLaw, nodes: tuple[float, ...], watch: ProgressCallback) -> FittedLaw:
+def _fit_refined(
+    search: EffectSearch, found: FittedLaw, nodes: tuple[float, ...], watch: ProgressCallback
+) -> FittedLaw:
     """A law with more nodes, fitted from where it stands.  Raises SolverFailure.
 
     The finer line is the coarser one at first, so that the point and all other derivatives are those of the last fit.
     """
     fit, law = found.fit, found.scored.law
-    stands = [fit.model.effect_value(ParameterId.of_effect(LEARNED_LAW_NAME, f"at_{k + 1}")) for k in range(len(law.nodes))]
+    stands = [
+        fit.model.effect_value(ParameterId.of_effect(LEARNED_LAW_NAME, f"at_{k + 1}")) for k in range(len(law.nodes))
+    ]
     values = law.hat_functions(np.array(nodes)) @ np.array(stands)
     scored = replace(found.scored, law=replace(law, nodes=nodes, values=tuple(values.tolist())))
     problem, data, candidate = _with_law(search, scored)
@@ -302,10 +310,16 @@ def _fit_refined(search: EffectSearch, found: FittedLaw, nodes: tuple[float, ...
     return FittedLaw(scored, problem, finish_fit(Hypothesis(problem, data, model, own), first, watch))
 
 
-def _finish_law(search: EffectSearch, found: FittedLaw, scored: tuple[ScoredLaw, ...], watch: ProgressCallback) -> IdentifiedLaw:
+def _finish_law(
+    search: EffectSearch, found: FittedLaw, scored: tuple[ScoredLaw, ...], watch: ProgressCallback
+) -> IdentifiedLaw:
     """The law with exact derivatives at its best point, and what of the catalogue may still matter beside it."""
     problem, data = found.problem, replace(search.data, problem=found.problem)
-    before = search.ranking[0] if search.ranking else score_candidates(search.problem, search.base, search.problem.candidates)
+    before = (
+        search.ranking[0]
+        if search.ranking
+        else score_candidates(search.problem, search.base, search.problem.candidates)
+    )
     more = select_for_rescoring(search.problem, search.base, found.fit, before)
     watch(f"candidates beside {found.law.description}")
     best = refit_with_candidates(problem, data, found.fit, more, watch)
@@ -332,7 +346,9 @@ def _with_fitted_values(law: PiecewiseLinearLaw, fit: LinearisedFit) -> Piecewis
 def node_covariance(fit: LinearisedFit, count: int) -> Array:
     """Covariance (count, count) of the values at the nodes of a law; 0 of one that lies on a bound."""
     out = np.zeros((count, count))
-    at = {int(p.name.removeprefix("at_")) - 1: i for i, p in enumerate(fit.solution.names) if p.effect == LEARNED_LAW_NAME}
+    at = {
+        int(p.name.removeprefix("at_")) - 1: i for i, p in enumerate(fit.solution.names) if p.effect == LEARNED_LAW_NAME
+    }
     nodes, columns = list(at), list(at.values())
     out[np.ix_(nodes, nodes)] = fit.solution.covariance[np.ix_(columns, columns)]
     return out
@@ -380,7 +396,9 @@ def _with_sensitivities(problem: Problem, search: EffectSearch, laws: tuple[Cand
     return replace(fit, system=_join_columns(data, predictions, fit, own))
 
 
-def _join_columns(data: WhitenedData, predictions: Sequence[Prediction], fit: LinearisedFit, own: Sequence[CandidateEffect]) -> LinearSystem:
+def _join_columns(
+    data: WhitenedData, predictions: Sequence[Prediction], fit: LinearisedFit, own: Sequence[CandidateEffect]
+) -> LinearSystem:
     """Columns of predictions at the point of a fit, and those that the fit has of all else but other candidates.
 
     Residuals are those of the fit: what is compared differs in nothing else.

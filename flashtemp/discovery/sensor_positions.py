@@ -6,12 +6,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from flashtemp.camera import synthetic
-from flashtemp.camera.points import SensorPositions, positions_from_arrays
+from flashtemp.camera.prediction import synthetic_recording
+from flashtemp.camera.sensors import SensorPositions, positions_from_arrays
 from flashtemp.comparison.campaign import RecordingEntry
 from flashtemp.discovery.prediction.problem import Problem
 
-HEIGHT_FRACTIONS, LENGTH_FRACTIONS = (0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.98), (0.1, 0.5, 0.9)  # of height and length
+HEIGHT_FRACTIONS, LENGTH_FRACTIONS = (
+    (0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.98),
+    (0.1, 0.5, 0.9),
+)  # of height and length
 
 
 def candidate_sensor_recordings(problem: Problem) -> list[RecordingEntry]:
@@ -26,7 +29,7 @@ def candidate_sensor_recordings(problem: Problem) -> list[RecordingEntry]:
     scene, r = problem.campaign.load(first.given | problem.mesh_overrides[0]).scene, like.recording
     out = []
     for words, places in _iter_positions(scene.length, scene.height, like.recording.places):
-        blank = synthetic.empty_sensor_recording(places, scene, r.time, r.repetition, r.netd_K or 0.05)
+        blank = synthetic_recording.empty_sensor_recording(places, scene, r.time, r.repetition, r.netd_K or 0.05)
         out.append(RecordingEntry(words, blank, first.given, like.sigma_K))
     return out
 

@@ -10,13 +10,15 @@ import numpy.typing as npt
 
 from flashtemp.camera.recording import VIEW_DESCRIPTIONS
 from flashtemp.comparison.compare import ForceComparison, RecordingComparison
-from flashtemp.showing import DisplayTable, DisplayMixin
+from flashtemp.display import DisplayMixin, DisplayTable
 
 Array = npt.NDArray[np.float64]
 VERDICT_SCHEMA = "flashtemp.verdict/1"
 VERDICT_KINDS = ("named", "learned", "held_key", "weak", "group", "none_needed", "unexplained", "no_verdict")
 MAX_NAMED_INPUTS = 6  # inputs that the data cannot check, named in the text; more are only counted
-DOUBTFUL_PROBABILITY = 0.01  # probability of so much scatter between conditions, below which a cause's law is not taken as told
+DOUBTFUL_PROBABILITY = (
+    0.01  # probability of so much scatter between conditions, below which a cause's law is not taken as told
+)
 
 
 @dataclass(frozen=True)
@@ -259,7 +261,7 @@ class NormalisedDeviation:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Verdict(DisplayMixin):
-    """The whole answer.  `kind` is one of KINDS; `says` one or more sentences for people.
+    """The whole answer.  `kind` is one of VERDICT_KINDS; `says` one or more sentences for people.
 
     `separability`: names and matrix (n, n) of correlations between projected signatures; `before`, `after`:
     every recording against the calibrated base and the extended model; `gates`: what was checked for

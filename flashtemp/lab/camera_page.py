@@ -13,15 +13,24 @@ import tomli_w
 from nicegui import events, run, ui
 
 from flashtemp.api.camera import import_recording
-from flashtemp.camera.import_options import ImportOptions, load_template
-from flashtemp.camera.import_request import ImportRequest, expand_patterns
-from flashtemp.camera.importing import ImportResult
+from flashtemp.camera.importing.import_options import ImportOptions, load_template
+from flashtemp.camera.importing.import_request import ImportRequest, expand_patterns
+from flashtemp.camera.importing.recording_import import ImportResult
 from flashtemp.errors import BadInput
-from flashtemp.lab.folder import CAMERA_SUFFIXES, escape_control, free_name, resolve_inside, list_folder
-from flashtemp.lab.images import OpenedFrames, open_frames
+from flashtemp.lab.image_marks import find_onsets
 from flashtemp.lab.jobs import command_text
 from flashtemp.lab.marked_image import MarkedImage
-from flashtemp.lab.marks import find_onsets
+from flashtemp.lab.opened_frames import OpenedFrames, open_frames
+from flashtemp.lab.page_layout import (
+    ask_consent,
+    escape_lines,
+    file_address,
+    page_address,
+    refuse_damaged,
+    relative_names,
+    show_command,
+    show_errors,
+)
 from flashtemp.lab.saving import (
     MAX_UPLOAD_BYTES,
     MAX_UPLOAD_FILES,
@@ -32,16 +41,7 @@ from flashtemp.lab.saving import (
     write_text,
     write_upload,
 )
-from flashtemp.lab.shared import (
-    ask_consent,
-    show_command,
-    escape_lines,
-    file_address,
-    page_address,
-    refuse_damaged,
-    relative_names,
-    show_errors,
-)
+from flashtemp.lab.workspace import CAMERA_SUFFIXES, escape_control, free_name, list_folder, resolve_inside
 
 STATED_VALUE_UNITS = {"emissivity": "", "reflected": "°C", "fps": "1/s", "start": "s, of the first frame", "netd": "K"}
 RECORDING_VIEWS = ("sidewall", "wake", "profile")
@@ -62,10 +62,14 @@ class CameraPage:
         """The page for a camera file, a folder of them, or a recording template with its own."""
         with ui.row().classes("w-full items-end"):
             self.choice = ui.select(self._file_choices(name), value=name or None, label="camera files", with_input=True)
-            self.choice.classes("w-96").on_value_change(lambda: ui.navigate.to(page_address("camera", open=self.choice.value)))
+            self.choice.classes("w-96").on_value_change(
+                lambda: ui.navigate.to(page_address("camera", open=self.choice.value))
+            )
             like = [str(p) for p in list_folder(self.folder).templates]
             if name and like:
-                self.like = ui.select(like, label="marked like", on_change=lambda: self._open_with_template(name)).classes("w-72")
+                self.like = ui.select(
+                    like, label="marked like", on_change=lambda: self._open_with_template(name)
+                ).classes("w-72")
             drop = ui.upload(
                 label="or drop them here", multiple=True, auto_upload=True, on_multi_upload=self._store_uploads,
                 max_total_size=MAX_UPLOAD_BYTES, max_files=MAX_UPLOAD_FILES,
@@ -123,7 +127,9 @@ class CameraPage:
             for name, file in zip(names, files, strict=True):
                 path = await write_upload(place, free_name(place, name), file.iterate())
             if files:
-                ui.navigate.to(page_address("camera", open=str((path if len(files) == 1 else place).relative_to(self.folder))))
+                ui.navigate.to(
+                    page_address("camera", open=str((path if len(files) == 1 else place).relative_to(self.folder)))
+                )
 
     # --- what is seen ------------------------------------------------------------------------------------
     def _build_page(self, seen: OpenedFrames) -> None:
@@ -168,7 +174,10 @@ class CameraPage:
         facts = self.inherited
         ui.label("What the file does not say").classes("text-lg font-medium")
         self.view = ui.select(
-            list(RECORDING_VIEWS), value=facts.view or RECORDING_VIEWS[0], label="view", on_change=lambda: self._show_command()
+            list(RECORDING_VIEWS),
+            value=facts.view or RECORDING_VIEWS[0],
+            label="view",
+            on_change=lambda: self._show_command(),
         )
         self.view.classes("w-full")
         self.said: dict[str, Any] = {}
@@ -181,7 +190,9 @@ class CameraPage:
         with ui.row():
             ui.button("Find starts", on_click=self._find_starts).props("outline dense no-caps")
             ui.button("Forget marks", on_click=self.marked.clear_marks).props("outline dense no-caps")
-        self.out = ui.input("recording", value=self._free_recording_name(), on_change=lambda: self._show_command()).classes("w-full")
+        self.out = ui.input(
+            "recording", value=self._free_recording_name(), on_change=lambda: self._show_command()
+        ).classes("w-full")
         ui.button("Save recording and template", on_click=self._save).classes("w-full").props("no-caps")
         self.line = ui.column().classes("w-full")
 

@@ -10,13 +10,13 @@ from nicegui import ui
 
 from flashtemp.api.campaigns import open_campaign
 from flashtemp.errors import BadInput
-from flashtemp.lab.folder import escape_control, free_name, list_folder
+from flashtemp.lab.page_layout import ask_to_run, page_address, save_text, show_error, show_errors
 from flashtemp.lab.programs import AllowedPrograms, programs_of_campaign
 from flashtemp.lab.saving import TextVersion, read_text
-from flashtemp.lab.shared import ask_to_run, page_address, save_text, show_error, show_errors
-from flashtemp.lab.toml_text import set_toml_key
+from flashtemp.lab.toml_editing import set_toml_key
+from flashtemp.lab.workspace import escape_control, free_name, list_folder
 from flashtemp.model.case_file import parse_toml
-from flashtemp.model.toml_value import value_text
+from flashtemp.model.toml_format import value_text
 
 NEW_CAMPAIGN = 'title = "my campaign"\ncase = "case.toml"\nfree = ["friction.mu"]\n'
 
@@ -61,7 +61,9 @@ class CampaignPage:
             on_change=lambda e: self._set_key("case", self._relative_path(e.value)),
         ).classes("w-full")  # fmt: skip
         self.free = ui.input("free keys, with commas between", value="friction.mu").classes("w-full")
-        self.free.on("change", lambda: self._set_key("free", [k.strip() for k in self.free.value.split(",") if k.strip()]))
+        self.free.on(
+            "change", lambda: self._set_key("free", [k.strip() for k in self.free.value.split(",") if k.strip()])
+        )
         ui.label("Add a recording").classes("text-lg font-medium")
         recordings = [str(p) for p in self.found.recordings]
         self.file = ui.select(recordings, label="recording", with_input=True).classes("w-full")
@@ -113,7 +115,7 @@ class CampaignPage:
 def _parse_conditions(typed: str) -> dict[str, Any]:
     """Keys and values as typed, with commas between.  Raises BadInput.
 
-    >>> _conditions("contact.pressure=3e5, schedule.speed = 0.2")
+    >>> _parse_conditions("contact.pressure=3e5, schedule.speed = 0.2")
     {'contact.pressure': 300000.0, 'schedule.speed': 0.2}
     """
     out = {}

@@ -9,17 +9,17 @@ from typing import Any
 from nicegui import ui
 
 from flashtemp.api.inputs import parse_case
-from flashtemp.api.starting import new
-from flashtemp.lab.folder import escape_control, free_name, resolve_inside
+from flashtemp.api.templates import new
 from flashtemp.lab.jobs import command_text
+from flashtemp.lab.page_layout import page_address, program_lines, save_text, show_command, show_error, show_errors
 from flashtemp.lab.programs import AllowedPrograms, programs_of_text
 from flashtemp.lab.saving import TextVersion, read_text
-from flashtemp.lab.shared import show_command, page_address, program_lines, save_text, show_error, show_errors
-from flashtemp.lab.toml_text import set_toml_key
+from flashtemp.lab.toml_editing import set_toml_key
+from flashtemp.lab.workspace import escape_control, free_name, resolve_inside
 from flashtemp.model.case import Case
 from flashtemp.model.case_file import parse_toml
 from flashtemp.model.schema import CASE_TABLES, declared_params
-from flashtemp.model.toml_value import value_text
+from flashtemp.model.toml_format import value_text
 from flashtemp.physics.effect import Effect, Param, catalogue
 
 FOLDED_TABLES = ("numerics", "output", "limits")  # tables folded at first
@@ -188,7 +188,7 @@ def _describe_range(param: Param) -> str:
 
 def _drawing_address(case: Case) -> str:
     """The drawing of a case as the address of an image, in which no script runs; "" where it cannot be drawn."""
-    from flashtemp.viz.case_sketch import sketch_svg
+    from flashtemp.viz.run.case_sketch import sketch_svg
 
     try:
         text = sketch_svg(case)

@@ -10,7 +10,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import FileResponse, Response
 from starlette.staticfiles import StaticFiles
 
-from flashtemp.lab.folder import has_hidden_part
+from flashtemp.lab.workspace import has_hidden_part
 
 SHOWN_TYPES = {
     ".html": "text/html; charset=utf-8", ".png": "image/png", ".gif": "image/gif", ".svg": "image/svg+xml",

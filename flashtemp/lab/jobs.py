@@ -10,8 +10,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from flashtemp.runs.current_folder import make_python_command
-from flashtemp.runs.processes import detached_process_options, interrupt_process
+from flashtemp.runs.results.current_folder import make_python_command
+from flashtemp.runs.results.processes import detached_process_options, interrupt_process
 
 LOG_FOLDER = ".flashtemp-lab"  # folder of the logs
 PROGRESS_INTERVAL_S = "0.5"  # s between lines of progress

@@ -7,11 +7,15 @@ from typing import Any
 
 from nicegui import events, ui
 
-from flashtemp.camera.import_options import ImportOptions
-from flashtemp.lab.images import OpenedFrames
-from flashtemp.lab.marks import CORNER_NAMES, IMAGE_DIRECTIONS, BlockMarks
+from flashtemp.camera.importing.import_options import ImportOptions
+from flashtemp.lab.image_marks import CORNER_NAMES, IMAGE_DIRECTIONS, BlockMarks
+from flashtemp.lab.opened_frames import OpenedFrames
 
-GRIP_PX, MAGNIFIER_HALF_PX, MAGNIFIER_ZOOM = 12.0, 7, 18  # px of the page that a grip is wide; of the magnifier: pixels each way, and zoom
+GRIP_PX, MAGNIFIER_HALF_PX, MAGNIFIER_ZOOM = (
+    12.0,
+    7,
+    18,
+)  # px of the page that a grip is wide; of the magnifier: pixels each way, and zoom
 MARK_COLOURS = dict(zip(CORNER_NAMES, ("#00E5FF", "#FFD600", "#76FF03", "#FF4081"), strict=True))
 DEFAULT_LENGTH_MM, DEFAULT_HEIGHT_MM = 25.0, 7.0  # mm, of a block that nobody has measured yet
 
@@ -75,10 +79,17 @@ class MarkedImage:
             ).classes("w-48 bg-gray-200").props('id="magnifier"')  # fmt: skip
             with ui.column().classes("gap-1"):
                 length, height = block or (second[2] if second else DEFAULT_LENGTH_MM, DEFAULT_HEIGHT_MM)
-                self.length = ui.number("block length, mm", value=length, min=0.1, on_change=lambda: self._marks_changed())
-                self.height = ui.number("block height, mm", value=height, min=0.1, on_change=lambda: self._marks_changed())
+                self.length = ui.number(
+                    "block length, mm", value=length, min=0.1, on_change=lambda: self._marks_changed()
+                )
+                self.height = ui.number(
+                    "block height, mm", value=height, min=0.1, on_change=lambda: self._marks_changed()
+                )
                 self.up = ui.select(
-                    list(IMAGE_DIRECTIONS), value=self.facts.up or "up", label="up is", on_change=lambda: self._marks_changed()
+                    list(IMAGE_DIRECTIONS),
+                    value=self.facts.up or "up",
+                    label="up is",
+                    on_change=lambda: self._marks_changed(),
                 ).classes("w-32")
         with ui.grid(columns=3).classes("items-center gap-x-2 gap-y-0"):
             for n in CORNER_NAMES:
@@ -174,7 +185,11 @@ class MarkedImage:
         """What lies about a mark, to be clicked more exactly."""
         self.near, (c, r) = name, self.points[name]
         self.middle = round(c), round(r)
-        self.magnifier.set_source(self.opened.encode_detail(int(self.frame.value), c, r, *self._colour_range(), MAGNIFIER_HALF_PX, MAGNIFIER_ZOOM))
+        self.magnifier.set_source(
+            self.opened.encode_detail(
+                int(self.frame.value), c, r, *self._colour_range(), MAGNIFIER_HALF_PX, MAGNIFIER_ZOOM
+            )
+        )
         x, y = ((a - m + MAGNIFIER_HALF_PX + 0.5) * MAGNIFIER_ZOOM for a, m in zip((c, r), self.middle, strict=True))
         side = (2 * MAGNIFIER_HALF_PX + 1) * MAGNIFIER_ZOOM
         self.magnifier.content = (

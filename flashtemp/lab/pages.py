@@ -12,13 +12,20 @@ from nicegui import ui
 from flashtemp.lab.camera_page import CameraPage
 from flashtemp.lab.campaign_page import CampaignPage
 from flashtemp.lab.case_page import CasePage
-from flashtemp.lab.folder import escape_control, list_folder
 from flashtemp.lab.folder_files import FolderFiles
 from flashtemp.lab.jobs import JobList
+from flashtemp.lab.jobs_page import JobsPage
+from flashtemp.lab.page_layout import (
+    FILES_ADDRESS,
+    MAX_NAMES_LISTED,
+    STANDARD_FILES,
+    page_address,
+    page_frame,
+    show_errors,
+)
 from flashtemp.lab.programs import AllowedPrograms
 from flashtemp.lab.result_page import show_result
-from flashtemp.lab.shared import FILES_ADDRESS, MAX_NAMES_LISTED, STANDARD_FILES, page_frame, page_address, show_errors
-from flashtemp.lab.work_page import JobsPage
+from flashtemp.lab.workspace import escape_control, list_folder
 
 
 def make_application(folder: Path) -> tuple[Any, JobList]:
@@ -93,7 +100,9 @@ def _show_folder(folder: Path) -> None:
 
 
 def _work_link(command: str, of: Path) -> str:
-    return page_address("work", command=command, of=of.parent if of.name in STANDARD_FILES and of.parent != Path() else of)
+    return page_address(
+        "work", command=command, of=of.parent if of.name in STANDARD_FILES and of.parent != Path() else of
+    )
 
 
 def _show_group(title: str, rows: Sequence[tuple[Path | str, list[tuple[str, str]]]]) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from flashtemp.errors import BadInput
-from flashtemp.lab.folder import MAX_TOML_BYTES, resolve_inside
+from flashtemp.lab.workspace import MAX_TOML_BYTES, resolve_inside
 from flashtemp.model.case_file import flatten_tables, list_effect_files, parse_toml
 
 CAMPAIGN_COMMANDS = ("compare", "discover", "plan")
@@ -57,7 +57,9 @@ def programs_of_campaign(text: str, folder: Path) -> list[Path]:
     case = folder / name
     home = case if case.is_dir() else case.parent
     entries = [entry for kind in ("recording", "force") for entry in _only_tables(raw.get(kind))]
-    changed = [_resolve_links(home / file) for e in entries for w in _only_tables([e.get("with")]) for file in _listed_files(w)]
+    changed = [
+        _resolve_links(home / file) for e in entries for w in _only_tables([e.get("with")]) for file in _listed_files(w)
+    ]
     return list(dict.fromkeys([*programs_of_case(case), *changed]))
 
 

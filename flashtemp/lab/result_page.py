@@ -10,8 +10,8 @@ import numpy as np
 from nicegui import ui
 
 from flashtemp.errors import BadInput
-from flashtemp.lab.folder import escape_control, resolve_inside
-from flashtemp.lab.shared import file_address, refuse_damaged, show_errors
+from flashtemp.lab.page_layout import file_address, refuse_damaged, show_errors
+from flashtemp.lab.workspace import escape_control, resolve_inside
 
 MAX_PROFILE_BYTES = 512 * 2**20  # of arrays that the page loads at once
 MAX_JSON_BYTES = 32 * 2**20
@@ -104,7 +104,7 @@ def _show_profiles(file: Path) -> None:
 def _show_in_space(folder: Path, here: Path) -> None:
     """Cell centres of the last field in their colours, to be turned with the mouse."""
     from flashtemp.api.simulation import open_fields
-    from flashtemp.viz.space_points import surface_points
+    from flashtemp.viz.run.point_cloud import surface_points
 
     if (file := _own_file(folder, here / "fields.vtkhdf")) is None:
         return

@@ -11,7 +11,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from flashtemp.errors import BadInput
-from flashtemp.lab.folder import CAMERA_SUFFIXES, MAX_NAME_BYTES, MAX_TOML_BYTES, escape_control, resolve_inside
+from flashtemp.lab.workspace import CAMERA_SUFFIXES, MAX_NAME_BYTES, MAX_TOML_BYTES, escape_control, resolve_inside
 
 MAX_UPLOAD_BYTES = 2 * 2**30  # of all files dropped on the page at once
 MAX_UPLOAD_FILES = 1000  # parts that the form parser takes in one request

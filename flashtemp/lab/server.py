@@ -170,7 +170,7 @@ async def _send_answer(send: Send, status: int, headers: list[tuple[str, str]], 
 
 
 def serve(folder: Path, browser: bool = True, announce: Callable[[str], Any] = print) -> None:
-    """Serve the page of a folder until Ctrl-C; `told` is given its address.  Raises BadInput."""
+    """Serve the page of a folder until Ctrl-C; `announce` is given its address.  Raises BadInput."""
     if not folder.is_dir():
         raise BadInput(f"{folder}: no such folder; give the folder of your case and camera files")
     # NiceGUI would look for what it keeps in the current folder, where files of strangers may lie

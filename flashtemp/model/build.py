@@ -15,11 +15,11 @@ from flashtemp.errors import BadInput
 from flashtemp.meshes import block_on_road
 from flashtemp.meshes.mesh import Mesh
 from flashtemp.model import layers
-from flashtemp.model.laws import EffectLaws, mean_over_columns, has_pressure_shift
-from flashtemp.model.scene import ActiveEffect, SceneOutline, Scene
-from flashtemp.model.schedule import SpeedProfile, Schedule, TimeSeries
+from flashtemp.model.effect_laws import EffectLaws, has_pressure_shift, mean_over_columns
+from flashtemp.model.scene import ActiveEffect, Scene, SceneOutline
+from flashtemp.model.schedule import Schedule, SpeedProfile, TimeSeries
 from flashtemp.model.schema import CASE_TABLES, refinement_factor
-from flashtemp.physics import contributions
+from flashtemp.physics import contribution_check
 from flashtemp.physics.effect import Deposit, Effect, Term
 from flashtemp.physics.elastic_block import count_unknowns
 from flashtemp.physics.interpolation import read_xy_pairs
@@ -88,7 +88,7 @@ def _make_outline(values: Values, v: Any, plan: Schedule) -> SceneOutline:
 
 
 class TheoryCase(Protocol):
-    """What `theory_of` asks of a case."""
+    """What `find_theory` asks of a case."""
 
     @property
     def scene(self) -> Scene: ...
@@ -118,7 +118,7 @@ def _make_active_effects(values: Values, effects: EffectsByName, folder: Path) -
         section = values[str(effect.section) if effect.base else name]
         given = effect.prepare({k: section[k] for k in effect.params()}, folder)
         acting.append(ActiveEffect(name, effect(), SimpleNamespace(**given)))
-        contributions.check_camera_contributions(name, acting[-1].effect, acting[-1].p)
+        contribution_check.check_camera_contributions(name, acting[-1].effect, acting[-1].p)
     return tuple(acting)
 
 
@@ -188,10 +188,12 @@ def _add_lap_events(plan: Schedule, v: Any, remembers: bool) -> Schedule:
 
 
 # --- mesh --------------------------------------------------------------------------------------------
-def _build_mesh(v: Any, outline: SceneOutline, schedule: Schedule, remembers: bool, depths: list[float], uniform_along: bool) -> Mesh:
+def _build_mesh(
+    v: Any, outline: SceneOutline, schedule: Schedule, remembers: bool, depths: list[float], uniform_along: bool
+) -> Mesh:
     """The mesh, fine enough for the shallowest of the `depths` (m) at which heat is released, and for the speed.
 
-    `even`: along the road all cells are as long.
+    `uniform_along`: along the road all cells are as long.
     """
     level, block, road = refinement_factor(v.numerics.mesh), outline.block, outline.road
     refine = tuple(level * f for f in v.numerics.finer)

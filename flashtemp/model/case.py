@@ -9,16 +9,16 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from flashtemp.display import DisplayMixin, DisplayTable
 from flashtemp.errors import BadInput
-from flashtemp.model import build, case_file, kinds, layers, numerics, schema
-from flashtemp.model.case_file import KeyLocations, CaseReader
+from flashtemp.model import build, case_file, file_kinds, layers, numerics, schema
+from flashtemp.model.case_file import CaseReader, KeyLocations
 from flashtemp.model.numerics import SolverSettings
 from flashtemp.model.scene import Scene
 from flashtemp.model.trust import find_refusal
-from flashtemp.physics import own_effects
+from flashtemp.physics import user_effects
 from flashtemp.physics.effect import Effect, Param, catalogue
-from flashtemp.physics.own_effects import UserEffect, find_installed_effects
-from flashtemp.showing import DisplayTable, DisplayMixin
+from flashtemp.physics.user_effects import UserEffect, find_installed_effects
 
 # for questions about block and schedule alone
 NO_EFFECTS: dict[str, Any] = {"effects": [], "candidates": [], "free": []}
@@ -75,7 +75,9 @@ class Case(DisplayMixin):
     def with_values(self, changed: Mapping[str, Any]) -> Case:
         """The case with other values {"table.key": value} of some keys, checked anew.  Raises BadInput."""
         given = case_file.flatten_tables(changed)
-        return assemble_case(self._to_tables(), given, KeyLocations(self.name), self.folder, self.name, self.trust, self.own)
+        return assemble_case(
+            self._to_tables(), given, KeyLocations(self.name), self.folder, self.name, self.trust, self.own
+        )
 
     def named_files(self) -> dict[str, str]:
         """Dotted keys whose value is the name of a file, with that name."""
@@ -169,9 +171,9 @@ def load_case(
     path = Path(path)
     file = path / "case.toml" if path.is_dir() else path
     if not file.is_file():
-        raise BadInput(case_file.describe_missing_file(path, kinds.CASE_KIND))
+        raise BadInput(case_file.describe_missing_file(path, file_kinds.CASE_KIND))
     text, raw = case_file.read_toml(file)
-    kinds.require_kind(kinds.CASE_KIND, raw, file, file.name)
+    file_kinds.require_kind(file_kinds.CASE_KIND, raw, file, file.name)
     given = case_file.parse_overrides(overrides)
     real = file.resolve()
     name = real.parent.name if real.name == "case.toml" else real.stem
@@ -189,7 +191,7 @@ def assemble_case(
 ) -> Case:
     """Check raw tables and overrides against the declared keys, fill in the defaults and build the scene.
 
-    `held` are effect files that are read already.  Raises BadInput with all faults.
+    `effects_read` are effect files that are read already.  Raises BadInput with all faults.
     """
     before, raw = case_file.list_effect_files(raw), case_file.merge_overrides(raw, overrides, locations.by)
     own = _read_user_effects(raw, locations, folder, trust, effects_read)
@@ -231,7 +233,7 @@ def _read_user_effects(
         elif not trust and (why := find_refusal(Path(locations.file), folder, file)):
             faults.append(f"{locations(key)}: {why}")
         else:
-            found[path] = own_effects.read_user_effect(path, folder)
+            found[path] = user_effects.read_user_effect(path, folder)
     if faults:
         raise BadInput(*faults)
     return tuple(found.values())

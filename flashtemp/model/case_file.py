@@ -13,9 +13,18 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from flashtemp.errors import BadInput, suggest_name, shorten_text
+from flashtemp.errors import BadInput, shorten_text, suggest_name
 from flashtemp.model import layers, priors
-from flashtemp.model.schema import COMMAND_TABLES, NAMED_TABLES, REQUIRED_PARAMS, CASE_TABLES, declared_params, find_value_fault, find_free_key_fault, named_table_kind
+from flashtemp.model.schema import (
+    CASE_TABLES,
+    COMMAND_TABLES,
+    NAMED_TABLES,
+    REQUIRED_PARAMS,
+    declared_params,
+    find_free_key_fault,
+    find_value_fault,
+    named_table_kind,
+)
 from flashtemp.physics import units
 from flashtemp.physics.effect import Effect, Param
 
@@ -164,7 +173,9 @@ def parse_overrides(overrides: Mapping[str, Any] | Iterable[str] | None) -> Tabl
         except tomllib.TOMLDecodeError:
             out[key.strip()] = text.strip()
         except TOML_ERRORS as fault:
-            raise BadInput(f"{key.strip()} (command line): {_describe_parse_error(fault)}; give a shorter value") from fault
+            raise BadInput(
+                f"{key.strip()} (command line): {_describe_parse_error(fault)}; give a shorter value"
+            ) from fault
     return flatten_tables(out)
 
 
@@ -199,14 +210,16 @@ def merge_overrides(raw: Table, given: Table, by: str) -> Table:
                 raise BadInput(f"{dotted} ({by}): '{step}' is not a table")
         held = at.get(last)  # another value is known as well as the one that it replaces
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        at[last] = held | {"value": value} if number and isinstance(held, dict) and priors.has_stated_sd(held) else value
+        at[last] = (
+            held | {"value": value} if number and isinstance(held, dict) and priors.has_stated_sd(held) else value
+        )
     return out
 
 
 def list_effect_files(raw: Table) -> list[str]:
     """Names of the files that a case lists among its effects and candidates, each once.
 
-    >>> own_files({"effects": ["wear", "./fan.py"], "candidates": ["./fan.py"]})
+    >>> list_effect_files({"effects": ["wear", "./fan.py"], "candidates": ["./fan.py"]})
     ['./fan.py']
     """
     named = [v for key in ("effects", "candidates") for v in split_names(raw.get(key, [])) or ()]
@@ -248,7 +261,7 @@ class CaseReader:
         return tuple(v for v in value if v in allowed)
 
     def read_values(self, raw: Table, effects: Collection[str], unused_effects: Collection[str]) -> dict[str, Table]:
-        """Every table that this case may have, with its defaults; tables of `resting` effects may stand unused."""
+        """Every table that this case may have, with its defaults; tables of `unused_effects` effects may stand unused."""
         raw, tables = self._declared_tables(raw, effects)
         for table in raw:
             if table in tables or table in TOP_LEVEL_KEYS or table in unused_effects:
@@ -346,7 +359,7 @@ class CaseReader:
 def find_title_fault(title: Any) -> str | None:
     r"""What is wrong with a title or name, or None: neither files nor pictures hold control characters.
 
-    >>> title_fault("run-in, 0.1 m/s"), title_fault("a\x00b")
+    >>> find_title_fault("run-in, 0.1 m/s"), find_title_fault("a\x00b")
     (None, "'a\\x00b' holds a control character; leave it out")
     """
     if not isinstance(title, str):
@@ -358,7 +371,7 @@ def find_title_fault(title: Any) -> str | None:
 def split_names(value: Any) -> list[str] | None:
     """Names in a list, or in one text between commas; None for anything else.
 
-    >>> listed("wear, edge_pressure"), listed(["wear"]), listed(3)
+    >>> split_names("wear, edge_pressure"), split_names(["wear"]), split_names(3)
     (['wear', 'edge_pressure'], ['wear'], None)
     """
     if isinstance(value, str):

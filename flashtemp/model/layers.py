@@ -21,7 +21,7 @@ LAYER_DERIVED_KEYS = ("height", "material")  # keys of the block that layers giv
 def layer_names(values: Mapping[str, Any]) -> list[str]:
     """Names of the layers from the face upwards.
 
-    >>> names({"block": {}, "layers.disc": {}, "layers.board": {}})
+    >>> layer_names({"block": {}, "layers.disc": {}, "layers.board": {}})
     ['disc', 'board']
     """
     return [table.split(".", 1)[1] for table in values if table.startswith("layers.")]
@@ -30,7 +30,7 @@ def layer_names(values: Mapping[str, Any]) -> list[str]:
 def derive_block_keys(values: dict[str, dict[str, Any]], block_table: Any) -> Iterator[tuple[str, str]]:
     """Let height (m) and material of the block follow from its layers; yields keys and what is wrong with them.
 
-    `told` is the table of the block as the case gives it.
+    `block_table` is the table of the block as the case gives it.
     """
     stack = [(name, values[f"layers.{name}"]) for name in layer_names(values)]
     if not stack or any(layer.get(k) is None for _, layer in stack for k in ("material", "thickness")):

@@ -53,5 +53,11 @@ def read_settings(values: Mapping[str, Mapping[str, Any]]) -> SolverSettings:
     n, out = values["numerics"], values["output"]
     hottest = values["limits"]["temperature"] + KELVIN
     return SolverSettings(
-        choose_binding(n["integrator"]), n["rtol"], n["atol"], n["order"], out["profiles"], out["fields"], hottest=hottest
+        choose_binding(n["integrator"]),
+        n["rtol"],
+        n["atol"],
+        n["order"],
+        out["profiles"],
+        out["fields"],
+        hottest=hottest,
     )

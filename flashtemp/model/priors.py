@@ -56,7 +56,7 @@ USUAL_NAMED_TABLE_SD = {"materials": USUAL_MATERIAL_SD, "layers": USUAL_LAYER_SD
 
 
 class PriorSource(Protocol):
-    """What `inputs` asks of a case."""
+    """What `find_uncertain_inputs` asks of a case."""
 
     @property
     def values(self) -> dict[str, dict[str, Any]]: ...
@@ -106,7 +106,9 @@ def expand_materials(case: Any) -> Any:
     return case.with_values(written) if written else case
 
 
-def find_uncertain_inputs(case: PriorSource, keys: tuple[str, ...] | None = None) -> tuple[tuple[UncertainInput, ...], tuple[str, ...]]:
+def find_uncertain_inputs(
+    case: PriorSource, keys: tuple[str, ...] | None = None
+) -> tuple[tuple[UncertainInput, ...], tuple[str, ...]]:
     """Inputs of a case that are uncertain, and numbers of it that are left out since nobody says how sure they are.
 
     `keys`: these alone, each stated in the case or usual.  Raises BadInput for a key of which nothing is known.

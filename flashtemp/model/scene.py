@@ -11,7 +11,7 @@ import numpy as np
 
 from flashtemp.meshes.mesh import Mesh
 from flashtemp.model.schedule import Phase, Schedule
-from flashtemp.physics import contributions
+from flashtemp.physics import contribution_check
 from flashtemp.physics.arrays import Array, Value
 from flashtemp.physics.effect import Effect
 from flashtemp.physics.material import Layer, Material
@@ -114,9 +114,9 @@ class ActiveEffect:
     effect: Effect
     p: SimpleNamespace
 
-    def contributions(self, scene: Scene | SceneOutline) -> contributions.Contributions:
+    def contributions(self, scene: Scene | SceneOutline) -> contribution_check.Contributions:
         """What the effect yields on a scene.  Raises BadInput when it names what is not there."""
-        return contributions.check_balance_contributions(self.name, self.effect, scene, self.p)
+        return contribution_check.check_balance_contributions(self.name, self.effect, scene, self.p)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from flashtemp.physics.arrays import Array, Value
 class TimeSeries:
     """A quantity against time since the start of a repetition, linear between rows, held outside.
 
-    >>> s = Series((0.0, 2.0), (1.0, 3.0))
+    >>> s = TimeSeries((0.0, 2.0), (1.0, 3.0))
     >>> s(1.0), s(9.0), s.integral(2.0)
     (2.0, 3.0, 4.0)
     """
@@ -85,7 +85,7 @@ def constant_series(value: float) -> TimeSeries:
 class SpeedProfile:
     """Sliding speed without its sign, which way the block slides at first (1, or -1: back), and when that turns (s).
 
-    >>> Course.of((0.0, 2.0, 4.0), (0.1, 0.1, -0.1))
+    >>> SpeedProfile.from_signed_speeds((0.0, 2.0, 4.0), (0.1, 0.1, -0.1))
     Course(speed=Series(time=(0.0, 2.0, 3.0, 4.0), value=(0.1, 0.1, 0.0, 0.1)), heading=1, turns=(3.0,))
     """
 
@@ -113,7 +113,7 @@ class SpeedProfile:
 
 @dataclass(frozen=True)
 class Phase:
-    """One stretch between events: `sliding` or waiting, from `begin` to `end` (s)."""
+    """One stretch between events: `sliding` or waiting, from `begin` to `end_time` (s)."""
 
     repetition: int
     sliding: bool
@@ -135,8 +135,8 @@ class Schedule:
     repetition begins (-1: back), `turns` (s since its start) when sliding turns round; `turn` > 0: it also turns after
     every so many repetitions.  With `alone` it is one phase in which nothing slides or touches.
 
-    >>> s = Schedule(constant(0.1), constant(1.5e5), distance=3.5, repetitions=2, wait=10.0)
-    >>> [(p.repetition, p.sliding, p.begin, p.end) for p in s.phases]
+    >>> s = Schedule(constant_series(0.1), constant_series(1.5e5), distance=3.5, repetitions=2, wait=10.0)
+    >>> [(p.repetition, p.sliding, p.begin, p.end_time) for p in s.phases]
     [(1, True, 0.0, 35.0), (1, False, 35.0, 45.0), (2, True, 45.0, 80.0)]
     """
 
@@ -180,7 +180,7 @@ class Schedule:
         return bool(self._turn_times) or (not self.lifted and len(self.directions) > 1)
 
     def _event_times(self, slid_before: float) -> list[float]:
-        """Times (s) of events within a repetition, `before` which that distance (m) was slid."""
+        """Times (s) of events within a repetition, `slid_before` which that distance (m) was slid."""
         events: set[float] = set()
         for series in (self.speed, self.pressure):
             if 1 < len(series.time) <= 40:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from flashtemp.errors import suggest_name, shorten_text
+from flashtemp.errors import shorten_text, suggest_name
 from flashtemp.physics.effect import Effect, Param, catalogue
 
 MESH_LEVEL_FACTORS = {"coarse": 0.5, "medium": 1.0, "fine": 2.0}
@@ -178,13 +178,17 @@ LAYER_KEYS = {
 }  # fmt: skip
 NAMED_TABLES = {"materials": MATERIAL_KEYS, "layers": LAYER_KEYS}  # tables of many: [materials.NAME]
 COMPUTATION_TABLES = ("numerics", "output", "limits")  # tables that describe how a run is computed and kept
-REQUIRED_PARAMS = (*MATERIAL_KEYS.values(), LAYER_KEYS["material"], LAYER_KEYS["thickness"])  # have no default that would do
+REQUIRED_PARAMS = (
+    *MATERIAL_KEYS.values(),
+    LAYER_KEYS["material"],
+    LAYER_KEYS["thickness"],
+)  # have no default that would do
 
 
 def named_table_kind(table: str) -> str:
-    """Which of NAMED a table belongs to, "" where to none.
+    """Which of NAMED_TABLES a table belongs to, "" where to none.
 
-    >>> named("layers.copper"), named("block")
+    >>> named_table_kind("layers.copper"), named_table_kind("block")
     ('layers', '')
     """
     kind, dot, _ = table.partition(".")
@@ -199,7 +203,9 @@ def is_physical_number(table: str, param: Param) -> bool:
     return "number" in param.kinds and table not in COMPUTATION_TABLES and table not in COMMAND_TABLES
 
 
-def find_free_key_fault(key: Any, values: Mapping[str, Mapping[str, Any]], known: Mapping[str, type[Effect]]) -> str | None:
+def find_free_key_fault(
+    key: Any, values: Mapping[str, Mapping[str, Any]], known: Mapping[str, type[Effect]]
+) -> str | None:
     """What is wrong with a key of `free` in a case with `values` by table, or None."""
     params = {f"{table}.{name}": (table, p) for table in values for name, p in declared_params(table, known).items()}
     fittable = [name for name, (table, p) in params.items() if is_physical_number(table, p)]
@@ -231,7 +237,7 @@ def declared_params(table: str, known: Mapping[str, type[Effect]] | None = None)
 # --- kinds of values --------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class ValueKind:
-    """A kind of value: which values are `meant` as it, and the `fault` of one, None when it is right."""
+    """A kind of value: which values are `is_meant` as it, and the `find_value_fault` of one, None when it is right."""
 
     is_meant: Callable[[Any], bool]
     find_fault: Callable[[Param, Any], str | None]
@@ -299,7 +305,9 @@ def _choice_check(names: tuple[str, ...], remedy: str) -> Callable[[Param, Any],
     return lambda param, value: None if value in names else remedy
 
 
-VALUE_KINDS: dict[str, ValueKind] = {  # where a key may be of several kinds, the first that a value is meant as judges it
+VALUE_KINDS: dict[
+    str, ValueKind
+] = {  # where a key may be of several kinds, the first that a value is meant as judges it
     "flag": ValueKind(_is_anything, lambda param, value: None if isinstance(value, bool) else "give true or false"),
     "whole": ValueKind(_is_anything, _find_whole_number_fault),
     "name": ValueKind(_is_text, lambda param, value: None if value else "give a name in quotes"),
@@ -307,12 +315,16 @@ VALUE_KINDS: dict[str, ValueKind] = {  # where a key may be of several kinds, th
         _is_anything,
         _choice_check(("auto", "scikits-odes", "scikit-sundae"), 'give "auto", "scikits-odes" or "scikit-sundae"'),
     ),
-    "level": ValueKind(_is_text, _choice_check(tuple(MESH_LEVEL_FACTORS), 'give "coarse", "medium", "fine" or a number')),
+    "level": ValueKind(
+        _is_text, _choice_check(tuple(MESH_LEVEL_FACTORS), 'give "coarse", "medium", "fine" or a number')
+    ),
     "cells": ValueKind(_is_anything, _find_cells_fault),
     "factors": ValueKind(_is_anything, _find_factors_fault),
     "amounts": ValueKind(_is_anything, _find_amounts_fault),
     "text": ValueKind(_is_text, _find_file_name_fault),
-    "table": ValueKind(_is_table, lambda param, value: "give at least one row" if not value else _find_overflow_fault(value)),
+    "table": ValueKind(
+        _is_table, lambda param, value: "give at least one row" if not value else _find_overflow_fault(value)
+    ),
 }
 
 

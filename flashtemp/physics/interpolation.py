@@ -21,13 +21,15 @@ from flashtemp.physics.tables.wanted import WantedColumn, note_assumed_units, re
 
 Source = Any  # of a case: a CSV file's name, or rows
 TABLE_LOGGER = "flashtemp.tables"  # where notes on tables go
-DECIMAL_COMMA_NUMBER = re.compile(r"[-+]?\d+,\d+\s*[^.,\d]*")  # a number as people write it whose language has decimal commas
+DECIMAL_COMMA_NUMBER = re.compile(
+    r"[-+]?\d+,\d+\s*[^.,\d]*"
+)  # a number as people write it whose language has decimal commas
 
 
 def interpolate_linear(values: Array, nodes: Array, wanted: Array) -> Array:
-    """Linear interpolation along the first axis of values (n, ...) kept `at` (n,), outermost values held.
+    """Linear interpolation along the first axis of values (n, ...) kept `nodes` (n,), outermost values held.
 
-    >>> between(np.array([[0.0], [2.0]]), np.array([1.0, 2.0]), np.array([0.0, 1.5])).ravel().tolist()
+    >>> interpolate_linear(np.array([[0.0], [2.0]]), np.array([1.0, 2.0]), np.array([0.0, 1.5])).ravel().tolist()
     [0.0, 1.0]
     """
     k = np.clip(np.searchsorted(nodes, wanted, side="right") - 1, 0, max(0, len(nodes) - 2))
@@ -129,7 +131,7 @@ def read_rows(source: Source, folder: Path, key: str, columns: int | Sequence[Wa
 def _read_rows_and_table(
     source: Source, folder: Path, key: str, columns: int | Sequence[WantedColumn]
 ) -> tuple[Array, TextTable | None]:
-    """Rows of numbers and the table that they stand in, None for a list; notes on a table go to the log `LOGGER`."""
+    """Rows of numbers and the table that they stand in, None for a list; notes on a table go to the log `TABLE_LOGGER`."""
     count = columns if isinstance(columns, int) else len(columns)
     if not isinstance(source, (list, tuple)):
         table = _read_file(source, folder, key)
@@ -172,7 +174,7 @@ def read_xy_pairs(
     high: float = math.inf,
     columns: int | Sequence[WantedColumn] = 2,
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Two columns with the first strictly increasing and the second from low to high; `columns` as of `rows`."""
+    """Two columns with the first strictly increasing and the second from low to high; `columns` as of `read_rows`."""
     data, table = _read_rows_and_table(source, folder, key, columns)
     step = np.diff(data[:, 0])
     if np.any(step <= 0):
@@ -190,7 +192,7 @@ def read_xy_pairs(
 
 
 def read_surface(source: Source, folder: Path, key: str, columns: int | Sequence[WantedColumn] = 3) -> Surface:
-    """A Surface from rows (u, v, z) that fill a complete grid; `columns` as of `rows`."""
+    """A Surface from rows (u, v, z) that fill a complete grid; `columns` as of `read_rows`."""
     table = read_rows(source, folder, key, columns)
     u, v = np.unique(table[:, 0]), np.unique(table[:, 1])
     places, count = np.unique(table[:, :2], axis=0, return_counts=True)

@@ -8,7 +8,10 @@ from contextlib import contextmanager
 from functools import wraps
 from typing import Any
 
-LOCAL_SETTINGS_FILES = ("matplotlibrc", ".numba_config.yaml")  # looked for under these bare names, before the user's own
+LOCAL_SETTINGS_FILES = (
+    "matplotlibrc",
+    ".numba_config.yaml",
+)  # looked for under these bare names, before the user's own
 
 
 def ignore_local_settings() -> None:

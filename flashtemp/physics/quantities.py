@@ -32,7 +32,9 @@ class HeatSite:
 
 
 SEES_PLACE, SEES_CONTACT = "x, y, `now.lead`", "x, y, contact fraction and its mean (not the pressure)"
-SEES_SPOTS = "T where rubber touches road in the spots, T of the face (`now.face`), x, y, local pressure, contact fraction"
+SEES_SPOTS = (
+    "T where rubber touches road in the spots, T of the face (`now.face`), x, y, local pressure, contact fraction"
+)
 SEES_NOTHING = "nothing at all, `now` is None: a number"
 SEES_CELL_TEMPERATURE = "T of the cells, K, and nothing besides: `now` is None"
 SEES_FRAME = "`now.recording`, and `now.repetition` of every frame"

@@ -122,9 +122,9 @@ def find_conversion(unit_text: str, unit: str, difference: bool = False) -> tupl
     With `difference` the numbers are differences, so that degrees have no offset.  Raises BadInput for an unknown unit
     and for one of another dimension.
 
-    >>> conversion("mm", "m"), conversion("msec", "s"), conversion("K", "degC"), conversion("°F", "K", difference=True)
+    >>> find_conversion("mm", "m"), find_conversion("msec", "s"), find_conversion("K", "degC"), find_conversion("°F", "K", difference=True)
     ((0.001, 0.0), (0.001, 0.0), (1.0, -273.15), (0.5555555555555556, 0.0))
-    >>> conversion("m", "s")
+    >>> find_conversion("m", "s")
     Traceback (most recent call last):
         ...
     flashtemp.errors.BadInput: 'm' is no unit that can be turned into s
@@ -185,7 +185,14 @@ def _compute_conversion(text: str, unit: str, difference: bool) -> tuple[float, 
     scale = _temperature_scale(unit)
     if scale is None:
         wanted = _possible_sizes(_normalise_text(DECLARED_SPELLINGS.get(unit, unit)))[0]
-        size = next((s for s in _possible_sizes(_normalise_text(DECLARED_SPELLINGS.get(text, text))) if _is_same_dimension(s, wanted)), None)
+        size = next(
+            (
+                s
+                for s in _possible_sizes(_normalise_text(DECLARED_SPELLINGS.get(text, text)))
+                if _is_same_dimension(s, wanted)
+            ),
+            None,
+        )
         return None if size is None else (_round_factor(size.factor / wanted.factor), 0.0)
     own = _temperature_scale(text)
     if own is None:
@@ -210,7 +217,7 @@ def _temperature_scale(text: str) -> tuple[Fraction, Fraction] | None:
 def _normalise_text(text: str) -> str:
     """A unit in plain letters: raised digits, signs and degree rings of whatever alphabet as the common ones.
 
-    >>> _normalised(" W·m⁻² "), _normalised("℃"), _normalised("deg  C"), _normalised("metres per second")
+    >>> _normalise_text(" W·m⁻² "), _normalise_text("℃"), _normalise_text("deg  C"), _normalise_text("metres per second")
     ('W*m-2', '°C', 'deg C', 'metres/second')
     """
     if len(text) > MAX_UNIT_LETTERS:
@@ -232,7 +239,7 @@ def _is_same_dimension(one: _UnitSize, other: _UnitSize) -> bool:
 def _round_factor(factor: float) -> float:
     """A factor without the last bits that its computation left.
 
-    >>> _rounded(0.1 * 3), _rounded(1 / 3.6)
+    >>> _round_factor(0.1 * 3), _round_factor(1 / 3.6)
     (0.3, 0.2777777777777778)
     """
     near = float(f"{factor:.12g}")
@@ -275,7 +282,7 @@ def _parse_readings(text: str) -> Iterator[Factors]:
 
     The second reading is the usual meaning of "J/kg K", which the wanted dimension confirms.
 
-    >>> list(_readings("W/m2K")), [*_readings("J/kg K")][1]
+    >>> list(_parse_readings("W/m2K")), [*_parse_readings("J/kg K")][1]
     ([[('W', 1.0), ('m', -2.0), ('K', -1.0)]], [('J', 1.0), ('kg', -1.0), ('K', -1.0)])
     """
     parser = _UnitParser(text)

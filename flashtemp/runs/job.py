@@ -9,16 +9,40 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from flashtemp.errors import EnergyBalanceError, BadInput, FlashtempError, SystemFailure, IncompleteResult, UserInterrupt
+from flashtemp.errors import (
+    BadInput,
+    EnergyBalanceError,
+    FlashtempError,
+    IncompleteResult,
+    SystemFailure,
+    UserInterrupt,
+)
 from flashtemp.model import case as cases
-from flashtemp.runs import inert, mesh_error, steadiness, vtk
-from flashtemp.runs.checkpoint import CHECKPOINT_FILE, FRAMES_FILE, RESERVE_FILE, load_checkpoint, save_checkpoint
-from flashtemp.runs.folders import OwnerMarker, check_published_name, reserve_folder, lock_folder, list_resumable_folders, read_marker, list_working_folders, publish_folder, stop_on_signal
-from flashtemp.runs.provenance import source_commit, package_versions
-from flashtemp.solver import limits
+from flashtemp.runs.checks import inactive_effects, mesh_error, stick_slip_stability
+from flashtemp.runs.results import vtk
+from flashtemp.runs.results.checkpoint import (
+    CHECKPOINT_FILE,
+    FRAMES_FILE,
+    RESERVE_FILE,
+    load_checkpoint,
+    save_checkpoint,
+)
+from flashtemp.runs.results.provenance import package_versions, source_commit
+from flashtemp.runs.results.result_folder import (
+    OwnerMarker,
+    check_published_name,
+    list_resumable_folders,
+    list_working_folders,
+    lock_folder,
+    publish_folder,
+    read_marker,
+    reserve_folder,
+    stop_on_signal,
+)
+from flashtemp.solver import sanity_checks
 from flashtemp.solver.field_store import FieldStore
 from flashtemp.solver.march import march
-from flashtemp.solver.progress import MarchState
+from flashtemp.solver.march_state import MarchState
 from flashtemp.solver.run import Run
 
 CHECKPOINT_PERIOD_S = 30.0  # s of wall time between checkpoints; the first is left at once
@@ -140,7 +164,9 @@ def _run_job(case, state, work, out, overwrite, pvd, watch, say, draw) -> Run:
         except KeyboardInterrupt:
             stopped.set()
     with stop_on_signal():
-        lies = _publish_result(work, out, overwrite, () if missing or stopped.is_set() else (CHECKPOINT_FILE, FRAMES_FILE))
+        lies = _publish_result(
+            work, out, overwrite, () if missing or stopped.is_set() else (CHECKPOINT_FILE, FRAMES_FILE)
+        )
     if stopped.is_set():
         raise UserInterrupt(lies, f"flashtemp draw {lies}", "the result without its pictures")
     if missing:
@@ -167,7 +193,9 @@ def _march_and_save(case, state, work, out, pvd, watch, say, stop_event) -> Run:
         raise SystemFailure(fault, work, again) from fault
     except EnergyBalanceError as fault:
         _save_result(replace(fault.run, statistics=fault.run.statistics | {"failed": str(fault)}), case, work, pvd, say)
-        lies = publish_folder(work, out.with_name(f"{out.name}.failed"), False, (CHECKPOINT_FILE, FRAMES_FILE, RESERVE_FILE))
+        lies = publish_folder(
+            work, out.with_name(f"{out.name}.failed"), False, (CHECKPOINT_FILE, FRAMES_FILE, RESERVE_FILE)
+        )
         raise EnergyBalanceError(f"{fault}; what came out lies in {lies}", fault.run) from fault
     except FlashtempError:
         raise
@@ -180,7 +208,7 @@ def _march_and_save(case, state, work, out, pvd, watch, say, stop_event) -> Run:
 def describe_missing_files(folder: Path, missing: dict[str, str]) -> str:
     """What is missing in a folder and why, in one line: each reason once.
 
-    >>> absent(Path("out"), {"map.png": "no room", "field.png": "no room"})
+    >>> describe_missing_files(Path("out"), {"map.png": "no room", "field.png": "no room"})
     'missing in out: map.png, field.png (no room)'
     """
     why = {reason: ", ".join(n for n, other in missing.items() if other == reason) for reason in missing.values()}
@@ -210,7 +238,12 @@ def _save_result(run: Run, case, work: Path, pvd: bool, say: Callable[[str], Non
     scene = case.scene
     text = (work / "case.toml").read_text(encoding="utf-8")
     remarks = [remark for a in scene.acting for remark in a.effect.remarks(scene, a.p, run)]
-    remarks += limits.overheating_remarks(run) + inert.describe_inactive_effects(case) + steadiness.warn_of_stick_slip(scene, run) + mesh_error.warn_of_coarse_mesh(case)
+    remarks += (
+        sanity_checks.overheating_remarks(run)
+        + inactive_effects.describe_inactive_effects(case)
+        + stick_slip_stability.warn_of_stick_slip(scene, run)
+        + mesh_error.warn_of_coarse_mesh(case)
+    )
     about = {"versions": package_versions(case.settings.binding), "commit": source_commit()} | (
         {"remarks": remarks} if remarks else {}
     )

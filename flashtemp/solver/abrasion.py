@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flashtemp.model.laws import COMPLEX_STEP
+from flashtemp.model.effect_laws import COMPLEX_STEP
 from flashtemp.solver import kernels_contact
-from flashtemp.solver.balance import HeatBalance
 from flashtemp.solver.elastic_foundation import ElasticResponse
+from flashtemp.solver.heat_balance import HeatBalance
 from flashtemp.solver.road_frame import RoadOverlap
-from flashtemp.solver.winkler import SpringResponse
+from flashtemp.solver.winkler_foundation import SpringResponse
 
 
 def complex_step_derivative(values) -> np.ndarray:
@@ -37,10 +37,12 @@ class SparseResponse(NamedTuple):
     abrasion: np.ndarray
 
     @classmethod
-    def from_derivatives(cls, sparsity: SparsityPattern, b: HeatBalance, under: RoadOverlap, face, deep, road, books, abrasion) -> SparseResponse:
+    def from_derivatives(
+        cls, sparsity: SparsityPattern, b: HeatBalance, under: RoadOverlap, face, deep, road, books, abrasion
+    ) -> SparseResponse:
         """Out of slopes (columns,) of the heat into the block's `face`, in depth (`deep`) and into the road's cells.
 
-        `books` are those of friction and of all heat into the road (W/m); `under` the road that is touched.
+        `books` are those of friction and of all heat into the road (W/m); `touched_road` the road that is touched.
         """
         place, column, unit = sparsity
         heats = [face, *(heat for _, heat in under.heat_parts(road)), np.outer(deep, b.deposit_weights).ravel()]
@@ -53,7 +55,7 @@ class SparseResponse(NamedTuple):
 
 
 def build_sparsity(b: HeatBalance, under: RoadOverlap) -> SparsityPattern:
-    """Rows and columns of an `Answer`, and what there makes rates of heat (W/m), of m/s and of what is booked."""
+    """Rows and columns of an `SparseResponse`, and what there makes rates of heat (W/m), of m/s and of what is booked."""
     mesh, n = b.scene.mesh, len(b.cell_block)
     each = np.arange(n)
     roads = [cells for cells, _ in under.heat_parts(b.zero_columns)]
@@ -72,10 +74,10 @@ def build_sparsity(b: HeatBalance, under: RoadOverlap) -> SparsityPattern:
 class AbrasionCoupling:
     """The linearised way from abrasion, swelling and friction to pressure to heat, and back: for Newton's method.
 
-    Its preconditioner leaves out what swelling and friction do.  `under` is the road that is touched.  What follows
-    when columns are `pressed` harder, and when they are worn `deeper` at the same pressure, None where nothing does;
-    `warm` and `pulls` slopes of the rate of abrasion and of the friction traction with the temperatures of block and
-    lane.  `undo` r -> (1 - gamma d(rate)/d(depth))^-1 r, by way of the pressure.
+    Its preconditioner leaves out what swelling and friction do.  `touched_road` is the road that is touched.  What follows
+    when columns are `rates_by_pressure` harder, and when they are worn `rates_by_depth` at the same pressure, None where nothing does;
+    `abrasion_slopes` and `traction_slopes` slopes of the rate of abrasion and of the friction traction with the temperatures of block and
+    lane.  `solve_depth` r -> (1 - gamma d(rate)/d(depth))^-1 r, by way of the pressure.
     """
 
     b: HeatBalance

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flashtemp.errors import BadInput
-from flashtemp.model.laws import COMPLEX_STEP, EffectLaws
+from flashtemp.model.effect_laws import COMPLEX_STEP, EffectLaws
 from flashtemp.model.scene import Scene
 from flashtemp.solver import kernels_2d
 
@@ -42,7 +42,9 @@ class BoundaryHeat:
         self.patch_laws: dict[str, list] = {}
         for part, p, _ in laws.patches:
             self.patch_laws.setdefault(part.site, []).append((part, p))
-        self.has_local_laws = bool(laws.patches or laws.zones)  # whether a law sees place and contact: films see neither
+        self.has_local_laws = bool(
+            laws.patches or laws.zones
+        )  # whether a law sees place and contact: films see neither
         self._check_films()
 
     def _check_films(self) -> None:
@@ -166,7 +168,7 @@ class BoundaryHeat:
         return [(fixed[0], 1.0)] if fixed else [(to, h / total) for to, h in passing]
 
     def has_cooling_law(self, moment_for_laws: Callable, now, rise: float) -> bool:
-        """Whether a patch or zone law takes heat from where all is at a `rise` (K); `seeing` a moment as laws do."""
+        """Whether a patch or zone law takes heat from where all is at a `rise` (K); `moment_for_laws` a moment as laws do."""
         if not self.has_local_laws:
             return False
         mesh, now, T = self.scene.mesh, moment_for_laws(now), rise + self.scene.ambient

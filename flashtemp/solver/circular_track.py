@@ -16,8 +16,8 @@ from scipy.linalg import eigh_tridiagonal
 from flashtemp.meshes.mesh import Mesh
 from flashtemp.model.scene import Scene
 from flashtemp.physics.effect import Heat
-from flashtemp.solver.balance import HeatBalance
-from flashtemp.solver.system import RoadInflow, InflowLaw, PhaseSystem
+from flashtemp.solver.heat_balance import HeatBalance
+from flashtemp.solver.system import InflowLaw, PhaseSystem, RoadInflow
 
 TRACK_FIELDS = ("place", "time", "left", "own", "laid_place", "laid_time", "laid")  # what a track remembers
 
@@ -26,7 +26,7 @@ TRACK_FIELDS = ("place", "time", "left", "own", "laid_place", "laid_time", "laid
 class CircularTrack:
     """Columns of road by their place on the track (m, unwrapped): behind the block, and around it at its last start.
 
-    `lap` track length (m), `film` surface heat-transfer coefficient W/m2K, `share` of the width for which a column
+    `lap_length` track length (m), `film` surface heat-transfer coefficient W/m2K, `share` of the width for which a column
     stands.  A column keeps all heat that lanes took there: how far that has widened follows from its depth (theory 2a).
     """
 
@@ -62,7 +62,7 @@ class CircularTrack:
 
     def store_column(self, t: float, place: float, own, before=0.0) -> None:
         """Keep a column that leaves at time t: rises (n_road n_across,), deepest cells first, that the block has left
-        now on its `own`, and those that are there of passes `before`, whatever share of them effects let come round.
+        now on its `own_amplitudes`, and those that are there of passes `before`, whatever share of them effects let come round.
         """
         self.place.append(place)
         self.time.append(t)
@@ -95,7 +95,7 @@ class CircularTrack:
         return RoadInflow(np.where(places <= self.laid_place[-1], lies, self.stored_rise(t, places)))
 
     def initial_road_rise(self, t: float, places) -> np.ndarray:
-        """Rise (n_road n_across,) of road that lay around the block at its start, as in `carried`."""
+        """Rise (n_road n_across,) of road that lay around the block at its start, as in `road_inflow`."""
         ways, last = np.ravel(places).tolist(), len(self.laid) - 1
         after = [min(max(bisect_left(self.laid_place, way), 1), last) for way in ways]
         before = [k - 1 for k in after]
@@ -133,7 +133,9 @@ class CircularTrack:
         """What the columns before and after each place have become by t, of `amplitude` (columns, n_road, n_across)."""
         if not self.place:
             return np.zeros((*np.shape(places)[:1], len(self.dz) * self.planes))
-        first, then = zip(*(self._neighbour_weights(place - self.lap_length) for place in np.ravel(places).tolist()), strict=True)
+        first, then = zip(
+            *(self._neighbour_weights(place - self.lap_length) for place in np.ravel(places).tolist()), strict=True
+        )
         at, weight = zip(*first, *then, strict=True)
         age = np.maximum(t - np.array([self.time[j] for j in at]), 0.0)
         fade = np.array(weight)[:, None] * np.exp(-self.rates * age[:, None])
@@ -185,7 +187,7 @@ def has_road_memory(scene: Scene) -> bool:
 
 
 def build_track(balance: HeatBalance, lap: float | None) -> CircularTrack:
-    """The track of a scene that remembers, still empty; a road without end where no `lap` (m) is given."""
+    """The track of a scene that remembers, still empty; a road without end where no `lap_length` (m) is given."""
     scene = balance.scene
     heats = [(c, a.p) for a in scene.acting for c in a.contributions(scene) if isinstance(c, Heat)]
     start = scene.law_context(scene.schedule.phases[0], 0.0)
@@ -195,7 +197,9 @@ def build_track(balance: HeatBalance, lap: float | None) -> CircularTrack:
     apart = 0.1 * scene.length if endless or len(scene.schedule.directions) > 1 else lap / 400
     dz = scene.mesh.thickness[: scene.mesh.n_road]
     road, planes = scene.road, scene.mesh.n_across
-    return CircularTrack(lap, dz, road.conductivity, road.volumetric_capacity, film, balance.share, planes, apart, endless)
+    return CircularTrack(
+        lap, dz, road.conductivity, road.volumetric_capacity, film, balance.share, planes, apart, endless
+    )
 
 
 def build_inflow(balance: HeatBalance, phase, track: CircularTrack | None) -> InflowLaw | None:
@@ -217,7 +221,9 @@ def build_inflow(balance: HeatBalance, phase, track: CircularTrack | None) -> In
     return road_inflow
 
 
-def store_leaving_column(system: PhaseSystem, t: float, y: np.ndarray, track: CircularTrack, min_spacing: float | None = None) -> None:
+def store_leaving_column(
+    system: PhaseSystem, t: float, y: np.ndarray, track: CircularTrack, min_spacing: float | None = None
+) -> None:
     """Keep the column that leaves the window at a state y, at most 400 per lap, or ten per length of the block."""
     b, scene, now = system.b, system.b.scene, system.moment(t)
     y = system.to_block_frame(now, y)
@@ -228,12 +234,19 @@ def store_leaving_column(system: PhaseSystem, t: float, y: np.ndarray, track: Ci
         return
     last = scene.mesh.everywhere(scene.mesh.road[-1]).ravel()
     at = scene.mesh.x_centre[-1:] - scene.mesh.x[0]
-    track.store_column(t, place, b.temperature_rise(y[: b.n])[last] - system.undisturbed_road(now, at)[0, 0], system.earlier_pass_rise(now, at)[0])
+    track.store_column(
+        t,
+        place,
+        b.temperature_rise(y[: b.n])[last] - system.undisturbed_road(now, at)[0, 0],
+        system.earlier_pass_rise(now, at)[0],
+    )
     system.cache.invalidate()
 
 
-def store_passed_road(system: PhaseSystem, step_start: float, t: float, state_at: Callable[[float], np.ndarray], track: CircularTrack) -> None:
-    """Keep what left the window during a step from `began` to t, of which `at` is the state at a time.
+def store_passed_road(
+    system: PhaseSystem, step_start: float, t: float, state_at: Callable[[float], np.ndarray], track: CircularTrack
+) -> None:
+    """Keep what left the window during a step from `step_start` to t, of which `state_at` is the state at a time.
 
     Columns stand at whole multiples of the track's spacing: where steps happen to end must not show when they return.
     Long steps leave some besides: one for every length of the block, or for ten spacings where that is more.
@@ -242,8 +255,13 @@ def store_passed_road(system: PhaseSystem, step_start: float, t: float, state_at
         store_leaving_column(system, t, state_at(t), track)
         return
     scene = system.b.scene
-    was, place = (scene.schedule.total_slid_distance(system.phase, moment) - scene.mesh.x[-1] for moment in (step_start, t))
-    due, wide = track.min_spacing * np.floor(place / track.min_spacing), track.min_spacing * max(10, round(scene.length / track.min_spacing))
+    was, place = (
+        scene.schedule.total_slid_distance(system.phase, moment) - scene.mesh.x[-1] for moment in (step_start, t)
+    )
+    due, wide = (
+        track.min_spacing * np.floor(place / track.min_spacing),
+        track.min_spacing * max(10, round(scene.length / track.min_spacing)),
+    )
     if due > (since := max(was, track.place[-1])):
         for way in (*(wide * np.arange(np.floor(since / wide) + 1.0, np.ceil(due / wide))), due):
             moment = step_start + (t - step_start) * (way - was) / (place - was)

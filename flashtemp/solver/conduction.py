@@ -9,8 +9,14 @@ import numpy as np
 
 from flashtemp.errors import SolverFailure
 from flashtemp.solver import kernels_2d, kernels_3d
-from flashtemp.solver.balance import HeatBalance
-from flashtemp.solver.kernel_arrays import InterfaceCoupling, LineFactors, DepthLines, TransportCoefficients, LateralConductances
+from flashtemp.solver.heat_balance import HeatBalance
+from flashtemp.solver.kernel_arrays import (
+    DepthLines,
+    InterfaceCoupling,
+    LateralConductances,
+    LineFactors,
+    TransportCoefficients,
+)
 from flashtemp.solver.road_frame import RoadOverlap
 
 LedgerRows = dict[str, tuple[np.ndarray, np.ndarray]]  # entry of the ledger: cells and slopes, W/(m K)
@@ -36,7 +42,7 @@ class HeatSlopes:
     def diagonal_entries(self) -> tuple[np.ndarray, np.ndarray]:
         """Cells and their own slopes in P, where lanes keep their width.
 
-        What `across` leaves out, since that road lies on no line of the block, stays in it.
+        What `crossing_slopes` leaves out, since that road lies on no line of the block, stays in it.
         """
         parts = self.touched_road.heat_parts(self.lane)
         if self.touched_road.other is not None:
@@ -123,7 +129,7 @@ class SolidPlane:
         return f
 
     def conductances(self, kf) -> Any:
-        """What conducts between cells, W/(m K), for factors kf (cells,) on conductivity: what `flows` takes."""
+        """What conducts between cells, W/(m K), for factors kf (cells,) on conductivity: what `heat_to_rates` takes."""
         b = self.b
         if kf is b.ones:
             return b.gx, b.gz
@@ -153,11 +159,18 @@ class SolidPlane:
         return LimitedFaces(self.b, faces, carry, floor, h, h_in) if len(faces) else None
 
     def linearise(
-        self, gamma: float, kf, carry, capacity_ratio, slopes: HeatSlopes, rows: LedgerRows, limited_faces: LimitedFaces | None
+        self,
+        gamma: float,
+        kf,
+        carry,
+        capacity_ratio,
+        slopes: HeatSlopes,
+        rows: LedgerRows,
+        limited_faces: LimitedFaces | None,
     ) -> LinearisedPlane:
-        """Around conductivities `kf` (cells,) and dh/dT `stretch` (cells,), with P ~ I - gamma J factorised.
+        """Around conductivities `kf` (cells,) and dh/dT `capacity_ratio` (cells,), with P ~ I - gamma J factorised.
 
-        `carry` (n_road,) rho c v dz; `rows` how the ledger follows the cells.  In P the heat in depth is in the
+        `advection` (n_road,) rho c v dz; `rows` how the ledger follows the cells.  In P the heat in depth is in the
         cells at the face, and lanes keep their width.
         """
         gx, gz = self.conductances(kf)
@@ -238,11 +251,21 @@ class SolidSlab(SolidPlane):
         face = np.full(mesh.n_plane, -1)
         face[faces] = np.arange(len(faces))
         gy, even = b.conductivity * mesh.volume, np.ones(1)
-        return cls(b, lines, LateralConductances(b.gx, b.gz, gy, b.half_x, b.half_z, b.gap, even, dy, before, after), faces, face)
+        return cls(
+            b,
+            lines,
+            LateralConductances(b.gx, b.gz, gy, b.half_x, b.half_z, b.gap, even, dy, before, after),
+            faces,
+            face,
+        )
 
     def conductances(self, kf):
-        """What conducts between cells, for factors kf (cells,) on conductivity: what `flows` takes."""
-        return self.lateral_conductances if kf is self.b.ones else self.lateral_conductances._replace(factor=self.b.scene.mesh.planes(kf))
+        """What conducts between cells, for factors kf (cells,) on conductivity: what `heat_to_rates` takes."""
+        return (
+            self.lateral_conductances
+            if kf is self.b.ones
+            else self.lateral_conductances._replace(factor=self.b.scene.mesh.planes(kf))
+        )
 
     def heat_to_rates(self, T, h, T_in, h_in, conductances, carry, q) -> None:
         """Complete q (cells,): heat W/m from boundary and contact on entry, rates K/s on return."""
@@ -253,7 +276,14 @@ class SolidSlab(SolidPlane):
         run(self.lines, conductances, carry, T, h, T_in, h_in, q)
 
     def linearise(
-        self, gamma: float, kf, carry, capacity_ratio, slopes: HeatSlopes, rows: LedgerRows, limited_faces: LimitedFaces | None
+        self,
+        gamma: float,
+        kf,
+        carry,
+        capacity_ratio,
+        slopes: HeatSlopes,
+        rows: LedgerRows,
+        limited_faces: LimitedFaces | None,
     ) -> LinearisedSlab:
         """As that of a Plane: factors of the mean plane, then each plane's own pivots at the interface."""
         b, mesh, n = self.b, self.b.scene.mesh, self.b.scene.mesh.n_across
@@ -276,7 +306,9 @@ class SolidSlab(SolidPlane):
             lift_capacity=(b.capacity * even)[mesh.block].sum() - gamma * weights[inside].sum(),
         )  # fmt: skip
 
-    def _interface_coupling(self, gamma: float, slopes: HeatSlopes, diagonal, own, factors: LineFactors) -> InterfaceCoupling:
+    def _interface_coupling(
+        self, gamma: float, slopes: HeatSlopes, diagonal, own, factors: LineFactors
+    ) -> InterfaceCoupling:
         """Each plane's own interface; slopes come with its share of the width: its own matrix has more by that."""
         mesh, n = self.b.scene.mesh, self.b.scene.mesh.n_across
         up, down = (np.ascontiguousarray(a.reshape(-1, n) / mesh.share) for a in (slopes.up, slopes.crossing_slopes()))
@@ -285,13 +317,15 @@ class SolidSlab(SolidPlane):
         at = place >= 0
         local = np.bincount(place[at] * n + cell[at] % n, slope[at], len(self.interface_cells) * n)
         local = local.reshape(-1, n) / mesh.share
-        pivot = 1.0 / (1.0 / factors.inv[self.interface_cells][:, None] - gamma * (local - own[self.interface_cells][:, None]))
+        pivot = 1.0 / (
+            1.0 / factors.inv[self.interface_cells][:, None] - gamma * (local - own[self.interface_cells][:, None])
+        )
         return InterfaceCoupling(up, down, pivot[: len(pivot) // 2], pivot[len(pivot) // 2 :])
 
 
 @dataclass(frozen=True)
 class LinearisedSlab(LinearisedPlane):
-    """`arrives` (cells, weights): heat that the ledger says comes per rise of cells, W/(m K); what a lift `holds`."""
+    """`ledger_weights` (cells, weights): heat that the ledger says comes per rise of cells, W/(m K); what a lift `lift_capacity`."""
 
     ledger_weights: tuple[np.ndarray, np.ndarray]
     lift_capacity: float

@@ -9,13 +9,15 @@ from __future__ import annotations
 import numpy as np
 
 from flashtemp.physics.just_in_time import njit
-from flashtemp.solver.linearised import LinearisedSystem, ShiftedLinearisation
+from flashtemp.solver.linearisation import LinearisedSystem, ShiftedLinearisation
 
 MAX_RESIDUAL_RATIO, MAX_GCR_SWEEPS = 0.1, 4  # share of a right-hand side that may be left, sweeps at most
 FASTMATH_SUM = {"reassoc", "contract", "nsz"}
 
 
-def solve_shifted_system(linearisation: LinearisedSystem | ShiftedLinearisation, size: int, ledger: int, R: np.ndarray) -> np.ndarray:
+def solve_shifted_system(
+    linearisation: LinearisedSystem | ShiftedLinearisation, size: int, ledger: int, R: np.ndarray
+) -> np.ndarray:
     """(1 - gamma J)^-1 R for right-hand sides (k, n), n up to the `size` of a state.
 
     The ledger, from entry `ledger` on, follows the rest exactly.
@@ -28,8 +30,14 @@ def solve_shifted_system(linearisation: LinearisedSystem | ShiftedLinearisation,
     return X
 
 
-def _solve_one(linearisation: LinearisedSystem | ShiftedLinearisation, r: np.ndarray, ledger: int, directions: np.ndarray, products: np.ndarray) -> np.ndarray:
-    """One solution (state,); r is its right-hand side and becomes what is left; `ways`, `answers` is room for them."""
+def _solve_one(
+    linearisation: LinearisedSystem | ShiftedLinearisation,
+    r: np.ndarray,
+    ledger: int,
+    directions: np.ndarray,
+    products: np.ndarray,
+) -> np.ndarray:
+    """One solution (state,); r is its right-hand side and becomes what is left; `directions`, `products` is room for them."""
     x = np.zeros_like(r)
     enough = MAX_RESIDUAL_RATIO * np.linalg.norm(r[:ledger])
     for n in range(len(directions)):
@@ -43,7 +51,7 @@ def _solve_one(linearisation: LinearisedSystem | ShiftedLinearisation, r: np.nda
 
 @njit(cache=True, fastmath=FASTMATH_SUM)
 def _reduce_residual(directions, products, gamma, ledger, r, x):
-    """Size of what is left of r once x went the last of the `ways`, at whose place in `answers` stands J times it.
+    """Size of what is left of r once x went the last of the `directions`, at whose place in `products` stands J times it.
 
     Way and answer are made orthogonal to those before, and of size 1; 0 where the way leads nowhere.
     """

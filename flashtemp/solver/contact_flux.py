@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flashtemp.errors import SolverFailure
-from flashtemp.model.laws import COMPLEX_STEP
+from flashtemp.model.effect_laws import COMPLEX_STEP
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.solver import kernels_contact
 from flashtemp.solver.kernels_contact import common_dtype
@@ -85,14 +85,26 @@ def solve_fluxes(state: ContactState, T0, Ts, half_block, half_road, friction, d
 
     `Ts` is that of the lanes (`Interface.lanes`), `half_block`, `half_road` are half-cell resistances m2 K/W,
     `friction(T, face, apart)` is the friction coefficient at the temperatures in the spots and of the block's face
-    around them, `parted` likewise the factor s on the share in depth, 1 if None; `apart` asks for slopes in these
+    around them, `depth_factor` likewise the factor s on the share in depth, 1 if None; `apart` asks for slopes in these
     temperatures alone.  Raises SolverFailure when the friction law has no consistent temperature.
     """
     half, flash, micro, r, split, deep_flash, m, T0, Ts, half_block, half_road = common_dtype(
         state.half, state.flash, state.micro, state.r, state.split, state.deep, state.m, T0, Ts, half_block, half_road
     )
     solved = kernels_contact.eliminate_fluxes(
-        half, flash, micro, r, split, deep_flash, m, state.inside, depth_factor is not None, T0, Ts, half_block, half_road
+        half,
+        flash,
+        micro,
+        r,
+        split,
+        deep_flash,
+        m,
+        state.inside,
+        depth_factor is not None,
+        T0,
+        Ts,
+        half_block,
+        half_road,
     )
     a, gain, turn = solved[4:]
     seen: list[Any] = [None, None, None]  # where both laws were asked last, and their answers
@@ -104,8 +116,14 @@ def solve_fluxes(state: ContactState, T0, Ts, half_block, half_road, friction, d
     T, mu, own = _solve_spot_temperature(a, gain, T0, friction if depth_factor is None else heating_law, guess, slopes)
     s = mu
     if depth_factor is not None:
-        mu, s = (friction(T, T0), depth_factor(T, T0)) if np.iscomplexobj(T) else _extrapolate_laws(seen[0], seen[1], seen[2], T)
-    T, mu, s, solved, m, deep_flash, micro, Ts, half_road = common_dtype(T, mu, s, solved, m, deep_flash, micro, Ts, half_road)
+        mu, s = (
+            (friction(T, T0), depth_factor(T, T0))
+            if np.iscomplexobj(T)
+            else _extrapolate_laws(seen[0], seen[1], seen[2], T)
+        )
+    T, mu, s, solved, m, deep_flash, micro, Ts, half_road = common_dtype(
+        T, mu, s, solved, m, deep_flash, micro, Ts, half_road
+    )
     J, S, q, deep, spot, lane, s = kernels_contact.recover_fluxes(
         T, mu, s, depth_factor is not None, solved, m, state.inside, deep_flash, micro, Ts, half_road
     )
@@ -125,7 +143,11 @@ def solve_fluxes(state: ContactState, T0, Ts, half_block, half_road, friction, d
     law = friction if depth_factor is None else heating_law
     rise = 1.0 / (1.0 - gain * own)
     dT = rise * (1.0 - Ag + gain * face_derivative(law)), rise * (Ag * state.lane)
-    dmu, ds = (total_derivative(friction, own), (0.0, 0.0)) if depth_factor is None else (total_derivative(friction), total_derivative(depth_factor))
+    dmu, ds = (
+        (total_derivative(friction, own), (0.0, 0.0))
+        if depth_factor is None
+        else (total_derivative(friction), total_derivative(depth_factor))
+    )
     dq = tuple(state.m * d for d in dmu)
     dsq = tuple(s * d + e * q for d, e in zip(dq, ds, strict=True))
     face = tuple(d - state.inside * e for d, e in zip(dq, dsq, strict=True))
@@ -150,7 +172,9 @@ def _solve_spot_temperature(a, b, face, friction, guess, slopes):
     cold = np.real(face)
     for attempt in range(60):
         value = friction(T + 1j * COMPLEX_STEP, cold, True)
-        depends, last, (T, mu, dmu, step) = kernels_contact.newton_step(T, value, a, b, COMPLEX_STEP, 0.5 if attempt > 15 else 1.0)
+        depends, last, (T, mu, dmu, step) = kernels_contact.newton_step(
+            T, value, a, b, COMPLEX_STEP, 0.5 if attempt > 15 else 1.0
+        )
         if not depends:
             mu = friction(a, face)
             return a + b * mu, mu, dmu

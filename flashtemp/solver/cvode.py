@@ -24,7 +24,7 @@ class IntegratorSettings:
 
 
 class LinearOperator(Protocol):
-    """What CVODE asks of a linearised system: `times` J v, `solve` P^-1 r."""
+    """What CVODE asks of a linearised system: `apply_jacobian` J v, `solve` P^-1 r."""
 
     def apply_jacobian(self, v: np.ndarray, out: np.ndarray) -> None: ...
 
@@ -32,7 +32,7 @@ class LinearOperator(Protocol):
 
 
 class OdeSystem(Protocol):
-    """What CVODE integrates: `rate` f(t, y), and `linearised` J and P = I - gamma J at (t, y)."""
+    """What CVODE integrates: `rate` f(t, y), and `linearise` J and P = I - gamma J at (t, y)."""
 
     def rate(self, t: float, y: np.ndarray, out: np.ndarray) -> None: ...
 
@@ -49,7 +49,7 @@ class _CvodeCallbacks(NamedTuple):
 
 
 class BdfIntegrator:
-    """One stretch of BDF integration: `step` advances by one internal step, `at` interpolates.
+    """One stretch of BDF integration: `step` advances by one internal step, `interpolate` interpolates.
 
     It holds the current linearisation, and `calls` counts what CVODE asks for.  A failing callback's own error is
     raised, not CVODE's.

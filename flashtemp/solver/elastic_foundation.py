@@ -29,9 +29,9 @@ import numpy.typing as npt
 from scipy.optimize import brentq
 
 from flashtemp.errors import SolverFailure
-from flashtemp.model.laws import COMPLEX_STEP
+from flashtemp.model.effect_laws import COMPLEX_STEP
 from flashtemp.physics.elastic_block import FaceCompliance
-from flashtemp.solver.winkler import PressureSolution
+from flashtemp.solver.winkler_foundation import PressureSolution
 
 Array = npt.NDArray[Any]
 FrictionLaw = Callable[[Array], Array]  # friction coefficient (columns,) at a local pressure (columns,) Pa
@@ -73,7 +73,7 @@ class ContactJacobian(NamedTuple):
     """Jacobian for a set of columns in contact, slopes (columns,) of mu p in p, and a holder.
 
     `inverse` (planes, n, n) of the equations of the columns; `lifted` (columns, 2) what an approach and a tilt do to
-    the pressure; `carried` (2, columns) load and moment by pressure; `holding` (2, 2) the reverse for the holder.
+    the pressure; `carried_load` (2, columns) load and moment by pressure; `holding` (2, 2) the reverse for the holder.
     """
 
     touching: npt.NDArray[np.bool_]
@@ -186,7 +186,7 @@ class ElasticFoundation:
         start: ContactSolution | None,
         hardness: float,
     ) -> ContactSolution:
-        """The answer of `settle` by the primal-dual active set method."""
+        """The answer of `solve_equilibrium` by the primal-dual active set method."""
         n, g = len(self.x), hardness * self.stiffness * gap
         if start is None:
             on = np.ones(n, dtype=np.bool_)
@@ -239,7 +239,7 @@ class ElasticFoundation:
         start: ContactSolution | None,
         hardness: float,
     ) -> ContactSolution:
-        """The answer of `settle` whose tilt is next to that of `start`, to the side to which the moments push.
+        """The answer of `solve_equilibrium` whose tilt is next to that of `start`, to the side to which the moments push.
 
         Moments at a given tilt are continuous in it, and a holder that resists wins at a large one: Brent's method
         (1973, Algorithms for Minimization without Derivatives, chapter 4) finds their balance wherever Newton's cycles
@@ -373,7 +373,7 @@ class ElasticFoundation:
 class ElasticResponse:
     """Change of pressure (columns,) Pa by small changes, around an answer with this Jacobian.
 
-    `sunk` (columns,) Pa/m turns worn depth into what is left of the equations.
+    `depth_stiffness` (columns,) Pa/m turns worn depth into what is left of the equations.
     """
 
     foundation: ElasticFoundation

@@ -13,12 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from flashtemp.errors import SolverFailure
-from flashtemp.model.laws import EffectLaws
+from flashtemp.model.effect_laws import EffectLaws
 from flashtemp.model.scene import Scene
 from flashtemp.physics.arrays import Array
 
 CAPACITY_TABLE_STEP_K = 0.5  # of a table of c, which is a line in between: a bend of c is rounded off within one step
-MIN_CAPACITY_RISE_K, MAX_CAPACITY_RISE_K = -150.0, 2000.0  # rises above ambient that laws are evaluated at; c is level beyond
+MIN_CAPACITY_RISE_K, MAX_CAPACITY_RISE_K = (
+    -150.0,
+    2000.0,
+)  # rises above ambient that laws are evaluated at; c is level beyond
 LEVEL_CAPACITY_RISE_K = 1e6  # rise to which c is level
 HEATED_BODIES = ("block", "road")
 NON_POSITIVE_CAPACITY = "heat capacity fell to zero or below"
@@ -48,7 +51,7 @@ class LinearCapacity:
 
 @dataclass(frozen=True)
 class CapacityTable:
-    """c/c0 `relative` (n,) at temperature `rises` (n,) in K, a line between them; `enthalpies` (n,) in K, 0 at 0."""
+    """c/c0 `capacity_ratio` (n,) at temperature `rises` (n,) in K, a line between them; `enthalpies` (n,) in K, 0 at 0."""
 
     rises: Array
     capacity_ratios: Array
@@ -61,7 +64,10 @@ class CapacityTable:
         if zero in bad:
             raise SolverFailure(NON_POSITIVE_CAPACITY)
         begin, end = np.max(bad[bad < zero], initial=-1) + 1, np.min(bad[bad > zero], initial=len(rises))
-        before, after = [-LEVEL_CAPACITY_RISE_K] if begin == 0 else [], [LEVEL_CAPACITY_RISE_K] if end == len(rises) else []
+        before, after = (
+            [-LEVEL_CAPACITY_RISE_K] if begin == 0 else [],
+            [LEVEL_CAPACITY_RISE_K] if end == len(rises) else [],
+        )
         relative = np.pad(relative[begin:end], (len(before), len(after)), mode="edge")
         rises = np.concatenate([before, rises[begin:end], after])
         steps = np.diff(rises) * 0.5 * (relative[1:] + relative[:-1])
@@ -99,7 +105,7 @@ class CapacityTable:
 
 @dataclass(frozen=True)
 class TabulatedCapacity:
-    """c/c0 of every cell by one of a few `tables`; `which` (cells,) is its number, -1 where c is constant."""
+    """c/c0 of every cell by one of a few `tables`; `table_numbers` (cells,) is its number, -1 where c is constant."""
 
     tables: tuple[CapacityTable, ...]
     table_numbers: Array
@@ -116,7 +122,9 @@ class TabulatedCapacity:
         """c/c0 = dh/dT at the temperature rises of all cells."""
         return self._look_up_by_table(CapacityTable.interpolate_ratio, rise, np.ones_like(rise))
 
-    def _look_up_by_table(self, look_up: Callable[[CapacityTable, Array], Array], values: Array, constant: Array) -> Array:
+    def _look_up_by_table(
+        self, look_up: Callable[[CapacityTable, Array], Array], values: Array, constant: Array
+    ) -> Array:
         """What the table of each cell makes of its value; `constant` where it has none."""
         out, which = constant.copy(), self.table_numbers[: len(values)]
         for number, table in enumerate(self.tables):

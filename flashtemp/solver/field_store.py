@@ -14,12 +14,12 @@ class FieldStore:
     """Rows of equal arrays {name: array}, appended one by one.
 
     With a `path` rows go to that file, one after the other, and are read back where they are asked for; those with
-    the `sums` (checksums) and the `dtype` told are there already (a run that goes on from a checkpoint).
+    the `checksums` (checksums) and the `dtype` told are there already (a run that goes on from a checkpoint).
 
-    >>> frames = Frames()
+    >>> frames = FieldStore()
     >>> frames.append({"T": np.zeros(3)}), frames.append({"T": np.ones(3)})
     (None, None)
-    >>> len(frames), frames.stacked()["T"].shape
+    >>> len(frames), frames.stack_rows()["T"].shape
     (2, (2, 3))
     """
 

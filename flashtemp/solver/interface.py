@@ -13,20 +13,31 @@ from typing import NamedTuple
 import numpy as np
 
 from flashtemp.errors import SolverFailure
-from flashtemp.model.laws import COMPLEX_STEP, mean_over_columns
+from flashtemp.model.effect_laws import COMPLEX_STEP, mean_over_columns
 from flashtemp.model.scene import LawContext
-from flashtemp.solver import contact_flux, kernels_contact, lanes
-from flashtemp.solver.abrasion import AbrasionCoupling, SparseResponse, SparsityPattern, build_sparsity, complex_step_derivative
-from flashtemp.solver.balance import HeatBalance
+from flashtemp.solver import contact_flux, contact_lanes, kernels_contact
+from flashtemp.solver.abrasion import (
+    AbrasionCoupling,
+    SparseResponse,
+    SparsityPattern,
+    build_sparsity,
+    complex_step_derivative,
+)
 from flashtemp.solver.elastic_foundation import ElasticResponse, FrictionLaw, HolderSupport
-from flashtemp.solver.kernels_contact import common_dtype, broadcast_columns
-from flashtemp.solver.recent import InterfaceCache, array_key
+from flashtemp.solver.evaluation_cache import InterfaceCache, array_key
+from flashtemp.solver.heat_balance import HeatBalance
+from flashtemp.solver.kernels_contact import broadcast_columns, common_dtype
 from flashtemp.solver.road_frame import RoadOverlap
-from flashtemp.solver.winkler import PressureSolution, SpringResponse
+from flashtemp.solver.winkler_foundation import PressureSolution, SpringResponse
 
-SCHEDULE_FIELD_COUNT = LawContext._fields.index("repetition") + 1  # what a moment's first fields say follows from the schedule
+SCHEDULE_FIELD_COUNT = (
+    LawContext._fields.index("repetition") + 1
+)  # what a moment's first fields say follows from the schedule
 MIN_HOLDER_GIVE_PER_M2 = 1e-200  # 1/m2: a holder that gives less does not turn
-LIFT_OFF_PRESSURE_RATIO, LIFT_OFF_RESISTANCE_M2K_W = 0.01, 1e-4  # contact opens below this share of the mean pressure; scale of its resistance, m2 K/W
+LIFT_OFF_PRESSURE_RATIO, LIFT_OFF_RESISTANCE_M2K_W = (
+    0.01,
+    1e-4,
+)  # contact opens below this share of the mean pressure; scale of its resistance, m2 K/W
 
 
 class SolvedContact(NamedTuple):
@@ -56,7 +67,7 @@ class ContactInterface:
         if not now.touching:
             return SolvedContact(state, press)
         if slopes:
-            state = lanes.limit_lane_slopes(self.b, state, T, road)
+            state = contact_lanes.limit_lane_slopes(self.b, state, T, road)
         if not slopes and self.cache.flux is not None:
             flux, slope = self.cache.flux, None
         else:
@@ -64,7 +75,9 @@ class ContactInterface:
         self.cache.touch_temperature = np.real(flux.touch)
         return SolvedContact(state, press, flux, slope)
 
-    def solve_pressure_and_laws(self, now, worn, T, road, kf) -> tuple[LawContext, PressureSolution, contact_flux.ContactState]:
+    def solve_pressure_and_laws(
+        self, now, worn, T, road, kf
+    ) -> tuple[LawContext, PressureSolution, contact_flux.ContactState]:
         """The block, worn by `worn` (columns,) m, on the road: the moment as laws see it, pressure and contact laws.
 
         `T` (cells,) rises, `road` that enters as `System.road` says, `kf` (cells,) factor on k.
@@ -75,7 +88,7 @@ class ContactInterface:
             if self.cache.static_solution is not None:
                 return now, *self.cache.static_solution
         self.cache.flux = None
-        now = now.seeing(worn=worn) if b.abrades else now
+        now = now.with_fields(worn=worn) if b.abrades else now
         if b.elastic_block is None or not (now.touching and now.pressure > 0):
             press = self._solve_spring_pressure(now, worn, T, road, kf)
         else:
@@ -101,7 +114,9 @@ class ContactInterface:
         b, bed, recent = self.b, self.b.elastic_block, self.cache
         assert bed is not None
         flat, shear = (b.laws(f"contact.{name}", 0.0, None, now) for name in ("flat_face", "shear_traction"))
-        if not (flat or shear or b.expansion or worn.any() or np.iscomplexobj(worn) or b.laws.has_law("holder.compliance")):
+        if not (
+            flat or shear or b.expansion or worn.any() or np.iscomplexobj(worn) or b.laws.has_law("holder.compliance")
+        ):
             return self._solve_spring_pressure(
                 now, worn, T, road, kf
             )  # nothing moves it: the prescribed pressure, to the bit
@@ -123,7 +138,9 @@ class ContactInterface:
 
         plain = (np.real(a) for a in (T, road, kf))
         asked = friction_law(*plain) if pulled else None
-        settled = bed.solve_equilibrium(np.real(gap), now.pressure, holder, asked, recent.elastic_solution, float(np.real(hardness)))
+        settled = bed.solve_equilibrium(
+            np.real(gap), now.pressure, holder, asked, recent.elastic_solution, float(np.real(hardness))
+        )
         recent.elastic_solution = settled
         if any(np.iscomplexobj(a) for a in (gap, T, road, kf)):
             settled = bed.derive_solution(
@@ -138,7 +155,11 @@ class ContactInterface:
             return HolderSupport(shear)
         compliance, arm = (self.b.laws(f"holder.{name}", 0.0, None, now) for name in ("compliance", "arm"))
         give = compliance * self.b.scene.width * self.b.foundation.length
-        return HolderSupport(shear) if give * self.b.foundation.stiffness <= MIN_HOLDER_GIVE_PER_M2 else HolderSupport(shear, arm, 2.0 / give)
+        return (
+            HolderSupport(shear)
+            if give * self.b.foundation.stiffness <= MIN_HOLDER_GIVE_PER_M2
+            else HolderSupport(shear, arm, 2.0 / give)
+        )
 
     def _pressure_shape(self, now) -> np.ndarray:
         """Pressure over its mean (columns,) of a block that is not worn."""
@@ -187,7 +208,7 @@ class ContactInterface:
 
     # --- contact laws --------------------------------------------------------------------------
     def _invalidate_cache(self, now) -> None:
-        """Keep of `recent` what still holds."""
+        """Keep of `cache` what still holds."""
         D = self.b.scene.spot_diameter
         if self.b.laws.contact_varies:
             self.cache.invalidate((now.t,))
@@ -211,15 +232,18 @@ class ContactInterface:
         laws, mesh, recent, n = self.b.laws, self.b.scene.mesh, self.cache, len(local)
         now = now.under(mesh, local_pressure=local, face=face)
         phi = laws("contact.spot_fraction", 0.0, None, now)
-        phi = kernels_contact.clip_values(broadcast_columns(phi, n), lanes.MIN_CONTACT_FRACTION, 1.0)
+        phi = kernels_contact.clip_values(broadcast_columns(phi, n), contact_lanes.MIN_CONTACT_FRACTION, 1.0)
         r, split, micro = (
             laws(f"contact.{name}", 0.0, None, now) for name in ("resistance", "heat_split", "micro_resistance")
         )
         last = recent.contact_fraction
         if last is None or phi.dtype != last.dtype or phi.tobytes() != last.tobytes():
             covered = phi @ mesh.column_area / mesh.column_area.sum()
-            seen = now.seeing(local_pressure=None, spot_fraction=phi, covered=covered)
-            recent.contact_fraction, recent.flash_terms = phi, (covered, *self._flash_terms(seen), lanes.uniform_lane_ratios(self.b, phi))
+            seen = now.with_fields(local_pressure=None, spot_fraction=phi, covered=covered)
+            recent.contact_fraction, recent.flash_terms = (
+                phi,
+                (covered, *self._flash_terms(seen), contact_lanes.uniform_lane_ratios(self.b, phi)),
+            )
         covered, flash, deep, widen, even = recent.flash_terms
         apart = self._lane_history(now) if even is None else None
         lane, fall = even or (np.ones(n), np.ones(n))
@@ -266,12 +290,12 @@ class ContactInterface:
         """Share of every column that spots cover, the road under it, `RoadFrame.edge` and `ContactState.rim`."""
         b, frame, mesh = self.b, self.b.road_frame, self.b.scene.mesh
         edges = mesh.x[mesh.first : mesh.last + 1] if frame is None else frame.strip_edges(now.passed)
-        cover = b.laws("contact.cover", 0.0, None, now.seeing(lead=edges))
+        cover = b.laws("contact.cover", 0.0, None, now.with_fields(lead=edges))
         if frame is None:
             return cover, RoadOverlap(b.cell_road), 0.0, 0.0
         area = cover.reshape(-1, mesh.n_across) * np.diff(edges)[:, None]
         under = frame.find_overlap(now.passed, b.cell_road, area)
-        bare = 1.0 - b.laws("contact.cover", 0.0, None, now.seeing(lead=frame.column_edges(now.passed)))
+        bare = 1.0 - b.laws("contact.cover", 0.0, None, now.with_fields(lead=frame.column_edges(now.passed)))
         passed = np.minimum(now.contact_time, now.waited + mesh.column_x / max(now.last_speed, 1e-300))
         rim = frame.rim_resistance(under, bare.reshape(-1, mesh.n_across), passed, b.scene.road)
         cover = (area[::2] + area[1::2]).ravel() / frame.dx
@@ -280,12 +304,12 @@ class ContactInterface:
     def _history_weights(self, slid: float) -> tuple[np.ndarray, np.ndarray]:
         """`lanes.weights` after `slid` m; they stay as they are once the block has slid by its length."""
         mesh, recent = self.b.scene.mesh, self.cache
-        way = lanes.slid_road_length(mesh, slid)
+        way = contact_lanes.slid_road_length(mesh, slid)
         if way != recent.slid_length:
-            recent.slid_length, recent.history_weights = way, lanes.history_weights(mesh, way)
+            recent.slid_length, recent.history_weights = way, contact_lanes.history_weights(mesh, way)
         return recent.history_weights
 
-    def _lane_history(self, now) -> lanes.LaneHistory:
+    def _lane_history(self, now) -> contact_lanes.LaneHistory:
         """`lanes.apart` of the contact fraction: it stays while that and what lanes remember do."""
         recent = self.cache
         asked = (recent.contact_fraction, self._history_weights(now.leg), now.pressure * (now.speed or now.last_speed))
@@ -294,8 +318,8 @@ class ContactInterface:
             or any(a is not b for a, b in zip(asked[:2], recent.lane_history, strict=False))
             or (asked[2] != recent.lane_history[2])
         ):
-            recent.lane_history = (*asked, lanes.build_lane_history(self.b, *asked))
-        found: lanes.LaneHistory = recent.lane_history[3]
+            recent.lane_history = (*asked, contact_lanes.build_lane_history(self.b, *asked))
+        found: contact_lanes.LaneHistory = recent.lane_history[3]
         return found
 
     def _flash_terms(self, now):
@@ -306,15 +330,18 @@ class ContactInterface:
         if flash.any():
             for d in self.b.volumetric:
                 deep = deep + d.share * flash * laws("contact.flash_share", 0.0, None, now, d.depth)
-        return flash, deep, lanes.spreading_loss(self.b, now, self.b.scene.mesh.depth)
+        return flash, deep, contact_lanes.spreading_loss(self.b, now, self.b.scene.mesh.depth)
 
     def spreading_loss_at_depth(self, state, now) -> np.ndarray:
         """`lanes.loss_at_depth` at a state: it stays while what else follows from the contact fraction alone does."""
         recent = self.cache
         if state.phi is not recent.contact_fraction:
-            return lanes.spreading_loss_at_depth(self.b, self.moment_at_contact(state, now))
+            return contact_lanes.spreading_loss_at_depth(self.b, self.moment_at_contact(state, now))
         if not recent.depth_loss or recent.depth_loss[0] is not recent.flash_terms:
-            recent.depth_loss = recent.flash_terms, lanes.spreading_loss_at_depth(self.b, self.moment_at_contact(state, now))
+            recent.depth_loss = (
+                recent.flash_terms,
+                contact_lanes.spreading_loss_at_depth(self.b, self.moment_at_contact(state, now)),
+            )
         weights: np.ndarray = recent.depth_loss[1]
         return weights
 
@@ -334,20 +361,20 @@ class ContactInterface:
         at = self.moment_at_contact(state, now)
         bare = at
         if np.iscomplexobj(state.phi) or np.iscomplexobj(state.pressure):
-            bare = at.seeing(
+            bare = at.with_fields(
                 local_pressure=np.real(state.pressure), spot_fraction=np.real(state.phi), covered=np.real(state.covered)
             )
 
         def temperature_law(target, base):
             def evaluate_law(T, face, apart=False):
-                return laws(target, base, T, (bare if apart else at).seeing(face=face)) + 0.0 * T
+                return laws(target, base, T, (bare if apart else at).with_fields(face=face)) + 0.0 * T
 
             return evaluate_law
 
         return contact_flux.solve_fluxes(
             state,
             T[b.cell_block] + ambient,
-            lanes.lane_rises(b, state, T, road) + ambient,
+            contact_lanes.lane_rises(b, state, T, road) + ambient,
             b.half_block if kf is b.ones else b.half_block / kf[b.cell_block],
             (b.half_road if kf is b.ones else b.half_road / kf[b.cell_road]) + state.rim,
             temperature_law("friction.mu", 0.0),
@@ -365,18 +392,18 @@ class ContactInterface:
             return state
         b, laws = self.b, self.b.laws
         face = T[b.cell_block] + b.scene.ambient
-        at = self.moment_at_contact(state, now).seeing(face=face)
-        least = lanes.MIN_LANE_CONTACT_RATIO * state.covered
+        at = self.moment_at_contact(state, now).with_fields(face=face)
+        least = contact_lanes.MIN_LANE_CONTACT_RATIO * state.covered
         spots = np.where(np.real(state.phi) > np.real(least), state.phi, least)
-        touch = face + (state.flash + state.micro) * lanes.heat_into_block(b, T) / spots
+        touch = face + (state.flash + state.micro) * contact_lanes.heat_into_block(b, T) / spots
         own = laws("friction.in_depth", 1.0, touch, at) if laws.has_law("friction.in_depth") else 1.0
         heat = state.pressure * (now.speed or now.last_speed) * laws("friction.mu", 0.0, touch, at)
-        return lanes.separate_lanes(b, state, T, road, heat * (1.0 - state.inside * own))
+        return contact_lanes.separate_lanes(b, state, T, road, heat * (1.0 - state.inside * own))
 
     # --- abrasion ------------------------------------------------------------------------------------
     def abrasion_rate(self, state, flux, now) -> np.ndarray:
         """dw/dt (columns,) in m/s."""
-        at = self.moment_at_contact(state, now).seeing(friction=flux.mu)
+        at = self.moment_at_contact(state, now).with_fields(friction=flux.mu)
         return now.speed * broadcast_columns(self.b.laws("block.abrasion", 0.0, flux.spot, at), len(at.x))
 
     def abrasion_coupling(self, contact: SolvedContact, now, worn, T, road, kf, gamma: float) -> AbrasionCoupling:
@@ -384,12 +411,14 @@ class ContactInterface:
         b, flux, d = self.b, contact.flux, contact.slopes
         assert flux is not None
         assert d is not None
-        now = now.seeing(worn=worn) if b.abrades else now
+        now = now.with_fields(worn=worn) if b.abrades else now
         more = contact.pressure_solution.pressure + 1j * COMPLEX_STEP
         harder = self.contact_state(now, more, T)
         pressing, _ = self.solve_fluxes(harder, now, T, road, kf)
         pressed = self._sparse_response(harder, pressing, now)
-        seen = self.moment_at_contact(contact.state, now.seeing(worn=worn + 1j * COMPLEX_STEP) if b.abrades else now)
+        seen = self.moment_at_contact(
+            contact.state, now.with_fields(worn=worn + 1j * COMPLEX_STEP) if b.abrades else now
+        )
         thicker = 1j * np.imag(b.laws("contact.resistance", 0.0, None, seen))
         deeper = contact.state._replace(r=contact.state.r + thicker) if np.any(thicker) else None
         spot, mu = (
@@ -400,13 +429,17 @@ class ContactInterface:
         if b.elastic_block is None or elastic is None:
             response: SpringResponse | ElasticResponse = b.foundation.pressure_response(contact.pressure_solution)
         else:  # the slopes of friction are there: what follows is settled with them too
-            self.cache.elastic_solution = elastic = b.elastic_block.renew_jacobian(elastic, complex_step_derivative(more * pressing.mu))
+            self.cache.elastic_solution = elastic = b.elastic_block.renew_jacobian(
+                elastic, complex_step_derivative(more * pressing.mu)
+            )
             response = b.elastic_block.pressure_response(elastic)
         return AbrasionCoupling(
             b,
             contact.state.under,
             pressed,
-            None if deeper is None else self._sparse_response(deeper, self.solve_fluxes(deeper, now, T, road, kf)[0], now),
+            None
+            if deeper is None
+            else self._sparse_response(deeper, self.solve_fluxes(deeper, now, T, road, kf)[0], now),
             abrasion_slopes=tuple((spot * d.spot[i] + mu * d.mu[i]) / b.worn_unit for i in (0, 1)),
             pressure_by_depth=response,
             solve_depth=response.build_inverse(gamma * pressed.abrasion),
@@ -429,6 +462,9 @@ class ContactInterface:
             face=complex_step_derivative(state.block * flux.into_block * area),
             deep=complex_step_derivative(state.block * flux.deep * area),
             road=complex_step_derivative(state.road * taken),
-            books=(complex_step_derivative(state.block * flux.heat * area), complex_step_derivative(state.block * taken)),
+            books=(
+                complex_step_derivative(state.block * flux.heat * area),
+                complex_step_derivative(state.block * taken),
+            ),
             abrasion=complex_step_derivative(self.abrasion_rate(state, flux, now)),
         )

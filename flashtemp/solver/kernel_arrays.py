@@ -26,7 +26,7 @@ class DepthLines(NamedTuple):
 
 
 class TransportCoefficients(NamedTuple):
-    """Conductances `gx`, `gz` W/(m K) (`kernels_2d.face_conductances`), `carry` rho c v dz (m,), `stretch` dh/dT."""
+    """Conductances `gx`, `gz` W/(m K) (`kernels_2d.face_conductances`), `advection` rho c v dz (m,), `capacity_ratio` dh/dT."""
 
     gx: np.ndarray
     gz: np.ndarray
@@ -59,7 +59,7 @@ class InterfaceCoupling(NamedTuple):
 class LateralConductances(NamedTuple):
     """What conducts between the cells of many planes.
 
-    While conductivity is constant all planes share the conductances `gx`, `gz` (as in `Transport`) and `gy` = k dx dz
+    While conductivity is constant all planes share the conductances `gx`, `gz` (as in `TransportCoefficients`) and `gy` = k dx dz
     (n_plane,), and `factor` has one dimension; else `factor` k/k_reference is (n_plane, planes), and the half-cell
     resistances `half_x`, `half_z` count, and `gap` of contacts with the cell above.
     `before`, `after` (planes,) 1/(distance dy) to the neighbours in y, 0 at the side walls; `dy` (planes,) m.

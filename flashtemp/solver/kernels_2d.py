@@ -125,7 +125,7 @@ def limit_faces(faces, line, across, slope, carry, capacity, floor, h, h_in, rat
 
 @njit(cache=True)
 def limit_products(faces, line, across, slope, carry, capacity, held, v, rate):
-    """The derivative of `bound_faces`: add to `rate` what changes v (cells,) do.
+    """The derivative of `limit_faces`: add to `rate` what changes v (cells,) do.
 
     `held` says of every face whether it holds its cell (else the floor).
     """
@@ -140,7 +140,7 @@ def limit_products(faces, line, across, slope, carry, capacity, held, v, rate):
 
 @njit(cache=True)
 def solve_line(o, a, size, m, gamma, up, down, inv, mul, z):
-    """Solve one depth line in place, z starting at o, with the factors of `factorise`."""
+    """Solve one depth line in place, z starting at o, with the factors of `factorise_lines`."""
     nb = size - m
     f = a - o
     s, top = o + m - 1, o + size - 1
@@ -205,7 +205,7 @@ def factorise_lines(lines, transport, gamma, own, up, down, factors):
 
 @njit(cache=True)
 def _fill_diagonal(i, lines, transport, gamma, own, fix, factors):
-    """Diagonal of line i, into `factors.inv` for `_pivots`, and its couplings to the lines around it."""
+    """Diagonal of line i, into `factors.inv` for `_eliminate_line`, and its couplings to the lines around it."""
     start, m, _, capacity, slope, g_in, _, _ = lines
     gx, gz, carry, stretch = transport
     inv, _, low, low2, high = factors

@@ -46,7 +46,7 @@ def _line_bounds(i, start):
 
 @njit(cache=True)
 def _neighbour_rows(k, line, m):
-    """Rows above, below, upstream, downstream of place k of a `_line`; its own where none is or the interface lies."""
+    """Rows above, below, upstream, downstream of place k of a `_line_bounds`; its own where none is or the interface lies."""
     a, before, b, end = line
     c = a + k
     up = c + 1 if c + 1 < b and k + 1 != m else c
@@ -88,7 +88,7 @@ def uniform_rates(lines, walls, carry, T, h, T_in, h_in, q):
 
 @njit(cache=True)
 def varying_rates(lines, walls, carry, T, h, T_in, h_in, q):
-    """`flows` where conductivity varies."""
+    """`uniform_rates` where conductivity varies."""
     start, m, _, capacity, slope, g_in, _, share = lines
     _, _, gy, half_x, half_z, gap, factor, dy, _, _ = walls
     n, ny = len(start) - 1, T.shape[1]

@@ -1,6 +1,6 @@
 """The compiled loops along the interface: column by column, what numpy would do in many passes over fifty numbers.
 
-All arrays of a call are float or all are complex (`alike`): then a complex step passes through.
+All arrays of a call are float or all are complex (`common_dtype`): then a complex step passes through.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def lane_rises(gap, lane, lowered, seen, came, widen, own):
 def eliminate_fluxes(half, flash, micro, r, split, deep, m, inside, has_depth_factor, T0, Ts, half_block, half_road):
     """Rows (7, columns) of what is left of the contact's equations: A g, g, drop, way, a, gain and `turn`.
 
-    T_m = a + gain law(T_m), where the law is mu, or where heat is `parted` mu (1 + turn s); `turn` is heat in depth
+    T_m = a + gain law(T_m), where the law is mu, or where heat is `has_depth_factor` mu (1 + turn s); `turn` is heat in depth
     over heat at the face, less 1.
     """
     out = np.empty((7, len(T0)), T0.dtype)
@@ -141,7 +141,9 @@ def newton_step(T, value, a, gain, step, damp):
         law, slope = value[i].real, value[i].imag / step
         depends = depends or slope != 0.0
         steep = 1.0 - gain[i].real * slope
-        change = (T[i] - a[i].real - gain[i].real * law) / (steep if abs(steep) > MIN_NEWTON_SLOPE else MIN_NEWTON_SLOPE)
+        change = (T[i] - a[i].real - gain[i].real * law) / (
+            steep if abs(steep) > MIN_NEWTON_SLOPE else MIN_NEWTON_SLOPE
+        )
         change = damp * change
         new = T[i] - change
         last = last and abs(change) <= 1e-8 * abs(new)  # the next step would be its square

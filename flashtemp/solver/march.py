@@ -14,15 +14,15 @@ from flashtemp.errors import FlashtempError, SolverFailure
 from flashtemp.model.numerics import SolverSettings
 from flashtemp.model.scene import Scene
 from flashtemp.physics.quantities import KELVIN
-from flashtemp.solver import limits
-from flashtemp.solver.balance import HeatBalance
-from flashtemp.solver.circular_track import build_inflow, store_passed_road, has_road_memory, build_track
+from flashtemp.solver import sanity_checks
+from flashtemp.solver.circular_track import build_inflow, build_track, has_road_memory, store_passed_road
 from flashtemp.solver.cvode import BdfIntegrator, IntegratorSettings
-from flashtemp.solver.progress import MarchState
+from flashtemp.solver.heat_balance import HeatBalance
+from flashtemp.solver.march_state import MarchState
+from flashtemp.solver.phase_transitions import has_state_change, remap_road, start_phase
 from flashtemp.solver.recorder import build_run, record_state, record_times
 from flashtemp.solver.run import Run
 from flashtemp.solver.system import PhaseSystem
-from flashtemp.solver.turning import remap_road, start_phase, has_state_change
 
 PRESSURE_RTOL_RATIO = 0.01  # of the integrator's relative tolerance: what is left of the pressure's own iteration
 StepHistory = list[tuple[float, np.ndarray]]  # time and state of every step
@@ -38,7 +38,7 @@ def march(
 ) -> Run:
     """Integrate the scene over its whole schedule and return the Run.
 
-    `beside` is told about every stretch, every restart and every turn (`sensitivity.Neighbours`).
+    `sensitivities` is told about every stretch, every restart and every turn (`sensitivity.Neighbours`).
 
     `watch(progress)` is called after every internal step; returning True stops the march with
     KeyboardInterrupt, `progress` then holds all that is needed to go on.  Raises SolverFailure
@@ -74,7 +74,7 @@ def march(
             resumed = False
         now.phase += 1
     now.wall_s = spent + clock.perf_counter() - began
-    return limits.check_energy_balance(build_run(balance, now, title), absolute_tolerance(settings))
+    return sanity_checks.check_energy_balance(build_run(balance, now, title), absolute_tolerance(settings))
 
 
 def _build_balance(scene: Scene, settings: SolverSettings) -> HeatBalance:
@@ -100,7 +100,7 @@ def _phase_systems(balance: HeatBalance, phase, march_state: MarchState, resumed
 
 
 def _start_phase(balance: HeatBalance, before, phase, march_state: MarchState, sensitivities) -> None:
-    """A new repetition begins, or the block turns; `beside` is told out of what state."""
+    """A new repetition begins, or the block turns; `sensitivities` is told out of what state."""
     old = march_state.y
     start_phase(balance, before, phase, march_state)
     if sensitivities is not None:
@@ -108,20 +108,24 @@ def _start_phase(balance: HeatBalance, before, phase, march_state: MarchState, s
 
 
 def _remap_road(system: PhaseSystem, march_state: MarchState, sensitivities) -> None:
-    """The road in its own frame is put back on the mesh; `beside` is told out of what state."""
+    """The road in its own frame is put back on the mesh; `sensitivities` is told out of what state."""
     old = march_state.y
     remap_road(system, march_state)
     if sensitivities is not None:
         sensitivities.pass_on(system.phase, system.leg, old)
 
 
-def _integrate_segment(system: PhaseSystem, settings, march_state: MarchState, due, resumed: bool, stop: Callable[[], bool], path) -> None:
+def _integrate_segment(
+    system: PhaseSystem, settings, march_state: MarchState, due, resumed: bool, stop: Callable[[], bool], path
+) -> None:
     """One phase or leg: integrate, record what is `due`, keep what leaves on the track; `path` gets every step."""
     phase = system.phase
     solver = BdfIntegrator(settings.binding, system, _integrator_settings(system, settings))
     t, y, before = phase.begin, march_state.y, march_state.steps
     if resumed:
-        last = march_state.records["time"][-1] if march_state.records else -np.inf  # a fault may have come between two of a step
+        last = (
+            march_state.records["time"][-1] if march_state.records else -np.inf
+        )  # a fault may have come between two of a step
         t, due[:] = march_state.t, [one for one in due if one[0] > last]
     tiny = 1e-9 * (phase.end - phase.begin)
     try:
@@ -137,7 +141,9 @@ def _integrate_segment(system: PhaseSystem, settings, march_state: MarchState, d
                 path.append((t, y))
             while due and due[0][0] <= t + tiny:
                 at, frame = due.pop(0)
-                _record_checked(system, at, y if abs(at - t) <= tiny else solver.interpolate(at), march_state, frame, settings)
+                _record_checked(
+                    system, at, y if abs(at - t) <= tiny else solver.interpolate(at), march_state, frame, settings
+                )
             if march_state.track is not None and phase.sliding:
                 store_passed_road(system, reached, t, solver.interpolate, march_state.track)
             march_state.t, march_state.y, march_state.steps = t, y, before + solver.steps
@@ -153,7 +159,9 @@ def _integrate_segment(system: PhaseSystem, settings, march_state: MarchState, d
             march_state.calls[name] += count
 
 
-def _record_checked(system: PhaseSystem, t: float, y, march_state: MarchState, frame: bool, settings: SolverSettings) -> None:
+def _record_checked(
+    system: PhaseSystem, t: float, y, march_state: MarchState, frame: bool, settings: SolverSettings
+) -> None:
     """Record a state, if its profiles can be."""
     record_state(system, t, y, march_state, frame)
     shown = np.concatenate([march_state.records[name][-1] for name in ("T_block", "T_spot", "T_road", "T_wake")])
@@ -161,7 +169,7 @@ def _record_checked(system: PhaseSystem, t: float, y, march_state: MarchState, f
 
 
 def _check(system: PhaseSystem, t: float, T, settings: SolverSettings) -> None:
-    limits.check_temperatures(system, t, T, hottest=settings.hottest, atol=absolute_tolerance(settings))
+    sanity_checks.check_temperatures(system, t, T, hottest=settings.hottest, atol=absolute_tolerance(settings))
 
 
 def absolute_tolerance(settings: SolverSettings) -> float:

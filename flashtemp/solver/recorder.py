@@ -10,10 +10,10 @@ from flashtemp.errors import SolverFailure
 from flashtemp.meshes.mesh import Mesh
 from flashtemp.model.numerics import SolverSettings
 from flashtemp.physics.quantities import KELVIN
-from flashtemp.solver import lanes
-from flashtemp.solver.balance import HeatBalance
+from flashtemp.solver import contact_lanes
+from flashtemp.solver.heat_balance import HeatBalance
 from flashtemp.solver.interface import SolvedContact
-from flashtemp.solver.progress import MarchState
+from flashtemp.solver.march_state import MarchState
 from flashtemp.solver.run import Run
 from flashtemp.solver.system import PhaseSystem
 
@@ -39,8 +39,15 @@ def record_times(phase, schedule, settings: SolverSettings) -> list[tuple[float,
     return [(t, t in whole or t in asked) for t in sorted({*times, *asked})]
 
 
-def record_state(system: PhaseSystem, t: float, y: np.ndarray, march_state: MarchState, with_field: bool, precision: type = np.float32) -> None:
-    """Append surface profiles, friction, ledger and, with `frame`, all cells' temperatures (in a `precision`) at t."""
+def record_state(
+    system: PhaseSystem,
+    t: float,
+    y: np.ndarray,
+    march_state: MarchState,
+    with_field: bool,
+    precision: type = np.float32,
+) -> None:
+    """Append surface profiles, friction, ledger and, with `with_field`, all cells' temperatures (in a `precision`) at t."""
     b, mesh, phase = system.b, system.b.scene.mesh, system.phase
     moment, worn = system.moment(t), b.worn_depth(y)
     if worn.max() >= b.scene.height:
@@ -114,7 +121,7 @@ def _contact_temperatures(system: PhaseSystem, moment, contact: SolvedContact, T
     else:
         surface = b.boundary.surface_rise("block.face", system.interface.moment_at_contact(state, moment), T, kf)
         spot = surface + C0
-        lane = lanes.lane_rises(b, state, T, road) + C0
+        lane = contact_lanes.lane_rises(b, state, T, road) + C0
     return {"T_block": surface + C0, "T_spot": spot, "T_road": lane}
 
 
@@ -142,11 +149,11 @@ def _cell_temperatures(system: PhaseSystem, moment, contact: SolvedContact, T, c
     road -= came[0].reshape(mesh.n_road, -1)
     colder = system.b.share * min(road.min(), 0.0)  # the coldest mean of the road across y, below what came in
     fallen = weights @ road
-    lane, fall = (lanes.extend_over_lines(mesh, a)[:, None] for a in (contact.state.lane, contact.state.fall))
+    lane, fall = (contact_lanes.extend_over_lines(mesh, a)[:, None] for a in (contact.state.lane, contact.state.fall))
     fallen *= fall
     road -= fallen
     road *= lane
-    fresh = lanes.incoming_lane_rises(system.b, weights, came)
+    fresh = contact_lanes.incoming_lane_rises(system.b, weights, came)
     road += C0 + fresh
     coldest = min(T[system.b.cell_block].min(), fresh.min() + colder)  # the bound of `lanes.rises`
     np.maximum(road, C0 + coldest, out=road)

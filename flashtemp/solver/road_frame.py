@@ -49,7 +49,7 @@ class RoadOverlap(NamedTuple):
 
 @dataclass(frozen=True)
 class RoadFrame:
-    """Lines of `dx` (m) on a mesh, of which `passing` pass before the road is put back on the mesh."""
+    """Lines of `dx` (m) on a mesh, of which `leg_lines` pass before the road is put back on the mesh."""
 
     mesh: Mesh
     dx: float
@@ -101,7 +101,7 @@ class RoadFrame:
     def rim_resistance(self, under: RoadOverlap, bare: np.ndarray, passed: np.ndarray, road) -> np.ndarray:
         """By how much (columns,) m2 K/W a spot is hotter than cells of `road` of which a share `bare` is left free.
 
-        `bare` (columns of road between `edges`, planes).  After a time `passed` (columns,) s the heat is still where it
+        `bare` (columns of road between `column_edges`, planes).  After a time `passed` (columns,) s the heat is still where it
         came in, later it has gone sideways by a cell: resistances side by side (theory.md, eq. (7c)).
         """
         ny = self.mesh.n_across
@@ -124,7 +124,7 @@ class RoadFrame:
         return resistance
 
     def find_overlap(self, passed: float, own: np.ndarray, covered) -> RoadOverlap:
-        """What touches on which road, for areas `covered` (2 columns per plane, ...) on the `strips`."""
+        """What touches on which road, for areas `covered` (2 columns per plane, ...) on the `strip_edges`."""
         mesh, before = self.mesh, self.line_offset(passed)[1] >= 0
         beside, all_ = covered[0 if before else 1 :: 2].ravel(), (covered[::2] + covered[1::2]).ravel()
         lines = np.arange(mesh.first, mesh.last) + (-1 if before else 1)

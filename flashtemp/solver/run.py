@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from flashtemp.display import DisplayMixin, DisplayTable
 from flashtemp.meshes.mesh import Mesh
 from flashtemp.physics.interpolation import line_through_means
-from flashtemp.showing import DisplayTable, DisplayMixin
 
 
 @dataclass(frozen=True, repr=False)
@@ -157,7 +157,10 @@ class Run(DisplayMixin):
     @cached_property
     def summary(self) -> dict:
         """The numbers of summary.json (contract 5.3)."""
-        T, lead = self.T_block[self.last_sliding_index] - self.ambient_degC, self.leading_line_index(self.last_sliding_index)
+        T, lead = (
+            self.T_block[self.last_sliding_index] - self.ambient_degC,
+            self.leading_line_index(self.last_sliding_index),
+        )
         return {
             "title": self.title,
             "T_max_degC": float(max(np.nanmax(self.T_spot), np.nanmax(self.T_block))),

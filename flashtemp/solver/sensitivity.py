@@ -18,30 +18,39 @@ from flashtemp.meshes.mesh import Mesh
 from flashtemp.model.numerics import SolverSettings
 from flashtemp.model.scene import Scene
 from flashtemp.model.schedule import Phase
-from flashtemp.solver.balance import HeatBalance
 from flashtemp.solver.between import StateInterpolant, interpolate_quadratic
-from flashtemp.solver.circular_track import TRACK_FIELDS, build_inflow, store_leaving_column, has_road_memory, build_track
+from flashtemp.solver.circular_track import (
+    TRACK_FIELDS,
+    build_inflow,
+    build_track,
+    has_road_memory,
+    store_leaving_column,
+)
 from flashtemp.solver.conjugate_residuals import solve_shifted_system
+from flashtemp.solver.heat_balance import HeatBalance
 from flashtemp.solver.march import march
-from flashtemp.solver.progress import MarchState
+from flashtemp.solver.march_state import MarchState
+from flashtemp.solver.mesh_mapping import corresponding_phase, stretch_mesh
+from flashtemp.solver.phase_transitions import remap_road, start_phase
 from flashtemp.solver.recorder import build_run, record_state
 from flashtemp.solver.run import Run
-from flashtemp.solver.stretching import corresponding_phase, stretch_mesh
 from flashtemp.solver.system import PhaseSystem
-from flashtemp.solver.turning import remap_road, start_phase
 
 FIRST_STEP_U, MAX_STEP_U = 0.03, 0.1  # first and longest step, in roots of the share of a stretch
 CORRECTION_RATIO = 0.2  # change by the correction over the change in the stretch, from which the next step follows
-FINE_CORRECTION_RATIO, FINE_STEP_WINDOWS = 0.03, 4.0  # the same as long as what slid first may be seen, and for how many windows of sliding it may
+FINE_CORRECTION_RATIO, FINE_STEP_WINDOWS = (
+    0.03,
+    4.0,
+)  # the same as long as what slid first may be seen, and for how many windows of sliding it may
 MAX_STEP_GROWTH = 2.0  # BDF2 is stable up to 2.4
 NEGLIGIBLE_CHANGE_K = 1e-7  # K: a change that need not be followed
 
 
 @dataclass(frozen=True)
 class Perturbation:
-    """A scene with one parameter moved by `step`; nothing differs before the time `since` (s).
+    """A scene with one parameter moved by `step`; nothing differs before the time `start_s` (s).
 
-    `stretched`: block and schedule may be longer or shorter than the run's; cells and records are then those at the
+    `is_stretched`: block and schedule may be longer or shorter than the run's; cells and records are then those at the
     same share of the block's length and height, and of each repetition and wait.
     """
 
@@ -58,7 +67,7 @@ ParameterName = TypeVar("Name", bound=Hashable)
 class RunWithSensitivities(Generic[ParameterName]):
     """A run, and runs (linear in their `steps`) with one parameter moved each.
 
-    `level` is the run as the neighbours see it, on their own times: take differences against it.
+    `reference` is the run as the neighbours see it, on their own times: take differences against it.
     """
 
     run: Run
@@ -72,7 +81,12 @@ class RunWithSensitivities(Generic[ParameterName]):
 
 
 def run_with_sensitivities(
-    scene: Scene, settings: SolverSettings, perturbations: dict[ParameterName, Perturbation], title: str = "", at=(), dense: bool = False
+    scene: Scene,
+    settings: SolverSettings,
+    perturbations: dict[ParameterName, Perturbation],
+    title: str = "",
+    at=(),
+    dense: bool = False,
 ) -> RunWithSensitivities[ParameterName]:
     """March a scene with neighbours beside it.
 
@@ -151,7 +165,7 @@ def _shared_mesh(plain: Scene, scene: Scene) -> Mesh:
 
 @dataclass(frozen=True)
 class _PhaseSegment:
-    """A neighbour `of` a run in one phase, with room `out` for rates; its clock goes at `pace` since `begin`."""
+    """A neighbour `perturbed_run` a run in one phase, with room `rate_buffer` for rates; its clock goes at `clock_rate` since `begin`."""
 
     perturbed_run: _PerturbedRun
     system: PhaseSystem
@@ -185,20 +199,34 @@ class _PhaseSegment:
         return self.rate_buffer[: self.perturbed_run.m]
 
     def record_own(self, t, y, s, frame: bool) -> None:
-        record_state(self.system, self.own_time(t), self.perturbed_run.own_state(y, s), self.perturbed_run.march_state, frame, float)
+        record_state(
+            self.system,
+            self.own_time(t),
+            self.perturbed_run.own_state(y, s),
+            self.perturbed_run.march_state,
+            frame,
+            float,
+        )
 
     def store_own_column(self, t, y, s) -> None:
         if self.perturbed_run.march_state.track is not None:
-            store_leaving_column(self.system, self.own_time(t), self.perturbed_run.own_state(y, s), self.perturbed_run.march_state.track)
+            store_leaving_column(
+                self.system, self.own_time(t), self.perturbed_run.own_state(y, s), self.perturbed_run.march_state.track
+            )
 
 
 class SensitivityIntegrator:
-    """All neighbours of a run; `march` calls `stretch` after each stretch and `renew` at each new start or turn."""
+    """All neighbours of a run; `march` calls `integrate_segment` after each stretch and `start_phase` at each new start or turn."""
 
-    def __init__(self, scene: Scene, perturbations: Mapping[Any, Perturbation], requested_times: frozenset[float], dense: bool):
+    def __init__(
+        self, scene: Scene, perturbations: Mapping[Any, Perturbation], requested_times: frozenset[float], dense: bool
+    ):
         base = HeatBalance(scene)
         self.requested_times, self.dense = requested_times, dense
-        self.perturbed_runs = [_PerturbedRun(base, Perturbation(scene, 0.0)), *(_PerturbedRun(base, m) for m in perturbations.values())]
+        self.perturbed_runs = [
+            _PerturbedRun(base, Perturbation(scene, 0.0)),
+            *(_PerturbedRun(base, m) for m in perturbations.values()),
+        ]
 
     def start_phase(self, before, phase, old: np.ndarray) -> None:
         """A new repetition begins or the block turns, out of the run's state `old`."""
@@ -228,7 +256,12 @@ class SensitivityIntegrator:
                 one.march_state.track = replace(one.march_state.track, **kept)
         S = np.array([one.s for one in live]).reshape(len(live), len(level.s))
         S = _integrate_differences(
-            phase, StateInterpolant(path), level.phase_segment(phase, leg), [one.phase_segment(phase, leg) for one in live], S, times
+            phase,
+            StateInterpolant(path),
+            level.phase_segment(phase, leg),
+            [one.phase_segment(phase, leg) for one in live],
+            S,
+            times,
         )
         for k, one in enumerate(live):
             one.s = S[k]
@@ -244,14 +277,18 @@ class SensitivityIntegrator:
         return [(t, t in self.requested_times or t == 0.0) for t in own if t in self.requested_times or t in kept]
 
 
-def _integrate_differences(phase, path: StateInterpolant, level: _PhaseSegment, live: list[_PhaseSegment], S, times) -> np.ndarray:
+def _integrate_differences(
+    phase, path: StateInterpolant, level: _PhaseSegment, live: list[_PhaseSegment], S, times
+) -> np.ndarray:
     """Differences (k, cells, worn depth, ledger) of live neighbours at the end of a stretch; S those at its start.
 
     Steps are taken in u, with t = begin + span u^2: heat that begins to flow goes as sqrt(t), and BDF2 is exact for
     parabolas of u.  The ledger follows the rest and has no say in the length of steps.
     """
     m = level.system.b.worn.stop
-    longest = 0.5 * MAX_STEP_U if level.system.b.laws.has_law("road.inflow") else MAX_STEP_U  # what comes round changes all the time
+    longest = (
+        0.5 * MAX_STEP_U if level.system.b.laws.has_law("road.inflow") else MAX_STEP_U
+    )  # what comes round changes all the time
     begin, size = S, np.array([0.05 * one.largest_difference(s) for one, s in zip(live, S, strict=True)])
     size = np.maximum(size, [NEGLIGIBLE_CHANGE_K / abs(one.perturbed_run.step) for one in live])
     old, before = S, 0.0
@@ -290,10 +327,12 @@ def _fine_step_distance(phase, level: _PhaseSegment, times) -> float:
     return reach if seen else 0.0
 
 
-def _bdf2_step(y, t: float, pace: float, steps: tuple[float, float], last, level: _PhaseSegment, live: list[_PhaseSegment]):
+def _bdf2_step(
+    y, t: float, pace: float, steps: tuple[float, float], last, level: _PhaseSegment, live: list[_PhaseSegment]
+):
     """Differences after a step of BDF2 to the time t (s), where the run is at y, and Newton's correction.
 
-    `steps` in u, this one and that before, of which the latter is 0 for the first: that is Euler's; `pace` dt/du.
+    `steps` in u, this one and that before, of which the latter is 0 for the first: that is Euler's; `clock_rate` dt/du.
     `last` differences before and after the step before.
     """
     (h, before), (old, S) = steps, last
@@ -306,9 +345,16 @@ def _bdf2_step(y, t: float, pace: float, steps: tuple[float, float], last, level
     for k, one in enumerate(live):
         n = one.perturbed_run.m
         R[k] = known[k] - guess[k]
-        R[k, :n] = known[k, :n] + gamma * (one.own_rate(t, y, guess[k]) - start[:n]) / one.perturbed_run.step - guess[k, :n]
+        R[k, :n] = (
+            known[k, :n] + gamma * (one.own_rate(t, y, guess[k]) - start[:n]) / one.perturbed_run.step - guess[k, :n]
+        )
     b = level.system.b
-    change = solve_shifted_system(level.system.linearise(t, level.perturbed_run.own_state(y, level.perturbed_run.s), gamma), b.size, b.worn.stop, R)
+    change = solve_shifted_system(
+        level.system.linearise(t, level.perturbed_run.own_state(y, level.perturbed_run.s), gamma),
+        b.size,
+        b.worn.stop,
+        R,
+    )
     return guess + change, change
 
 

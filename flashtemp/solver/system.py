@@ -12,20 +12,28 @@ import numpy as np
 from flashtemp.errors import SolverFailure
 from flashtemp.model.scene import LawContext
 from flashtemp.solver import conduction, kernels_2d, kernels_contact
-from flashtemp.solver.balance import HeatBalance
 from flashtemp.solver.boundary_heat import FilmCoefficients
-from flashtemp.solver.interface import SolvedContact, ContactInterface
+from flashtemp.solver.evaluation_cache import SystemCache
+from flashtemp.solver.heat_balance import HeatBalance
+from flashtemp.solver.interface import ContactInterface, SolvedContact
 from flashtemp.solver.kernels_contact import common_dtype
-from flashtemp.solver.linearised import LedgerMap, LinearisedSystem, ShiftedLinearisation, contact_slopes, outflow_slopes
-from flashtemp.solver.recent import SystemCache
+from flashtemp.solver.linearisation import (
+    LedgerMap,
+    LinearisedSystem,
+    ShiftedLinearisation,
+    contact_slopes,
+    outflow_slopes,
+)
 
-INTEGRATOR_ATOL_K = 1e-3  # the integrator's default absolute tolerance: smaller undershoots are not told from its errors
+INTEGRATOR_ATOL_K = (
+    1e-3  # the integrator's default absolute tolerance: smaller undershoots are not told from its errors
+)
 
 
 class RoadInflow(NamedTuple):
-    """What the entering road carries, rises (n_road n_across,) K: `carried` of earlier passes, averaged across y.
+    """What the entering road carries, rises (n_road n_across,) K: `earlier_rise` of earlier passes, averaged across y.
 
-    Where the block slides back over road that it has just left, what it gave its columns comes `back` beside that.
+    Where the block slides back over road that it has just left, what it gave its columns comes `revisited_rise` beside that.
     """
 
     earlier_rise: np.ndarray
@@ -90,24 +98,24 @@ class PhaseSystem:
         return met
 
     def incoming_rise(self, now) -> np.ndarray:
-        """Temperature rise (n_road n_across,) of columns of the road that enters now: `road`."""
+        """Temperature rise (n_road n_across,) of columns of the road that enters now: `incoming_road`."""
         columns: np.ndarray = self.incoming_road(now)[0]
         return columns
 
     def road_after_passes(self, now, carried: np.ndarray) -> np.ndarray:
-        """`road` (..., 2, n_road n_across) on which earlier passes left `carried` across y, as effects let it come.
+        """`incoming_road` (..., 2, n_road n_across) on which earlier passes left `earlier_rise` across y, as effects let it come.
 
         Heat of earlier passes lies in the columns, which are a share of the width, and has widened (theory 2a).
         """
         cold = now.ambient - self.b.scene.ambient + 0.0 * carried
         before, after = (
-            self.b.laws("road.inflow", cold, None, now.seeing(carried=left)) for left in (0.0 * carried, carried)
+            self.b.laws("road.inflow", cold, None, now.with_fields(carried=left)) for left in (0.0 * carried, carried)
         )
         own = (after - before) / self.b.share
         return np.stack([before + own, own], axis=-2)
 
     def undisturbed_road(self, now, behind: np.ndarray) -> np.ndarray:
-        """`road` (places, 2, n_road n_across) that is `behind` (m) the window's edge, had it met no block since.
+        """`incoming_road` (places, 2, n_road n_across) that is `behind` (m) the window's edge, had it met no block since.
 
         Where the block slides back, that of the road that enters now.
         """
@@ -118,15 +126,19 @@ class PhaseSystem:
         if self.inflow is None:
             return np.zeros((len(behind), len(self.b.no_inflow)))
         inflow, share = self.inflow, self.b.share
-        return self._evaluate_behind(lambda when: inflow(when).earlier_rise / share, now, behind, self.b.no_inflow.shape)
+        return self._evaluate_behind(
+            lambda when: inflow(when).earlier_rise / share, now, behind, self.b.no_inflow.shape
+        )
 
-    def _evaluate_behind(self, what: Callable[..., np.ndarray], now, behind: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    def _evaluate_behind(
+        self, what: Callable[..., np.ndarray], now, behind: np.ndarray, shape: tuple[int, ...]
+    ) -> np.ndarray:
         """Something, of a `shape`, of the road that enters, for road that came in `behind` (places,) m ago."""
         if self.inflow is None or self.phase.turned > -np.inf:
             return np.broadcast_to(what(now), (len(behind), *shape))
         if len(behind) == 0:
             return np.zeros((0, *shape))
-        came = what(now.seeing(passed=now.passed - behind[:, None]))
+        came = what(now.with_fields(passed=now.passed - behind[:, None]))
         return np.broadcast_to(came, (len(behind), *shape))
 
     def revisited_rise(self, now) -> np.ndarray | float:
@@ -134,9 +146,11 @@ class PhaseSystem:
         return 0.0 if self.inflow is None else self.inflow(now).own_rise
 
     def solve_contact(self, now, y) -> SolvedContact:
-        """Block and road at a state y as `placed`: pressure, contact laws and, unless the block is lifted, fluxes."""
+        """Block and road at a state y as `to_block_frame`: pressure, contact laws and, unless the block is lifted, fluxes."""
         T = self.b.temperature_rise(y[: self.b.n])
-        return self.interface.solve_contact(now, self.b.worn_depth(y), T, self.incoming_road(now), self.solid.conductivity_factor(T, now))
+        return self.interface.solve_contact(
+            now, self.b.worn_depth(y), T, self.incoming_road(now), self.solid.conductivity_factor(T, now)
+        )
 
     def contact_if_needed(self, now, y, T, kf, slopes: bool = False) -> SolvedContact | None:
         """The contact where any heat may depend on it: not where the block is lifted and no law sees the contact."""
@@ -146,7 +160,11 @@ class PhaseSystem:
 
     def moment_for_laws(self, contact: SolvedContact | None, now):
         """The moment as laws of heat see it: where there are only films it is not told the contact, which they miss."""
-        return now if contact is None or not self.b.boundary.has_local_laws else self.interface.moment_at_contact(contact.state, now)
+        return (
+            now
+            if contact is None or not self.b.boundary.has_local_laws
+            else self.interface.moment_at_contact(contact.state, now)
+        )
 
     def uniform_pressure_moment(self, now) -> LawContext:
         """The moment as laws of the contact see it where the mean pressure acts everywhere, whatever the state is."""
@@ -198,7 +216,7 @@ class PhaseSystem:
         return None
 
     def _block_frame_rate(self, now, y: np.ndarray, out: np.ndarray) -> None:
-        """The rate at a state as `placed`."""
+        """The rate at a state as `to_block_frame`."""
         b, n = self.b, self.b.n
         h = y[:n]
         T = b.temperature_rise(h)
@@ -250,7 +268,7 @@ class PhaseSystem:
         return at if frame is None else ShiftedLinearisation(at, frame, frame.shifted_lines(now.passed, self.leg))
 
     def _linearise_state(self, now, y: np.ndarray, gamma: float) -> LinearisedSystem:
-        """Around a state as `placed`."""
+        """Around a state as `to_block_frame`."""
         b = self.b
         T = b.temperature_rise(y[: b.n])
         kf = self.solid.conductivity_factor(T, now)
@@ -266,7 +284,9 @@ class PhaseSystem:
         }
         coupling = None
         if contact is not None and contact.slopes is not None and (b.abrades or b.expansion or b.elastic_block):
-            coupling = self.interface.abrasion_coupling(contact, now, b.worn_depth(y), T, self.incoming_road(now), kf, gamma)
+            coupling = self.interface.abrasion_coupling(
+                contact, now, b.worn_depth(y), T, self.incoming_road(now), kf, gamma
+            )
         state = None if contact is None else contact.state
         T_in = self.incoming_rise(now)
         h_in = self.incoming_enthalpy(T_in + self.revisited_rise(now) if self.phase.turned > -np.inf else T_in)
@@ -274,7 +294,9 @@ class PhaseSystem:
         solid = self.solid.linearise(gamma, kf, carry, stretch, slopes, joined, bounded)
         return LinearisedSystem(b, gamma, stretch, LedgerMap.from_rows(b, joined), state, books, solid, coupling)
 
-    def _wall_slopes(self, contact: SolvedContact | None, now: LawContext, T, kf) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    def _wall_slopes(
+        self, contact: SolvedContact | None, now: LawContext, T, kf
+    ) -> list[tuple[str, np.ndarray, np.ndarray]]:
         """Slopes of the heat of walls: films on a body of constant conductivity keep theirs while they are the same."""
         recent, boundary, films = self.cache, self.b.boundary, self.film_coefficients(now)
         if boundary.has_local_laws or kf is not self.b.ones:

@@ -20,7 +20,7 @@ from flashtemp.errors import BadInput, SolverFailure
 from flashtemp.model.case import load_case
 from flashtemp.model.schema import CASE_TABLES, declared_params
 from flashtemp.physics.effect import Param, catalogue
-from flashtemp.solver import limits
+from flashtemp.solver import sanity_checks
 from flashtemp.solver.march import march
 
 SMALL = {
@@ -111,8 +111,8 @@ def coldness(case) -> tuple[object, float]:
             worst[0] = max(worst[0], below - COLD[0] - COLD[1] * max(high, 0.0))
         return checked(system, t, T, **bounds)
 
-    checked = limits.check_temperatures
-    with mock.patch.object(limits, "check", watch):
+    checked = sanity_checks.check_temperatures
+    with mock.patch.object(sanity_checks, "check", watch):
         run = march(case.scene, case.settings, case.title)
     return run, worst[0]
 

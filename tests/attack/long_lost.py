@@ -21,7 +21,7 @@ import xarray as xr
 
 from flashtemp.__main__ import main
 from flashtemp.errors import BadInput
-from flashtemp.runs import checkpoint
+from flashtemp.runs.results import checkpoint
 
 CASE = """title = "small"
 effects = ["track_memory", "friction_softening"]

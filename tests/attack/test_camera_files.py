@@ -22,9 +22,9 @@ import pytest
 import scipy.io
 import tifffile
 
-from flashtemp.camera import importing
-from flashtemp.camera.files import iter_frames, read_frames
-from flashtemp.camera.import_options import ImportOptions
+from flashtemp.camera.importing import recording_import
+from flashtemp.camera.importing.import_options import ImportOptions
+from flashtemp.camera.importing.readers import iter_frames, read_frames
 from flashtemp.errors import BadInput
 
 ROOT = Path(__file__).parents[2]
@@ -276,8 +276,10 @@ def test_a_jpeg_says_whose_it_is(tmp_path, segments, says):
 
 def test_clipped_sky_is_no_dead_pixel(tmp_path):
     (tmp_path / "a.csv").write_bytes(make.text(sky(-40.011)))
-    facts = ImportOptions(view="sidewall", downstream="right", pixel=(0.0, 59.0), mm_per_pixel=0.2, start=0.0, repetition=1)
-    found = importing.import_recording([tmp_path / "a.csv"], facts)
+    facts = ImportOptions(
+        view="sidewall", downstream="right", pixel=(0.0, 59.0), mm_per_pixel=0.2, start=0.0, repetition=1
+    )
+    found = recording_import.import_recording([tmp_path / "a.csv"], facts)
     said = " ".join(found.notes)
     assert "300 values beyond the camera's range are left out; they are no dead pixels" in said
     assert "dead pixels found" not in said
@@ -340,7 +342,7 @@ def bombs(folder: Path) -> dict[str, Path]:
 
 CHILD = """
 import resource, sys, time
-from flashtemp.camera.files import read
+from flashtemp.camera.importing.readers import read
 from flashtemp.errors import BadInput
 for name in sys.argv[1:]:
     begin = time.monotonic()
@@ -390,7 +392,7 @@ def test_a_long_sequence_is_read_piece_by_piece(tmp_path):
     facts = ImportOptions(
         view="sidewall", downstream="right", pixel=(0.0, 479.0), mm_per_pixel=0.1, fps=10.0, start=0.0, repetition=1
     )
-    r = importing.import_recording([tmp_path / "a.seq"], facts, folder=tmp_path).recording
+    r = recording_import.import_recording([tmp_path / "a.seq"], facts, folder=tmp_path).recording
     assert r.temperature.shape == (30, *counts.shape)
     first = read_frames(tmp_path / "a.seq", every=14).temperature
     assert np.allclose(r.temperature[0, ::-1], first[0], atol=1e-4, equal_nan=True)

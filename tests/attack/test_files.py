@@ -14,11 +14,11 @@ from flashtemp.camera import recording
 from flashtemp.camera.recording import Recording
 from flashtemp.errors import BadInput
 from flashtemp.model.case import load_case
-from flashtemp.physics import bounded_reading
+from flashtemp.physics import safe_text
 from flashtemp.physics.friction.master_curve_files import read_master_curve, read_shift
 from flashtemp.physics.friction.measured_roughness import read_profile, read_spectrum
 from flashtemp.physics.interpolation import read_xy_pairs
-from flashtemp.runs.running_in import _read_csv_file
+from flashtemp.runs.studies.running_in import _read_csv_file
 
 SOON = 5.0  # s on a machine that does other things too
 CURVE = [[10.0**k, 1e6 * 2.0**k, 1e5 * 2.0**k] for k in range(6)]
@@ -126,8 +126,8 @@ def test_a_table_of_gigabytes_is_refused_unread(tmp_path, kind):
 
 
 def test_a_digit_of_another_script_is_no_number():
-    assert bounded_reading.parse_plain_number("١") is None
-    assert bounded_reading.parse_plain_number("1" * 101) is None
+    assert safe_text.parse_plain_number("١") is None
+    assert safe_text.parse_plain_number("1" * 101) is None
 
 
 def small() -> Recording:

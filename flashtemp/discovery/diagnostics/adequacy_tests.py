@@ -8,12 +8,17 @@ import numpy as np
 import numpy.typing as npt
 
 from flashtemp.comparison.campaign import RecordingEntry
-from flashtemp.comparison.noise import lag1_autocorrelation, frame_mean
+from flashtemp.comparison.noise import frame_mean, lag1_autocorrelation
 from flashtemp.discovery.criteria import Criteria
 from flashtemp.discovery.decision import AdequacyTest
 from flashtemp.discovery.estimation.linear_gaussian import Array, DataBlock, whitened_residual
 from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
-from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD, PRESSURE_MODE_SD, is_camera_gain, unnamed_heat_priors
+from flashtemp.discovery.estimation.nuisance_priors import (
+    NUISANCE_SD,
+    PRESSURE_MODE_SD,
+    is_camera_gain,
+    unnamed_heat_priors,
+)
 from flashtemp.discovery.estimation.per_condition import estimate_effect_by_condition
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction.problem import Problem
@@ -31,7 +36,9 @@ def run_adequacy_tests(problem: Problem, fit: LinearisedFit, criteria: Criteria)
     setup = (Kind.SIZE, Kind.SCALE, Kind.TURN, Kind.CLOCK, Kind.SHIFT_U, Kind.SHIFT_V)  # reported by themselves
     keys = max((abs(v) for p, v in away.items() if p.kind is Kind.KEY), default=0.0)
     own = max((abs(v) for p, v in away.items() if p.kind is not Kind.KEY and p.kind not in setup), default=0.0)
-    scatter = [s.probability for e in fit.model.effects for s in estimate_effect_by_condition(problem, fit, e, every=True)]
+    scatter = [
+        s.probability for e in fit.model.effects for s in estimate_effect_by_condition(problem, fit, e, every=True)
+    ]
     least = -float(np.log10(criteria.condition_scatter))
     return (
         AdequacyTest("amplitude differs between conditions (-log10 of its probability)",
@@ -114,7 +121,11 @@ def simulate_structure_tests(fit: LinearisedFit, seed: int, stage: str) -> list[
             toys[i] = list(_structure_statistics(noise - Q @ (Q.T @ noise)).values())
         for j, (name, value) in enumerate(found.items()):
             far = np.abs(toys[:, j] - np.median(toys[:, j])) >= abs(value - np.median(toys[:, j]))
-            out.append(StructureTest(name, block.label, float(value), float((1 + far.sum()) / (1 + SIMULATED_DATA_SETS)), stage))
+            out.append(
+                StructureTest(
+                    name, block.label, float(value), float((1 + far.sum()) / (1 + SIMULATED_DATA_SETS)), stage
+                )
+            )
     return out
 
 

@@ -26,7 +26,9 @@ def camera_error_warnings(data: WhitenedData, fit: LinearisedFit) -> tuple[str, 
     out = []
     for block in fit.blocks:
         sizes = {kind: _family_rms(data, fit, block, kind) for kind in CAMERA_ERROR_WORDS}
-        parts = [f"{CAMERA_ERROR_WORDS[kind]} {size:.2g} K" for kind, size in sizes.items() if size > MIN_REPORTED_ERROR_K]
+        parts = [
+            f"{CAMERA_ERROR_WORDS[kind]} {size:.2g} K" for kind, size in sizes.items() if size > MIN_REPORTED_ERROR_K
+        ]
         if parts:
             out.append(f"{block.label}: errors of the camera were calibrated (rms): {', '.join(parts)}")
     return tuple(out)

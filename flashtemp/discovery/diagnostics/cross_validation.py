@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flashtemp.discovery.estimation.linear_gaussian import Array, DataBlock, Solution, LinearSystem, whitened_residual
+from flashtemp.discovery.estimation.linear_gaussian import Array, DataBlock, LinearSystem, Solution, whitened_residual
 from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
 from flashtemp.discovery.estimation.nuisance_priors import rigid_priors
 from flashtemp.discovery.estimation.whitening import WhitenedData
@@ -41,7 +41,7 @@ class CrossValidation:
 def without_flexible_terms(fit: LinearisedFit) -> LinearisedFit:
     """A fit that may not bend the pressure, the walls or the friction of a repetition: the model as people know it.
 
-    Nothing may go farther than MAX_PULL standard deviations from what was known, however badly the model fits.
+    Nothing may go farther than MAX_RIGID_PULL standard deviations from what was known, however badly the model fits.
     """
     priors = rigid_priors(fit.priors) | fit.effect_priors
     solution = fit.system.solve_bounded(priors, MAX_RIGID_PULL, fit.equations)
@@ -117,4 +117,6 @@ def _heldout_residual(system: LinearSystem, fit: LinearisedFit, training: Soluti
         known = float(np.sqrt(training.covariance[i, i]))
         shared = p in others and p.is_shared
         priors[p] = (float(training.d[i]), 1e-3 * known) if shared else fit.priors[p]
-    return whitened_residual(block, system.solve(priors, system.normal_equations(_block_filter(block), fit.hyper.variances)))
+    return whitened_residual(
+        block, system.solve(priors, system.normal_equations(_block_filter(block), fit.hyper.variances))
+    )

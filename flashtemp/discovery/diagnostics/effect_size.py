@@ -38,7 +38,9 @@ def largest_change(
     return LargestChange(file, EffectSize(share, friction, changed, _mesh_error(data, file)))
 
 
-def camera_fraction(data: WhitenedData, base: LinearisedFit, extended: LinearisedFit, candidates: Sequence[CandidateEffect]) -> float:
+def camera_fraction(
+    data: WhitenedData, base: LinearisedFit, extended: LinearisedFit, candidates: Sequence[CandidateEffect]
+) -> float:
     """The largest fraction of the rise of a recording that effects of an extended model change by themselves, if all of
     them act in the camera alone; else 0.  `base` has sensitivities of all `candidates`."""
     own = [c for c in candidates if c.effect in extended.model.effects]
@@ -62,7 +64,9 @@ def _mesh_error(data: WhitenedData, file: str) -> float:
     return CRITERIA.mesh_error_left * NUISANCE_SD[Kind.MESH] * max(coarser, default=0.0)
 
 
-def change_per_unit(data: WhitenedData, predictions: Sequence[Prediction], system: LinearSystem, p: ParameterId) -> float:
+def change_per_unit(
+    data: WhitenedData, predictions: Sequence[Prediction], system: LinearSystem, p: ParameterId
+) -> float:
     """The largest fraction of the rise of a recording (rms), or of the friction of a trace, that one unit of a
     parameter of a system changes if nothing else moves; `predictions` of all conditions where the system is linear."""
     shown = {file: o for prediction in predictions for file, o in prediction.observables.items()}

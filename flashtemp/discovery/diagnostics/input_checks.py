@@ -16,7 +16,7 @@ import numpy as np
 
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.diagnostics.stated_inputs import StatedInput
-from flashtemp.discovery.estimation.linear_gaussian import NormalEquations, LinearSystem
+from flashtemp.discovery.estimation.linear_gaussian import LinearSystem, NormalEquations
 from flashtemp.discovery.parameters import Kind, ParameterId, Prior, Priors
 
 MIN_GROUP_CORRELATION = 0.9  # of columns that nuisances cannot absorb
@@ -105,7 +105,11 @@ def _check_input(
     mean = nuisances[twin][0] if twin else 0.0
     others = {p: prior for p, prior in nuisances.items() if p != twin}
     prior: Prior = (mean, i.sd)
-    held = plain if twin is None else system.solve(others | {column: (mean, FIXED_INPUT_SD_FRACTION * i.sd)}, total).ln_evidence
+    held = (
+        plain
+        if twin is None
+        else system.solve(others | {column: (mean, FIXED_INPUT_SD_FRACTION * i.sd)}, total).ln_evidence
+    )
     found = system.solve(others | {column: prior}, total)
     change, sd = _remove_prior(found[column], found.sd(column), prior)
     ratio = min(found.sd(column) / i.sd, 1.0)

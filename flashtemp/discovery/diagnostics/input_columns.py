@@ -12,7 +12,11 @@ from flashtemp.discovery.hypotheses.candidates import ModelPoint
 from flashtemp.discovery.prediction.prediction import DerivativeRequest, Observable, Prediction, Single
 from flashtemp.discovery.prediction.problem import Problem
 
-INPUT_CELL_FACTORS = (0.5, 0.5, 0.5)  # times the cells along, up and down: columns differ by 1 to 8 %, a prior's sd as little
+INPUT_CELL_FACTORS = (
+    0.5,
+    0.5,
+    0.5,
+)  # times the cells along, up and down: columns differ by 1 to 8 %, a prior's sd as little
 
 
 def add_input_columns(

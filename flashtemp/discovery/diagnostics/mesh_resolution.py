@@ -8,7 +8,7 @@ import numpy as np
 
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.diagnostics.adequacy_tests import normalised_deviations
-from flashtemp.discovery.estimation.linearised_fit import LinearisedFit, FitStatus
+from flashtemp.discovery.estimation.linearised_fit import FitStatus, LinearisedFit
 from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY
 from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD
 from flashtemp.discovery.estimation.whitening import WhitenedData
@@ -16,7 +16,9 @@ from flashtemp.discovery.parameters import Kind
 from flashtemp.discovery.prediction.prediction import Prediction
 
 
-def lateral_resolution_warnings(data: WhitenedData, predictions: Iterable[Prediction], coarser_across: int) -> list[str]:
+def lateral_resolution_warnings(
+    data: WhitenedData, predictions: Iterable[Prediction], coarser_across: int
+) -> list[str]:
     """Whether half the cells across change a recording by more than the error that a model may have.
 
     `coarser_across`: number of the coarser mesh that has half the cells across, among all that were simulated; there is

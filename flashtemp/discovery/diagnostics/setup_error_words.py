@@ -10,13 +10,18 @@ from flashtemp.discovery.prediction.problem import Problem
 SETUP_ERROR_NAMES = {Kind.SCALE: "pixel_scale", Kind.TURN: "image_turn", Kind.CLOCK: "clock"}
 BLOCK_SIZE_NAMES = {"block.length": "block_length", "block.width": "block_width"}
 SETUP_ERROR_UNITS = {Kind.SCALE: "1", Kind.TURN: "degree", Kind.CLOCK: "s", Kind.SIZE: "1"}
-ALL_IMAGES_WORDS = {"sidewall": "all side walls", "wake": "all wakes", "profile": "all profiles", "points": "all points"}
+ALL_IMAGES_WORDS = {
+    "sidewall": "all side walls",
+    "wake": "all wakes",
+    "profile": "all profiles",
+    "points": "all points",
+}
 
 
 def setup_error_name(p: ParameterId) -> str:
     """As a cause is called in files.
 
-    >>> error_name(ParameterId(Kind.SCALE, file="wall.nc")), error_name(ParameterId(Kind.SIZE, name="block.length"))
+    >>> setup_error_name(ParameterId(Kind.SCALE, file="wall.nc")), setup_error_name(ParameterId(Kind.SIZE, name="block.length"))
     ('pixel_scale', 'block_length')
     """
     return BLOCK_SIZE_NAMES[p.name] if p.kind is Kind.SIZE else SETUP_ERROR_NAMES[p.kind]

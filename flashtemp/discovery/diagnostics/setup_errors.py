@@ -80,7 +80,12 @@ class ReducedFit:
 
 
 def find_setup_errors(
-    problem: Problem, data: WhitenedData, fit: LinearisedFit, with_inputs: LinearSystem, inputs: Sequence[StatedInput], criteria: Criteria
+    problem: Problem,
+    data: WhitenedData,
+    fit: LinearisedFit,
+    with_inputs: LinearSystem,
+    inputs: Sequence[StatedInput],
+    criteria: Criteria,
 ) -> tuple[SetupError, ...]:
     """Errors of the set-up and of stated inputs that a fit shows, the most certain first.
 
@@ -129,7 +134,9 @@ def _select_stepwise(system: ReducedFit, price: float) -> dict[tuple[int, ...], 
         best = better
 
 
-def _eliminate_backward(system: ReducedFit, free: tuple[int, ...], kept: tuple[int, ...], price: float) -> tuple[int, ...]:
+def _eliminate_backward(
+    system: ReducedFit, free: tuple[int, ...], kept: tuple[int, ...], price: float
+) -> tuple[int, ...]:
     """Errors that the data need, by backward elimination; those `kept` stay."""
     while set(free) - set(kept):
         now = system.solve(free)[0]
@@ -160,7 +167,11 @@ def _list_alternatives(
 
 
 def _reduce_fit(
-    problem: Problem, fit: LinearisedFit, system: LinearSystem, known: Mapping[ParameterId, StatedInput], discrepancy: float | None
+    problem: Problem,
+    fit: LinearisedFit,
+    system: LinearSystem,
+    known: Mapping[ParameterId, StatedInput],
+    discrepancy: float | None,
 ) -> ReducedFit | None:
     """All errors that may be asked: of the block, of all images of a view, of each of several, of stated inputs."""
     views = {v.file: v.recording.view for v in problem.campaign.views}
@@ -173,11 +184,17 @@ def _reduce_fit(
     names = (*names, *(p for p in known if p in system.index and p.name not in sizes))
     if not names:
         return None
-    priors: Priors = {p: v for p, v in fit.free_priors.items() if p.kind not in PLACEMENT_KINDS and p.kind is not Kind.SIZE}
+    priors: Priors = {
+        p: v for p, v in fit.free_priors.items() if p.kind not in PLACEMENT_KINDS and p.kind is not Kind.SIZE
+    }
     if discrepancy is not None:
         priors |= {p: (mean, discrepancy) for p, (mean, _) in priors.items() if p.kind is Kind.FLOOR}
     # a recording that is the only one of its view lies where the fit has it: its error is that of the view
-    alone = {views[p.file]: p for p in fit.solution.names if p.kind in PLACEMENT_KINDS and p.file and count[views[p.file]] == 1}
+    alone = {
+        views[p.file]: p
+        for p in fit.solution.names
+        if p.kind in PLACEMENT_KINDS and p.file and count[views[p.file]] == 1
+    }
     # cameras of data that are held out stand somewhere too
     found = system.project_out(priors, list(names), system.normal_equations(lambda b: True, fit.hyper.variances))
     places = []
@@ -211,7 +228,9 @@ def _make_error(
     return SetupError(key, p, factor * value, factor * sd, unit, value / usual, gain, sentence, others)
 
 
-def _visible_fraction(data: WhitenedData, fit: LinearisedFit, system: LinearSystem, p: ParameterId, value: float, gain: float) -> float:
+def _visible_fraction(
+    data: WhitenedData, fit: LinearisedFit, system: LinearSystem, p: ParameterId, value: float, gain: float
+) -> float:
     """How much of the rise of recordings, or of the friction of a trace, an error changes.
 
     Of an image what no other unknown can imitate, rms over all that it acts on; of an input and of a size of the block

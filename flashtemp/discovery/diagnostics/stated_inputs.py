@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from flashtemp.camera.instrument import TYPICAL_EMISSIVITY
+from flashtemp.camera.prediction.camera_model import TYPICAL_EMISSIVITY
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.known_inputs import VIEW_KEYS, StatedUncertainty
 from flashtemp.discovery.hypotheses.input_kinds import (
@@ -77,7 +77,9 @@ def _case_inputs(problem: Problem, cases: list[Case]) -> Iterator[StatedInput]:
         if key not in problem.campaign.free:
             values = [v for case in cases if (v := course_values(case, key))]
             about = cases[0].declared_params(key.rpartition(".")[0])[key.rpartition(".")[2]].about
-            yield _make_input(problem, key, _describe_key(key, about), unit, tuple(dict.fromkeys(max(v, key=abs) for v in values)))
+            yield _make_input(
+                problem, key, _describe_key(key, about), unit, tuple(dict.fromkeys(max(v, key=abs) for v in values))
+            )
 
 
 def _uncertain_choices(case: Case, known: Mapping[str, StatedUncertainty]) -> Iterator[tuple[str, str, str]]:
@@ -121,7 +123,7 @@ def _make_input(problem: Problem, key: str, words: str, unit: str, values: tuple
 def _describe_key(key: str, about: str) -> str:
     """A key in plain words, with the material or layer that it is of.
 
-    >>> _words("materials.asphalt.density", "density"), _words("friction.mu", "friction coefficient; or a table")
+    >>> _describe_key("materials.asphalt.density", "density"), _describe_key("friction.mu", "friction coefficient; or a table")
     ('density of asphalt', 'friction coefficient')
     """
     kind, *names, _ = key.split(".")

@@ -11,7 +11,15 @@ import numpy as np
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.parameters import ALL_CONDITIONS, POINT_KINDS, Kind, ParameterId
 from flashtemp.discovery.prediction.problem import ASSUMED_CAMERA_VALUES
-from flashtemp.discovery.verdict import Cause, ParameterEstimate, InputCorrection, InputResult, LearnedLaw, RuleResult, Verdict
+from flashtemp.discovery.verdict import (
+    Cause,
+    InputCorrection,
+    InputResult,
+    LearnedLaw,
+    ParameterEstimate,
+    RuleResult,
+    Verdict,
+)
 from flashtemp.physics.effect import Effect
 
 MAX_LISTED_ITEMS = 3  # of each kind in the text; the report lists all
@@ -158,9 +166,19 @@ def describe_verdict(v: Verdict, known: Mapping[str, type[Effect]]) -> tuple[str
     if v.kind == "named" and (own := _physical_causes(v)) and all(_acts_in_camera(c, known) for c in own):
         lead = "No effect on heat is missing from the model, but the measurement has an error"
         answer[0] = f"{lead}: {' and '.join(map(_cause_words, own))}."
-    is_setup_in_answer = (v.kind == "named" and not _physical_causes(v)) or (v.kind == "group" and not _is_physical(v, known))
+    is_setup_in_answer = (v.kind == "named" and not _physical_causes(v)) or (
+        v.kind == "group" and not _is_physical(v, known)
+    )
     setup = [] if is_setup_in_answer else [_setup_difference(c) for c in v.causes if c.laboratory]
-    return (*answer, *setup, *_describe_contradictions(v), *_describe_gain(v), *_describe_alternative(v), *_describe_shifts(v), *_describe_usual_errors(v))
+    return (
+        *answer,
+        *setup,
+        *_describe_contradictions(v),
+        *_describe_gain(v),
+        *_describe_alternative(v),
+        *_describe_shifts(v),
+        *_describe_usual_errors(v),
+    )
 
 
 def _physical_causes(v: Verdict) -> list[Cause]:
@@ -387,7 +405,9 @@ def _estimate_words(p: ParameterEstimate) -> str:
 
 def _setup_difference(c: Cause) -> str:
     """An error of the set-up or of a recording, with its size and evidence."""
-    size = "; ".join(f"{_format_error(abs(p.value), p.unit)} +- {_format_error(p.stderr, p.unit)}" for p in c.parameters)
+    size = "; ".join(
+        f"{_format_error(abs(p.value), p.unit)} +- {_format_error(p.stderr, p.unit)}" for p in c.parameters
+    )
     line = f"The set-up differs from what is stated: {c.words}{f' ({size})' if size else ''}"
     if c.ln_bayes >= LN_BAYES_IMPOSSIBLE:
         return f"{line}; as stated it is impossible."
@@ -429,7 +449,7 @@ def _describe_doubt(c: Cause) -> Iterator[str]:
 def _format_digits(value: float, count: int = 4) -> str:
     """A number to some significant digits, without a power of ten where it is of everyday size.
 
-    >>> _digits(150000.0), _digits(7134.4, 2), _digits(1.5e-7), _digits(0.9600001)
+    >>> _format_digits(150000.0), _format_digits(7134.4, 2), _format_digits(1.5e-7), _format_digits(0.9600001)
     ('150000', '7100', '1.5e-07', '0.96')
     """
     if value and 1e-4 <= abs(value) < 1e6:
@@ -444,7 +464,7 @@ def _unit_suffix(unit: str) -> str:
 def _format_error(value: float, unit: str) -> str:
     """The size of an error of the set-up.
 
-    >>> _size(0.0123, "1"), _size(2.0, "degree"), _size(0.02, "s")
+    >>> _format_error(0.0123, "1"), _format_error(2.0, "degree"), _format_error(0.02, "s")
     ('1.2 %', '2 degrees', '0.02 s')
     """
     if unit == "1":
@@ -455,7 +475,7 @@ def _format_error(value: float, unit: str) -> str:
 def _format_kelvin(T: float) -> str:
     """A difference in kelvin, below one in millikelvin.
 
-    >>> _kelvin(1.132), _kelvin(0.0131)
+    >>> _format_kelvin(1.132), _format_kelvin(0.0131)
     ('1.13 K', '13.1 mK')
     """
     return f"{T:.3g} K" if T >= 1.0 else f"{1e3 * T:.3g} mK"

@@ -24,7 +24,9 @@ Array = npt.NDArray[np.float64]
 MAX_MAP_ORDER = 4  # total order of Legendre products: vignetting by the fourth power of the cosine has no more
 MAX_GROWING_MAP_ORDER = 2  # order of maps that a warming lens makes grow with time
 MAX_WIENER_MODES = 16  # of the offset between shutter events
-MIN_JUMP_PIXEL_FRACTION = 0.5  # fraction of pixels of a residual that must share a jump: what is left of heat covers the others
+MIN_JUMP_PIXEL_FRACTION = (
+    0.5  # fraction of pixels of a residual that must share a jump: what is left of heat covers the others
+)
 HALO_WIDTH_FRACTIONS = (0.05, 0.2)  # fractions of an image over which light goes astray
 UNTRACKED_MOTION_FRACTIONS = (0.1, 0.3)  # fractions of the motion that a camera which follows the body may miss
 CAMERA_ERROR_SCALES: dict[Kind, tuple[float, ...]] = {  # times its usual size that a family of errors may have
@@ -42,7 +44,7 @@ def camera_columns(
 ) -> dict[ParameterId, Single]:
     """Columns (frames, pixels inside) K of all camera errors of a recording as predicted; none of points.
 
-    `left` (frames, nv, nu) K is what a first fit leaves, in which jumps of the offset show; `speed` (frames,) m/s is
+    `residual` (frames, nv, nu) K is what a first fit leaves, in which jumps of the offset show; `speed` (frames,) m/s is
     that of sliding.
     """
     if r.places is not None:
@@ -136,7 +138,11 @@ def _iter_smear(r: Recording, predicted: Observable, sizes: CameraErrors, speed:
     if speed is None or len(r.u) < 3 or not np.any(speed):
         return
     body = binary_dilation(predicted.inside.any(axis=0), iterations=2)  # pixels near an edge are compared by nobody
-    scene = np.where(body, predicted.values, _reflected_temperature(r, predicted.values)) if r.view == "sidewall" else predicted.values
+    scene = (
+        np.where(body, predicted.values, _reflected_temperature(r, predicted.values))
+        if r.view == "sidewall"
+        else predicted.values
+    )
     for part in UNTRACKED_MOTION_FRACTIONS:
         length = part * np.abs(speed) * sizes.smear_s / r.pitch[0]
         for way in (1, -1):

@@ -14,18 +14,18 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.discovery.estimation.hyperparameters import Hyperparameters, priors_at_hyperparameters, maximise_evidence
+from flashtemp.discovery.estimation.hyperparameters import Hyperparameters, maximise_evidence, priors_at_hyperparameters
 from flashtemp.discovery.estimation.image_alignment import (
     Linearisation,
     align_images,
-    predict_image_steps,
     move_images,
+    predict_image_steps,
     profile_objective,
     step_beyond_fields,
     step_scales,
 )
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
-from flashtemp.discovery.estimation.linearised_fit import LinearisedFit, FitStatus
+from flashtemp.discovery.estimation.linearised_fit import FitStatus, LinearisedFit
 from flashtemp.discovery.estimation.trust_region import GOOD_RATIO, POOR_RATIO, QuadraticModel, TrustRegion
 from flashtemp.discovery.estimation.whitening import WhitenedData
 from flashtemp.discovery.hypotheses.candidates import CandidateEffect, ModelPoint, parameter_spec
@@ -72,7 +72,9 @@ class Hypothesis:
     keeps_candidates: bool = False
 
     @classmethod
-    def from_parent(cls, problem: Problem, data: WhitenedData, parent: LinearisedFit, effects: Sequence[CandidateEffect]) -> Hypothesis:
+    def from_parent(
+        cls, problem: Problem, data: WhitenedData, parent: LinearisedFit, effects: Sequence[CandidateEffect]
+    ) -> Hypothesis:
         """A fit with more effects, all of them off at first; their derivatives there belong to the parent's system."""
         model, own = parent.model, [c for c in problem.candidates if c.effect in parent.model.effects]
         for c in effects:
@@ -110,7 +112,7 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class LinearisedPoint:
-    """A linearised point of a fit with its hyperparameters; `exact`: all derivatives are of this point."""
+    """A linearised point of a fit with its hyperparameters; `is_exact`: all derivatives are of this point."""
 
     linearisation: Linearisation
     hyper: Hyperparameters
@@ -368,7 +370,9 @@ class FitOutcome:
     failed: dict[Any, str] = field(default_factory=dict)
 
 
-def run_fits(problem: Problem, fittings: Mapping[Any, FitGenerator], watch: ProgressCallback = lambda text: None) -> FitOutcome:
+def run_fits(
+    problem: Problem, fittings: Mapping[Any, FitGenerator], watch: ProgressCallback = lambda text: None
+) -> FitOutcome:
     """All fits to their ends, their simulations shared among the workers; one that others outrun goes no further."""
     live: dict[Any, tuple[FitGenerator, SimulationRequest]] = {}
     fits: dict[Any, LinearisedFit] = {}

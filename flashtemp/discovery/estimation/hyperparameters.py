@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from flashtemp.discovery.estimation.camera_error_columns import NO_CAMERA_ERRORS
-from flashtemp.discovery.estimation.linear_gaussian import NormalEquations, Solution, LinearSystem
+from flashtemp.discovery.estimation.linear_gaussian import LinearSystem, NormalEquations, Solution
 from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY, LEAST_DISCREPANCY
 from flashtemp.discovery.estimation.nuisance_priors import is_camera_gain, nuisance_priors, scale_priors
 from flashtemp.discovery.estimation.prior_widths import LN_ODDS_AGAINST_FAMILY, find_likeliest_widths
@@ -63,7 +63,9 @@ def maximise_evidence(
         return _maximise_at_noise(system, plain, more, asked, variances, discrepancies, problem)
     found, now = None, {b.label: 1.0 for b in system.blocks}
     for _ in range(MAX_NOISE_SWEEPS):
-        found = _maximise_at_noise(system, plain, more, system.normal_equations(variances=now), now, discrepancies, problem)
+        found = _maximise_at_noise(
+            system, plain, more, system.normal_equations(variances=now), now, discrepancies, problem
+        )
         wanted = estimate_noise_variances(system, found.solution)
         if all(abs(wanted[k] - now[k]) <= VARIANCE_TOLERANCE * now[k] for k in now):
             break
@@ -95,7 +97,9 @@ def _maximise_at_noise(
     return EvidenceMaximum(solution, priors, Hyperparameters(best.scale, best.floor, best.families, variances))
 
 
-def priors_at_hyperparameters(problem: Problem, system: LinearSystem, model: ModelPoint, hyper: Hyperparameters, more: Priors) -> Priors:
+def priors_at_hyperparameters(
+    problem: Problem, system: LinearSystem, model: ModelPoint, hyper: Hyperparameters, more: Priors
+) -> Priors:
     """Priors of the nuisances as seen from a point, and of `more`, at given hyperparameters."""
     plain = nuisance_priors(problem, system.names, model)
     return scale_priors(plain, hyper.scale, hyper.discrepancy, hyper.families) | more

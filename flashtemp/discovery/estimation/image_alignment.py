@@ -25,7 +25,9 @@ from flashtemp.errors import FlashtempError, SolverFailure
 
 MAX_ALIGNMENTS = 8  # images predicted again per simulation; two or three as a rule
 NEGLIGIBLE_ALIGNMENT_GAIN = 0.1  # ln evidence: no decision turns on less
-FIXED_STEP_SD = 1e-6  # of what stands still in a solution of all unknowns, relative: nothing moves it, nothing overflows
+FIXED_STEP_SD = (
+    1e-6  # of what stands still in a solution of all unknowns, relative: nothing moves it, nothing overflows
+)
 # Scale of a step of each kind: the contrast at an edge bends over a pixel, fields are kept within LAG of a frame
 IMAGE_STEP_SCALES = {
     Kind.SHIFT_U: 0.5, Kind.SHIFT_V: 0.5, Kind.SCALE: 0.01, Kind.TURN: 0.01, Kind.CLOCK: 0.5 * CLOCK_STEP_S, Kind.PLACE: 2.5e-4,
@@ -67,7 +69,9 @@ def align_images(
         step = _of_promising_images(names, model, region.limited_step(model, scale))
         if not step.any():
             break
-        trial = _predict_images(problem, data, start, move_images(start.model, dict(zip(names, step.tolist(), strict=True))))
+        trial = _predict_images(
+            problem, data, start, move_images(start.model, dict(zip(names, step.tolist(), strict=True)))
+        )
         there = profile_objective(problem, trial, hyper, fixed, with_heldout=True)
         ratio = (value - there) / max(model.predicted_reduction(step), 1e-300)
         region = region.next_region(ratio, step, scale)
@@ -88,11 +92,15 @@ def _of_promising_images(names: Sequence[ParameterId], model: QuadraticModel, st
 
 
 def profile_objective(
-    problem: Problem, at: Linearisation, hyper: Hyperparameters, fixed: frozenset[ParameterId], with_heldout: bool = False
+    problem: Problem,
+    at: Linearisation,
+    hyper: Hyperparameters,
+    fixed: frozenset[ParameterId],
+    with_heldout: bool = False,
 ) -> float:
     """Half of chi2 of data and priors at a point: physics and images stand still, all else is at its optimum.
 
-    Priors of `fixed` parameters of the physics are not counted.  `every` datum counts, or those that are fitted.
+    Priors of `fixed` parameters of the physics are not counted.  `with_heldout` datum counts, or those that are fitted.
     """
     images = image_parameters(at.system)
     free = _nuisance_priors(problem, at, hyper, fixed)
@@ -111,7 +119,11 @@ def step_beyond_fields(
     """
     names, model = _quadratic_model(problem, at, hyper, fixed)
     step = region.limited_step(model, step_scales(names))
-    return model.predicted_reduction(model.best_step()), model.predicted_reduction(step), dict(zip(names, step.tolist(), strict=True))
+    return (
+        model.predicted_reduction(model.best_step()),
+        model.predicted_reduction(step),
+        dict(zip(names, step.tolist(), strict=True)),
+    )
 
 
 def step_scales(names: Iterable[ParameterId]) -> Array:
@@ -126,7 +138,9 @@ def _quadratic_model(
     """The objective to second order in what images and sensors do; clocks within reach of the model `marched`."""
     images = image_parameters(at.system)
     free = _nuisance_priors(problem, at, hyper, fixed)
-    keep = at.system.normal_equations(lambda b: True, hyper.variances)  # cameras of data that are held out stand somewhere too
+    keep = at.system.normal_equations(
+        lambda b: True, hyper.variances
+    )  # cameras of data that are held out stand somewhere too
     found = at.system.project_out(free, list(images), keep)
     mean, precision = _image_prior(problem, at, images)
     limits = [_clock_limits(p, at.model, marched) for p in images]

@@ -67,7 +67,7 @@ class DataBlock:
         return np.block([[square, cross.T], [cross, self.FF]])
 
     def _gram_with_lent(self, known: Array, own: int, columns: list[int]) -> Array:
-        """Products of the first `own` columns with all, and those of the others, which are `columns` of `known`."""
+        """Products of the first `own` columns with all, and those of the others, which are `columns` of `known_columns`."""
         square, cross = gram_matrices([self.C[:, :own]], [self.C[:, own:], self.F])
         return np.block([[square, cross.T], [cross, known[np.ix_(columns, columns)]]])
 
@@ -82,7 +82,7 @@ class DataBlock:
 @dataclass(frozen=True)
 class NormalEquations:
     """`matrix` C'C (k, k), `right` C'r (k,), `square` r'r and the number `count` of data; `eliminated` is what
-    `Evidence` keeps of them."""
+    `EvidenceFunction` keeps of them."""
 
     matrix: Array
     right: Array
@@ -140,7 +140,11 @@ def gram_matrices(own: Sequence[Columns], others: Sequence[Columns] = ()) -> tup
 
     By parts of the rows, each converted once: a copy of all of them would be much memory.
     """
-    square, cross, n = np.zeros((_count_columns(own),) * 2), np.zeros((_count_columns(others), _count_columns(own))), len(own[0])
+    square, cross, n = (
+        np.zeros((_count_columns(own),) * 2),
+        np.zeros((_count_columns(others), _count_columns(own))),
+        len(own[0]),
+    )
     for first in range(0, n, GRAM_CHUNK_ROWS):
         a, b = (_stack_rows(columns, slice(first, min(first + GRAM_CHUNK_ROWS, n))) for columns in (own, others))
         square += a.T @ a
@@ -175,7 +179,10 @@ class LinearSystem:
         """The same columns with other residuals, by label."""
         out = copy(self)
         out.blocks = [b.with_residual(residuals[b.label]) for b in self.blocks]
-        out.parts = [replace(p, equations=_with_block_residual(p.equations, b)) for p, b in zip(self.parts, out.blocks, strict=True)]
+        out.parts = [
+            replace(p, equations=_with_block_residual(p.equations, b))
+            for p, b in zip(self.parts, out.blocks, strict=True)
+        ]
         return out
 
     def with_blocks(self, changed: Mapping[str, DataBlock]) -> LinearSystem:
@@ -297,7 +304,7 @@ class LinearSystem:
         return total.right[at], total.matrix[np.ix_(at, at)]
 
     def solve_bounded(self, priors: Priors, max_deviation: float, equations: NormalEquations | None = None) -> Solution:
-        """As `solve`, but no column may leave its prior mean by more than `most` standard deviations."""
+        """As `solve`, but no column may leave its prior mean by more than `max_deviation` standard deviations."""
         total = equations or self.normal_equations()
         free = self.solve(priors, total)
         at = [self.index[n] for n in free.names]
@@ -345,7 +352,7 @@ class EvidenceFunction:
     """ln evidence of data for columns of many widths: those of one recording alone (`groups`, indices) are eliminated
     recording by recording, so that only the `shared` ones are a dense matrix (block arrowhead, Schur complement).
 
-    `at` (columns,) are their numbers in `total`, whose columns `everything` are shared.  A recording is eliminated from
+    `at` (columns,) are their numbers in `normal_equations`, whose columns `everything` are shared.  A recording is eliminated from
     all of them at once: hypotheses that differ in what is shared alone find it done.
     """
 

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from flashtemp.discovery.estimation.hyperparameters import EvidenceMaximum, Hyperparameters, maximise_evidence
-from flashtemp.discovery.estimation.linear_gaussian import DataBlock, NormalEquations, Solution, LinearSystem
+from flashtemp.discovery.estimation.linear_gaussian import DataBlock, LinearSystem, NormalEquations, Solution
 from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY
 from flashtemp.discovery.hypotheses.candidates import ModelPoint
 from flashtemp.discovery.parameters import ParameterId, Priors

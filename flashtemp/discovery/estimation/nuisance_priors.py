@@ -8,17 +8,17 @@ import numpy as np
 import numpy.typing as npt
 
 from flashtemp.camera.camera_classes import CAMERA_CLASSES
-from flashtemp.camera.placement import ImagePlacement
+from flashtemp.camera.image_placement import ImagePlacement
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import RecordingEntry
 from flashtemp.discovery.estimation.camera_error_columns import NO_CAMERA_ERRORS
 from flashtemp.discovery.estimation.model_discrepancy import TYPICAL_DISCREPANCY
 from flashtemp.discovery.hypotheses.candidates import ModelPoint
 from flashtemp.discovery.parameters import (
-    POINT_KINDS,
     CAMERA_ERROR_KINDS,
-    SETUP_KINDS,
     PLACEMENT_KINDS,
+    POINT_KINDS,
+    SETUP_KINDS,
     SHIFT_KINDS,
     Kind,
     ParameterId,
@@ -48,7 +48,9 @@ UNSTATED_OPTICS_SD = 0.4  # relative width of optics that a recording does not s
 PRESSURE_MODE_SD = 0.01  # of the first pressure mode; the n-th has an n-th of it
 GAIN_MAP_HALF_WAVES = ((1, 0), (2, 0), (0, 1), (1, 1), (0, 2))
 PIVOT_SD_FRACTION = 3.0**-0.5  # of half an image: standard deviation of the point in it about which it is turned
-USUAL_SCALE_FRACTION = 0.5  # of a usual scale: from where the point about which it is off is not the one that was marked
+USUAL_SCALE_FRACTION = (
+    0.5  # of a usual scale: from where the point about which it is off is not the one that was marked
+)
 SCALED_KINDS = (Kind.SCATTER, Kind.MAP, Kind.WALL)  # than said where deviations of unknown shape are, up to MOST times
 MAX_SCALED_FACTOR = 3.0
 HEAT_MODE_SD = 0.05  # of the local heat: standard deviation of modes that have no name
@@ -114,7 +116,10 @@ def position_sd_px(recording: Recording, place: ImagePlacement, axis: int) -> fl
     """
     if recording.view != "sidewall":
         return recording.registration_sigma_px or 0.0
-    wrong = max(abs(place.scale) - USUAL_SCALE_FRACTION * NUISANCE_SD[Kind.SCALE], 0.0), PIVOT_SD_FRACTION * abs(place.turn)
+    wrong = (
+        max(abs(place.scale) - USUAL_SCALE_FRACTION * NUISANCE_SD[Kind.SCALE], 0.0),
+        PIVOT_SD_FRACTION * abs(place.turn),
+    )
     reach = [0.5 * float(centres[-1] - centres[0]) for centres in (recording.u, recording.v)]
     moved = np.hypot(wrong[0] * reach[axis], wrong[1] * reach[1 - axis])
     return float(np.hypot(recording.registration_sigma_px or 0.0, moved / recording.pitch[axis]))
@@ -137,7 +142,9 @@ def width_factors(scale: float, families: Mapping[Kind, float]) -> dict[tuple[Ki
     return out | {(Kind.MAP, True): families[Kind.MAP]}
 
 
-def scale_priors(priors: Priors, scale: float, floor: float, families: Mapping[Kind, float] = NO_CAMERA_ERRORS) -> Priors:
+def scale_priors(
+    priors: Priors, scale: float, floor: float, families: Mapping[Kind, float] = NO_CAMERA_ERRORS
+) -> Priors:
     """The same at a `scale` of what is small and unknown in shape, a `floor` of the model's own relative error, and
     sizes of the `families` of camera errors; those that are none are left out."""
     out, times = {}, width_factors(scale, families)

@@ -17,7 +17,7 @@ from flashtemp.discovery.estimation.model_discrepancy import discrepancy_basis
 from flashtemp.discovery.estimation.nuisance_priors import camera_smooth_basis
 from flashtemp.discovery.prediction.prediction import Observable, Prediction
 from flashtemp.discovery.prediction.problem import Problem, replace_views
-from flashtemp.showing import format_count
+from flashtemp.display import format_count
 
 Array = npt.NDArray[np.float64]
 RIDGE_FRACTION = 1e-6  # of the largest product of columns: those that nearly are sums of others get small coefficients

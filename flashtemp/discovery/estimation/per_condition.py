@@ -43,7 +43,9 @@ def estimate_by_condition(
     return _make_estimates(words, [now + split[p] for [p] in own], _select_covariance(split, [p for [p] in own]))
 
 
-def estimate_law_by_condition(problem: Problem, fit: LinearisedFit, effect: str, every: bool = False) -> PerConditionEstimates:
+def estimate_law_by_condition(
+    problem: Problem, fit: LinearisedFit, effect: str, every: bool = False
+) -> PerConditionEstimates:
     """How many times a law as found each condition would have it, all its nodes free there.
 
     A node alone says little: nodes beside it, kept as all conditions want them, leave it no room.
@@ -59,7 +61,9 @@ def estimate_law_by_condition(problem: Problem, fit: LinearisedFit, effect: str,
         weights[k, k * len(nodes) : (k + 1) * len(nodes)] = precision / (found @ precision)
         theirs = [fit.model.effect_value(p) + split[q] for p, q in zip(nodes, names, strict=True)]
         sizes.append(float(precision @ theirs / (found @ precision)))
-    return _make_estimates(words, sizes, weights @ _select_covariance(split, [p for names in own for p in names]) @ weights.T)
+    return _make_estimates(
+        words, sizes, weights @ _select_covariance(split, [p for names in own for p in names]) @ weights.T
+    )
 
 
 def _split_by_condition(
@@ -86,7 +90,9 @@ def _select_covariance(solution: Solution, names: list[ParameterId]) -> Array:
 
 def _make_estimates(words: Sequence[str], values: Sequence[float], covariance: Array) -> PerConditionEstimates:
     errors = np.sqrt(np.diag(covariance)).tolist()
-    return PerConditionEstimates(tuple(ConditionEstimate(*own) for own in zip(words, values, errors, strict=True)), covariance)
+    return PerConditionEstimates(
+        tuple(ConditionEstimate(*own) for own in zip(words, values, errors, strict=True)), covariance
+    )
 
 
 def estimate_effect_by_condition(

@@ -7,9 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flashtemp.discovery.estimation.camera_error_columns import CAMERA_ERROR_SCALES, NO_CAMERA_ERRORS, USUAL_CAMERA_ERRORS
-from flashtemp.discovery.estimation.linear_gaussian import Array, NormalEquations, LinearSystem
-from flashtemp.discovery.estimation.nuisance_priors import width_factors, is_camera_gain
+from flashtemp.discovery.estimation.camera_error_columns import (
+    CAMERA_ERROR_SCALES,
+    NO_CAMERA_ERRORS,
+    USUAL_CAMERA_ERRORS,
+)
+from flashtemp.discovery.estimation.linear_gaussian import Array, LinearSystem, NormalEquations
+from flashtemp.discovery.estimation.nuisance_priors import is_camera_gain, width_factors
 from flashtemp.discovery.parameters import Kind, Priors
 
 DEVIATION_SCALES = (0.3, 1.0, 3.0, 10.0, 30.0)  # of deviations of unknown shape: chosen under each hypothesis
@@ -40,7 +44,7 @@ def find_likeliest_widths(
     """Hyperparameters of the largest evidence: scale and floor together, for one hides the other, then the families of
     camera errors one after the other until none changes; from cameras without errors and from usual ones.
 
-    Each family that there is costs COSTS of ln evidence, its prior odds.
+    Each family that there is costs LN_ODDS_AGAINST_FAMILY of ln evidence, its prior odds.
     """
     evidence, names = system.evidence_function(given, equations), system.known_columns(given)
     sd = np.array([given[p][1] for p in names])
@@ -51,7 +55,9 @@ def find_likeliest_widths(
     families = [kind for kind in CAMERA_ERROR_SCALES if any(p.kind is kind for p in names)]
 
     def penalised_evidence(way: PriorWidths) -> float:
-        return evidence(way.column_sd(sd, columns)) - LN_ODDS_AGAINST_FAMILY * sum(way.families[kind] > 0.0 for kind in families)
+        return evidence(way.column_sd(sd, columns)) - LN_ODDS_AGAINST_FAMILY * sum(
+            way.families[kind] > 0.0 for kind in families
+        )
 
     def select_best(options: Iterator[PriorWidths]) -> tuple[float, PriorWidths]:
         return max(((penalised_evidence(way), way) for way in options), key=lambda pair: pair[0])
@@ -63,7 +69,10 @@ def find_likeliest_widths(
             before = now
             now, way = select_best(PriorWidths(s, f, way.families) for f in floors for s in DEVIATION_SCALES)
             for kind in families:
-                now, way = select_best(PriorWidths(way.scale, way.floor, {**way.families, kind: size}) for size in CAMERA_ERROR_SCALES[kind])
+                now, way = select_best(
+                    PriorWidths(way.scale, way.floor, {**way.families, kind: size})
+                    for size in CAMERA_ERROR_SCALES[kind]
+                )
             if now <= before + 1e-9 or not families:
                 break
         ends.append((now, way))

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from flashtemp.comparison.campaign import LoadCellEntry, RecordingEntry
-from flashtemp.comparison.compare import stated_noise, estimate_reading_noise
-from flashtemp.comparison.noise import NoiseLevels, raise_stated_noise, estimate_noise, unwhiten, whiten
+from flashtemp.comparison.compare import estimate_reading_noise, stated_noise
+from flashtemp.comparison.noise import NoiseLevels, estimate_noise, raise_stated_noise, unwhiten, whiten
 from flashtemp.discovery.estimation.camera_error_columns import camera_columns
 from flashtemp.discovery.estimation.linear_gaussian import Array, DataBlock, gram_matrices
 from flashtemp.discovery.estimation.model_discrepancy import discrepancy_basis
@@ -42,7 +42,7 @@ class FixedColumns:
 class WhitenedData:
     """What is kept from the first predictions, so that all hypotheses are compared alike.
 
-    `noises` of recordings and `sigmas` of load-cell traces by file; `known` what of them is compared, `fixed` columns
+    `noises` of recordings and `sigmas` of load-cell traces by file; `is_compared` what of them is compared, `fixed` columns
     that stay as they are, whitened.  Pixels `inside` (nv, nu) of images with noise of rows and columns.
     """
 
@@ -81,7 +81,9 @@ class WhitenedData:
                 else:
                     own[ParameterId(Kind.CELL)] = seen.values
                     good = data.is_compared[entry.file] = seen.inside & np.isfinite(seen.values)
-                    data.sigmas[entry.file] = entry.sigma or estimate_reading_noise((np.array(entry.mu) - seen.values)[good])
+                    data.sigmas[entry.file] = entry.sigma or estimate_reading_noise(
+                        (np.array(entry.mu) - seen.values)[good]
+                    )
                 F = data._whiten_columns(entry, own)
                 data.fixed[entry.file] = FixedColumns(tuple(own), F, gram_matrices([F])[0])
         return data
@@ -134,7 +136,9 @@ class WhitenedData:
         out = []
         for i, p in enumerate(columns):
             out.append((p.with_scope(number, entry.file), i))
-            if p.kind in PLACEMENT_KINDS and isinstance(entry, RecordingEntry):  # all recordings of a view may have it alike
+            if p.kind in PLACEMENT_KINDS and isinstance(
+                entry, RecordingEntry
+            ):  # all recordings of a view may have it alike
                 out.append((ParameterId(p.kind, name=entry.recording.view), i))
             if p.kind is Kind.KEY and p.name == FRICTION_LEVEL_KEY and p in self.problem.free_keys:
                 out.append((ParameterId(Kind.LEVEL, condition=number), i))
@@ -144,8 +148,15 @@ class WhitenedData:
 
     def _whitened_residual(self, entry: RecordingEntry | LoadCellEntry, predicted: Observable) -> Array:
         """Measured less predicted (n,) in sigma.  Raises SolverFailure where nothing is predicted any more."""
-        left = _image_residual(entry, predicted)[:, predicted.inside] if isinstance(entry, RecordingEntry) else np.array(entry.mu) - predicted.values
-        if left.shape != self.is_compared[entry.file].shape or not np.isfinite(left[self.is_compared[entry.file]]).all():
+        left = (
+            _image_residual(entry, predicted)[:, predicted.inside]
+            if isinstance(entry, RecordingEntry)
+            else np.array(entry.mu) - predicted.values
+        )
+        if (
+            left.shape != self.is_compared[entry.file].shape
+            or not np.isfinite(left[self.is_compared[entry.file]]).all()
+        ):
             raise SolverFailure(f"{entry.file}: the model no longer predicts all that was measured")
         return self._whiten_values(entry, left)
 
@@ -157,7 +168,9 @@ class WhitenedData:
         images = self._as_images(entry.file, np.where(known, values, np.nan))
         return whiten(images, self.noises[entry.file])[:, self._pixel_mask(entry.file)][known]
 
-    def _whiten_columns(self, entry: RecordingEntry | LoadCellEntry, columns: Mapping[ParameterId, npt.NDArray[Any]]) -> Single:
+    def _whiten_columns(
+        self, entry: RecordingEntry | LoadCellEntry, columns: Mapping[ParameterId, npt.NDArray[Any]]
+    ) -> Single:
         """The columns (n, k) whitened, one after the other: two at once would be much memory."""
         out = np.empty((np.count_nonzero(self.is_compared[entry.file]), len(columns)), np.float32, order="F")
         for k, values in enumerate(columns.values()):
@@ -170,13 +183,17 @@ def _mesh_differences(predicted: Observable, coarser: list[Observable]) -> dict[
     out = {}
     for k, other in enumerate(coarser):
         change = predicted.values - other.values
-        out[ParameterId(Kind.MESH, (k,))] = flatten_valid_pixels(change, predicted.inside) if change.ndim == 3 else change
+        out[ParameterId(Kind.MESH, (k,))] = (
+            flatten_valid_pixels(change, predicted.inside) if change.ndim == 3 else change
+        )
     return out
 
 
 def _recording_noise(view: RecordingEntry, predicted: Observable, rest: Array) -> NoiseLevels:
     """The noise of a recording, stated or estimated; of lines from the `rest` (frames, nv, nu) K of a first fit."""
-    found = estimate_noise(_image_residual(view, predicted), *stated_noise(view), view.means.frames if view.means else None, rest)
+    found = estimate_noise(
+        _image_residual(view, predicted), *stated_noise(view), view.means.frames if view.means else None, rest
+    )
     return raise_stated_noise(found, view.recording, rest)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.camera.placement import STATED_PLACEMENT, ImagePlacement
+from flashtemp.camera.image_placement import STATED_PLACEMENT, ImagePlacement
 from flashtemp.discovery.parameters import BEAD_KINDS, PLACEMENT_KINDS, Kind, ParameterId, Priors
 from flashtemp.errors import BadInput
 from flashtemp.model.case import Case
@@ -43,7 +43,7 @@ def clip_to_bounds(param: Param, value: float) -> float:
 @dataclass(frozen=True)
 class ModelPoint:
     """The believed case at a point: `free` {key: ln of the factor}, `effects` beyond it {name: {parameter: value}},
-    `shifts` (px along u and v) of the images of recordings by file, and their `places`: scale, turn and clock; `beads`
+    `shifts` (px along u and v) of the images of recordings by file, and their `placements`: scale, turn and clock; `bead_offsets`
     (m, s): by which points lie elsewhere along an axis, or are slower; `sizes` {key: share} by which the block is
     larger than told."""
 
@@ -87,7 +87,9 @@ class ModelPoint:
         """Where scale, turn or clock of a recording, or a size, stands; 0 for all else that only adds a column."""
         if p.kind is Kind.SIZE:
             return self.sizes.get(p.name, 0.0)
-        return float(getattr(self.image_placement(p.file), p.kind.value)) if p.kind in PLACEMENT_KINDS and p.file else 0.0
+        return (
+            float(getattr(self.image_placement(p.file), p.kind.value)) if p.kind in PLACEMENT_KINDS and p.file else 0.0
+        )
 
     def with_step(self, p: ParameterId, step: float) -> ModelPoint:
         """The same with a free key, the place of an image, or a parameter of one of the effects, moved."""
@@ -111,7 +113,7 @@ class ModelPoint:
 class CandidateEffect:
     """An effect that may be missing: `strengths` {parameter: typical change from off}, `shapes` {parameter: default}.
 
-    `params` are its declarations; `optical`: it acts in the camera only.
+    `params` are its declarations; `is_optical`: it acts in the camera only.
     """
 
     effect: str

@@ -105,7 +105,11 @@ def fit_simplest_formula(law: PiecewiseLinearLaw, covariance: Array) -> FittedFo
     A formula needs fewer numbers than the law has nodes.  The smallest adequate family is taken, not the lowest BIC:
     of so few nodes the penalty of BIC is too small, and noise would pass for a bend.
     """
-    fitted = (_fit_family(f, law, covariance) for f in FORMULA_FAMILIES if f.applies(law) and len(f.starts[0]) < len(law.nodes))
+    fitted = (
+        _fit_family(f, law, covariance)
+        for f in FORMULA_FAMILIES
+        if f.applies(law) and len(f.starts[0]) < len(law.nodes)
+    )
     return min((f for f in fitted if f.is_adequate), key=lambda f: (len(f.numbers), f.chi2), default=None)
 
 

@@ -16,7 +16,7 @@ from flashtemp.errors import BadInput
 from flashtemp.model import layers
 from flashtemp.model.case import Case
 from flashtemp.model.priors import USUAL_SD
-from flashtemp.model.schema import COMMAND_TABLES, COMPUTATION_TABLES, CASE_TABLES
+from flashtemp.model.schema import CASE_TABLES, COMMAND_TABLES, COMPUTATION_TABLES
 from flashtemp.physics.effect import Param
 
 

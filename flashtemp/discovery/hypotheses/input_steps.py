@@ -12,7 +12,7 @@ from flashtemp.errors import BadInput
 from flashtemp.model.case import Case
 from flashtemp.model.priors import expand_materials
 from flashtemp.model.scene import Scene
-from flashtemp.solver.stretching import stretch_mesh
+from flashtemp.solver.mesh_mapping import stretch_mesh
 
 TANGENT_STEP_LN = 1e-3  # of the ln of a value: tangents are exact in it but for curvature
 TANGENT_STEP_SD = 0.02  # usual standard deviations of a value that moves in its own unit
@@ -30,7 +30,7 @@ def iter_stepped_cases(case: Case, key: str, scale: float = 1.0) -> Iterator[tup
     """
     full = expand_materials(case)
     table, name = key.rsplit(".", 1)
-    kind = input_kind(key, full.declared(table)[name].unit)
+    kind = input_kind(key, full.declared_params(table)[name].unit)
     size = scale * (TANGENT_STEP_LN if kind.relative else TANGENT_STEP_SD * kind.sd)
     for step in (size, -size):
         try:

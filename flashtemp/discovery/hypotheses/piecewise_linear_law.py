@@ -16,7 +16,7 @@ import numpy as np
 
 from flashtemp.model.scene import Scene
 from flashtemp.physics.arrays import Array
-from flashtemp.physics.own_effects import UserEffect
+from flashtemp.physics.user_effects import UserEffect
 from flashtemp.solver.run import Run
 
 Runs = Sequence[Run]  # of the conditions of a campaign, and their scenes
@@ -334,7 +334,7 @@ _POSITIONS: dict[str, Callable[[LearnableQuantity, Runs, Scenes], tuple[float, .
 
 
 def _over_range(values: list[Array], min_range: float) -> tuple[float, ...]:
-    """Even nodes over all finite values, none where they differ by no more than `least`."""
+    """Even nodes over all finite values, none where they differ by no more than `min_range`."""
     finite = [f for v in values if (f := v[np.isfinite(v)]).size]
     if not finite:
         return ()

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from flashtemp.camera.placement import STATED_PLACEMENT, ImagePlacement, scale_origin, rotation_centre
+from flashtemp.camera.image_placement import STATED_PLACEMENT, ImagePlacement, rotation_centre, scale_origin
 from flashtemp.camera.recording import Recording
 from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD, position_sd_px
 from flashtemp.discovery.hypotheses.candidates import KEY_PRIOR_SD, ModelPoint
@@ -72,9 +72,7 @@ def register_image(problem: Problem, recording: Recording, predicted: Observable
     return pose if is_far_from(recording, picture.length, pose, STATED_POSE) else None
 
 
-def displace_pixels(
-    recording: Recording, length: float, pose: ImagePose, u: Array, v: Array
-) -> tuple[Array, Array]:
+def displace_pixels(recording: Recording, length: float, pose: ImagePose, u: Array, v: Array) -> tuple[Array, Array]:
     """Where pixels at stated u and v (m) of a wall of a block of a `length` (m) lie in a pose, as `observe` has it."""
     pitch, about = recording.pitch, rotation_centre(recording, length)
     grown, start = 1.0 + pose.place.scale, scale_origin(recording, length)

@@ -232,7 +232,9 @@ class _ErrorSearch:
             self._fit_cache[key] = self.stated_fit(e).with_aligned_image()
         return self._fit_cache[key]
 
-    def fit_under_hypothesis(self, e: _StatedRecording, hypothesis: RecordingHypothesis, source: RecordingEntry) -> RecordingFit | None:
+    def fit_under_hypothesis(
+        self, e: _StatedRecording, hypothesis: RecordingHypothesis, source: RecordingEntry
+    ) -> RecordingFit | None:
         """The fit of a recording under a hypothesis, from fields and sensitivities of `source`; None if none is."""
         n = hypothesis.condition
         try:
@@ -271,7 +273,10 @@ class _ErrorSearch:
         if compare_fits(self.problem, [self.stated_fit(a) for a in recordings], fits).ln_bayes <= 0.0:
             return None
         try:
-            stated, aligned = [self.aligned_stated_fit(a) for a in recordings], [fit.with_aligned_image() for fit in fits]
+            stated, aligned = (
+                [self.aligned_stated_fit(a) for a in recordings],
+                [fit.with_aligned_image() for fit in fits],
+            )
             found = compare_fits(self.problem, stated, aligned, self._find_companions(recordings, fits))
         except FlashtempError:
             return None
@@ -347,7 +352,9 @@ def _find_flipped(search: _ErrorSearch, entries: Sequence[_StatedRecording]) -> 
                 yield from filter(None, [_flip_error(search, entry, kind, True)])
 
 
-def _flip_error(search: _ErrorSearch, e: _StatedRecording, kind: ErrorKind, is_expected: bool = False) -> RecordingError | None:
+def _flip_error(
+    search: _ErrorSearch, e: _StatedRecording, kind: ErrorKind, is_expected: bool = False
+) -> RecordingError | None:
     """The error that a recording is turned over, if it clearly is."""
     length = search.problem.case["block.length"]
     views = [replace(e.view, recording=r) for r in flip_recording(e.view.recording, FLIP_AXES[kind], length)]
@@ -459,7 +466,9 @@ def _view_error(search: _ErrorSearch, a: _StatedRecording, b: _StatedRecording) 
         made = replace(search.predictions[e.number], observables={view.file: other.predicted})
         hypothesis = RecordingHypothesis(view, e.number)
         try:
-            fits.append(fit_recording(search.problem, search.tasks[e.number], made, hypothesis, search.stated_fit(e).noise))
+            fits.append(
+                fit_recording(search.problem, search.tasks[e.number], made, hypothesis, search.stated_fit(e).noise)
+            )
         except FlashtempError:
             return None
     found = search.evidence_if_clear([a, b], fits)
@@ -481,7 +490,9 @@ def _moved_error(problem: Problem, view: RecordingEntry, to: int, evidence: Hypo
     return RecordingError(ErrorKind.OTHER_CONDITION, (view.file,), words, evidence, {view.file: (to, view)})
 
 
-def _exchange_error(first: tuple[RecordingEntry, int], second: tuple[RecordingEntry, int], evidence: HypothesisEvidence) -> RecordingError:
+def _exchange_error(
+    first: tuple[RecordingEntry, int], second: tuple[RecordingEntry, int], evidence: HypothesisEvidence
+) -> RecordingError:
     """Two recordings, each with the condition that it belongs to."""
     (a, to), (b, back) = first, second
     words = f"{a.file} and {b.file} are exchanged: each belongs to the condition of the other"

@@ -26,8 +26,8 @@ from flashtemp.discovery.parameters import ALL_CONDITIONS, Kind, ParameterId
 from flashtemp.discovery.prediction.prediction import (
     Observable,
     Prediction,
-    Single,
     PredictionTask,
+    Single,
     flatten_valid_pixels,
     predict_again,
 )
@@ -70,7 +70,7 @@ def is_adequate(chi2_per_datum: float, count: int) -> bool:
 
 @dataclass(frozen=True)
 class RecordingFit:
-    """A recording fitted by itself, `at` a linearised point of its image, with what was `estimated` there.
+    """A recording fitted by itself, `linearisation` a linearised point of its image, with what was `maximum` there.
 
     `problem` and `data` of this recording alone; `known` (frames, nv, nu) which of its pixels are compared.
     """
@@ -97,7 +97,10 @@ class RecordingFit:
 
     @property
     def pose(self) -> ImagePose:
-        return ImagePose(self.linearisation.model.image_placement(self.hypothesis.file), self.linearisation.model.image_shift(self.hypothesis.file))
+        return ImagePose(
+            self.linearisation.model.image_placement(self.hypothesis.file),
+            self.linearisation.model.image_shift(self.hypothesis.file),
+        )
 
     @property
     def noise(self) -> NoiseLevels:
@@ -133,7 +136,11 @@ class RecordingFit:
 
 
 def fit_recording(
-    problem: Problem, task: PredictionTask, prediction: Prediction, hypothesis: RecordingHypothesis, noise: NoiseLevels | None = None
+    problem: Problem,
+    task: PredictionTask,
+    prediction: Prediction,
+    hypothesis: RecordingHypothesis,
+    noise: NoiseLevels | None = None,
 ) -> RecordingFit:
     """The better of linearised fits at the stated pose and, where that is not adequate, at the registered one.
 
@@ -158,7 +165,11 @@ def fit_at_pose(
 ) -> RecordingFit:  # fmt: skip
     """The linearised fit of one recording with its image in a pose.  Raises BadInput, SolverFailure."""
     view, alone = hypothesis.view, single_recording_problem(problem, hypothesis)
-    model, observable, task = alone.stated_model, prediction.observables[view.file], replace(task, views=(view,), forces=())
+    model, observable, task = (
+        alone.stated_model,
+        prediction.observables[view.file],
+        replace(task, views=(view,), forces=()),
+    )
     if pose != STATED_POSE:
         assert prediction.full_run is not None
         model = pose.apply_to(model, view.file)
@@ -307,7 +318,11 @@ def flip_recording(r: Recording, axes: tuple[int, ...], length: float) -> list[R
 
 
 def predict_hypothesis(
-    problem: Problem, task: PredictionTask, prediction: Prediction, source: RecordingEntry, hypothesis: RecordingHypothesis
+    problem: Problem,
+    task: PredictionTask,
+    prediction: Prediction,
+    source: RecordingEntry,
+    hypothesis: RecordingHypothesis,
 ) -> tuple[RecordingHypothesis, Prediction]:
     """A recording predicted from fields that exist, with its pixels left out where sensitivities are not known.
 

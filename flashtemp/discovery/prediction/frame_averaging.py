@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flashtemp.comparison.campaign import Campaign, RecordingEntry
-from flashtemp.comparison.means import AveragedFrames
+from flashtemp.comparison.frame_means import AveragedFrames
 from flashtemp.model.case import Case
 
 MAX_UNAVERAGED_PIXELS = 4_000_000  # pixels of all recordings of a campaign that are taken frame by frame
@@ -16,7 +16,7 @@ MAX_GROUP_TIME_FRACTION = 0.2  # of the time to the nearest event: sqrt(t) is th
 
 
 def average_frames(campaign: Campaign) -> Campaign:
-    """The campaign with means of neighbouring frames where its recordings hold more than MOST pixels.
+    """The campaign with means of neighbouring frames where its recordings hold more than MAX_UNAVERAGED_PIXELS pixels.
 
     The rise after an event goes as the root of the time since, so over a share of that time a parabola says what the
     mean is (`Means`); white noise falls with the root of their number.
@@ -43,11 +43,11 @@ def _average_view(view: RecordingEntry, case: Case) -> RecordingEntry:
 def group_frames(
     time: npt.NDArray[np.float64], repetition: npt.NDArray[np.int_], begins: npt.NDArray[np.float64], end: float
 ) -> list[int]:
-    """First frames of groups that last no longer than SHARE of the time to the nearest event.
+    """First frames of groups that last no longer than MAX_GROUP_TIME_FRACTION of the time to the nearest event.
 
     `time` (frames,) s in order, `repetition` (frames,); events at `begins` and the `end`, s.
 
-    >>> frame_groups(np.array([0.0, 1.0, 10.0, 10.2, 10.4, 19.9, 20.0]), np.ones(7, int), np.array([0.0]), 20.0)
+    >>> group_frames(np.array([0.0, 1.0, 10.0, 10.2, 10.4, 19.9, 20.0]), np.ones(7, int), np.array([0.0]), 20.0)
     [0, 1, 2, 5, 6]
     """
     events = np.append(begins, end)
@@ -58,6 +58,10 @@ def group_frames(
     for k in range(1, len(time)):
         first = starts[-1]
         near = min(time[first] - last[first], coming[k] - time[k])
-        if after[k] != after[first] or repetition[k] != repetition[first] or time[k] - time[first] > MAX_GROUP_TIME_FRACTION * near:
+        if (
+            after[k] != after[first]
+            or repetition[k] != repetition[first]
+            or time[k] - time[first] > MAX_GROUP_TIME_FRACTION * near
+        ):
             starts.append(k)
     return starts

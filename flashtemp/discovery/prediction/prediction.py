@@ -1,6 +1,6 @@
 """One condition predicted at one point: what cameras and load cells would show, and what every parameter would change.
 
-A `Task` is all that a worker needs; a `Prediction` is what comes back.  Nothing here knows the measured values.
+A `PredictionTask` is all that a worker needs; a `Prediction` is what comes back.  Nothing here knows the measured values.
 """
 
 from __future__ import annotations
@@ -13,14 +13,19 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from flashtemp.camera.observation import PredictedImage, observe
-from flashtemp.camera.pixels import MatrixCache
-from flashtemp.camera.placement import ImagePlacement
+from flashtemp.camera.image_placement import ImagePlacement
+from flashtemp.camera.prediction.observation import PredictedImage, observe
+from flashtemp.camera.prediction.pixel_sampling import MatrixCache
+from flashtemp.camera.prediction.wall_temperature.side_wall_temperature import FaceHistory
 from flashtemp.camera.recording import VIEW_DESCRIPTIONS, Recording
-from flashtemp.camera.wall import FaceHistory
 from flashtemp.comparison.campaign import LoadCellEntry, RecordingEntry
 from flashtemp.comparison.compare import check_recording, predict_friction, required_times
-from flashtemp.discovery.hypotheses.candidates import STRENGTH_STEP_FRACTION, CandidateEffect, ModelPoint, parameter_spec
+from flashtemp.discovery.hypotheses.candidates import (
+    STRENGTH_STEP_FRACTION,
+    CandidateEffect,
+    ModelPoint,
+    parameter_spec,
+)
 from flashtemp.discovery.hypotheses.discrepancy_effects import add_friction_scatter, add_pressure_mode
 from flashtemp.discovery.hypotheses.input_steps import (
     CAMERA_INPUTS,
@@ -43,17 +48,24 @@ from flashtemp.solver.sensitivity import Perturbation, RunWithSensitivities, run
 Array = npt.NDArray[np.float64]
 Single = npt.NDArray[np.float32]
 Columns = dict[ParameterId, Array]
-LN_FACTOR_STEP, FRICTION_SCATTER_STEP, PRESSURE_MODE_STEP = 1e-3, 1e-2, 1e-2  # steps: of ln factors, of friction, of relative pressure
-BLOCK_SIZE_KEYS, BLOCK_SIZE_STEP = ("block.length", "block.width"), 1e-3  # keys that a ruler gives, and their relative step
+LN_FACTOR_STEP, FRICTION_SCATTER_STEP, PRESSURE_MODE_STEP = (
+    1e-3,
+    1e-2,
+    1e-2,
+)  # steps: of ln factors, of friction, of relative pressure
+BLOCK_SIZE_KEYS, BLOCK_SIZE_STEP = (
+    ("block.length", "block.width"),
+    1e-3,
+)  # keys that a ruler gives, and their relative step
 CLOCK_STEP_S = 0.02  # s: step of what moves frames in time
 MIN_CAMERA_SIGNAL_K = 5e-3  # K: a trace in the camera below it is taken again with the whole strength
 
 
 @dataclass(frozen=True)
 class DerivativeRequest:
-    """Which to compute: by the model's `own` parameters, by `scatter` of friction per repetition, by pressure
+    """Which to compute: by the model's `model_parameters` parameters, by `scatter` of friction per repetition, by pressure
     `modes` (and their `trends`), by strengths of `candidates`, by the camera's `optics` and clock, by the
-    `laboratory`: sizes of the block, by stated `inputs` of case and cameras.
+    `block_sizes`: sizes of the block, by stated `inputs` of case and cameras.
 
     Columns by inputs are per ln of the value, or per unit of one whose kind is absolute (K, emissivity)."""
 
@@ -70,7 +82,7 @@ class DerivativeRequest:
 
 @dataclass(frozen=True)
 class PredictionTask:
-    """One condition at one point: the `case` with overrides `given` and `pins` of the mesh.
+    """One condition at one point: the `case` with overrides `given` and `mesh_overrides` of the mesh.
 
     The case brings the effect files that were read with it: no process reads or judges them again.
     """
@@ -99,7 +111,7 @@ class Observable:
 @dataclass(frozen=True)
 class Prediction:
     """What a condition shows at a point: `observables` by file; `run` without its fields, for pictures and audits, and
-    the `full` one where fields are asked for."""
+    the `full_run` one where fields are asked for."""
 
     observables: dict[str, Observable]
     run: Run
@@ -150,7 +162,11 @@ def predict_condition(task: PredictionTask) -> Prediction:
     moves = dict(_iter_perturbations(point))
     frames = required_times(task.views, scene, {v.file: task.model.image_placement(v.file).clock for v in task.views})
     asked = task.derivatives
-    early = tuple(t - CLOCK_STEP_S for t in frames if t > CLOCK_STEP_S) if asked.candidates or asked.optics or asked.fields else ()
+    early = (
+        tuple(t - CLOCK_STEP_S for t in frames if t > CLOCK_STEP_S)
+        if asked.candidates or asked.optics or asked.fields
+        else ()
+    )
     late = tuple(t + CLOCK_STEP_S for t in frames if t + CLOCK_STEP_S < scene.schedule.end_time) if asked.fields else ()
     settings = replace(case.settings, times=tuple(sorted({*frames, *early, *late})), fields=2)
     if moves:
@@ -196,7 +212,11 @@ def _perturb_model(point: EvaluationPoint, p: ParameterId) -> Iterator[tuple[Par
     model = point.task.model
     if p.kind is Kind.KEY:
         now = model.case_overrides(point.case).get(p.name, point.case[p.name])
-        step = -LN_FACTOR_STEP if now * np.exp(LN_FACTOR_STEP) > parameter_spec(point.case, p.name).high else LN_FACTOR_STEP
+        step = (
+            -LN_FACTOR_STEP
+            if now * np.exp(LN_FACTOR_STEP) > parameter_spec(point.case, p.name).high
+            else LN_FACTOR_STEP
+        )
     elif point.case.known_effects[p.effect].heat is not Effect.heat:
         step = point.step_size(p)
     else:
@@ -208,15 +228,27 @@ def _perturb_friction(scene: Scene) -> Iterator[tuple[ParameterId, Perturbation]
     """Friction of each repetition; nothing differs before it begins."""
     for r in range(2, scene.schedule.repetitions + 1):
         begin = next(p.begin for p in scene.schedule.phases if p.repetition == r)
-        yield ParameterId(Kind.SCATTER, (r,)), Perturbation(add_friction_scatter(scene, r, FRICTION_SCATTER_STEP), FRICTION_SCATTER_STEP, begin)
-    yield ParameterId(Kind.SCATTER, (1,)), Perturbation(add_friction_scatter(scene, 1, FRICTION_SCATTER_STEP), FRICTION_SCATTER_STEP)
+        yield (
+            ParameterId(Kind.SCATTER, (r,)),
+            Perturbation(add_friction_scatter(scene, r, FRICTION_SCATTER_STEP), FRICTION_SCATTER_STEP, begin),
+        )
+    yield (
+        ParameterId(Kind.SCATTER, (1,)),
+        Perturbation(add_friction_scatter(scene, 1, FRICTION_SCATTER_STEP), FRICTION_SCATTER_STEP),
+    )
 
 
 def _perturb_modes(scene: Scene, modes: int, trends: bool) -> Iterator[tuple[ParameterId, Perturbation]]:
     for n in range(1, modes + 1):
-        yield ParameterId(Kind.MODE, (n,)), Perturbation(add_pressure_mode(scene, n, PRESSURE_MODE_STEP), PRESSURE_MODE_STEP)
+        yield (
+            ParameterId(Kind.MODE, (n,)),
+            Perturbation(add_pressure_mode(scene, n, PRESSURE_MODE_STEP), PRESSURE_MODE_STEP),
+        )
         if trends and scene.schedule.repetitions > 1:
-            yield ParameterId(Kind.TREND, (n,)), Perturbation(add_pressure_mode(scene, n, PRESSURE_MODE_STEP, True), PRESSURE_MODE_STEP)
+            yield (
+                ParameterId(Kind.TREND, (n,)),
+                Perturbation(add_pressure_mode(scene, n, PRESSURE_MODE_STEP, True), PRESSURE_MODE_STEP),
+            )
 
 
 def _perturb_sizes(point: EvaluationPoint) -> Iterator[tuple[ParameterId, Perturbation]]:
@@ -259,14 +291,16 @@ def _case_inputs(point: EvaluationPoint) -> tuple[ParameterId, ...]:
 
 @dataclass(frozen=True)
 class SeparateRun:
-    """A run of a scene with one input moved by `step`, whose schedule or mesh no tangent can follow."""
+    """A run of a scene with one input moved by `step_size`, whose schedule or mesh no tangent can follow."""
 
     scene: Scene
     run: Run
     step: float
 
 
-def _run_separate_scenes(point: EvaluationPoint, settings: SolverSettings, moves: dict[ParameterId, Perturbation]) -> dict[ParameterId, SeparateRun]:
+def _run_separate_scenes(
+    point: EvaluationPoint, settings: SolverSettings, moves: dict[ParameterId, Perturbation]
+) -> dict[ParameterId, SeparateRun]:
     """One run for each stated number of the case that changes the schedule or the cells.
 
     The step is the one that makes the schedule longer, so that no frame comes after its end.
@@ -277,7 +311,9 @@ def _run_separate_scenes(point: EvaluationPoint, settings: SolverSettings, moves
     for p in _case_inputs(point):
         if p in moves:
             continue
-        ways = [(model.apply_to(case).scene, step) for case, step in iter_stepped_cases(point.case, p.name, RUN_STEP_RATIO)]
+        ways = [
+            (model.apply_to(case).scene, step) for case, step in iter_stepped_cases(point.case, p.name, RUN_STEP_RATIO)
+        ]
         if ways:
             scene, step = max(ways, key=lambda way: way[0].schedule.end_time)
             times = tuple(sorted({*required_times(views, scene, clocks)}))
@@ -322,7 +358,9 @@ def _predict_recording(
         keep_column(name, (predict_images(near.perturbed[name], move.scene, move.scene.acting) - level) / move.step)
     for name, one in other.items():
         history = FaceHistory.from_run(one.run, one.scene) if walls else None
-        keep_column(name, (predict_images(one.run, one.scene, one.scene.acting, history=history) - seen.temperature) / one.step)
+        keep_column(
+            name, (predict_images(one.run, one.scene, one.scene.acting, history=history) - seen.temperature) / one.step
+        )
     for name, change in _iter_camera_columns(point, predict_images, seen.temperature, recording.view):
         keep_column(name, change)
     if asked.optics:
@@ -359,12 +397,17 @@ def flatten_valid_pixels(values: Array, inside: npt.NDArray[np.bool_]) -> Single
     return values[:, inside].astype(np.float32)
 
 
-def _candidate_column(point: EvaluationPoint, predict_images: Callable[..., Array], c: CandidateEffect, k: str, a: float, plain: Array) -> Array:
+def _candidate_column(
+    point: EvaluationPoint, predict_images: Callable[..., Array], c: CandidateEffect, k: str, a: float, plain: Array
+) -> Array:
     """Trace of an effect in the camera; with its whole strength where it is flat at off."""
     off = c.neutral_values()
     for share in (STRENGTH_STEP_FRACTION, 1.0):
         step = share * a
-        slope = (predict_images(acting=(*point.scene.acting, point.make_active_effect(c.effect, off | {k: off[k] + step}))) - plain) / step
+        slope = (
+            predict_images(acting=(*point.scene.acting, point.make_active_effect(c.effect, off | {k: off[k] + step})))
+            - plain
+        ) / step
         if np.nanmax(np.abs(slope)) * abs(a) > MIN_CAMERA_SIGNAL_K:
             break
     return slope
@@ -393,7 +436,9 @@ def _optics_columns(image: PredictedImage, recording: Recording) -> Columns:
     return {ParameterId(k): slopes[k.value] for k, is_so in unknown.items() if is_so and slopes}
 
 
-def _predict_trace(force: LoadCellEntry, near: RunWithSensitivities[ParameterId], other: Mapping[ParameterId, SeparateRun]) -> Observable:
+def _predict_trace(
+    force: LoadCellEntry, near: RunWithSensitivities[ParameterId], other: Mapping[ParameterId, SeparateRun]
+) -> Observable:
     on, predicted = predict_friction(near.run, force)
     columns = {name: near.derivative_of(lambda run: predict_friction(run, force)[1], name) for name in near.perturbed}
     columns |= {name: (predict_friction(one.run, force)[1] - predicted) / one.step for name, one in other.items()}

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.camera.placement import ImagePlacement
+from flashtemp.camera.image_placement import ImagePlacement
 from flashtemp.comparison.campaign import Campaign, Condition, RecordingEntry
 from flashtemp.comparison.compare import view_overrides
 from flashtemp.comparison.screening import screen_campaign
@@ -35,9 +35,9 @@ TaskRunner = Callable[[list[PredictionTask]], Sequence[Prediction | FlashtempErr
 class Problem:
     """What does not change while a campaign is fitted.
 
-    `pins` of the mesh per condition; `candidates` and `excluded_candidates` {effect: why it cannot be tried}; `run`
+    `mesh_overrides` of the mesh per condition; `candidates` and `excluded_candidates` {effect: why it cannot be tried}; `run`
     maps `predict_condition` over tasks and gives failures as answers.  Images that were seen to lie far from where they
-    are stated to begin at their `places` and `shifts`.  `assumed_camera_facts` {recording: which of
+    are stated to begin at their `placements` and `shifts`.  `assumed_camera_facts` {recording: which of
     ASSUMED_CAMERA_VALUES it does not state}.  `screening` {recording: which defects of its camera were found}.
     """
 
@@ -53,8 +53,10 @@ class Problem:
     assumed_camera_facts: dict[str, tuple[str, ...]] = field(default_factory=dict)
     screening: dict[str, str] = field(default_factory=dict)
 
-    def make_tasks(self, model: ModelPoint, derivatives: DerivativeRequest, cell_factors: tuple[float, ...] | None = None) -> list[PredictionTask]:
-        """One task per condition; `coarse` (3,) or (4,) multiplies the number of cells along, up, down and across."""
+    def make_tasks(
+        self, model: ModelPoint, derivatives: DerivativeRequest, cell_factors: tuple[float, ...] | None = None
+    ) -> list[PredictionTask]:
+        """One task per condition; `cell_factors` (3,) or (4,) multiplies the number of cells along, up, down and across."""
         out = []
         for c, pins in zip(self.conditions, self.mesh_overrides, strict=True):
             if cell_factors:

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from flashtemp.camera.points import SensorPositions
 from flashtemp.camera.recording import Recording
+from flashtemp.camera.sensors import SensorPositions
 from flashtemp.comparison.campaign import RecordingEntry
 from flashtemp.discovery.hypotheses.candidates import ModelPoint
 from flashtemp.discovery.parameters import ALL_CONDITIONS, Kind, ParameterId
@@ -30,7 +30,9 @@ def sensor_columns(predict_images: Callable[..., Array], recording: Recording, r
     for i, p, key, sd in _iter_bead_parameters(places):
         step = SENSOR_STEP_FRACTION * sd
         if step > 0:
-            ahead, behind = (predict_images(recording=_single_point(recording, places.perturb_key(key, s), i)) for s in (step, -step))
+            ahead, behind = (
+                predict_images(recording=_single_point(recording, places.perturb_key(key, s), i)) for s in (step, -step)
+            )
             out[p] = only_point(i, (ahead - behind) / (2.0 * step))
     for i, name in enumerate(places.names):
         if places.gain_sigma[i] > 0:
@@ -57,7 +59,10 @@ def sensor_priors(views: Iterable[RecordingEntry]) -> dict[ParameterId, float]:
         if places is not None:
             out |= {p.with_scope(ALL_CONDITIONS, v.file): sd for _, p, _, sd in _iter_bead_parameters(places)}
             gains = zip(places.names, places.gain_sigma, strict=True)
-            out |= {sensor_gain_id(name, i).with_scope(ALL_CONDITIONS, v.file): float(sd) for i, (name, sd) in enumerate(gains)}
+            out |= {
+                sensor_gain_id(name, i).with_scope(ALL_CONDITIONS, v.file): float(sd)
+                for i, (name, sd) in enumerate(gains)
+            }
     return out
 
 

@@ -21,7 +21,13 @@ from flashtemp.discovery.hypotheses.candidates import CandidateEffect
 from flashtemp.discovery.measurement_errors.recording_errors import RecordingError
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction.problem import Problem
-from flashtemp.discovery.selection.scores import EffectPair, CandidateScore, score_pairs, score_candidates, select_for_rescoring
+from flashtemp.discovery.selection.scores import (
+    CandidateScore,
+    EffectPair,
+    score_candidates,
+    score_pairs,
+    select_for_rescoring,
+)
 from flashtemp.errors import SolverFailure
 
 EffectNames = frozenset[str]
@@ -137,8 +143,14 @@ def _promising_pairs(search: EffectSearch, ranked: Sequence[CandidateScore]) -> 
 def _best_extension(search: EffectSearch) -> LinearisedFit | None:
     """The extension with the largest evidence, if each of its effects pays for itself."""
     own = effect_names(search.best)
-    extended = [f for names, f in search.fits.items() if names > own and f.is_comparable and (not own or _is_consistent(search, f))]
-    best = max(extended, key=lambda f: f.secured_evidence - CRITERIA.ln_bayes_named * len(effect_names(f)), default=None)
+    extended = [
+        f
+        for names, f in search.fits.items()
+        if names > own and f.is_comparable and (not own or _is_consistent(search, f))
+    ]
+    best = max(
+        extended, key=lambda f: f.secured_evidence - CRITERIA.ln_bayes_named * len(effect_names(f)), default=None
+    )
     if best is None:
         return None
     gained = best.secured_evidence - search.best.secured_evidence

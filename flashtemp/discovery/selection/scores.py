@@ -26,7 +26,7 @@ BOUND_ROUNDING = 1e-12  # beyond a bound that is rounding
 @dataclass(frozen=True)
 class CandidateScore:
     """A candidate in its best `variant`: `ln_bayes` against the model without it, `amplitude` of its strengths
-    (change from off) with `sd`; `z` and `seen` (z of its typical strength) after projection, `raw_share` of
+    (change from off) with `sd`; `z` and `typical_z` (z of its typical strength) after projection, `raw_share` of
     its signal that nuisances cannot absorb; `free` steps of the free keys with it; `reason` why it cannot be, if so."""
 
     candidate: CandidateEffect
@@ -87,7 +87,9 @@ def _free_effect_priors(fit: LinearisedFit) -> Priors:
     return {p: v for p, v in fit.effect_priors.items() if p not in fit.bound}
 
 
-def score_candidates(problem: Problem, fit: LinearisedFit, tried: Sequence[CandidateEffect]) -> tuple[CandidateScore, ...]:
+def score_candidates(
+    problem: Problem, fit: LinearisedFit, tried: Sequence[CandidateEffect]
+) -> tuple[CandidateScore, ...]:
     """All candidates at a fit whose predictions hold their traces, best first."""
     base = ScoringContext.from_fit(problem, fit)
     out = []
@@ -98,7 +100,9 @@ def score_candidates(problem: Problem, fit: LinearisedFit, tried: Sequence[Candi
     return tuple(sorted(out, key=lambda s: -s.ln_bayes))
 
 
-def select_for_rescoring(problem: Problem, before: LinearisedFit, found: LinearisedFit, ranked: Sequence[CandidateScore]) -> tuple[CandidateEffect, ...]:
+def select_for_rescoring(
+    problem: Problem, before: LinearisedFit, found: LinearisedFit, ranked: Sequence[CandidateScore]
+) -> tuple[CandidateEffect, ...]:
     """Candidates that may explain any of what an extended fit leaves, by their sensitivities at the fit `before` it.
 
     Those that do nothing there are kept too: the effects that were found may awaken them.
@@ -110,11 +114,17 @@ def select_for_rescoring(problem: Problem, before: LinearisedFit, found: Lineari
         more = {p: (0.0, abs(a)) for p, a in sensitivities.items() if p in system.index}
         return at.solve_with(problem, more, at.equations).solution.ln_evidence
 
-    tried, silent = [s.candidate for s in ranked], {s.effect for s in ranked if s.has_columns(before) and s.typical_z < MIN_PARTNER_Z}
+    tried, silent = (
+        [s.candidate for s in ranked],
+        {s.effect for s in ranked if s.has_columns(before) and s.typical_z < MIN_PARTNER_Z},
+    )
     own = {p: a for c in tried if c.effect in found.model.effects for p, a in _typical_strengths(c, 0).items()}
     alone = solve_evidence(own)
     others = [c for c in tried if c.effect not in found.model.effects]
-    gains = {c.effect: max(solve_evidence(own | _typical_strengths(c, v)) for v in range(len(c.shape_variants))) - alone for c in others}
+    gains = {
+        c.effect: max(solve_evidence(own | _typical_strengths(c, v)) for v in range(len(c.shape_variants))) - alone
+        for c in others
+    }
     return tuple(c for c in others if gains[c.effect] > MIN_RESCORED_LN_BAYES or c.effect in silent)
 
 
@@ -137,7 +147,9 @@ def _score_variant(base: ScoringContext, c: CandidateEffect, variant: int) -> Ca
     solution = fit.solve_with(base.problem, _free_effect_priors(fit) | priors, base.equations).solution
     amplitude, errors = tuple(solution[n] for n in names), tuple(solution.sd(n) for n in names)
     z = float(np.sqrt(max(float(u @ np.linalg.pinv(info, hermitian=True) @ u), 0.0)))
-    gain = solution.ln_evidence - base.ln_evidence - (np.log(len(c.shape_variants)) if len(c.shape_variants) > 1 else 0.0)
+    gain = (
+        solution.ln_evidence - base.ln_evidence - (np.log(len(c.shape_variants)) if len(c.shape_variants) > 1 else 0.0)
+    )
     reason = _impossibility_reason(c, variant, amplitude)
     return CandidateScore(
         candidate=c, variant=variant, ln_bayes=float(min(gain, 0.0) if reason else gain), amplitude=amplitude,
@@ -211,7 +223,9 @@ class EffectPair:
     more: float
 
 
-def score_pairs(problem: Problem, fit: LinearisedFit, ranked: Sequence[CandidateScore], max_effects: int = 12) -> list[EffectPair]:
+def score_pairs(
+    problem: Problem, fit: LinearisedFit, ranked: Sequence[CandidateScore], max_effects: int = 12
+) -> list[EffectPair]:
     """Two effects together, for the candidates with the largest z; best first."""
     base = ScoringContext.from_fit(problem, fit)
     best = sorted((s for s in ranked if s.typical_z > MIN_PARTNER_Z), key=lambda s: -s.z)[:max_effects]

@@ -32,6 +32,10 @@ class ConductanceLoad(Effect):
 
         def law(T, now, p):
             ratio = now.local_pressure / p.reference
-            return p.resistance * np.where(np.real(ratio) > MIN_RESISTANCE_PRESSURE_RATIO, ratio, MIN_RESISTANCE_PRESSURE_RATIO) ** -CONDUCTANCE_EXPONENT
+            return (
+                p.resistance
+                * np.where(np.real(ratio) > MIN_RESISTANCE_PRESSURE_RATIO, ratio, MIN_RESISTANCE_PRESSURE_RATIO)
+                ** -CONDUCTANCE_EXPONENT
+            )
 
         yield Term("contact.resistance", law)

@@ -8,7 +8,7 @@
 
 from __future__ import annotations
 
-from flashtemp.physics.effect import Effect, Factor, Param, require_layer, layer_param
+from flashtemp.physics.effect import Effect, Factor, Param, layer_param, require_layer
 
 
 class ConductivitySlope(Effect):

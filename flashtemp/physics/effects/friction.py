@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from flashtemp.errors import BadInput
 from flashtemp.physics.effect import Deposit, Effect, Param, Term
-from flashtemp.physics.interpolation import read_surface, read_rows
+from flashtemp.physics.interpolation import read_rows, read_surface
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.physics.tables.wanted import FRICTION, SHARE, SOURCE_DEPTH, SPEED, TEMPERATURE
 

@@ -31,6 +31,9 @@ class FrictionLoad(Effect):
 
         def law(T, now, p):
             ratio = now.local_pressure / p.reference
-            return np.where(np.real(ratio) > MIN_FRICTION_PRESSURE_RATIO, ratio, MIN_FRICTION_PRESSURE_RATIO) ** -p.exponent
+            return (
+                np.where(np.real(ratio) > MIN_FRICTION_PRESSURE_RATIO, ratio, MIN_FRICTION_PRESSURE_RATIO)
+                ** -p.exponent
+            )
 
         yield Factor("friction.mu", law)

@@ -26,4 +26,6 @@ class FrictionSpeed(Effect):
 
     def heat(self, scene, p):
         """Multiplies mu."""
-        yield Factor("friction.mu", lambda T, now, p: (max(now.speed, MIN_FRICTION_SPEED_M_S) / p.reference) ** p.exponent)
+        yield Factor(
+            "friction.mu", lambda T, now, p: (max(now.speed, MIN_FRICTION_SPEED_M_S) / p.reference) ** p.exponent
+        )

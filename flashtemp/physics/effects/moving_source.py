@@ -67,7 +67,9 @@ class MovingSource(Effect):
             )
             shape = (even + p.tilt * e) * _gaussian_density(tip + bend, p.width)
             if p.bite:
-                shape = shape * (1.0 + p.bite * (1.0 + p.bite_tilt * e) * _exponential_decay(p.speed * been, p.bite_length))
+                shape = shape * (
+                    1.0 + p.bite * (1.0 + p.bite_tilt * e) * _exponential_decay(p.speed * been, p.bite_length)
+                )
             if isfinite(p.radius):
                 behind = _gaussian_density(tip + 2.0 * p.radius - bend, p.back_width or p.width)
                 shape = shape + p.back * (even + p.back_tilt * e) * behind

@@ -84,7 +84,10 @@ class PerssonFriction(Effect):
             return 1.0 + p.weight * (deep / mu / inside - 1.0)
 
         def spot_fraction_factor(T, now, p):
-            v, face = max(now.last_speed, friction_table.MIN_TABLE_SPEED_M_S), scene.ambient if now.face is None else now.face
+            v, face = (
+                max(now.last_speed, friction_table.MIN_TABLE_SPEED_M_S),
+                scene.ambient if now.face is None else now.face,
+            )
             lifted = np.real(now.base) <= 0.0  # 0/0: nothing touches there by either law
             ratio = covering(v, now.local_pressure, face) / np.where(lifted, 1.0, now.base)
             return np.where(lifted, 1.0, 1.0 + p.weight * (ratio - 1.0))
@@ -98,7 +101,9 @@ class PerssonFriction(Effect):
             yield Deposit(p.weight * share, depth)
         if depths:
             yield Factor("friction.in_depth", in_depth_factor)
-        if not p.extrapolate and (said := theory_inputs.describe_extrapolation(p.theory, scene.speeds, scene.ambient, scene.load)):
+        if not p.extrapolate and (
+            said := theory_inputs.describe_extrapolation(p.theory, scene.speeds, scene.ambient, scene.load)
+        ):
             raise BadInput(f"persson_friction.extrapolate: false, but {said[0]}; measure further, or allow it")
 
     def remarks(self, scene, p, run=None):
@@ -115,4 +120,6 @@ class PerssonFriction(Effect):
 
 
 def _tabulate_scene(s, p) -> friction_table.FrictionTable:
-    return friction_table.tabulate_friction(p.theory, s.block, s.spot_diameter, s.speeds, s.load, s.ambient, MIN_DEPOSIT_DEPTH_M, p.folder)
+    return friction_table.tabulate_friction(
+        p.theory, s.block, s.spot_diameter, s.speeds, s.load, s.ambient, MIN_DEPOSIT_DEPTH_M, p.folder
+    )

@@ -14,7 +14,7 @@ shorter waves q..q1.  What is left, w_eff(q) P(q) = w P(q1) - (pi E*/2) int_q^q1
 attraction is overrated: such a road would stick under no load.
 
 >>> G = np.array([0.01, 1.0, 100.0])
->>> print(np.round(area(np.array([1.0, 10.0, 100.0]), G, 0.0 * G), 4))
+>>> print(np.round(area_with_tension(np.array([1.0, 10.0, 100.0]), G, 0.0 * G), 4))
 [1.     0.5205 0.0564]
 """
 
@@ -32,7 +32,10 @@ from flashtemp.physics.friction.persson import AreaEnlargement, PerssonTheory
 PENNY_CRACK_FACTOR = np.sqrt(0.5)  # of sigma_a over sqrt(w E* q)
 STRESS_CELLS, DIFFUSION_STEPS = 400, 400
 START_DISTANCE_SD = 8.0  # standard deviations from the stress at the start to the wall: nothing has parted yet
-STRESS_RANGE_SCALES, STRESS_GRID_STRETCH = 8.0, 3.0  # upper end of the stresses over their scale; how much wider the cells get towards it
+STRESS_RANGE_SCALES, STRESS_GRID_STRETCH = (
+    8.0,
+    3.0,
+)  # upper end of the stresses over their scale; how much wider the cells get towards it
 SDIRK_GAMMA = 1.0 - np.sqrt(0.5)  # of second order, and damping every fast mode
 STUCK_AREA_FRACTION = 0.5  # area in contact under hardly any load above which the solids count as stuck
 UNLOADED_PRESSURE_RATIO = 1e-3  # of the lowest pressure
@@ -68,7 +71,7 @@ def area_with_tension(q: np.ndarray, G: np.ndarray, tension: Value) -> np.ndarra
 
 
 def _diffusion_steps(x: np.ndarray, G: np.ndarray, tension: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Times G (STEPS + 1) from before the first parting to the end, and the wall sigma_a/p there."""
+    """Times G (DIFFUSION_STEPS + 1) from before the first parting to the end, and the wall sigma_a/p there."""
     start = 0.5 * ((1.0 + tension[0]) / START_DISTANCE_SD) ** 2
     fine = np.linspace(x[0], x[-1], 8 * len(x))
     time, wall = (np.exp(PchipInterpolator(x, np.log(y))(fine)) for y in (G, 1.0 + tension))
@@ -82,7 +85,11 @@ def _diffusion_steps(x: np.ndarray, G: np.ndarray, tension: np.ndarray) -> tuple
 
 def _fraction_in_contact(times: np.ndarray, walls: np.ndarray) -> np.ndarray:
     """What of the stresses has not met the wall yet at `times` (m, k)."""
-    faces = STRESS_RANGE_SCALES * np.sinh(STRESS_GRID_STRETCH * np.linspace(0.0, 1.0, STRESS_CELLS + 1)) / np.sinh(STRESS_GRID_STRETCH)
+    faces = (
+        STRESS_RANGE_SCALES
+        * np.sinh(STRESS_GRID_STRETCH * np.linspace(0.0, 1.0, STRESS_CELLS + 1))
+        / np.sinh(STRESS_GRID_STRETCH)
+    )
     width = np.diff(faces)
     scale = np.sqrt((1.0 + walls) ** 2 + 2.0 * times)
     middle, spread = (1.0 + walls[:, :1]) / scale[:, :1], np.sqrt(2.0 * times[:, :1]) / scale[:, :1]

@@ -1,6 +1,6 @@
 """Shear stress of the real contact: bonds that form, stretch and break by heat and stress.
 
->>> shear = Shear(4e6)
+>>> shear = AdhesiveShear(4e6)
 >>> print(f"{float(shear(0.1, 293.15)) / 1e6:.6f} {float(shear(0.1, 333.15)) / 1e6:.6f}")
 3.445272 3.726043
 """

@@ -12,10 +12,10 @@ act through mu_hot/mu_cold; beside it the Peclet number v D/D_R has an exponent 
 
 >>> import numpy as np
 >>> cold, hot = (Branch(np.array([0.1, 10.0]), np.array(mu), np.zeros(2), np.zeros(2)) for mu in ([1, 2], [0.5, 0.5]))
->>> law = Law(cold, hot, 2e-3)
->>> print(f"{law(1.0, 0.0):.3f} {law(1.0, 2e-3):.3f} {law(1.0, 1.0):.3f}")
+>>> law = ColdHotLaw(cold, hot, 2e-3)
+>>> print(f"{derive_law(1.0, 0.0):.3f} {derive_law(1.0, 2e-3):.3f} {derive_law(1.0, 1.0):.3f}")
 1.500 0.868 0.500
->>> print(memory(np.array([1.0, 0.5]), 0.5).round(4), memory(1.0, 0.5, 0.674).round(4))
+>>> print(memory_ratio(np.array([1.0, 0.5]), 0.5).round(4), memory_ratio(1.0, 0.5, 0.674).round(4))
 [0.0994 0.192 ] 0.275
 """
 
@@ -30,8 +30,13 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
 from flashtemp.physics.arrays import Value
-from flashtemp.physics.friction.flash_temperature import FrictionBranch, ContactSpots, compute_branches, compute_heating_path
-from flashtemp.physics.friction.persson import TheoryResult, PerssonTheory
+from flashtemp.physics.friction.flash_temperature import (
+    ContactSpots,
+    FrictionBranch,
+    compute_branches,
+    compute_heating_path,
+)
+from flashtemp.physics.friction.persson import PerssonTheory, TheoryResult
 from flashtemp.physics.material import Material
 
 MEMORY_FIT = (0.192, 1.51, 0.95)  # of the fit: r0/D without feedback and road, by the road's share, by hot over cold
@@ -42,13 +47,19 @@ SPEEDS_PER_DECADE, ROAD_SPEED_STRIDE = 12, 3  # speeds of the branches; over a r
 
 
 def memory_ratio(cold: Value, hot: Value, road_heat_fraction: float = 0.0) -> np.ndarray:
-    """r0 over the diameter of a spot (n,) by cold and hot friction (n,), and the road's `share` e_S/(e_R + e_S)."""
+    """r0 over the diameter of a spot (n,) by cold and hot friction (n,), and the road's `road_heat_fraction` e_S/(e_R + e_S)."""
     first, road, back = MEMORY_FIT
-    found: np.ndarray = first * np.exp(road * road_heat_fraction) * np.clip(np.asarray(cold) / np.asarray(hot), *COLD_OVER_HOT_RANGE) ** -back
+    found: np.ndarray = (
+        first
+        * np.exp(road * road_heat_fraction)
+        * np.clip(np.asarray(cold) / np.asarray(hot), *COLD_OVER_HOT_RANGE) ** -back
+    )
     return found
 
 
-def _interpolate_branches(hot: FrictionBranch, found: TheoryResult, speeds: np.ndarray, T0: float) -> tuple[FrictionBranch, FrictionBranch]:
+def _interpolate_branches(
+    hot: FrictionBranch, found: TheoryResult, speeds: np.ndarray, T0: float
+) -> tuple[FrictionBranch, FrictionBranch]:
     """Both branches at all speeds (n,) from a hot one at some of them: splines of what the flash changes."""
     cold = FrictionBranch(speeds, found.viscous, found.adhesive, np.full(len(speeds), T0))
     x, at = np.log(speeds), np.log(hot.speed)
@@ -57,7 +68,9 @@ def _interpolate_branches(hot: FrictionBranch, found: TheoryResult, speeds: np.n
         found: np.ndarray = before + CubicSpline(at, values - np.interp(at, x, before))(x)
         return found
 
-    return cold, FrictionBranch(speeds, *(interpolate_change(getattr(hot, k), getattr(cold, k)) for k in ("viscous", "adhesive", "T")))
+    return cold, FrictionBranch(
+        speeds, *(interpolate_change(getattr(hot, k), getattr(cold, k)) for k in ("viscous", "adhesive", "T"))
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,13 +132,15 @@ def derive_law(
 ) -> ColdHotLaw:
     """The law of a theory at background T0 (K), pressure p (Pa), speeds up to `fastest` (m/s).
 
-    r0 is `given` times the diameter of a spot, or follows the fit.  Speeds reach at least a decade above the slowest.
+    r0 is `stated_ratio` times the diameter of a spot, or follows the fit.  Speeds reach at least a decade above the slowest.
     Raises SolverFailure where the hot branch cannot be found.
     """
     fastest = max(fastest, 10.0 * MIN_LAW_SPEED_M_S)
     count = round(SPEEDS_PER_DECADE * np.log10(fastest / MIN_LAW_SPEED_M_S)) + 1
     speeds = np.geomspace(MIN_LAW_SPEED_M_S, fastest, count)
-    sparse = slice(None) if spots.road is None else np.unique(np.append(np.arange(0, count, ROAD_SPEED_STRIDE), count - 1))
+    sparse = (
+        slice(None) if spots.road is None else np.unique(np.append(np.arange(0, count, ROAD_SPEED_STRIDE), count - 1))
+    )
     cold, hot = compute_branches(theory, rubber, spots, speeds[sparse], T0, p)
     if spots.road is not None:
         cold, hot = _interpolate_branches(hot, theory(speeds, T0, p), speeds, T0)
@@ -134,7 +149,7 @@ def derive_law(
 
 
 class ColdHotFit(NamedTuple):
-    """At speeds (n,) m/s: `best` r0 over the spot's diameter beside the kernel theory, `memory` by the fit of all.
+    """At speeds (n,) m/s: `best` r0 over the spot's diameter beside the kernel theory, `memory_ratio` by the fit of all.
 
     Largest relative `deviation` from the kernel theory of the law with the fit, and with r0 = 0.2 D: `paper`.
     """
@@ -146,7 +161,9 @@ class ColdHotFit(NamedTuple):
     paper: np.ndarray
 
 
-def compare_with_kernels(theory: PerssonTheory, rubber: Material, spots: ContactSpots, speeds: Value, T0: float, p: float) -> ColdHotFit:
+def compare_with_kernels(
+    theory: PerssonTheory, rubber: Material, spots: ContactSpots, speeds: Value, T0: float, p: float
+) -> ColdHotFit:
     """How well the law stands for the kernel theory at constant speeds (m/s), background T0 (K) and pressure p (Pa).
 
     The history is `hot.heating` over two diameters; least squares, every stretch of it weighing by its length (C25).

@@ -14,13 +14,15 @@ from typing import Any
 
 import numpy as np
 
+from flashtemp.display import DisplayMixin, atomic_write
 from flashtemp.errors import BadInput
 from flashtemp.physics.arrays import Value
 from flashtemp.physics.friction.elastic_contact import load_topography_library, solve_contact_area
 from flashtemp.physics.friction.spot_patterns import ContactMap
-from flashtemp.showing import DisplayMixin, atomic_write
 
-MAX_HEIGHT_OVER_SIDE = 0.3  # rms height over the shorter side, above which the heights are surely in another unit than m
+MAX_HEIGHT_OVER_SIDE = (
+    0.3  # rms height over the shorter side, above which the heights are surely in another unit than m
+)
 
 
 @dataclass(frozen=True, repr=False)
@@ -107,7 +109,9 @@ def _unit_length_m(unit: str) -> float:
     return found
 
 
-def generate_topography(length: float, width: float, pixel: float, hurst: float, rms: float, rolloff: float, seed: int) -> Value:
+def generate_topography(
+    length: float, width: float, pixel: float, hurst: float, rms: float, rolloff: float, seed: int
+) -> Value:
     """A self-affine topography of Hurst exponent `hurst`: rms height `rms`, flat above the wavelength `rolloff` (m)."""
     shape = tuple(max(16, round(side / pixel)) for side in (length, width))
     return load_topography_library().Generation.fourier_synthesis(

@@ -1,8 +1,8 @@
 """The highest point of a sampled curve, between its nodes, and whether it lies at one of its ends.
 
->>> highest([1.0, 2.0, 4.0], [1.0, 3.0, 1.0])
+>>> find_peak([1.0, 2.0, 4.0], [1.0, 3.0, 1.0])
 Peak(at=2.0, value=3.0, first=False, last=False)
->>> highest([1.0, 2.0, 4.0], [1.0, 2.0, 3.0]).last
+>>> find_peak([1.0, 2.0, 4.0], [1.0, 2.0, 3.0]).last
 True
 """
 
@@ -30,7 +30,7 @@ class CurvePeak(NamedTuple):
 
 
 def find_peak(positions: Value, values: Value) -> CurvePeak:
-    """Highest point of `values` (n,) over positive, rising `at` (n,), whatever their units.
+    """Highest point of `values` (n,) over positive, rising `positions` (n,), whatever their units.
 
     A parabola over ln at goes through the highest node and its neighbours.
     """

@@ -3,8 +3,8 @@
 >>> from flashtemp.physics.friction import persson, rheology, roughness_spectrum
 >>> from flashtemp.physics.material import LIBRARY
 >>> theory = persson.Theory(rheology.READY["A"], roughness_spectrum.READY["asphalt A"])
->>> cold, hot = branches(theory, LIBRARY["tread_rubber"], Spots(3e-3), [0.1], 293.15, 1.5e5)
->>> print(f"{cold.viscous[0]:.3f} {hot.viscous[0]:.3f}")
+>>> cold, hot = compute_branches(theory, LIBRARY["tread_rubber"], ContactSpots(3e-3), [0.1], 293.15, 1.5e5)
+>>> print(f"{cold.viscous[0]:.3f} {solve_hot_branch.viscous[0]:.3f}")
 0.428 0.324
 """
 
@@ -19,7 +19,7 @@ import numpy as np
 from flashtemp.errors import SolverFailure
 from flashtemp.physics.arrays import Value
 from flashtemp.physics.friction.heat_kernels import HeatMemory, disc_overlap
-from flashtemp.physics.friction.persson import TheoryResult, PerssonTheory
+from flashtemp.physics.friction.persson import PerssonTheory, TheoryResult
 from flashtemp.physics.friction.road_side import RoadSide
 from flashtemp.physics.material import Material
 
@@ -79,7 +79,9 @@ def viscoelastic_heat(found: TheoryResult, phi: float, v: float, p: float) -> np
     return heat
 
 
-def solve_hot_branch(theory: PerssonTheory, rubber: Material, spots: ContactSpots, v: float, T0: float, p: float, start: Value = None) -> Value:
+def solve_hot_branch(
+    theory: PerssonTheory, rubber: Material, spots: ContactSpots, v: float, T0: float, p: float, start: Value = None
+) -> Value:
     """Friction and T_q (n,) K that agree while spots pass over rubber at T0 (K); theory 2.5, steady.
 
     A road under the spots never gets steady: then friction is hot that has slid over WAY diameters, and `start` is not
@@ -134,7 +136,9 @@ class HeatingPath(NamedTuple):
 class SlidingHistory:
     """A spot's friction as it slides, step by step: the kernel theory with all it remembers."""
 
-    def __init__(self, theory: PerssonTheory, rubber: Material, spots: ContactSpots, T0: float, p: float, steps: int) -> None:
+    def __init__(
+        self, theory: PerssonTheory, rubber: Material, spots: ContactSpots, T0: float, p: float, steps: int
+    ) -> None:
         self.theory, self.spots, self.T0, self.p = theory, spots, T0, p
         self.heat_memory = rubber_memory(theory, rubber)
         self.time, self.slid = np.zeros(steps + 1), np.zeros(steps + 1)
@@ -183,7 +187,9 @@ class _MemoryWeights:
         self.off, self.on = (-np.diff(f, axis=0) * h[:, None] for f in slide.heat_memory.age_weights(ages))
         if slide.spots.road is not None:
             self.surface_weights = slide.heat_memory.surface_weights(self.off)
-            self.rubber_flux_weights = -np.diff(np.sqrt(ages)) * h * 2.0 / (np.sqrt(np.pi) * slide.heat_memory.effusivity)
+            self.rubber_flux_weights = (
+                -np.diff(np.sqrt(ages)) * h * 2.0 / (np.sqrt(np.pi) * slide.heat_memory.effusivity)
+            )
             self.road_flux_weights = -np.diff(slide.spots.road.mean_rise(ago, slide.spots.diameter))
 
     def __call__(self, released: float) -> tuple[np.ndarray, float | None]:
@@ -197,7 +203,12 @@ class _MemoryWeights:
         s.rubber_flux[to] = released
         s.road_flux[to] = 0.0
         top = float(np.sum(self.surface_weights * s.heat[past]) + self.rubber_flux_weights @ s.rubber_flux[past])
-        taken = s.spots.road.road_flux(top, float(self.road_flux_weights @ s.road_flux[: self.n]), self.rubber_flux_weights[-1], self.road_flux_weights[-1])
+        taken = s.spots.road.road_flux(
+            top,
+            float(self.road_flux_weights @ s.road_flux[: self.n]),
+            self.rubber_flux_weights[-1],
+            self.road_flux_weights[-1],
+        )
         s.road_flux[to], s.rubber_flux[to] = taken, released - taken
         return T + s.rubber_flux[past] @ self.surface_weights, s.T0 + top - self.rubber_flux_weights[-1] * taken
 
@@ -214,7 +225,9 @@ def _slide_towards_hot(
         yield slide
 
 
-def compute_heating_path(theory: PerssonTheory, rubber: Material, spots: ContactSpots, v: float, T0: float, p: float, steps: int = 120) -> HeatingPath:
+def compute_heating_path(
+    theory: PerssonTheory, rubber: Material, spots: ContactSpots, v: float, T0: float, p: float, steps: int = 120
+) -> HeatingPath:
     """From the cold towards the hot branch at a constant speed v (m/s), over WAY spot diameters."""
     rows = [(s.friction(v), s.T.max()) for s in _slide_towards_hot(theory, rubber, spots, v, T0, p, steps)]
     slid = HOT_SLIDING_DIAMETERS * spots.diameter * (np.arange(steps + 1) / steps) ** 2

@@ -4,8 +4,8 @@
 >>> from flashtemp.physics.material import LIBRARY
 >>> theory = persson.Theory(rheology.READY["A"], roughness_spectrum.READY["asphalt A"])
 >>> spots = flash_temperature.Spots(3e-3)
->>> found = curves(theory, LIBRARY["tread_rubber"], spots, np.geomspace(1e-3, 1e1, 17), 293.15, 1.5e5)
->>> print(" ".join(f"{1e6 * d:.2g}" for d in found.depths.at(0.1)), "um")
+>>> found = compute_curves(theory, LIBRARY["tread_rubber"], spots, np.geomspace(1e-3, 1e1, 17), 293.15, 1.5e5)
+>>> print(" ".join(f"{1e6 * d:.2g}" for d in found.depths.depths_at_speed(0.1)), "um")
 76 1.7 0.29 um
 """
 
@@ -20,7 +20,7 @@ import numpy as np
 from flashtemp.physics.arrays import Value
 from flashtemp.physics.friction import theory_inputs
 from flashtemp.physics.friction.curve_peak import find_peak
-from flashtemp.physics.friction.flash_temperature import FrictionBranch, ContactSpots, compute_branches
+from flashtemp.physics.friction.flash_temperature import ContactSpots, FrictionBranch, compute_branches
 from flashtemp.physics.friction.persson import PerssonTheory
 from flashtemp.physics.material import Material
 from flashtemp.physics.quantities import KELVIN
@@ -68,7 +68,7 @@ class FrictionCurves:
     """Friction at nominal pressure `p` (Pa), background `T0` (K) and over the speeds (n,) of both branches.
 
     `area` A/A0 and contact fraction `phi` (n,) of `spots` without flash temperature; `mu` (n, m) over temperatures
-    `T` (m,) K; `shift` by which factor STEP more kelvin raise the speeds of viscoelastic part and shear stress.
+    `T` (m,) K; `shift` by which factor SHIFT_STEP_K more kelvin raise the speeds of viscoelastic part and shear stress.
     """
 
     cold: FrictionBranch
@@ -113,7 +113,11 @@ class FrictionCurves:
             "maximum": {k: None if t.is_at_edge else {"speed": t.at, "mu": t.value} for k, t in tops.items()},
             "held_by_slope_tester": {k: held_by_slope_tester(b.mu).tolist() for k, b in self.branches.items()},
             "heat_deeper_m": [
-                {"speed": float(v)} | {f"{100 * s:.0f} %": d for s, d in zip(DEPTH_HEAT_FRACTIONS, self.depths.depths_at_speed(v), strict=True)}
+                {"speed": float(v)}
+                | {
+                    f"{100 * s:.0f} %": d
+                    for s, d in zip(DEPTH_HEAT_FRACTIONS, self.depths.depths_at_speed(v), strict=True)
+                }
                 for v in self.depths.speed
             ],
             "shift": {"warmer_K": SHIFT_STEP_K, "viscous": self.shift[0], "shear_stress": self.shift[1]},
@@ -226,7 +230,7 @@ def _table_temperatures(theory: PerssonTheory, T0: float) -> np.ndarray:
 
 
 def _speed_shifts(theory: PerssonTheory, T0: float) -> tuple[float, float | None]:
-    """By which factor the speeds of viscoelastic loss and of the shear stress rise over the next STEP kelvin."""
+    """By which factor the speeds of viscoelastic loss and of the shear stress rise over the next SHIFT_STEP_K kelvin."""
     parts = [theory.rubber.shift_factor] + ([] if theory.shear is None else [theory.shear.shift_factor])
     factors = [float(f(T0) / f(T0 + SHIFT_STEP_K)) for f in parts]
     return factors[0], factors[1] if len(factors) > 1 else None

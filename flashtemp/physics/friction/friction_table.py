@@ -26,7 +26,10 @@ from flashtemp.physics.quantities import KELVIN
 TABLE_FILE_NAME = "friction.nc"
 TABLE_VERSION = 1  # to be counted up with every change of what a table holds: older ones are made anew
 NODES_K_BELOW, NODES_K_ABOVE, TEMPERATURE_NODES = 10.0, 220.0, 40  # K around the ambient temperature
-PRESSURE_NODES, PRESSURE_RANGE_RATIO = 10, 38.0  # nodes; from the power of ten next to the mean pressure over REACH to REACH times it
+PRESSURE_NODES, PRESSURE_RANGE_RATIO = (
+    10,
+    38.0,
+)  # nodes; from the power of ten next to the mean pressure over REACH to REACH times it
 SPEED_NODES_PER_DECADE = 8  # of speed, where it varies
 NOTABLE_TABLE_ERROR = 3e-3  # error of a table, over its largest mu, that is worth a word
 MIN_TABLE_PRESSURE_PA = 1.0  # Pa: below, friction is that at this pressure
@@ -69,7 +72,9 @@ def _locate_cell(value: Value, low: Value, step: Value, count: Value) -> Value:
 
 
 @njit(cache=True)
-def _interpolate_tricubic(values: Array, lows: Value, steps: Value, face: Value, spot: Value, logp: Value, out: Value) -> None:
+def _interpolate_tricubic(
+    values: Array, lows: Value, steps: Value, face: Value, spot: Value, logp: Value, out: Value
+) -> None:
     """Tricubic through 64 neighbours of both fields (2, ...) for every face, spot and logp, real or complex."""
     _, a, b, c = values.shape
     for n in range(out.shape[1]):
@@ -137,7 +142,7 @@ class FrictionTable:
         return {}
 
     def describe_excursions(self, run: Any, shift_range: tuple[float, float]) -> list[str]:
-        """In words: where a run left this table, or the temperatures (K) between which the modulus is `shifted`."""
+        """In words: where a run left this table, or the temperatures (K) between which the modulus is `shift_range`."""
         T, p = run.T_spot[np.isfinite(run.T_spot)] + KELVIN, run.pressure.max()
         low, high = max(self.T[0], shift_range[0]), min(self.T[-1], shift_range[1])
         said = []
@@ -156,7 +161,9 @@ class FrictionTable:
         """The table at a speed (m/s), held outside its range; the last one asked for is kept."""
         if v not in self._cached_slices:
             self._cached_slices.clear()
-            self._cached_slices[v] = TableSlice(self.T, self.logp, self._interpolate_speed(np.log(max(v, MIN_TABLE_SPEED_M_S))))
+            self._cached_slices[v] = TableSlice(
+                self.T, self.logp, self._interpolate_speed(np.log(max(v, MIN_TABLE_SPEED_M_S)))
+            )
         return self._cached_slices[v]
 
     def _interpolate_speed(self, logv: float) -> np.ndarray:
@@ -167,7 +174,7 @@ class FrictionTable:
         return np.tensordot(_cubic_weights(x), self.values[k : k + 4], 1)
 
     def save(self, folder: Path) -> None:
-        """Write friction.nc, from which `tabulate` takes the table up again."""
+        """Write friction.nc, from which `tabulate_friction` takes the table up again."""
         self.to_dataset().to_netcdf(Path(folder) / TABLE_FILE_NAME, engine="h5netcdf")
 
     def to_dataset(self) -> Any:
@@ -285,7 +292,9 @@ def _theory_friction(
     return np.array([found.mu, found.density @ deep])
 
 
-def _interpolation_error(table: FrictionTable, theory: PerssonTheory, rubber: Material, diameter: float, shallow: float) -> float:
+def _interpolation_error(
+    table: FrictionTable, theory: PerssonTheory, rubber: Material, diameter: float, shallow: float
+) -> float:
     """Largest deviation at the middles of the table's cells, some of them, over the largest mu."""
     middle = 0.5 * (table.T[1:] + table.T[:-1])
     some = np.unique(np.r_[0, 1 : len(middle) : 3, len(middle) - 1])  # the outermost are the worst

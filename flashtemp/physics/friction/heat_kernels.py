@@ -7,9 +7,9 @@ A wavenumber q feels T_q = int 2q exp(-2qz) T dz; heat of wavenumber q' decays a
 with K(a, b, D tau) = ab/(b^2 - a^2) [b erfcx(a sqrt(D tau)) - a erfcx(b sqrt(D tau))] (theory 1.6, V4).
 
 >>> age = 0.01 * 0.25 / (1200 * 1700)
->>> print(f"{kernel(2e4, 2e4, age):.4f} {kernel(2e4, 2e5, age):.4f}")
+>>> print(f"{heat_kernel(2e4, 2e4, age):.4f} {heat_kernel(2e4, 2e5, age):.4f}")
 8003.3472 10462.5656
->>> round(float(overlap(0.0)), 9), round(overlap_integral(1.0), 6)
+>>> round(float(disc_overlap(0.0)), 9), round(overlap_integral(1.0), 6)
 (1.0, 1.220416)
 """
 
@@ -66,7 +66,7 @@ def flash_response(kappa: Value, r: float = 1.0) -> Value:
     Before a spot has slid its diameter, `r` < 1 of it, both integrals end there (V10): heat in depth warms the surface
     in proportion to time at first, a flux in proportion to its root.
 
-    >>> round(float(felt(0.3, 1e-6) / (0.5 * np.sqrt(np.pi) * 0.3 * 1e-3)), 3)  # kappa sqrt(pi r)/2
+    >>> round(float(flash_response(0.3, 1e-6) / (0.5 * np.sqrt(np.pi) * 0.3 * 1e-3)), 3)  # kappa sqrt(pi r)/2
     1.0
     """
     if r >= 1.0:
@@ -167,12 +167,12 @@ class HeatMemory:
         return float(self.capacity * np.sqrt(self.diffusivity))
 
     def surface_weights(self, off: Value) -> np.ndarray:
-        """K m2/W: what flux into the surface does to T_q, and heat of wavenumber q to the surface; `off` of `feel`."""
+        """K m2/W: what flux into the surface does to T_q, and heat of wavenumber q to the surface; `off` of `age_weights`."""
         found: np.ndarray = 2.0 * self.q * off / self.capacity
         return found
 
     def temperature_rise(self, off: Value, on: Value, heat: Value, spread: Value) -> np.ndarray:
-        """T_q - T_b (n,) K of heats (m, n) that acted through weights `off`, `on` (m, n) of `feel`."""
+        """T_q - T_b (n,) K of heats (m, n) that acted through weights `off`, `on` (m, n) of `age_weights`."""
         mixed = np.sum(off * spread, axis=0) - self._kernel_factors[1] @ np.sum(off * heat, axis=0)
         found: np.ndarray = (mixed + np.sum(on * heat, axis=0)) / self.capacity
         return found

@@ -15,14 +15,16 @@ from statistics import mode
 import numpy as np
 
 from flashtemp.errors import BadInput, shorten_text
-from flashtemp.physics import bounded_reading
+from flashtemp.physics import safe_text
 from flashtemp.physics.arrays import Value
 from flashtemp.physics.tables.cells import is_missing, parse_number
 from flashtemp.physics.tables.table import WORD_WITH_UNIT, read_text
 
 INSTRUMENT_DIALECTS = (("\t", False), ("\t", True), (";", False), (";", True), (",", False), (" ", False), (" ", True))
 EMPTY_UNIT_CELLS = {"", "-", "--", "nan", "n/a", "na"}  # in a line of units
-SIGN_SPELLINGS = str.maketrans({c: "'" for c in "’′´`ʹ"} | {c: "''" for c in '″“”"'} | {"µ": "u", "μ": "u", "²": "2", "⁴": "4"})
+SIGN_SPELLINGS = str.maketrans(
+    {c: "'" for c in "’′´`ʹ"} | {c: "''" for c in '″“”"'} | {"µ": "u", "μ": "u", "²": "2", "⁴": "4"}
+)
 DIALECT_SAMPLE_LINES = 200  # lines that tell separator and decimal sign
 MAX_COLUMN_NAME_LETTERS = 80  # characters of a column's name with its unit
 
@@ -98,7 +100,7 @@ def read_instrument_table(
 ) -> InstrumentTable:
     """The columns of a file that are found; without any name, `order` tells which stands where.
 
-    `otherwise` is what a case may give instead of a file name or rows, for the message where `source` is neither.
+    `alternative` is what a case may give instead of a file name or rows, for the message where `source` is neither.
     Raises BadInput naming the key, the file and its line, for files without numbers, unknown units, damaged rows.
     """
     if not isinstance(source, str):
@@ -108,12 +110,14 @@ def read_instrument_table(
         raise BadInput(f"{key}: file '{source}' not found in {folder}; give a text file of columns there")
     name = f"{key}: {source}"
     prefix = f"{name}:"
-    lines = bounded_reading.split_bounded_lines(read_text(path, name), name)
+    lines = safe_text.split_bounded_lines(read_text(path, name), name)
     dialect = _detect_dialect(lines)
     header, data, at, width = _split_header_and_rows(lines, dialect, prefix)
     if not data:
         raise BadInput(f"{prefix} no rows of numbers; give columns {_list_quantities(quantities, order)}")
-    columns = _find_columns(header, quantities, width, dialect[0], prefix) or _columns_by_order(quantities, order, width, prefix)
+    columns = _find_columns(header, quantities, width, dialect[0], prefix) or _columns_by_order(
+        quantities, order, width, prefix
+    )
     last = max(c.at for c in columns.values())
     for line, row in zip(at, data, strict=True):
         if len(row) <= last:
@@ -126,7 +130,7 @@ def read_instrument_table(
 def normalise_name(raw: str) -> str:
     """Letters, digits and primes of a name in lower case; a single letter keeps its case.
 
-    >>> bare("E_stor"), bare("G″"), bare("T")
+    >>> normalise_name("E_stor"), normalise_name("G″"), normalise_name("T")
     ('estor', "g''", 'T')
     """
     kept = re.sub(r"[^\w']|_", "", raw.translate(SIGN_SPELLINGS))
@@ -182,7 +186,9 @@ def _split_header_and_rows(lines: list[str], dialect: Value, prefix: str) -> Val
         elif not data:
             header[line.lstrip("#% ") if text[0] in "#%" else line] = number
         elif text[0] not in "#%" and line not in header:
-            raise BadInput(f"{prefix}{number}: {shorten_text(text)[:40]!r} is not a row of numbers; remove or repair it")
+            raise BadInput(
+                f"{prefix}{number}: {shorten_text(text)[:40]!r} is not a row of numbers; remove or repair it"
+            )
     width = mode(map(len, data)) if data else 0
     for line, number in header.items():
         _check_damaged_row(_split_cells(line, dialect[0]), width, dialect[1], f"{prefix}{number}")
@@ -192,11 +198,15 @@ def _split_header_and_rows(lines: list[str], dialect: Value, prefix: str) -> Val
 def _check_damaged_row(cells: list[str], width: int, comma: bool, place: str) -> None:
     """BadInput for a line above the numbers that is a row of them with a slip in it, as O.1 for 0.1."""
     wrong = [c for c in cells if _parse_cell(c, comma) is None]
-    if len(cells) == width and wrong and all(map(bounded_reading.is_mistyped_number, wrong)):
-        raise BadInput(f"{place}: {shorten_text(repr(wrong[0]))} is not a number; repair it, or put # before a line of words")
+    if len(cells) == width and wrong and all(map(safe_text.is_mistyped_number, wrong)):
+        raise BadInput(
+            f"{place}: {shorten_text(repr(wrong[0]))} is not a number; repair it, or put # before a line of words"
+        )
 
 
-def _find_columns(header: list[str], quantities: Value, width: int, separator: str, prefix: str) -> dict[str, FoundColumn]:
+def _find_columns(
+    header: list[str], quantities: Value, width: int, separator: str, prefix: str
+) -> dict[str, FoundColumn]:
     """Columns named by the header line in which most quantities are recognised; none where no line names any."""
     best, found = (0, 0), {}
     for number, line in enumerate(header):
@@ -249,7 +259,7 @@ def _match_cell(cell: str, quantity: ColumnSpec) -> tuple[str, str | None] | Non
 def normalise_unit(text: str) -> str:
     """A unit in one spelling.
 
-    >>> unit_word("[m^4]"), unit_word("°C"), unit_word("µm")
+    >>> normalise_unit("[m^4]"), normalise_unit("°C"), normalise_unit("µm")
     ('m4', 'degC', 'um')
     """
     return re.sub(r"[\s^*·()\[\]]", "", text.translate(SIGN_SPELLINGS)).replace("°", "deg").replace("sec", "s")
@@ -278,7 +288,9 @@ def _add_units(named: Value, parts: Value, below: list[str], quantities: Value, 
 
 def _columns_by_order(quantities: Value, order: Sequence[str], width: int, prefix: str) -> dict[str, FoundColumn]:
     if width != len(order):
-        raise BadInput(f"{prefix} {width} columns without names; name them in a line: {_list_quantities(quantities, order)}")
+        raise BadInput(
+            f"{prefix} {width} columns without names; name them in a line: {_list_quantities(quantities, order)}"
+        )
     known = {q.name: q for q in quantities}
     return {name: FoundColumn(i, f"column {i + 1}", known[name].default[-1][1], False) for i, name in enumerate(order)}
 

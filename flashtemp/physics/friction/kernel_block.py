@@ -72,7 +72,9 @@ class KernelBlock:
                 out[i, max(j - 1, 0)] += np.sum(part * (1.0 - share))
         return out
 
-    def march(self, duration: float, friction: Callable[..., Value], times: int = 80, places: int = 60) -> KernelTemperatures:
+    def march(
+        self, duration: float, friction: Callable[..., Value], times: int = 80, places: int = 60
+    ) -> KernelTemperatures:
         """Slide for `duration` s with friction(T_spot, T_face) (m,); times denser at the start.
 
         The road is taken as settled: it passes in L/v, in which the block hardly changes; the first L/v is no result.

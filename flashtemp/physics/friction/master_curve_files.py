@@ -13,7 +13,12 @@ import numpy as np
 
 from flashtemp.errors import BadInput
 from flashtemp.physics import interpolation
-from flashtemp.physics.friction.instrument_tables import ColumnSpec, InstrumentTable, table_of_rows, read_instrument_table
+from flashtemp.physics.friction.instrument_tables import (
+    ColumnSpec,
+    InstrumentTable,
+    read_instrument_table,
+    table_of_rows,
+)
 from flashtemp.physics.friction.rheology import WLF, MeasuredModulus, MeasuredShift
 from flashtemp.physics.interpolation import Source
 from flashtemp.physics.quantities import KELVIN
@@ -24,7 +29,9 @@ SWEEP_GAP_K = 1.5  # K between two sweeps
 
 ANY = ""  # fits every name
 PRESSURE_UNITS = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "N/mm2": 1e6, "dyn/cm2": 0.1}
-MODULUS_UNITS = {k: (v, 0.0) for k, v in (PRESSURE_UNITS | {"pa": 1.0, "kpa": 1e3, "Mpa": 1e6, "MPA": 1e6, "Gpa": 1e9}).items()}
+MODULUS_UNITS = {
+    k: (v, 0.0) for k, v in (PRESSURE_UNITS | {"pa": 1.0, "kpa": 1e3, "Mpa": 1e6, "MPA": 1e6, "Gpa": 1e9}).items()
+}
 DIMENSIONLESS_UNITS = {k: (1.0, 0.0) for k in ("", "-", "1", "delta", "δ")}
 TEMPERATURE_UNITS = {k: (1.0, KELVIN) for k in ("degC", "C", "Celsius")} | {k: (1.0, 0.0) for k in ("K", "Kelvin")}
 CYCLE_UNITS = {k: (2 * np.pi, 0.0) for k in ("Hz", "hz", "HZ")} | {"kHz": (2e3 * np.pi, 0.0)}
@@ -50,10 +57,22 @@ STORAGE_COLUMN = _modulus_column("storage modulus", "e", "'", "stor|speicher", "
 LOSS_COLUMN = _modulus_column("loss modulus", "e", "''", "loss|verlust", "E'' (MPa)")
 SHEAR_STORAGE_COLUMN = _modulus_column("shear storage modulus", "g", "'", "stor|speicher", "G' (MPa)")
 SHEAR_LOSS_COLUMN = _modulus_column("shear loss modulus", "g", "''", "loss|verlust", "G'' (MPa)")
-TAN_DELTA_COLUMN = ColumnSpec("tan delta", r"tan[a-zδ]*|lossfactor|losstangent|verlustfaktor", DIMENSIONLESS_UNITS, ((ANY, ""),), "tan delta")
+TAN_DELTA_COLUMN = ColumnSpec(
+    "tan delta", r"tan[a-zδ]*|lossfactor|losstangent|verlustfaktor", DIMENSIONLESS_UNITS, ((ANY, ""),), "tan delta"
+)
 TEMPERATURE_COLUMN = ColumnSpec("temperature", r"temp|temperature?|T", TEMPERATURE_UNITS, ((ANY, "degC"),), "T (degC)")
-SHIFT_COLUMN = ColumnSpec("log10 a_T", r"(?:log10|log|lg)?(?:at|shift|shiftfactors?)", DIMENSIONLESS_UNITS, ((ANY, ""),), "log_aT")
-MASTER_CURVE_COLUMNS = (FREQUENCY_COLUMN, SHEAR_STORAGE_COLUMN, SHEAR_LOSS_COLUMN, STORAGE_COLUMN, LOSS_COLUMN, TAN_DELTA_COLUMN, TEMPERATURE_COLUMN)
+SHIFT_COLUMN = ColumnSpec(
+    "log10 a_T", r"(?:log10|log|lg)?(?:at|shift|shiftfactors?)", DIMENSIONLESS_UNITS, ((ANY, ""),), "log_aT"
+)
+MASTER_CURVE_COLUMNS = (
+    FREQUENCY_COLUMN,
+    SHEAR_STORAGE_COLUMN,
+    SHEAR_LOSS_COLUMN,
+    STORAGE_COLUMN,
+    LOSS_COLUMN,
+    TAN_DELTA_COLUMN,
+    TEMPERATURE_COLUMN,
+)
 DEFAULT_COLUMN_ORDER = ("frequency", "storage modulus", "loss modulus")
 ANALYTIC_CURVE_TEXT = (
     ", or a table { relaxed = Pa, unrelaxed = Pa, exponent = 1, time = s } or { relaxed = Pa, terms = [[Pa, s], ...] }"
@@ -86,7 +105,11 @@ class FrequencySweeps:
         x = np.log10(self.reduced_frequency(shift))
         order = np.argsort(x, kind="stable")
         x, y = x[order], np.log10([self.storage, self.loss])[:, order]
-        group, start, near = np.zeros(len(x), dtype=int), x[0], SAME_POINT_DECADES if len(self.temperatures) > 1 else SAME_FREQUENCY_DECADES
+        group, start, near = (
+            np.zeros(len(x), dtype=int),
+            x[0],
+            SAME_POINT_DECADES if len(self.temperatures) > 1 else SAME_FREQUENCY_DECADES,
+        )
         for i in range(1, len(x)):
             new = x[i] - start > near
             group[i] = group[i - 1] + new
@@ -138,11 +161,15 @@ def read_master_curve(
 
 
 def read_sweeps(source: Source, folder: Path, key: str, poisson: float = 0.5) -> FrequencySweeps:
-    """Rows of a file or of a case as measured, checked.  Raises BadInput as `read_master` does."""
+    """Rows of a file or of a case as measured, checked.  Raises BadInput as `read_master_curve` does."""
     if isinstance(source, (list, tuple)):
-        table = table_of_rows(interpolation.read_rows(source, folder, key, 3), key, (FREQUENCY_COLUMN, STORAGE_COLUMN, LOSS_COLUMN))
+        table = table_of_rows(
+            interpolation.read_rows(source, folder, key, 3), key, (FREQUENCY_COLUMN, STORAGE_COLUMN, LOSS_COLUMN)
+        )
     else:
-        table = read_instrument_table(source, folder, key, MASTER_CURVE_COLUMNS, DEFAULT_COLUMN_ORDER, ANALYTIC_CURVE_TEXT)
+        table = read_instrument_table(
+            source, folder, key, MASTER_CURVE_COLUMNS, DEFAULT_COLUMN_ORDER, ANALYTIC_CURVE_TEXT
+        )
     storage, loss = _young_moduli(table, key, poisson)
     T = None
     if "temperature" in table:
@@ -190,7 +217,9 @@ def read_shift(source: Source, folder: Path, key: str) -> MeasuredShift:
     if isinstance(source, (list, tuple)):
         table = table_of_rows(interpolation.read_rows(source, folder, key, 2), key, (TEMPERATURE_COLUMN, SHIFT_COLUMN))
     else:
-        table = read_instrument_table(source, folder, key, (TEMPERATURE_COLUMN, SHIFT_COLUMN), ("temperature", "log10 a_T"))
+        table = read_instrument_table(
+            source, folder, key, (TEMPERATURE_COLUMN, SHIFT_COLUMN), ("temperature", "log10 a_T")
+        )
     for quantity in (TEMPERATURE_COLUMN, SHIFT_COLUMN):
         _require_column(table, quantity.name, quantity.usual)
     T, decades = table["temperature"], table["log10 a_T"]

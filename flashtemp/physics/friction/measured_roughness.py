@@ -16,14 +16,14 @@ from typing import Any
 
 import numpy as np
 
+from flashtemp.display import atomic_write
 from flashtemp.errors import BadInput
-from flashtemp.physics import bounded_reading, interpolation
+from flashtemp.physics import interpolation, safe_text
 from flashtemp.physics.arrays import Value
 from flashtemp.physics.friction.elastic_contact import load_topography_library, suppress_warnings
-from flashtemp.physics.friction.instrument_tables import ColumnSpec, table_of_rows, read_instrument_table
-from flashtemp.physics.friction.roughness_spectrum import MeasuredSpectrum, SelfAffineLaw, RoughnessSpectrum
+from flashtemp.physics.friction.instrument_tables import ColumnSpec, read_instrument_table, table_of_rows
+from flashtemp.physics.friction.roughness_spectrum import MeasuredSpectrum, RoughnessSpectrum, SelfAffineLaw
 from flashtemp.physics.interpolation import Source
-from flashtemp.showing import atomic_write
 
 AREA_BINS_PER_DECADE = 20  # bins of q of an area
 LINE_BINS_PER_DECADE = 10  # of a line, whose spectrum is differentiated
@@ -72,7 +72,9 @@ UNIT_OF_AXIS = re.compile(
     r"\b(?P<axis>[xz])[ _-]?(?:axis )?units?[^\w\n]{1,4}(?P<unit>[A-Za-z\u00c5]{1,12})", re.IGNORECASE
 )
 MAX_HEADER_BYTES = 20_000  # bytes of a file in which units of axes are looked for
-LATERAL_COLUMN = ColumnSpec("y", r"[yY]|(?:y|axis|coordinate|position){2,6}", HEIGHT_COLUMN.units, ((ANY, "m"),), "y (mm)")
+LATERAL_COLUMN = ColumnSpec(
+    "y", r"[yY]|(?:y|axis|coordinate|position){2,6}", HEIGHT_COLUMN.units, ((ANY, "m"),), "y (mm)"
+)
 VALIDITY_COLUMN = ColumnSpec(
     "valid", r"valid|validity", dict.fromkeys(("", "1/0", "0/1", "-", "1"), (1.0, 0.0)), ((ANY, ""),), "valid"
 )
@@ -84,9 +86,18 @@ def read_spectrum(source: Source, folder: Path, key: str) -> MeasuredSpectrum:
     Raises BadInput naming key, file and line for values <= 0, and where the rms height shows wrong units.
     """
     if isinstance(source, (list, tuple)):
-        table = table_of_rows(interpolation.read_rows(source, folder, key, 2), key, (WAVENUMBER_COLUMN, SPECTRUM_COLUMN))
+        table = table_of_rows(
+            interpolation.read_rows(source, folder, key, 2), key, (WAVENUMBER_COLUMN, SPECTRUM_COLUMN)
+        )
     else:
-        table = read_instrument_table(source, folder, key, (WAVENUMBER_COLUMN, SPECTRUM_COLUMN), ("wavenumber", "power spectrum"), SPECTRUM_LAW_TEXT)
+        table = read_instrument_table(
+            source,
+            folder,
+            key,
+            (WAVENUMBER_COLUMN, SPECTRUM_COLUMN),
+            ("wavenumber", "power spectrum"),
+            SPECTRUM_LAW_TEXT,
+        )
     where = table.name
     for quantity in (WAVENUMBER_COLUMN, SPECTRUM_COLUMN):
         if quantity.name not in table:
@@ -132,7 +143,13 @@ def read_line_scan(file: Path, key: str = "profile", stated: bool = False) -> Li
 
 def _scan_of_columns(file: Path, key: str, stated: bool) -> LineScan:
     """A line scan as columns of text."""
-    table = read_instrument_table(file.name, file.parent, key, (DISTANCE_COLUMN, HEIGHT_COLUMN, LATERAL_COLUMN, VALIDITY_COLUMN), ("distance", "height"))
+    table = read_instrument_table(
+        file.name,
+        file.parent,
+        key,
+        (DISTANCE_COLUMN, HEIGHT_COLUMN, LATERAL_COLUMN, VALIDITY_COLUMN),
+        ("distance", "height"),
+    )
     where = f"{key}: {file.name}"
     height = "height" if "height" in table else "y"
     for name, quantity in (("distance", DISTANCE_COLUMN), (height, HEIGHT_COLUMN)):
@@ -150,7 +167,9 @@ def _scan_of_columns(file: Path, key: str, stated: bool) -> LineScan:
     above = {} if any(c.stated for c in columns) else _units_above(file)
     if any(c.stated for c in columns) != all(c.stated for c in columns) or len(above) == 1:
         bare = next(c for c, axis in zip(columns, "xz", strict=True) if not c.stated and axis not in above)
-        raise BadInput(f"{where}: no unit of {bare.name!r}, while the other column has one; name it {HEIGHT_COLUMN.usual}")
+        raise BadInput(
+            f"{where}: no unit of {bare.name!r}, while the other column has one; name it {HEIGHT_COLUMN.usual}"
+        )
     units = [c.unit if c.stated else above.get(axis, c.unit) for c, axis in zip(columns, "xz", strict=True)]
     factors = [1.0 if c.stated else LENGTH_UNITS_M[unit] for c, unit in zip(columns, units, strict=True)]
     notes = [f"{where}: {', '.join(f'{c.name!r} in {unit}' for c, unit in zip(columns, units, strict=True))}"]
@@ -177,9 +196,9 @@ def _read_head(file: Path) -> bytes:
 def _is_bounded(file: Path) -> bool:
     """Whether a file is small enough to be parsed, and a text has no line without end."""
     try:
-        data = bounded_reading.read_bounded_bytes(file, file.name)
+        data = safe_text.read_bounded_bytes(file, file.name)
         if b"\0" not in data[:MAX_HEADER_BYTES]:
-            bounded_reading.split_bounded_lines(data.decode("latin-1"), file.name)
+            safe_text.split_bounded_lines(data.decode("latin-1"), file.name)
     except BadInput:
         return False
     return True
@@ -248,7 +267,7 @@ def spectrum_of_profile(heights: np.ndarray, step: float, longest: float = np.in
     """Isotropic C(q) of a line's heights (n,) in m, missing ones nan, every `step` m, without waves over `longest` m.
 
     Several lines (m, n) are averaged.  The road is taken as isotropic with a C that falls with q.  q goes from two
-    waves on the line to half the Nyquist wavenumber, above which lines are aliased.  Raises as `of_topography`.
+    waves on the line to half the Nyquist wavenumber, above which lines are aliased.  Raises as `spectrum_of_topography`.
     """
     k, S = _line_spectrum(heights, step)
     if len(k) < 3 or not np.all(S > 0):

@@ -2,8 +2,8 @@
 
 >>> from flashtemp.physics.material import LIBRARY
 >>> rubber, road = LIBRARY["tread_rubber"], LIBRARY["asphalt"]
->>> law = sliding(rubber, road, 1e-5, 0.1)
->>> print(f"{law(0.1):.4g} {law(1.0):.4g} {static(rubber, road, 13.3e6, 0.75e6, 4.5e-6):.4g}")
+>>> law = sliding_conductance(rubber, road, 1e-5, 0.1)
+>>> print(f"{law(0.1):.4g} {law(1.0):.4g} {resting_conductance(rubber, road, 13.3e6, 0.75e6, 4.5e-6):.4g}")
 6121 1.274e+04 5013
 """
 

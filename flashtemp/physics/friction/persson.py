@@ -1,9 +1,9 @@
 """Persson's contact and friction theory: G(q), the area in contact P(q), mu and where its heat is released.
 
 >>> from flashtemp.physics.friction import rheology, roughness_spectrum
->>> theory = Theory(rheology.READY["A"], roughness_spectrum.READY["asphalt A"])
+>>> theory = PerssonTheory(rheology.READY["A"], roughness_spectrum.READY["asphalt A"])
 >>> found = theory(0.1, 293.15, 1.5e5)
->>> print(f"{found.stretch:.2f} {found.area:.6e} {found.viscous:.6f}")
+>>> print(f"{found.G_at_q1:.2f} {found.area:.6e} {found.viscous:.6f}")
 27503.09 3.401990e-03 0.428219
 """
 
@@ -91,7 +91,7 @@ class TheoryResult:
     """Contact and friction at speeds, temperatures and pressures (...); spectra over `q` (..., n).
 
     `G`, `P` = A(q)/A0; `density` dmu_visc/dq (m) with `weight` dq (1/m) of every node: viscous = sum weight density;
-    `viscous`, `adhesive` friction coefficients; `stretch` G and `area` A/A0 at q1.
+    `viscous`, `adhesive` friction coefficients; `G_at_q1` G and `area` A/A0 at q1.
     """
 
     q: np.ndarray
@@ -121,7 +121,11 @@ def _angular_integrals(rubber: Rubber) -> Value:
     E = rubber.modulus(np.multiply.outer(np.exp(LN_FREQUENCY_GRID), cos)) / (1.0 - rubber.poisson**2)
     square = (np.abs(E) ** 2) @ w
     lost, share = (E.imag * cos) @ w / np.sqrt(square), E.imag**2 @ w / square
-    return CubicSpline(LN_FREQUENCY_GRID, np.log(square)), CubicSpline(LN_FREQUENCY_GRID, lost), CubicSpline(LN_FREQUENCY_GRID, share)
+    return (
+        CubicSpline(LN_FREQUENCY_GRID, np.log(square)),
+        CubicSpline(LN_FREQUENCY_GRID, lost),
+        CubicSpline(LN_FREQUENCY_GRID, share),
+    )
 
 
 @lru_cache(maxsize=16)

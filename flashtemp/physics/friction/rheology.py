@@ -1,8 +1,8 @@
 """Viscoelastic modulus of rubber, E(omega, T) = E(omega a_T, T_ref): analytic, Prony series or measured.
 
->>> rubber = READY["A"]
+>>> rubber = READY_RUBBERS["A"]
 >>> E = rubber(1e4, 293.15) / 1e6
->>> print(f"{E.real:.6f} {E.imag:.6f} {rubber.factor(333.15):.6f}")
+>>> print(f"{E.real:.6f} {E.imag:.6f} {rubber.shift_factor(333.15):.6f}")
 22.084178 13.887775 0.010681
 """
 
@@ -86,7 +86,9 @@ class WLF:
     @property
     def valid_range(self) -> tuple[float, float]:
         """Temperatures (K) between which the law is used."""
-        return min(self.reference - self.c2 + WLF_POLE_MARGIN_K, self.reference), max(MAX_WLF_TEMPERATURE_K, self.reference)
+        return min(self.reference - self.c2 + WLF_POLE_MARGIN_K, self.reference), max(
+            MAX_WLF_TEMPERATURE_K, self.reference
+        )
 
     def __call__(self, T: Value) -> Value:
         """a_T at T in K."""
@@ -136,7 +138,7 @@ class Rubber:
 def fit_prony_series(curve: ColeCole, per_decade: int = 2, decades: float = 12.0) -> PronySeries:
     """A Prony series for a Cole-Cole curve of exponent 1/2: E_i = (E1 - E0) dln tau/pi/(x^1/2 + x^-1/2).
 
-    A reference for checks of `Prony` against a closed form, used by no run.
+    A reference for checks of `PronySeries` against a closed form, used by no run.
     """
     if curve.exponent != 0.5:
         raise ValueError("the relaxation spectrum is known in closed form for an exponent of 1/2")

@@ -11,7 +11,7 @@ with J into the road and R what a disc keeps of its heat (theory 1.6, eqs. (11),
 
 >>> from flashtemp.physics.material import LIBRARY
 >>> stone = RoadSide(LIBRARY["asphalt"])
->>> print(f"{1e6 * stone.warmed(0.25, 3e-3):.2f} {1e6 * stone.warmed(0.25, 1.0):.2f} K m2/MW")
+>>> print(f"{1e6 * stone.mean_rise(0.25, 3e-3):.2f} {1e6 * stone.mean_rise(0.25, 1.0):.2f} K m2/MW")
 333.43 381.53 K m2/MW
 """
 
@@ -57,9 +57,11 @@ class RoadSide:
         root = np.sqrt(np.minimum(age, 10.0 ** LOG10_AGE_RANGE[1] * diameter**2 / self.material.diffusivity))
         return 2.0 * root * _disc_rise_spline()(at) / (ROOT_PI * self.material.effusivity)
 
-    def road_flux(self, rubber_surface: Value, road_surface: Value, rubber_resistance: Value, road_resistance: Value) -> Value:
+    def road_flux(
+        self, rubber_surface: Value, road_surface: Value, rubber_resistance: Value, road_resistance: Value
+    ) -> Value:
         """Flux (W/m2) into the road at which both sides agree.
 
-        `rubber` and `before` (K) are the two surfaces without it, `own` and `mine` (K m2/W) what it does to them.
+        `rubber_surface` and `road_surface` (K) are the two surfaces without it, `rubber_resistance` and `road_resistance` (K m2/W) what it does to them.
         """
         return (rubber_surface - road_surface) / (rubber_resistance + road_resistance + 1.0 / self.alpha)

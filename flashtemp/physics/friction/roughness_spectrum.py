@@ -1,7 +1,7 @@
 """Power spectrum C(q) of a rough road: <h^2> = 2 pi int q C dq, isotropic, q in 1/m, C in m^4.
 
->>> road = READY["asphalt A"]
->>> print(f"{road.law.level:.10e} {road.q1:.7e} {road.slope():.6f}")
+>>> road = READY_ROADS["asphalt A"]
+>>> print(f"{road.law.level:.10e} {road.q1:.7e} {road.rms_slope():.6f}")
 1.3984054661e-14 2.5401710e+06 1.300000
 """
 
@@ -115,7 +115,7 @@ class RoughnessSpectrum:
         return float(np.sqrt(self._spectral_moment(1, self.q1)))
 
     def cut_at_slope(self, slope: float) -> RoughnessSpectrum:
-        """The spectrum cut where its rms slope reaches `slope`.  Raises BadInput where it never does."""
+        """The spectrum cut where its rms slope reaches `rms_slope`.  Raises BadInput where it never does."""
         low, high = np.log(self.q0 * 1.01), np.log(1e11)
         least, most = self.rms_slope(np.exp(low)), self.rms_slope(np.exp(high))
         if not least < slope < most:
@@ -128,7 +128,7 @@ class RoughnessSpectrum:
 def self_affine_spectrum(
     height: float, rolloff: float, hurst: float, q0: float, slope: float | None = CUTOFF_RMS_SLOPE, name: str = "road"
 ) -> RoughnessSpectrum:
-    """Self-affine roughness of rms `height` (m, summed to infinity) with a roll-off, cut at an rms slope if given.
+    """Self-affine roughness of rms `rms_height` (m, summed to infinity) with a roll-off, cut at an rms slope if given.
 
     Raises BadInput for a Hurst exponent outside ]0, 1[ or a roll-off below q0.
     """

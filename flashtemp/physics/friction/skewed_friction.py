@@ -23,7 +23,7 @@ COMPARED_ROADS = ("plain", "worn", "turned")
 
 @dataclass(frozen=True, eq=False)
 class SkewFrictionComparison:
-    """At nominal pressures p (n,) Pa: `mu`, `area` and `lost` (3, seeds, n) of the roads in ROADS.
+    """At nominal pressures p (n,) Pa: `mu`, `area` and `lost` (3, seeds, n) of the roads in COMPARED_ROADS.
 
     `lost` is friction from the energy lost, another way to the same number.
     """
@@ -89,5 +89,7 @@ def compare_roads(
     for seed in seeds:
         heights, side = gaussian_heights(road, grid, seed)
         worn = flatten_tops(heights, side, f, cutoff)
-        found.append([[(s.mu, s.area, s.friction_by_loss) for s in slide_over_loads(h, side)] for h in (heights, worn, -worn)])
+        found.append(
+            [[(s.mu, s.area, s.friction_by_loss) for s in slide_over_loads(h, side)] for h in (heights, worn, -worn)]
+        )
     return SkewFrictionComparison(p, *np.moveaxis(np.array(found), (3, 1, 0), (0, 1, 2)))

@@ -8,7 +8,7 @@ pressure the unchanged ground below the mean plane is reached too and R falls to
 What R does to viscoelastic friction is an argument, no theorem: where tops touch, C becomes f^2 C and P becomes P/f,
 so that mu_visc ~ int q^3 C P dq is multiplied by f = 1/R.  Hence `viscous` = -1; the adhesive part follows the area.
 
->>> print(f"{skewness(0.8):.6f} {scale(-0.7595):.4f}")
+>>> print(f"{skewness_of_scale(0.8):.6f} {scale_of_skewness(-0.7595):.4f}")
 -0.264479 0.5000
 """
 
@@ -103,7 +103,7 @@ def solve_areas(
 ) -> np.ndarray:
     """A/A0 (seeds, n) of skewed roads at nominal pressures over contact modulus p/E* (n), E* = E/(1 - nu^2).
 
-    Heights above the mean plane are multiplied by f, those below it by `below`.  The square of `grid`^2 points is two
+    Heights above the mean plane are multiplied by f, those below it by `scale_below`.  The square of `grid`^2 points is two
     wavelengths 2 pi/q0 of the `road` wide and holds its waves down to four pixels: compare areas of one grid only.
     Raises BadInput for f outside ]0, 1], loads that are not positive, a grid below 32, or where no contact is found.
     """
@@ -138,7 +138,7 @@ def solve_area_ratio(
     """How much more of a skewed road touches than of the Gaussian one, at loads p/E* (n), fitted.
 
     `against`: "unscaled", the road before its tops were lowered; "slope" or "height", a Gaussian road of the skewed
-    road's rms slope or rms height.  Raises BadInput as `area` does, and for another word.
+    road's rms slope or rms height.  Raises BadInput as `solve_areas` does, and for another word.
     """
     if against not in REFERENCE_SCALES:
         raise BadInput(f"against: {against}; give one of {', '.join(REFERENCE_SCALES)}")
@@ -180,7 +180,7 @@ def skewness_enlargement(
     reaches.  Contact is solved at six pressures over the range given and fitted: at 256^2 points one seed lies within
     3 % of the fit.  Finer waves hold R up longer: for f = 0.6 and p/E* = 0.1 it is 1.25, 1.32, 1.38 with waves down to
     1.6, 0.8 (the default), 0.4 mm.
-    Raises BadInput as `ratio` does.
+    Raises BadInput as `solve_area_ratio` does.
     """
     p = np.asarray(pressures, dtype=float)
     if not modulus > 0 or p.ndim != 1 or p.size == 0 or not np.all(p > 0) or np.any(np.diff(p) <= 0):

@@ -8,7 +8,7 @@ with the rubber moving towards +x.  The operator is positive but, for rubber tha
 has its minimum there, so that a primal-dual active set takes the place of conjugate gradients, each solved by GMRES.
 
 >>> x = np.arange(64)[:, None] / 64
->>> found = slide(1e-3 * np.cos(2 * np.pi * x), (1.0, 1.0), lambda omega: np.full(np.shape(omega), 1e6), 1.0, 3e3)
+>>> found = solve_sliding_contact(1e-3 * np.cos(2 * np.pi * x), (1.0, 1.0), lambda omega: np.full(np.shape(omega), 1e6), 1.0, 3e3)
 >>> print(abs(found.mu) < 1e-9, round(found.area, 3))  # exactly (2/pi) asin sqrt(3e3/(pi 1e3)) = 0.864
 True 0.859
 """
@@ -72,7 +72,7 @@ class SlidingSurface:
         return found
 
     def solve_pressure(self, in_contact: np.ndarray, start: np.ndarray, load: float) -> tuple[np.ndarray, np.ndarray]:
-        """Pressure (nx, ny) of mean `load` (Pa) that holds the points `on` at the road, and the gap everywhere."""
+        """Pressure (nx, ny) of mean `load` (Pa) that holds the points `in_contact` at the road, and the gap everywhere."""
         count = int(in_contact.sum())
         p = np.where(in_contact, start, 0.0)
         p += np.where(in_contact, (load - p.mean()) * in_contact.size / count, 0.0)
@@ -125,7 +125,9 @@ def solve_sliding_contact(
         on = new if new.any() else heights == heights.max()
     else:
         raise SolverFailure(f"sliding contact: no set of points settles after {MAX_CONTACT_SETS}")
-    climbed, followed = (surface.apply_factor(surface.slope_factor, f) for f in (heights, surface.apply_factor(surface.compliance, p)))
+    climbed, followed = (
+        surface.apply_factor(surface.slope_factor, f) for f in (heights, surface.apply_factor(surface.compliance, p))
+    )
     mu, loss = (float((p * slope).mean() / p.mean()) for slope in (climbed, followed))
     return SlidingContactResult(p, np.where(on, 0.0, gap), mu, loss, float(on.mean()))
 

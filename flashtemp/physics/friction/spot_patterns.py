@@ -1,6 +1,6 @@
 """Where the macroasperity spots lie on the road: discs, stripes or a contact map, and what they cover of a mesh.
 
-Every pattern repeats along x after `repeat` (m); `area(y, width)` is the integral (rows, pixels + 1) m along one
+Every pattern repeats along x after `repeat` (m); `cumulative_cover(y, width)` is the integral (rows, pixels + 1) m along one
 repeat of the covered share of rows with edges `y` (m from the centre line): its differences are exact means over cells.
 """
 
@@ -57,7 +57,9 @@ class DiscPattern:
         return _integrate_rows(share, self.repeat / count)
 
 
-MAX_RANDOM_COVER = 0.6  # of an area: discs laid down at random cover 0.547 of it (Feder 1980), or a little more of a small one
+MAX_RANDOM_COVER = (
+    0.6  # of an area: discs laid down at random cover 0.547 of it (Feder 1980), or a little more of a small one
+)
 
 
 @dataclass(frozen=True)
@@ -93,7 +95,7 @@ def place_discs(
 
     Raises BadInput, which begins with `key`, where discs cannot be placed without overlap.
 
-    >>> road = discs("regular", 3e-3, 0.2, 0.05, 0.05, 1)
+    >>> road = place_discs("regular", 3e-3, 0.2, 0.05, 0.05, 1)
     >>> round(len(road.centres) * 3.14159265 * 2.25e-6 / (road.repeat * 0.05), 6)
     0.2
     """

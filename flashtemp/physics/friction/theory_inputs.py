@@ -33,10 +33,14 @@ def build_theory(values: dict[str, Any], folder: Path, table: str) -> PerssonThe
     """The theory that the keys of `table` describe; files are looked up in `folder`.  Raises BadInput."""
     shear = None
     if values["shear_stress"] > 0:
-        shear = AdhesiveShear(values["shear_stress"], values["shear_width"], values["shear_speed"], values["activation"])
+        shear = AdhesiveShear(
+            values["shear_stress"], values["shear_width"], values["shear_speed"], values["activation"]
+        )
     payne = _read_payne(values, table) if values["payne_rest"] < 1.0 else None
     road = _read_road(values, folder, table)
-    plain = PerssonTheory(_read_rubber(values, folder, table), road, values["gamma"], shear, values["saturation"], payne)
+    plain = PerssonTheory(
+        _read_rubber(values, folder, table), road, values["gamma"], shear, values["saturation"], payne
+    )
     skewed = values["flattened"], values["skewness_cutoff"]
     return replace(plain, enlarged=_area_enlargements(*skewed, values["work_of_adhesion"], plain))
 
@@ -153,21 +157,27 @@ def _skewness_of_waves(
 def _cached_skewness(flattened: float, modulus: float, road: roughness_spectrum.RoughnessSpectrum) -> Any:
     from flashtemp.physics.friction import skewness
 
-    return skewness.skewness_enlargement(flattened, modulus, tuple(ENLARGEMENT_PRESSURES_PA.tolist()), SKEW_GRID_POINTS, road=road)
+    return skewness.skewness_enlargement(
+        flattened, modulus, tuple(ENLARGEMENT_PRESSURES_PA.tolist()), SKEW_GRID_POINTS, road=road
+    )
 
 
 @lru_cache(maxsize=32)
 def _cached_adhesion(work: float, plain: PerssonTheory) -> Any:
     from flashtemp.physics.friction import adhesion
 
-    return adhesion.adhesion_enlargement(plain, MACROASPERITY_SPEED_M_S, 293.15, work, ENLARGEMENT_PRESSURES_PA, viscous=0.0)
+    return adhesion.adhesion_enlargement(
+        plain, MACROASPERITY_SPEED_M_S, 293.15, work, ENLARGEMENT_PRESSURES_PA, viscous=0.0
+    )
 
 
 def describe_assumptions(values: dict[str, Any]) -> list[str]:
     """In words: what the case leaves open and the theory needs, and keys that have no say."""
     said = []
     if values["master_curve"] is not None and values["wlf"] is None and values["shift"] is None:
-        said += [f"no shift factor was given: the master curve is shifted by C1, C2 = {DEFAULT_WLF} K, those of rubber A"]
+        said += [
+            f"no shift factor was given: the master curve is shifted by C1, C2 = {DEFAULT_WLF} K, those of rubber A"
+        ]
     if values["payne_loss_peak"] is not None and values["payne_rest"] == 1.0:
         said += ["payne_loss_peak has no say: payne_rest = 1 switches the softening off; give less than 1"]
     return said
@@ -180,7 +190,7 @@ def macroasperity_modulus(theory: PerssonTheory) -> float:
 
 
 def heat_deposits(theory: PerssonTheory, v: float, T: float, p: float, min_depth: float) -> list[tuple[float, float]]:
-    """Shares of the friction heat released inside the rubber, and their depths (m), deeper than `shallow` (m).
+    """Shares of the friction heat released inside the rubber, and their depths (m), deeper than `min_depth` (m).
 
     The spectrum of dmu/dq, whose heat decays over 1/(2q), at speed v (m/s), T (K) and p (Pa), gathered in a few
     depths; eqs. (6) and (7).

@@ -9,8 +9,8 @@ Per unit area, from the moment the rubber touches the road (u = vs = r = 0):
 >>> import numpy as np
 >>> from flashtemp.physics.friction.cold_hot_law import Branch, Law
 >>> even = Branch(np.array([1e-5, 10.0]), np.array([0.5, 0.5]), np.zeros(2), np.zeros(2))
->>> block = Tread(speed=27.0, footprint=0.1, stiffness=1.5e8, mass=0.1, pressure=3e5)
->>> path = through(block, Law(even, even, 2e-3), [0.05])
+>>> block = TreadBlock(speed=27.0, footprint=0.1, stiffness=1.5e8, mass=0.1, pressure=3e5)
+>>> path = pass_footprint(block, Law(even, even, 2e-3), [0.05])
 >>> round(1e3 * float(path.slid[-1, 0] + path.shear[-1, 0]), 6)  # mm, slip times footprint
 5.0
 """
@@ -27,12 +27,15 @@ from flashtemp.errors import SolverFailure
 from flashtemp.physics.arrays import Value
 from flashtemp.physics.friction.cold_hot_law import MIN_LAW_SPEED_M_S, ColdHotLaw
 from flashtemp.physics.friction.curve_peak import CurvePeak, find_peak
-from flashtemp.physics.friction.flash_temperature import SlidingHistory, ContactSpots
+from flashtemp.physics.friction.flash_temperature import ContactSpots, SlidingHistory
 from flashtemp.physics.friction.persson import PerssonTheory
 from flashtemp.physics.material import Material
 from flashtemp.physics.quantities import KELVIN
 
-MIN_KERNEL_STEPS, MAX_KERNEL_STEPS = 200, 800  # steps through the footprint; the kernel theory's cost grows with their square
+MIN_KERNEL_STEPS, MAX_KERNEL_STEPS = (
+    200,
+    800,
+)  # steps through the footprint; the kernel theory's cost grows with their square
 MIN_LAW_STEPS, MAX_LAW_STEPS = 800, 3200  # of the law alone
 STEP_DOUBLING_TOLERANCE = 0.02  # of the friction of the footprint, that twice the steps may change
 MIN_BRANCH_DIFFERENCE = 0.01  # of the cold branch, below which it and the hot one are one
@@ -82,7 +85,13 @@ def pass_footprint(tread: TreadBlock, law: ColdHotLaw, slips: Value, steps: int 
 
 
 def pass_with_heat_memory(
-    tread: TreadBlock, theory: PerssonTheory, rubber: Material, spots: ContactSpots, T0: float, slip: float, steps: int = MIN_KERNEL_STEPS
+    tread: TreadBlock,
+    theory: PerssonTheory,
+    rubber: Material,
+    spots: ContactSpots,
+    T0: float,
+    slip: float,
+    steps: int = MIN_KERNEL_STEPS,
 ) -> tuple[FootprintPath, np.ndarray]:
     """The path at one slip with the kernel theory and all it remembers, and the highest T_q (n,) K along it.
 
@@ -179,11 +188,13 @@ def is_chattering(path: FootprintPath, pull: Value) -> np.ndarray:
     return found
 
 
-def refine_steps(tread: TreadBlock, law: ColdHotLaw, slips: Value, first_steps: int, max_steps: int) -> tuple[FootprintPath, float]:
+def refine_steps(
+    tread: TreadBlock, law: ColdHotLaw, slips: Value, first_steps: int, max_steps: int
+) -> tuple[FootprintPath, float]:
     """The law's path at slips (m,), and by which share the friction of the footprint moves with twice its steps.
 
-    From `first` on steps are doubled until that share is below SETTLED, where the block chatters twice in a row, or up
-    to `most`.  Raises SolverFailure.
+    From `first_steps` on steps are doubled until that share is below STEP_DOUBLING_TOLERANCE, where the block chatters twice in a row, or up
+    to `max_steps`.  Raises SolverFailure.
     """
     pull, before = tread.speed * np.asarray(slips, dtype=float), 1.0
     path = pass_footprint(tread, law, slips, first_steps)
@@ -200,8 +211,8 @@ def refine_steps(tread: TreadBlock, law: ColdHotLaw, slips: Value, first_steps: 
 class RollingResult:
     """A tread block at `slips` (m,): `path` with the law, `kernel` paths and highest T_q (K), one per slip.
 
-    Both take the same steps; twice as many move the law's friction of the footprint by a share `moved`.  `friction` is
-    that of the whole footprint over the slips of `SWEPT`, highest at `best`; `rough` where it chatters; T0 in K.
+    Both take the same steps; twice as many move the law's friction of the footprint by a share `step_error`.  `friction` is
+    that of the whole footprint over the slips of `SWEPT_SLIPS`, highest at `peak`; `chatter_swept` where it chatters; T0 in K.
     """
 
     tread: TreadBlock

@@ -9,7 +9,7 @@ pulls every bristle sideways with v_R tan(a).  Rigid bristles slide over l tan(a
 >>> from flashtemp.physics.friction.cold_hot_law import Branch, Law
 >>> cold, hot = (Branch(np.array([1e-3, 99.0]), np.array(2 * [mu]), np.zeros(2), np.zeros(2)) for mu in (1.0, 0.5))
 >>> tyre = Tyre(speed=27.0, width=0.14, pressure=3e5)
->>> print(f"{1e3 * tyre.length(3000.0):.1f} mm", rigid(tyre, Law(cold, hot, 2e-3), [3000.0], [2.0]).round(4))
+>>> print(f"{1e3 * tyre.footprint_length(3000.0):.1f} mm", rigid_side_force(tyre, Law(cold, hot, 2e-3), [3000.0], [2.0]).round(4))
 90.9 mm [[0.7772]]
 """
 
@@ -57,7 +57,7 @@ class Tyre:
         return self.speed * np.tan(np.radians(angles))
 
     def footprint_lines(self, load: Value) -> tuple[np.ndarray, np.ndarray]:
-        """Lengths (LINES,) m of lines across the footprint and the widths (m) they stand for."""
+        """Lengths (FOOTPRINT_LINES,) m of lines across the footprint and the widths (m) they stand for."""
         cos, weight = _lateral_quadrature()
         return self.footprint_length(load) * cos, self.width * weight
 
@@ -84,7 +84,7 @@ def rigid_side_force(tyre: Tyre, law: ColdHotLaw, loads: Value, angles: Value) -
 
 
 def rigid_force_peak(tyre: Tyre, law: ColdHotLaw, load: float, angles: Value) -> CurvePeak:
-    """Highest point of `rigid` between the lowest and the highest of some slip angles (deg), which also bracket it."""
+    """Highest point of `rigid_side_force` between the lowest and the highest of some slip angles (deg), which also bracket it."""
     angles = np.asarray(angles, dtype=float)
     i = int(np.argmax(rigid_side_force(tyre, law, [load], angles)[0]))
     if i in (0, len(angles) - 1):
@@ -238,7 +238,7 @@ def compute_cornering(
 ) -> CorneringResult:
     """Side force over slip angle (deg) at every load (N), rigid and brush, with the law and its controls.
 
-    Several angles are led on, down to FLATTEST and up to `steepest`, until every maximum of the law lies inside them.
+    Several angles are led on, down to MIN_SLIP_ANGLE_DEG and up to `steepest`, until every maximum of the law lies inside them.
     `watch(done, total)` is told about every law.  Raises SolverFailure.
     """
     loads, angles = np.sort(np.asarray(loads, dtype=float)), np.sort(np.asarray(angles, dtype=float))
@@ -254,7 +254,9 @@ def compute_cornering(
         chatter |= bool(is_chattering(path, tyre.lateral_speed(angles)).any())
         if watch:
             watch(n + 1, len(COMPARED_LAWS))
-    return CorneringResult(tyre, law, make_bristle(tyre, loads, stiffness, mass), T0, loads, angles, curves, peaks, chatter)
+    return CorneringResult(
+        tyre, law, make_bristle(tyre, loads, stiffness, mass), T0, loads, angles, curves, peaks, chatter
+    )
 
 
 def _extend_angles(
@@ -267,7 +269,10 @@ def _extend_angles(
     kept = angles
     while True:
         try:
-            curves = [rigid_side_force(tyre, law, loads, angles), brush_side_force(tyre, law, loads, angles, stiffness, mass)[0]]
+            curves = [
+                rigid_side_force(tyre, law, loads, angles),
+                brush_side_force(tyre, law, loads, angles, stiffness, mass)[0],
+            ]
         except SolverFailure:
             return kept
         tops, kept = [find_peak(angles, mu) for curve in curves for mu in curve], angles

@@ -38,7 +38,8 @@ DATE_PATTERN = (
 )
 CLOCK_PATTERN = r"[0-9]{1,4}:[0-9]{2}(?::[0-9]{2})?(?:[.,:][0-9]{1,30})?(?: ?[AaPp]\.?[Mm]\.?)?"
 LOOKS_LIKE_TIME = re.compile(
-    rf"\W{{0,2}}{DATE_PATTERN}(?:\b|(?=T[0-9])).{{0,40}}|(?:[0-9]+ days?,? )?\W{{0,2}}{CLOCK_PATTERN}(?:\b|(?=Z)).{{0,20}}", re.DOTALL
+    rf"\W{{0,2}}{DATE_PATTERN}(?:\b|(?=T[0-9])).{{0,40}}|(?:[0-9]+ days?,? )?\W{{0,2}}{CLOCK_PATTERN}(?:\b|(?=Z)).{{0,20}}",
+    re.DOTALL,
 )
 
 

@@ -84,7 +84,9 @@ def split_lines(lines: Sequence[str], dialect: TableDialect) -> list[TableLine]:
                 if joined.count('"') % 2 == 0 and _has_closed_quotes(joined, dialect.separator):
                     text, at = joined, at + more
                     break
-        out.append(TableLine(number, text, tuple(" ".join(c.split()) if "\n" in c else c for c in _line_cells(text, dialect))))
+        out.append(
+            TableLine(number, text, tuple(" ".join(c.split()) if "\n" in c else c for c in _line_cells(text, dialect)))
+        )
         at += 1
     return out
 
@@ -124,6 +126,8 @@ def _count_clear_values(line: str, dialect: TableDialect) -> int:
     for cell in cells:
         if is_value(cell, dialect.comma):
             values += 1
-        elif any(c.isdigit() for c in cell) and not any(c.isalpha() for c in cell) and set(cell) & set(SEPARATOR_LETTERS):
+        elif (
+            any(c.isdigit() for c in cell) and not any(c.isalpha() for c in cell) and set(cell) & set(SEPARATOR_LETTERS)
+        ):
             return 0
     return values if 2 * values >= len(cells) else 0

@@ -18,7 +18,7 @@ ARCHIVE_MAGIC = {b"PK\x03\x04": "a spreadsheet (.xlsx) or an archive", b"\xd0\xc
 def decode_text(data: bytes, where: str) -> str:
     """Text of a file in UTF-8, UTF-16 or Windows-1252, without its byte order mark.
 
-    Signs that were lost on the way are mended, as `mend_signs` does.  Raises BadInput, beginning with `where`, for
+    Signs that were lost on the way are mended, as `repair_signs` does.  Raises BadInput, beginning with `where`, for
     spreadsheets, for NUL bytes, and for files without any text.
     """
     for magic, kind in ARCHIVE_MAGIC.items():
@@ -47,7 +47,7 @@ def decode_text(data: bytes, where: str) -> str:
 def repair_signs(text: str) -> str:
     """A text with the degree signs and others that a change of encoding spoiled.
 
-    >>> mend_signs("T (?F);d (\u00c2\u00b5m);\uff9fC;22.5 &deg;C"), mend_signs("which?"), mend_signs("stra\u00dfe")
+    >>> repair_signs("T (?F);d (\u00c2\u00b5m);\uff9fC;22.5 &deg;C"), repair_signs("which?"), repair_signs("stra\u00dfe")
     ('T (°F);d (µm);°C;22.5 °C', 'which?', 'straße')
     """
     if text.isascii() and "?" not in text and "&deg;" not in text:
@@ -58,7 +58,7 @@ def repair_signs(text: str) -> str:
 def detect_unmarked_utf16(start: bytes) -> str | None:
     """The encoding of a text of two bytes per letter without a byte order mark: every other byte is 0.
 
-    >>> utf16_without_mark("Time,front".encode("utf-16-be")), utf16_without_mark(b"Time,front")
+    >>> detect_unmarked_utf16("Time,front".encode("utf-16-be")), detect_unmarked_utf16(b"Time,front")
     ('utf-16-be', None)
     """
     even, odd = start[0::2], start[1::2]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from flashtemp.physics import bounded_reading
+from flashtemp.physics import safe_text
 from flashtemp.physics.tables import lvm, tdms
 from flashtemp.physics.tables.encoding import decode_text
 from flashtemp.physics.tables.table import parse_table
@@ -19,7 +19,7 @@ def read_logger_file(
 
     `comma`: whether commas are decimal, `group`: which group of a TDMS file, where a person says so.
     """
-    data = bounded_reading.read_bounded_bytes(path, where)
+    data = safe_text.read_bounded_bytes(path, where)
     if data.startswith(tdms.TDMS_MAGIC):
         return tdms.read_tdms(path, where, group)
     text = decode_text(data, where)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from flashtemp.errors import BadInput, shorten_text
-from flashtemp.physics import bounded_reading
+from flashtemp.physics import safe_text
 from flashtemp.physics.tables import header
 from flashtemp.physics.tables.cells import is_missing, parse_number
 from flashtemp.physics.tables.dialect import TableDialect
@@ -49,7 +49,7 @@ def parse_lvm(text: str, where: str) -> tuple[TextTable, TimeAxis]:
     Raises BadInput, naming the line, for files that are cut off, whose segments differ in their channels or whose
     channels have times of their own.
     """
-    lines = bounded_reading.split_bounded_lines(text, where)
+    lines = safe_text.split_bounded_lines(text, where)
     separator, body, tags = _read_file_header(lines, where)
     comma = tags.get("Decimal_Separator", ["."])[:1] == [","]
     segments = _read_segments(lines, body, separator, tags.get("Multi_Headings", ["No"])[:1] != ["Yes"], where)

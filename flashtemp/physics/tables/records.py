@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flashtemp.errors import BadInput
-from flashtemp.physics import bounded_reading
+from flashtemp.physics import safe_text
 from flashtemp.physics.tables.cells import parse_number
 from flashtemp.physics.tables.encoding import decode_text
 
@@ -43,10 +43,10 @@ def read_records(path: Path, where: str, remedy: str) -> list[TableRecord]:
     Raises BadInput, beginning with `where` and ending with `remedy`, for files without text and for lines that have
     more or fewer cells than there are names.
     """
-    data = bounded_reading.read_bounded_bytes(path, where)
+    data = safe_text.read_bounded_bytes(path, where)
     if not data.strip():
         raise BadInput(f"{where}: nothing in it; {remedy}")
-    lines = bounded_reading.split_bounded_lines(decode_text(data, where), where)
+    lines = safe_text.split_bounded_lines(decode_text(data, where), where)
     filled = [(n, line) for n, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
     filled = [(n, line) for n, line in filled if n > 1 or not SEP_LINE.fullmatch(line.strip())]
     if not filled:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flashtemp.errors import BadInput, shorten_text
-from flashtemp.physics import bounded_reading
+from flashtemp.physics import safe_text
 from flashtemp.physics.tables import header
 from flashtemp.physics.tables.cells import (
     has_marks_of_digits,
@@ -23,7 +23,14 @@ from flashtemp.physics.tables.cells import (
     shape_of,
     split_suffix,
 )
-from flashtemp.physics.tables.dialect import SEPARATOR_NAMES, TableDialect, TableLine, detect_dialect, split_cells, split_lines
+from flashtemp.physics.tables.dialect import (
+    SEPARATOR_NAMES,
+    TableDialect,
+    TableLine,
+    detect_dialect,
+    split_cells,
+    split_lines,
+)
 from flashtemp.physics.tables.encoding import decode_text
 from flashtemp.physics.tables.header import TableColumn
 from flashtemp.physics.tables.records import SEP_LINE
@@ -44,7 +51,7 @@ WHOLE_COPY_REMEDY = "give a whole copy or export it anew"
 
 def read_text(path: Path, where: str) -> str:
     """The text of a file, within the bounds of a table.  Raises BadInput."""
-    return decode_text(bounded_reading.read_bounded_bytes(path, where), where)
+    return decode_text(safe_text.read_bounded_bytes(path, where), where)
 
 
 def parse_table(text: str, where: str, comma: bool | None = None, of_logger: bool = False) -> TextTable:
@@ -54,7 +61,7 @@ def parse_table(text: str, where: str, comma: bool | None = None, of_logger: boo
     shorter than the others is cut off.  Raises BadInput, beginning with `where` and the line, for texts without rows of
     values and for lines that cannot belong to them.
     """
-    raw = bounded_reading.split_bounded_lines(text, where)
+    raw = safe_text.split_bounded_lines(text, where)
     skipped = 1 if raw and SEP_LINE.fullmatch(raw[0].strip()) else 0
     body = [*[""] * skipped, *raw[skipped:]]
     dialect = detect_dialect(body, comma)
@@ -100,7 +107,9 @@ def _check_last_line(table: TextTable, last_line: int) -> None:
     lost = (not last and all(cells[:-1])) or (not unit and all(u for _, u in others))
     fewer = len(table.rows) > 2 and len(decimals) == 1 and len(last.partition(sign)[2]) < decimals.pop()
     if lost or fewer:
-        raise BadInput(f"{table.where}:{last_line}: ends with {cells[-1]!r} and without a line end: cut off; {WHOLE_COPY_REMEDY}")
+        raise BadInput(
+            f"{table.where}:{last_line}: ends with {cells[-1]!r} and without a line end: cut off; {WHOLE_COPY_REMEDY}"
+        )
 
 
 @dataclass
@@ -176,7 +185,11 @@ class _TableBlock:
                     counts[len(line.cells)] += times[shape]
             if counts:
                 break
-        named = {len(line.cells) for _, line in self._lines_by_shape() if len(line.cells) > 1 and not any(self._value_flags(line))}
+        named = {
+            len(line.cells)
+            for _, line in self._lines_by_shape()
+            if len(line.cells) > 1 and not any(self._value_flags(line))
+        }
         width = max(counts, key=lambda n: (counts[n], n in named, n))
         alike = [(line, values, count) for line, values, count in mostly if len(line.cells) == width]
         columns = []
@@ -231,7 +244,7 @@ class _TableBlock:
 
     def _is_word(self, cell: str) -> bool:
         """Whether a cell is a word: neither a value nor a damaged one."""
-        value = is_value(cell, self.dialect.comma) or bounded_reading.is_mistyped_number(cell)
+        value = is_value(cell, self.dialect.comma) or safe_text.is_mistyped_number(cell)
         return not value and any(c.isalpha() for c in cell)
 
     def _is_remark(self, line: TableLine, below: bool, above: TableLine) -> bool:
@@ -350,7 +363,7 @@ class _TableBlock:
             return
         cells = [line.cells[k] for k in self.value_columns if line.cells[k]]
         wrong = [c for c in cells if not is_value(c, self.dialect.comma)]
-        mistyped = all(map(bounded_reading.is_mistyped_number, wrong))
+        mistyped = all(map(safe_text.is_mistyped_number, wrong))
         if not wrong or len(wrong) == len(cells) and not mistyped:
             return
         key_and_value = self.width == 2 and line.cells[0] in wrong and not mistyped and not directly
@@ -358,7 +371,7 @@ class _TableBlock:
             return
         column = next(k + 1 for k in self.value_columns if line.cells[k] == wrong[0])
         raise BadInput(
-            f"{self.where}:{line.number}: {bounded_reading.format_cells(list(line.cells))} is not numeric;"
+            f"{self.where}:{line.number}: {safe_text.format_cells(list(line.cells))} is not numeric;"
             f" {shorten_text(repr(wrong[0]))} in column {column} is no number: repair it"
         )
 
@@ -389,7 +402,11 @@ class _TableBlock:
         if above is None or _is_comment(above):
             return
         cells = [c for c in above.cells if c]
-        if len(cells) > 1 and any(header.is_time_label(TableColumn(1, c)) for c in cells) and not any(self._value_flags(above)):
+        if (
+            len(cells) > 1
+            and any(header.is_time_label(TableColumn(1, c)) for c in cells)
+            and not any(self._value_flags(above))
+        ):
             raise BadInput(
                 f"{self.where}:{above.number}: names {len(cells)} columns, the rows below have {self.width} cells"
                 f" ({SEPARATOR_NAMES[self.dialect.separator]} between them); name every column, or export with ';' between the"
@@ -424,7 +441,7 @@ def _is_common_unit(text: str) -> bool:
 def is_in_brackets(text: str) -> bool:
     """Whether a cell is a unit in brackets.
 
-    >>> cells_in_brackets("[foo]"), cells_in_brackets("foo")
+    >>> is_in_brackets("[foo]"), is_in_brackets("foo")
     (True, False)
     """
     return len(text) > 2 and (text[0], text[-1]) in (("(", ")"), ("[", "]"))

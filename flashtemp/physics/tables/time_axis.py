@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flashtemp.errors import BadInput, suggest_name, shorten_text
+from flashtemp.errors import BadInput, shorten_text, suggest_name
 from flashtemp.physics.tables import header
 from flashtemp.physics.tables.cells import is_missing, parse_number, split_suffix
 from flashtemp.physics.tables.header import TableColumn
@@ -82,7 +82,9 @@ def _named_column(table: TextTable, named: str) -> TableColumn:
     if text.isdecimal() and text.isascii() and 1 <= int(text) <= len(table.columns):
         return table.columns[int(text) - 1]
     known = [c.label for c in table.columns if c.label] or [f"1 to {len(table.columns)}"]
-    many = f"{len(same)} columns have that name; give its number" if same else f"no such column{suggest_name(text, known)}"
+    many = (
+        f"{len(same)} columns have that name; give its number" if same else f"no such column{suggest_name(text, known)}"
+    )
     raise BadInput(f"{table.where}: time_column: {shorten_text(repr(named))}: {many}")
 
 
@@ -98,7 +100,9 @@ def _find_column(table: TextTable, taken: Sequence[int]) -> TableColumn | None:
     """The column that says by its name or its cells that it is the time; None where readings are only counted."""
     free = [c for c in table.columns if c.number not in taken]
     kinds = {c.number: _column_kind(table, c) for c in free}
-    said = [c for c in free if kinds[c.number] != "text" and header.is_time_label(c) and not _is_millisecond_part(table, c)]
+    said = [
+        c for c in free if kinds[c.number] != "text" and header.is_time_label(c) and not _is_millisecond_part(table, c)
+    ]
     said += [c for c in free if kinds[c.number] == "stamp" and c not in said]
     if said:
         full = [c for c in said if not _is_only_date(table, c)]
@@ -145,7 +149,9 @@ def _read_axis(table: TextTable, column: TableColumn, taken: Sequence[int]) -> T
     cells = table.cells(column)
     for k, cell in enumerate(cells):
         if not (cell and cell[-1].isdigit()) and is_missing(cell):
-            raise BadInput(f"{table.locate_row(k)}: no time in {column}, {shorten_text(repr(cell))} instead; remove that line")
+            raise BadInput(
+                f"{table.locate_row(k)}: no time in {column}, {shorten_text(repr(cell))} instead; remove that line"
+            )
     kind = _column_kind(table, column)
     if kind == "number" and not _is_only_date(table, column):
         axis = _numeric_axis(table, column)
@@ -370,7 +376,9 @@ def _counted_axis(table: TextTable, taken: Sequence[int]) -> TimeAxis:
     """Times of readings that are only counted: the number of a reading times the interval that the file states."""
     first = next((c for c in table.columns if c.number not in taken), None)
     interval = sampling_interval(table)
-    what = f"{first} counts the readings" if first and _column_kind(table, first) == "number" else "no column is the time"
+    what = (
+        f"{first} counts the readings" if first and _column_kind(table, first) == "number" else "no column is the time"
+    )
     if interval is None:
         raise BadInput(
             f"{table.where}: {what}, and no line states an interval; give --fps, readings per second, or --time-column"
@@ -434,7 +442,9 @@ def _compare_other_times(table: TextTable, axis: TimeAxis, taken: Sequence[int])
     Raises BadInput where a second column says another time, beyond the resolution of a clock.
     """
     for other in table.columns:
-        used = other.number in (*taken, *axis.columns) or _is_millisecond_part(table, other) or _is_only_date(table, other)
+        used = (
+            other.number in (*taken, *axis.columns) or _is_millisecond_part(table, other) or _is_only_date(table, other)
+        )
         if used or not (header.is_time_label(other) and _column_kind(table, other) != "text"):
             continue
         try:

@@ -172,7 +172,7 @@ def _leading_date(text: str) -> tuple[tuple[int, int, int], tuple[str, ...], str
 def _month_number(name: str) -> int | None:
     """The month of a name or of its beginning, in three letters or more; None where it is none or may be two.
 
-    >>> [_month(name) for name in ("März", "févr", "juil", "jui", "Mag", "sept", "foo")]
+    >>> [_month_number(name) for name in ("März", "févr", "juil", "jui", "Mag", "sept", "foo")]
     [3, 2, 7, None, 5, 9, None]
     """
     plain = _strip_accents(name)
@@ -320,7 +320,7 @@ def _clock_seconds(stamps: list[TimeStamp], cells: Sequence[str], place: RowLoca
 
 
 def _raise_for_row(is_wrong: np.ndarray, what: str, cells: Sequence[str], place: RowLocator) -> None:
-    """BadInput for the first row (n,) that is `wrong`."""
+    """BadInput for the first row (n,) that is `is_wrong`."""
     if is_wrong.any():
         k = int(np.argmax(is_wrong))
         raise BadInput(f"{place(k)}: {shorten_text(repr(cells[k]))} {what}; repair it")

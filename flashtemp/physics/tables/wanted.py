@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flashtemp.errors import BadInput, shorten_text
-from flashtemp.physics.bounded_reading import format_cells as show_cells
+from flashtemp.physics.safe_text import format_cells as show_cells
 from flashtemp.physics.tables import header
 from flashtemp.physics.tables.cells import is_missing, parse_number, split_suffix
 from flashtemp.physics.tables.header import TableColumn
@@ -111,7 +111,9 @@ def find_columns(table: TextTable, wanted: Sequence[WantedColumn]) -> list[Table
             if known is None and table.has_header and want.names:
                 _check_contradiction(table, column, want)
         return columns
-    raise BadInput(f"{table.where}: columns {', '.join(repr(c.label) for c in table.columns)}; name {_list_wanted(wanted)}")
+    raise BadInput(
+        f"{table.where}: columns {', '.join(repr(c.label) for c in table.columns)}; name {_list_wanted(wanted)}"
+    )
 
 
 def _list_wanted(wanted: Sequence[WantedColumn]) -> str:
@@ -186,7 +188,9 @@ def _column_values(table: TextTable, column: TableColumn, want: WantedColumn) ->
     if want is TIME and parse_number(split_suffix(cells[0])[0], table.dialect.comma) is None:
         moments = parse_moments(cells, table.locate_row, column.label)
         if moments.has_date:
-            raise BadInput(f"{table.locate_row(0)}: {shorten_text(repr(cells[0]))} is a date; give the time in s from its zero")
+            raise BadInput(
+                f"{table.locate_row(0)}: {shorten_text(repr(cells[0]))} is a date; give the time in s from its zero"
+            )
         return moments.seconds
     values, unit = table.read_quantity(column, want.unit)
     if want.unit == "degC" and not unit:

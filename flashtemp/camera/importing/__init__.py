@@ -1,0 +1,1 @@
+"""Files of cameras and loggers turned into one recording."""

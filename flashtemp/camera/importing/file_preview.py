@@ -1,0 +1,253 @@
+"""What is in camera files before anything is known of them: frames, pixels, clock, object parameters, ranges."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flashtemp.camera.importing import readers
+from flashtemp.camera.importing.formats.raw_frames import UNSCALED, RawFrames, ScaleMissing
+from flashtemp.camera.importing.import_options import ImportOptions
+from flashtemp.camera.importing.import_request import describe_order
+from flashtemp.camera.radiometry import PlanckCalibration
+from flashtemp.display import DisplayMixin, DisplayTable
+from flashtemp.errors import BadInput
+
+PREVIEW_FRAMES = 6  # frames that are shown
+HISTOGRAM_BINS = 120  # of the histogram
+UNSCALED_COUNTS_NOTE = (
+    "counts as the camera wrote them: import needs --scale and --offset, T = scale count + offset in degC"
+)
+READER_OPTION_NAMES = ("scale", "offset", "unit", "variable", "decimal", "below", "rows", "labels", "limit")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FilePreview(DisplayMixin):
+    """Camera files as they are: `images` (some, rows, columns) degC of the frames `shown` (some,), counted from 0.
+
+    `mean` (frames,) degC of every frame; `clock` (frames,) s since 1970 on the camera's clock or `time` (frames,) s
+    where the file counts; `said` the object parameters that the file states; `span` lowest and highest value, degC;
+    `counts` of values between `edges` degC; `outside` the camera's range, their number; `dead`
+    (rows, columns) pixels without a value in any of several frames; `difference`: K of a lock-in result, not degC;
+    `counted`: counts, whose scale neither the file nor anybody has told.
+    """
+
+    files: tuple[Path, ...]
+    format: str
+    camera: str
+    images: np.ndarray
+    shown: np.ndarray
+    mean: np.ndarray
+    clock: np.ndarray | None
+    time: np.ndarray | None
+    fps: float | None
+    said: dict[str, float]
+    span: tuple[float, float]
+    counts: np.ndarray
+    edges: np.ndarray
+    outside: int
+    dead: np.ndarray
+    notes: tuple[str, ...]
+    difference: bool = False
+    counted: bool = False
+    picture: Path | None = None
+
+    @property
+    def unit(self) -> str:
+        """Of the images: degC, K where they are differences, counts where nobody has told their scale."""
+        return "counts" if self.counted else "K" if self.difference else "degC"
+
+    @property
+    def quantity(self) -> str:
+        """What the images show, in words."""
+        return "counts" if self.counted else "difference" if self.difference else "temperature"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain numbers and text for JSON."""
+        return {
+            "files": [str(f) for f in self.files], "format": self.format, "camera": self.camera,
+            "frames": len(self.mean), "rows": self.images.shape[1], "columns": self.images.shape[2],
+            "counts" if self.counted else "temperature_degC": list(self.span),
+            "begins": self._start_text(), "lasts_s": self._duration_s(), "fps": self.fps,
+            "object_parameters": self.said, "outside_range_px": self.outside, "dead_px": int(self.dead.sum()),
+            "notes": list(self.notes), "picture": self.picture and str(self.picture),
+        }  # fmt: skip
+
+    def _start_text(self) -> str | None:
+        if self.clock is None or not np.isfinite(self.clock[0]):
+            return None
+        return datetime.fromtimestamp(float(self.clock[0]), UTC).replace(tzinfo=None).isoformat(" ", "milliseconds")
+
+    def _duration_s(self) -> float | None:
+        times = self.time if self.time is not None else self.clock
+        if times is not None:
+            return float(np.nanmax(times) - np.nanmin(times))
+        return (len(self.mean) - 1) / self.fps if self.fps else None
+
+    def describe_rows(self) -> list[tuple[str, str]]:
+        """What is known, in words."""
+        (rows, columns), (low, high) = self.images.shape[1:], self.span
+        begins, lasts = self._start_text(), self._duration_s()
+        when = [f"begins {begins} on the camera's clock"] if begins else []
+        when += [f"lasts {lasts:.6g} s"] if lasts else []
+        when += [f"a camera of {self.fps:.4g} frames per second"] if self.fps else []
+        object_ = ", ".join(f"{k.replace('_', ' ')} {v:g}" for k, v in self.said.items())
+        return [
+            ("kind", ", ".join(t for t in (self.format, self.camera) if t)),
+            ("images", f"{len(self.mean)} of {columns} x {rows} pixels"),
+            ("time", ", ".join(when) or "not in the file: --fps and --start, or --times"),
+            (self.quantity, f"{low:.0f} to {high:.0f}" if self.counted else f"{low:.2f} to {high:.2f} {self.unit}"),
+            ("computed with", object_ or "not in the file"),
+            (
+                "pixels left out",
+                f"{int(self.dead.sum())} dead in all frames, {self.outside} values beyond the camera's range",
+            ),
+        ]
+
+    def __str__(self) -> str:
+        name = self.files[0].name if len(self.files) == 1 else f"{self.files[0].name} and {len(self.files) - 1} more"
+        lines = [
+            name,
+            *(f"  {key}: {value}" for key, value in self.describe_rows()),
+            *(f"  {note}" for note in self.notes),
+        ]
+        return "\n".join([*lines, *([f"  drawn in {self.picture}"] if self.picture else [])])
+
+    def to_table(self) -> DisplayTable:
+        return DisplayTable(self.files[0].name, rows=self.describe_rows(), notes=self.notes)
+
+
+def preview_files(
+    names: Sequence[Path],
+    facts: ImportOptions = ImportOptions(),  # noqa: B008 (frozen)
+    report_progress: Callable[[str], Any] = lambda text: None,
+    receive_images: Callable[[np.ndarray], Any] = lambda images: None,
+    counts: bool = False,
+) -> FilePreview:
+    """Camera files, all frames of them a few at a time; of `facts` only how their numbers are read counts.
+
+    `report_progress` hears of progress, `receive_images` gets the images as they are read; with `counts` numbers whose scale nobody has
+    told stay what they are.  Raises BadInput.
+    """
+    facts = _without_scale(names[:1], facts) if counts else facts
+    means, clocks, times = [], [], []
+    first: RawFrames | None = None
+    dead: np.ndarray | None = None
+    outside, low, high, number, notes = 0, np.inf, -np.inf, 0, list[str]()
+    counted = _Histogram(1.0 if facts.scale is UNSCALED else 0.01)
+    kept = _FrameSample()
+    for done, path in enumerate(names, 1):
+        for frames in iter_frames(path, facts):
+            if first is None:
+                first = frames
+            else:
+                readers.check_same_kind(names[0], first, path, frames)
+            T = frames.temperature
+            known = np.isfinite(T)
+            means.append(np.where(known.any(axis=(1, 2)), _image_means(T, known), np.nan))
+            clocks.append(frames.clock)
+            times.append(frames.time)
+            dead = ~known.any(axis=0) if dead is None else dead & ~known.any(axis=0)
+            outside += frames.outside
+            if known.any():
+                low, high = min(low, float(T[known].min())), max(high, float(T[known].max()))
+                counted.add(T[known])
+            kept.add(T, number)
+            receive_images(T)
+            number += len(T)
+            said = (*frames.notes, *((UNSCALED_COUNTS_NOTE,) if frames.is_unscaled else ()))
+            notes += [note for note in said if note not in notes]
+        if done % 50 == 0:
+            report_progress(f"{done} of {len(names)} files read")
+    if first is None or dead is None:
+        raise BadInput("no camera files; give files or a folder of them")
+    notes += describe_order(names)
+    shown, images = kept.select_frames()
+    number_of, edges = counted.binned_counts()
+    return FilePreview(
+        tuple(names), first.format, first.camera, images, shown, np.concatenate(means), _concatenate_if_complete(clocks), _concatenate_if_complete(times),
+        first.fps, dict(first.stated_parameters), (low, high), number_of, edges, outside, dead & (number > 1), tuple(notes),
+        first.difference, first.is_unscaled,
+    )  # fmt: skip
+
+
+def _without_scale(names: Sequence[Path], facts: ImportOptions) -> ImportOptions:
+    """The facts, with counts left as they are where only the user knows their scale."""
+    try:
+        for path in names:
+            next(iter(iter_frames(path, facts)), None)
+    except ScaleMissing:
+        return replace(facts, scale=UNSCALED, offset=0.0)
+    return facts
+
+
+def iter_frames(path: Path, facts: ImportOptions):
+    """Frames of a file as its maker meant them, a few at a time."""
+    planck = None if facts.planck is None else PlanckCalibration(*facts.planck)
+    return readers.iter_frames(
+        path, **{k: getattr(facts, k) for k in READER_OPTION_NAMES}, planck=planck, every=facts.every or 1
+    )
+
+
+def _image_means(T: np.ndarray, known: np.ndarray) -> np.ndarray:
+    return np.sum(T, axis=(1, 2), where=known) / np.maximum(known.sum(axis=(1, 2)), 1)
+
+
+def _concatenate_if_complete(parts: list[np.ndarray | None]) -> np.ndarray | None:
+    found = [p for p in parts if p is not None]
+    return np.concatenate(found) if found and len(found) == len(parts) else None
+
+
+class _FrameSample:
+    """Frames spread evenly over however many there are: twice as far apart whenever there are too many."""
+
+    def __init__(self) -> None:
+        self.every, self.numbers, self.images = 1, list[int](), list[np.ndarray]()
+
+    def add(self, images: np.ndarray, first: int) -> None:
+        """Keep what is due of frames numbered from `first`."""
+        for number, image in enumerate(images, first):
+            if number % self.every == 0:
+                self.numbers.append(number)
+                self.images.append(np.array(image))
+            if len(self.numbers) > 4 * PREVIEW_FRAMES:
+                self.every *= 2
+                due = [k for k, n in enumerate(self.numbers) if n % self.every == 0]
+                self.numbers, self.images = [self.numbers[k] for k in due], [self.images[k] for k in due]
+
+    def select_frames(self) -> tuple[np.ndarray, np.ndarray]:
+        """At most PREVIEW_FRAMES of them: numbers and images."""
+        at = np.unique(np.linspace(0, len(self.numbers) - 1, PREVIEW_FRAMES).round().astype(int))
+        return np.array(self.numbers)[at], np.stack([self.images[k] for k in at])
+
+
+class _Histogram:
+    """Counts of values in steps of hundredths of a degree, or of one count, made coarser at the end."""
+
+    COARSER = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)  # steps of a bin: round numbers of files are even
+
+    def __init__(self, step: float = 0.01) -> None:
+        self.step, self.first, self.found = step, 0, np.zeros(0, int)
+
+    def add(self, values: np.ndarray) -> None:
+        """Count values, degC."""
+        numbers = np.floor(values / self.step + 1e-6).astype(int)
+        first, last = int(numbers.min()), int(numbers.max())
+        if self.found.size:
+            first, last = min(first, self.first), max(last, self.first + self.found.size - 1)
+        counts = np.bincount((numbers - first).ravel(), minlength=last - first + 1)
+        counts[self.first - first :][: self.found.size] += self.found
+        self.first, self.found = first, counts
+
+    def binned_counts(self) -> tuple[np.ndarray, np.ndarray]:
+        """Counts (bins,) and edges (bins + 1,) degC."""
+        coarse = next((c for c in self.COARSER if self.found.size <= HISTOGRAM_BINS * c), self.COARSER[-1])
+        before = self.first % coarse
+        after = -(before + self.found.size) % coarse
+        counts = np.pad(self.found, (before, after)).reshape(-1, coarse).sum(axis=1)
+        return counts, self.step * (self.first - before + coarse * np.arange(len(counts) + 1))

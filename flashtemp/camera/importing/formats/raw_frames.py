@@ -1,0 +1,183 @@
+"""Frames: what one camera file holds, before anybody has said where and when it was seen."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+
+from flashtemp.camera.image_validation import check_camera_range
+from flashtemp.camera.radiometry import ObjectParameters, PlanckCalibration
+from flashtemp.errors import BadInput
+from flashtemp.physics.quantities import KELVIN
+
+MAX_FRAME_PIXELS = 50_000_000  # of one frame: what is larger is a damaged size field
+TEMPERATURE_UNIT_NAMES = {"c": "degC", "celsius": "degC", "centigrade": "degC", "f": "degF", "fahrenheit": "degF", "k": "K",
+         "kelvin": "K", "kelvins": "K", "mk": "mK", "millikelvin": "mK"}  # fmt: skip
+MAX_MEDIAN_WITHOUT_UNIT_DEGC = 150.0  # a median above this could be kelvin: ask
+
+
+@dataclass(frozen=True)
+class RawFrames:
+    """Images of one file: `temperature` (frames, rows, columns) degC, row 0 at the top, NaN where none is known.
+
+    `clock` (frames,) s on the camera's clock (1970, its own time zone), `time` (frames,) s where the file counts
+    from a start; `stated_parameters` the object parameters that the file states, `parameters` those that `temperature` was
+    computed with (counts only), `counts` and `planck` of radiometric files.  `outside`: pixels beyond the
+    camera's range; `difference`: K, not degC (a lock-in amplitude); `is_unscaled`: counts whose scale nobody has told yet.
+    Recordings know their place already:
+    `view`, `repetition`, `u`, `v` (m), and what is `camera_attributes` of the camera.
+    """
+
+    format: str
+    temperature: np.ndarray
+    clock: np.ndarray | None = None
+    time: np.ndarray | None = None
+    stated_parameters: dict[str, float] = field(default_factory=dict)
+    parameters: ObjectParameters | None = None
+    counts: np.ndarray | None = None
+    planck: PlanckCalibration | None = None
+    camera: str = ""
+    fps: float | None = None
+    outside: int = 0
+    notes: tuple[str, ...] = ()
+    difference: bool = False
+    is_unscaled: bool = False
+    view: str | None = None
+    repetition: np.ndarray | None = None
+    u: np.ndarray | None = None
+    v: np.ndarray | None = None
+    camera_attributes: dict[str, float] = field(default_factory=dict)
+
+    def __post_init__(self):
+        T = self.temperature
+        if T.ndim != 3 or T.size == 0:
+            raise BadInput(f"holds an array of shape {T.shape}; give images (rows, columns) or (frame, rows, columns)")
+        if not (self.difference or self.is_unscaled) and np.isfinite(T).any():
+            check_camera_range(T)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of one image."""
+        return self.temperature.shape[1:]
+
+    def take_every(self, step: int) -> RawFrames:
+        """The same with one frame of `step`."""
+        if step == 1:
+            return self
+        chosen = {}
+        for name in ("temperature", "clock", "time", "counts", "repetition"):
+            values = getattr(self, name)
+            chosen[name] = values if values is None else values[::step]
+        kept = {f.name: getattr(self, f.name) for f in fields(self)}
+        return RawFrames(**(kept | chosen | {"fps": self.fps / step if self.fps else None}))
+
+    def __str__(self) -> str:
+        T = self.temperature[np.isfinite(self.temperature)]
+        many = f"{len(self.temperature)} frames of " if len(self.temperature) > 1 else ""
+        camera = f", {self.camera}" if self.camera else ""
+        size, unit = f"{self.shape[1]} x {self.shape[0]} pixels", "K" if self.difference else "degC"
+        span = f"{T.min():.2f} to {T.max():.2f} {unit}" if T.size else "no temperature"
+        return f"{self.format}{camera}, {many}{size}, {span}"
+
+
+def concatenate_frames(pieces: Sequence[RawFrames]) -> RawFrames:
+    """One Frames of the pieces of one file, in order."""
+    first = pieces[0]
+    if len(pieces) == 1:
+        return first
+    chosen = {}
+    for name in ("temperature", "clock", "time", "counts", "repetition"):
+        parts = [getattr(p, name) for p in pieces]
+        chosen[name] = None if any(p is None for p in parts) else np.concatenate(parts)
+    kept = {f.name: getattr(first, f.name) for f in fields(first)}
+    notes = tuple(dict.fromkeys(note for p in pieces for note in p.notes))
+    return RawFrames(**(kept | chosen | {"outside": sum(p.outside for p in pieces), "notes": notes}))
+
+
+def temperature_unit(text: str) -> str | None:
+    """degC, degF, K or mK of a unit as files write it; None where it is none of temperature.
+
+    >>> temperature_unit("°F"), temperature_unit("deg C"), temperature_unit("[Kelvin]"), temperature_unit("mm")
+    ('degF', 'degC', 'K', None)
+    """
+    bare = re.sub(r"[°º˚\s._\[\](){}]", "", text.replace("℃", "C").replace("℉", "F")).lower()
+    return TEMPERATURE_UNIT_NAMES.get(re.sub(r"^(?:deg(?:rees?)?|grad|o(?=[cf]$))", "", bare))
+
+
+def agree_on_unit(said: str | None, own: str | None, where: str) -> str | None:
+    """The unit that a person said or that the file states `where`.  BadInput where both are said and differ."""
+    if said and own and temperature_unit(own) not in (None, temperature_unit(said)):
+        raise BadInput(f"unit: --unit {said}, but {where} says {own}; leave --unit out, or repair the file")
+    return said or own
+
+
+def to_celsius(values: np.ndarray, unit: str | None, difference: bool = False) -> tuple[np.ndarray, str]:
+    """Values in degC and a note, from a unit that may be unknown; BadInput where it must be asked for.
+
+    `difference`: the values are differences of temperatures (a lock-in amplitude), K.
+    """
+    values = np.asarray(values, dtype=float)
+    if unit is None:
+        known = values[np.isfinite(values)]
+        middle = float(np.median(known)) if known.size else 0.0
+        if not -100 < middle < MAX_MEDIAN_WITHOUT_UNIT_DEGC:
+            raise ScaleMissing(
+                f"values {known.min():g} to {known.max():g} in a unit that the file does not say; give --unit"
+                " degC, K, mK or degF, or --scale and --offset for counts"
+            )
+        return values, "unit not said in the file, taken as degC"
+    known = temperature_unit(unit)
+    if known is None:
+        raise BadInput(f"unit: {unit!r}; give --unit degC, K, mK or degF")
+    scale = {"mK": 1e-3, "degF": 1 / 1.8}.get(known, 1.0)
+    offset = {"degC": 0.0, "degF": -32 / 1.8}.get(known, -KELVIN)
+    return scale * values + (0.0 if difference else offset), ""
+
+
+class Unscaled(float):
+    """The scale of counts that stay counts, since nobody has told it yet."""
+
+
+class ScaleMissing(BadInput):
+    """Numbers of a file whose scale or unit only the user knows."""
+
+
+UNSCALED = Unscaled(1.0)
+
+
+def scale_counts(counts: np.ndarray, scale: float | None, offset: float | None, what: str) -> np.ndarray:
+    """Temperatures, degC, of counts that a camera wrote as (T - offset)/scale; both must be said."""
+    if scale is None or offset is None:
+        missing = " and ".join(k for k, v in (("--scale", scale), ("--offset", offset)) if v is None)
+        raise ScaleMissing(
+            f"{what} of {counts.min()} to {counts.max()} counts; give {missing}: T = scale count + offset in degC,"
+            " often --scale 0.01, 0.04, 0.1 or 0.4 and --offset -273.15"
+        )
+    if scale is UNSCALED:
+        return counts.astype(float)
+    T = scale * counts.astype(float) + offset
+    middle = float(np.median(T))
+    if not -100 <= middle <= 1500:
+        raise BadInput(
+            f"scale: {scale:g} and offset {offset:g} make {T.min():.4g} to {T.max():.4g} degC of {what}; give the"
+            " camera's own, often --scale 0.01, 0.04, 0.1 or 0.4 and --offset -273.15"
+        )
+    return T
+
+
+def as_frame_stack(values: np.ndarray) -> np.ndarray:
+    """Images as (frames, rows, columns), from (rows, columns) or (frames, rows, columns)."""
+    return values[None] if values.ndim == 2 else values
+
+
+def require_module(module: str):
+    """A module of the extra `camera`; BadInput says how to install it."""
+    try:
+        return importlib.import_module(module)
+    except ImportError as fault:
+        package = {"skimage.transform": "scikit-image"}.get(module, module)
+        raise BadInput(f"needs {package}, which is not installed; use pip install 'flashtemp[camera]'") from fault

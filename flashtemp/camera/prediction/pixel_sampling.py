@@ -1,0 +1,205 @@
+"""What pixels get of a body whose light is linear between nodes, and what that changes as they move or blur more."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from flashtemp.physics.just_in_time import njit
+
+BLUR_REACH_WIDTHS = 7.0  # widths of the optics beyond the edge of a pixel that it sees
+NORMAL_CUTOFF_WIDTHS = 8.5  # widths beyond which the normal distribution function is 0 or 1 in double precision
+MIN_ROTATED_ROWS = 24  # nodes across a turned body, at least: the turned lines between them are straight
+
+Array = np.ndarray
+EMPTY_IMAGE = np.empty(0)
+MatrixCache = dict[bytes, Any]  # matrices that several images of one recording share, and what they are made from
+
+
+class PixelAxis(NamedTuple):
+    """Pixels along an axis: `centres` (n,), `pitch` and width `sigma` of a Gaussian point spread, all m."""
+
+    centres: Array
+    pitch: float
+    sigma: float
+
+    @property
+    def variance(self) -> float:
+        """Of where light comes from that a pixel gets, m2."""
+        return self.sigma**2 + self.pitch**2 / 12.0
+
+
+class SampledImage(NamedTuple):
+    """What pixels get (frames, nv, nu) and, where slopes are asked for, what that changes per metre that all of them
+    lie further along u and v, per share by which pixels and point spread are larger, and by which it alone is wider;
+    else nothing."""
+
+    seen: Array
+    along_u: Array = EMPTY_IMAGE
+    along_v: Array = EMPTY_IMAGE
+    larger: Array = EMPTY_IMAGE
+    wider: Array = EMPTY_IMAGE
+
+
+@njit(cache=True)
+def _ramps(x: float, pitch: float, sigma: float, once, twice):
+    """Integrals of what a pixel weighs, `once` and `twice` (4,), at `x` (m) beyond a node: themselves, and by the
+    place, the size and the width."""
+    half, density, integral, ramp = np.empty(2), np.empty(2), np.empty(2), np.empty(2)
+    for side in range(2):
+        at = x + (0.5 - side) * pitch
+        if abs(at) >= NORMAL_CUTOFF_WIDTHS * sigma:
+            half[side] = 1.0 if at > 0.0 else 0.0
+            density[side] = 0.0
+        else:
+            half[side] = 0.5 * math.erfc(-at / (math.sqrt(2.0) * sigma))
+            density[side] = math.exp(-0.5 * (at / sigma) ** 2) / math.sqrt(2.0 * math.pi)
+        integral[side] = at * half[side] + sigma * density[side]
+        ramp[side] = 0.5 * (at * integral[side] + sigma * sigma * half[side])
+    once[0], twice[0] = (integral[0] - integral[1]) / pitch, (ramp[0] - ramp[1]) / pitch
+    once[1], twice[1] = (half[0] - half[1]) / pitch, once[0]  # by the place, the width, the size
+    once[3], twice[3] = sigma * (density[0] - density[1]) / pitch, sigma * sigma * once[1]
+    once[2] = 0.5 * (half[0] + half[1]) - once[0] + once[3]
+    twice[2] = 0.5 * (integral[0] + integral[1]) - twice[0] + twice[3]
+
+
+@njit(cache=True)
+def _fill_hat_weights(at, nodes, first, start, pitch: float, sigma: float, out):
+    """`hat_weights` of pixels `at` (n,) over `nodes` from number `first` (n,) on, as many as lie between `start` (n + 1,) of a
+    row and of the next, one by one: as arrays they would pass through memory twenty times."""
+    slopes = out.shape[0]
+    once, twice, last, before = np.empty(4), np.empty(4), np.empty(4), np.empty(4)
+    for i in range(at.shape[0]):
+        for k in range(start[i + 1] - start[i]):
+            node, place = first[i] + k, start[i] + k
+            _ramps(at[i] - nodes[node], pitch, sigma, once, twice)
+            for d in range(slopes):
+                if k > 0:
+                    apart = nodes[node] - nodes[node - 1]
+                    later = (before[d] - twice[d] - apart * once[d]) / apart
+                    out[d, place - 1] += last[d] - once[d] - later
+                    out[d, place] = later
+                last[d], before[d] = once[d], twice[d]
+
+
+def hat_weights(at: Array, nodes: Array, first: Array, start: Array, axis: PixelAxis, slopes: bool = False) -> Array:
+    """Weights (1, total) of a field that is linear between `nodes` (m) and zero outside, as pixels `at` (n,) m see it:
+    a box of the pitch of `axis` convolved with its Gaussian.
+
+    Each pixel has nodes from number `first` (n,) on; its weights begin at `start` (n + 1,) of all.  With `slopes`
+    (4, total): the weights, and what they change per metre of `at`, per share that pitch and sigma are larger, and per
+    share that sigma alone is.
+    """
+    out = np.zeros((4 if slopes else 1, int(start[-1])))
+    _fill_hat_weights(at, nodes, first, start, float(axis.pitch), float(axis.sigma), out)
+    return out
+
+
+def axis_weights(axis: PixelAxis, nodes: Array, slopes: bool = False) -> Array:
+    """`hat_weights` (1 or 4, pixels, nodes) of pixels along an axis over all nodes; exact integrals."""
+    at, nodes = np.ascontiguousarray(axis.centres, float), np.ascontiguousarray(nodes, float)
+    first, start = np.zeros(len(at), np.int64), len(nodes) * np.arange(len(at) + 1)
+    return hat_weights(at, nodes, first, start, axis, slopes).reshape(-1, len(at), len(nodes))
+
+
+def sample_aligned(
+    values: Array, nodes: tuple[Array, Array], axes: tuple[PixelAxis, PixelAxis | None], slopes: bool = False
+) -> SampledImage:
+    """What pixels see of `values` (frames, v nodes, u nodes) in an image whose axes are those of the body.
+
+    Without an axis along v all that it has is one line.
+    """
+    (along, up), (u, v) = nodes, axes
+    x = axis_weights(u, along, slopes)
+    z = np.eye(len(x), 1)[:, None] if v is None else axis_weights(v, up, slopes)
+    frames, high, _ = values.shape  # two large products: many small ones would wake threads for each
+    lines = (values.reshape(frames * high, -1) @ x.reshape(-1, len(along)).T).reshape(frames, high, len(x), -1)
+
+    def image(up: int, along: int) -> Array:
+        return np.swapaxes(np.tensordot(z[up], lines[:, :, along], (1, 1)), 0, 1)
+
+    if not slopes:
+        return SampledImage(image(0, 0))
+    return SampledImage(image(0, 0), image(0, 1), image(1, 0), image(2, 0) + image(0, 2), image(3, 0) + image(0, 3))
+
+
+def sample_rotated(
+    values: Array, nodes: tuple[Array, Array], axes: tuple[PixelAxis, PixelAxis], turn: float, about: tuple[float, float],
+    kept: MatrixCache | None = None, slopes: bool = False,
+) -> SampledImage:  # fmt: skip
+    """What pixels see of `values` (frames, v nodes, u nodes) when the image is turned by `turn` (rad).
+
+    `axes` of the image, its scale applied already; `about` the u and v that do not move.  Two shears are the turn:
+    first every line of nodes is seen by the pixels that will need it, then every column of these.  `kept` holds
+    matrices from one image to the next.
+    """
+    (along, up), (u, v) = nodes, axes
+    if len(up) < MIN_ROTATED_ROWS:
+        finer = np.linspace(up[0], up[-1], MIN_ROTATED_ROWS)
+        share = np.stack([np.interp(finer, up, row) for row in np.eye(len(up))], axis=1)
+        values, up = np.einsum("kz,fzx->fkx", share, values), finer
+    cos, sin = np.cos(turn), np.sin(turn)
+    lines, columns = _shear_matrices(u, v, (along, up), turn, about, kept, slopes)
+    flat = np.ascontiguousarray(values.reshape(len(values), -1).T)
+
+    def image(seen: Array) -> Array:
+        return seen.T.reshape(len(values), len(v.centres), len(u.centres))
+
+    sheared = lines[0] @ flat
+    seen = image(columns[0] @ sheared)
+    skew = sin / cos * u.variance
+    if not slopes:
+        return SampledImage(seen + skew * mixed_derivative(seen, u, v))
+    first, second = image(columns[0] @ (lines[1] @ flat)), image(columns[1] @ sheared)
+    larger, wider = (image(columns[d] @ sheared + columns[0] @ (lines[d] @ flat)) for d in (2, 3))
+    bent = 2.0 * sin / cos * mixed_derivative(seen, u, v)
+    changes = (seen, first / cos + sin * second, cos * second, larger, wider)
+    seen, along_u, along_v, larger, wider = (c + skew * mixed_derivative(c, u, v) for c in changes)
+    return SampledImage(seen, along_u, along_v, larger + bent * u.variance, wider + bent * u.sigma**2)
+
+
+def mixed_derivative(image: Array, u: PixelAxis, v: PixelAxis) -> Array:
+    """d2/du dv of an image (per m2): what pixels see less as they look along sheared lines, per shear and variance."""
+    if min(len(u.centres), len(v.centres)) < 2:
+        return np.zeros_like(image)
+    return np.gradient(np.gradient(image, u.centres, axis=2), v.centres, axis=1)
+
+
+def _shear_matrices(
+    u: PixelAxis, v: PixelAxis, nodes: tuple[Array, Array], turn: float, about, kept: MatrixCache | None, slopes: bool
+):
+    """Matrices of both shears, each with its slopes where they are asked for (they may be there where they are not)."""
+    (along, up), (x, y) = nodes, about
+    first = x + (u.centres[None] - x) / np.cos(turn) - np.tan(turn) * (up[:, None] - y)  # (v nodes, nu)
+    second = y + (v.centres[:, None] - y) * np.cos(turn) + (u.centres[None] - x) * np.sin(turn)  # (nv, nu)
+    key = b"".join(np.asarray(a, float).tobytes() for a in (first, second, along, up, [*u[1:], *v[1:]]))
+    made = None if kept is None else kept.get(key)
+    if made is None or (slopes and len(made[0]) == 1):
+        n, wide = len(along), len(u.centres)
+        lines = _sparse_weights(first, along, u, np.arange(len(up)).repeat(wide) * n, 1, len(up) * n, slopes)
+        columns = _sparse_weights(second, up, v, np.tile(np.arange(wide), len(second)), wide, len(up) * wide, slopes)
+        made = lines, columns
+        if kept is not None:
+            kept[key] = made
+    return made
+
+
+def _sparse_weights(
+    at: Array, nodes: Array, axis: PixelAxis, begin: Array, stride: int, size: int, slopes: bool
+) -> list[Any]:
+    """Matrices (pixels, size) of pixels `at` (a, b) m over nodes: node k of a pixel is number `begin` + `stride` k."""
+    from scipy.sparse import csr_array
+
+    reach = 0.5 * axis.pitch + BLUR_REACH_WIDTHS * axis.sigma
+    flat, nodes = np.ascontiguousarray(at.ravel(), float), np.ascontiguousarray(nodes, float)
+    first = np.clip(np.searchsorted(nodes, flat - reach) - 1, 0, len(nodes) - 2)
+    last = np.clip(np.searchsorted(nodes, flat + reach) + 1, 2, len(nodes))
+    width = last - first  # many nodes where the mesh is fine, few elsewhere
+    start = np.concatenate([[0], np.cumsum(width)])
+    which = np.arange(start[-1]) - np.repeat(start[:-1] - first, width)
+    made = hat_weights(flat, nodes, first, start, axis, slopes)
+    column = (np.repeat(begin, width) + stride * which).astype(np.int32)
+    row = start.astype(np.int32)
+    return [csr_array((w, column, row), shape=(len(flat), size)) for w in made]

@@ -1,0 +1,174 @@
+"""What thermocouples and pyrometers would have shown of a run: the field at their places, late by a time constant."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.linalg import solve_banded
+
+from flashtemp.camera.sensors import SensorPositions
+from flashtemp.errors import BadInput
+from flashtemp.physics.interpolation import interpolate_linear
+
+REMEMBERED_LAGS = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)  # time constants before a reading that count
+LAG_SUBSTEPS = 8  # into which the time between kept fields is cut for what a lag smooths
+HEIGHT_TOLERANCE = 1e-9  # of a height: as good as equal
+MIN_SPACING_LAGS = (
+    0.2  # of the mean time constant: moments closer to one before them are not asked for, but for readings
+)
+
+
+def required_times(places: SensorPositions, times: np.ndarray) -> np.ndarray:
+    """Moments (s) at which a run must keep its field for readings at `times` (s): those, and what a lag remembers."""
+    lags = np.unique(np.maximum(places.lag_s, places.lag_sigma_s))
+    lags = lags[lags > 0]
+    more = np.concatenate([times, *(times - w * lag for lag in lags for w in REMEMBERED_LAGS)])
+    more = np.unique(more[more > 0])
+    if not len(lags):
+        return more
+    kept: list[float] = []
+    own = set(times.tolist())
+    for t in more.tolist():
+        if t in own or not kept or t - kept[-1] > MIN_SPACING_LAGS * lags.mean():
+            kept.append(t)
+    return np.array(kept)
+
+
+def sensor_temperatures(run, places: SensorPositions, times: np.ndarray) -> np.ndarray:
+    """Temperatures (times, points) degC; between the fields that a run kept they are linear in time."""
+    kept = run.time[run.frames]
+    T = _fields_at_sensors(run, places)
+    shown = interpolate_linear(T, kept, times)
+    fine = np.unique(
+        np.concatenate([kept[:-1] + f * np.diff(kept) for f in np.arange(LAG_SUBSTEPS) / LAG_SUBSTEPS] + [kept[-1:]])
+    )
+    for j in np.flatnonzero(places.lag_s):
+        smooth, lag = PchipInterpolator(kept, T[:, j])(fine), float(places.lag_s[j])
+        late = first_order_lag(fine, smooth, abs(lag)) - smooth
+        shown[:, j] = np.interp(times, fine, smooth + np.sign(lag) * late)  # below zero, where fits may stray: early
+    return shown
+
+
+def first_order_lag(time: np.ndarray, T: np.ndarray, lag: float) -> np.ndarray:
+    """Solution (n,) of lag dS/dt = T - S from rest, exact for T (n,) that is linear between `time` (n,) s.
+
+    >>> first_order_lag(np.array([0.0, 1.0]), np.array([0.0, 1.0]), 1.0).round(6).tolist()  # t - lag (1 - exp(-t/lag))
+    [0.0, 0.367879]
+    """
+    T = np.asarray(T, dtype=float)
+    step = np.diff(time)
+    fade, late = np.exp(-step / lag), lag * np.diff(T) / step
+    own = np.concatenate([T[:1], T[1:] - late - (T[:-1] - late) * fade])  # S[i] - fade S[i-1]
+    both = np.vstack([np.ones(len(T)), np.append(-fade, 0.0)])
+    shown: np.ndarray = solve_banded((1, 0), both, own)
+    return shown
+
+
+def check_positions(places: SensorPositions, scene, file: str) -> None:
+    """BadInput for a point outside the block, or the road under the window that is simulated."""
+    mesh, half = scene.mesh, 0.5 * scene.width
+    for i, name in enumerate(places.names):
+        x, y, z = (float(getattr(places, k)[i]) for k in "xyz")
+        low, high = (0.0, scene.length) if z > 0 else (float(mesh.x[0]), float(mesh.x[-1]))
+        for key, value, lowest, highest in (
+            ("x", x, low, high),
+            ("y", y, -half, half),
+            ("z", z, -float(mesh.depth[-1]), scene.height),
+        ):
+            if not lowest <= value <= highest:
+                raise BadInput(
+                    f"{file}: points: {name}: {key} = {value:g} m lies outside what is simulated, {lowest:g} to "
+                    f"{highest:g} m; mend its place, or the case"
+                )
+
+
+# --- fields at places -------------------------------------------------------------------------------
+def _fields_at_sensors(run, places: SensorPositions) -> np.ndarray:
+    """Temperatures (frames, points) degC at places, in all kept fields."""
+    out = np.empty((len(run.frames), len(places)))
+    mesh = run.mesh
+    above = places.z >= 0
+    if above.any():
+        edges_x = mesh.x[mesh.first : mesh.last + 1]
+        cells = run.field[:, mesh.everywhere(mesh.block)].astype(float)
+        face = _face_temperatures(run)
+        wx, wy = cell_weights(edges_x, places.x[above]), cell_weights(mesh.y, places.y[above])
+        at_face, wz = block_height_weights(mesh, places.z[above])
+        inner = np.einsum("fikj,pi,pk,pj->fp", cells, wx, wz, wy, optimize=True)
+        out[:, above] = inner + np.einsum("fij,pi,pj->fp", face, wx, wy, optimize=True) * at_face
+    if (~above).any():
+        cells = run.field[:, mesh.everywhere(mesh.road)].astype(float)
+        levels = -mesh.depth[::-1]
+        parts = (cell_weights(e, v[~above]) for e, v in ((mesh.x, places.x), (levels, places.z), (mesh.y, places.y)))
+        out[:, ~above] = np.einsum("fikj,pi,pk,pj->fp", cells, *parts, optimize=True)
+    return out
+
+
+def _face_temperatures(run) -> np.ndarray:
+    """Surface of the block's face (frames, lines, planes) degC."""
+    if run.mesh.n_across > 1:
+        shape = (len(run.frames), -1, run.mesh.n_across)
+        return np.asarray(run.maps["T_block"], dtype=float).reshape(shape)
+    return np.asarray(run.T_block[run.frames], dtype=float)[..., None]
+
+
+def cell_weights(edges: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Weights (points, cells) of values at cell centres: splines over the cell's number, parabolas at the edges."""
+    n = len(edges) - 1
+    if n == 1:
+        return np.ones((len(at), 1))
+    ends = np.array([_edge_weights(edges, 0), _edge_weights(edges, n)])
+    return _spline_weights(edges, at) @ np.vstack([ends[:1], np.eye(n), ends[1:]])
+
+
+def block_height_weights(mesh, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weights of the face (points,) and of the cells up the block (points, cells) at heights `at` (points,) m.
+
+    Each layer by itself: temperature has a bend, or a jump, where another begins; a point there is in the one below.
+    """
+    if not mesh.joints:
+        return _height_weights(mesh.height, at)
+    at_face, cells = np.zeros(len(at)), np.zeros((len(at), mesh.n_block))
+    tops = mesh.height[[s.stop for s in mesh.layers]]
+    number = np.minimum(np.searchsorted(tops * (1.0 + HEIGHT_TOLERANCE), at), len(tops) - 1)
+    for n, own in enumerate(mesh.layers):
+        edges, here = mesh.height[own.start : own.stop + 1], number == n
+        if n == 0:
+            at_face[here], cells[here, own] = _height_weights(edges, at[here])
+        else:
+            cells[here, own] = cell_weights(edges, at[here])
+    return at_face, cells
+
+
+def _height_weights(height: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weights of the face (points,) and of the cells up the block (points, cells)."""
+    n = len(height) - 1
+    if n == 1:
+        share = np.clip(1.0 - at / (0.5 * height[1]), 0.0, 1.0)
+        return share, (1.0 - share)[:, None]
+    spline = _spline_weights(height, at)
+    return spline[:, 0], spline[:, 1:-1] + spline[:, -1:] * _edge_weights(height, n)
+
+
+def _spline_weights(edges: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Weights (points, cells + 2) of first edge, centres, last edge: graded meshes are smooth in the cell's number."""
+    n = len(edges) - 1
+    number = np.concatenate([[0.0], np.arange(n) + 0.5, [n]])
+    place = np.concatenate([edges[:1], 0.5 * (edges[1:] + edges[:-1]), edges[-1:]])
+    to_place = CubicSpline(number, place)
+    found = np.interp(at, place, number)
+    for _ in range(4):  # Newton: the map is smooth and nearly the broken line
+        found = np.clip(found - (to_place(found) - at) / to_place(found, 1), 0.0, n)
+    return np.asarray(CubicSpline(number, np.eye(n + 2))(found))
+
+
+def _edge_weights(edges: np.ndarray, k: int) -> np.ndarray:
+    """Weights (cells,) of the value at an outermost edge: the parabola, or line, through the nearest cells."""
+    n = len(edges) - 1
+    near = np.arange(min(n, 3)) if k == 0 else np.arange(max(n - 3, 0), n)
+    centre = 0.5 * (edges[1:] + edges[:-1])[near]
+    out = np.zeros(n)
+    for i, c in zip(near, centre, strict=True):
+        others = centre[near != i]
+        out[i] = np.prod((edges[k] - others) / (c - others))
+    return out

@@ -1,0 +1,69 @@
+"""A key of a TOML text set or taken out, with everything else in it left as it stands."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from flashtemp.model.case_file import KeyLocations
+from flashtemp.model.toml_format import value_text
+
+
+def set_toml_key(text: str, table: str, key: str, value: Any) -> str:
+    """The text with table.key = value, or without it where value is None; `table` "" is what stands before all tables.
+
+    >>> print(set_toml_key("[block]\\nlength = 0.02  # m\\n", "block", "length", 0.03))
+    [block]
+    length = 0.03  # m
+    <BLANKLINE>
+    >>> print(set_toml_key("", "friction", "mu", 0.8))
+    [friction]
+    mu = 0.8
+    <BLANKLINE>
+    """
+    lines = text.splitlines()
+    found = KeyLocations("", text).find_line(f"{table}.{key}" if table else key)
+    written = None if value is None else f"{key} = {value_text(value)}"
+    if found is not None:
+        first, last = found - 1, _last_line(lines, found - 1)
+        comment = _trailing_comment(lines[first]) if first == last else ""
+        lines[first : last + 1] = [] if written is None else [written + comment]
+    elif written is not None:
+        _insert_line(lines, table, written)
+    return "\n".join(lines) + "\n"
+
+
+def _last_line(lines: list[str], first: int) -> int:
+    """The line on which a value ends that begins on line `first`: where its brackets are closed."""
+    depth = 0
+    for k in range(first, len(lines)):
+        bare = re.sub(r'"[^"]*"|\'[^\']*\'', "", lines[k]).split("#", 1)[0]
+        depth += sum(map(bare.count, "[{")) - sum(map(bare.count, "]}"))
+        if depth <= 0:
+            return k
+    return first
+
+
+def _trailing_comment(line: str) -> str:
+    """The comment at the end of a line, with the space before it."""
+    bare = re.sub(r'"[^"]*"|\'[^\']*\'', lambda m: "_" * len(m[0]), line)
+    return line[len(bare.split("#", 1)[0].rstrip()) :] if "#" in bare else ""
+
+
+def _insert_line(lines: list[str], table: str, written: str) -> None:
+    """Add a line to its table, which is made where there is none."""
+    headers = [k for k, line in enumerate(lines) if re.match(r"\s*\[", line)]
+    if not table:
+        before = headers[0] if headers else len(lines)
+        while before and not lines[before - 1].strip():
+            before -= 1
+        lines.insert(before, written)
+        return
+    here = next((k for k in headers if re.fullmatch(rf"\s*\[\s*{re.escape(table)}\s*\]\s*(#.*)?", lines[k])), None)
+    if here is None:
+        lines += ([""] if lines and lines[-1].strip() else []) + [f"[{table}]", written]
+        return
+    end = next((k for k in headers if k > here), len(lines))
+    while end > here + 1 and not lines[end - 1].strip():
+        end -= 1
+    lines.insert(end, written)

@@ -1,0 +1,193 @@
+"""What lies in a laboratory's folder: cases, campaigns, recordings, templates, camera files, results, begun work."""
+
+from __future__ import annotations
+
+import glob
+import os
+import re
+import stat
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from flashtemp.errors import BadInput
+from flashtemp.model import file_kinds
+from flashtemp.model.case_file import MAX_TOML_BYTES, parse_toml
+from flashtemp.runs.results import result_folder
+
+MAX_LISTING_DEPTH, MAX_LISTED_FILES, MAX_LISTED_FOLDERS = 4, 5000, 2000
+MAX_NAME_BYTES = 255  # NAME_MAX of the usual file systems
+CAMERA_SUFFIXES = {
+    ".jpg", ".jpeg", ".fff", ".seq", ".csq", ".irb", ".csv", ".asc", ".txt", ".tif", ".tiff", ".png", ".mat", ".h5",
+    ".hdf5",
+}  # fmt: skip
+RESULT_COMMANDS = {  # file that a result folder holds: the command that makes it
+    "run.nc": "run", "verdict.json": "discover", "compare.json": "compare", "plan.json": "plan", "sweep.nc": "sweep",
+    "sensitivity.json": "sensitivity",
+}  # fmt: skip
+
+
+@dataclass
+class FolderListing:
+    """Paths relative to the folder, by kind; `results` with the command that made them, `begun` with their owners.
+
+    `omissions` says in sentences which files are left out, and why.
+    """
+
+    cases: list[Path] = field(default_factory=list)
+    campaigns: list[Path] = field(default_factory=list)
+    templates: list[Path] = field(default_factory=list)
+    recordings: list[Path] = field(default_factory=list)
+    images: list[Path] = field(default_factory=list)
+    results: dict[Path, str] = field(default_factory=dict)
+    begun: dict[Path, result_folder.OwnerMarker] = field(default_factory=dict)
+    omissions: list[str] = field(default_factory=list)
+
+    @property
+    def image_series(self) -> dict[str, int]:
+        """Camera files that belong together, as `import` takes them, and how many they are.
+
+        A folder whose names differ in numbers alone is one series; of any other every such series is a pattern.
+        """
+        folders: dict[Path, dict[str, list[Path]]] = {}
+        for path in self.images:
+            parts = re.split(r"\d+", path.name)
+            folders.setdefault(path.parent, {}).setdefault("*".join(map(glob.escape, parts)), []).append(path)
+        out: dict[str, int] = {}
+        for folder, patterns in folders.items():
+            for pattern, paths in patterns.items():
+                alone = paths[0] if len(paths) == 1 else folder / pattern
+                out[str(folder if len(patterns) == 1 else alone)] = len(paths)
+        return out
+
+
+def list_folder(folder: Path) -> FolderListing:
+    """Everything in a folder that a page can open; hidden files are left out, links are not followed."""
+    out = FolderListing()
+    for path, names in _walk_folders(folder, out.omissions):
+        here = path.relative_to(folder)
+        made = next((command for name, command in RESULT_COMMANDS.items() if name in names), None)
+        if result_folder.MARKER_FILE in names and (owner := read_owner(path)) is not None:
+            out.begun[here] = owner
+        elif made is not None:
+            out.results[here] = made
+        else:
+            for name in sorted(names):
+                _add_file(out, folder, here / name)
+    return out
+
+
+def _walk_folders(folder: Path, omissions: list[str]) -> Iterator[tuple[Path, list[str]]]:
+    """Folders in order, with the names of their files; what lies in a result is a part of it."""
+    n_files = n_undecodable = 0
+    for n_folders, (at, inside, names) in enumerate(os.walk(folder), 1):
+        path = Path(at)
+        n_undecodable += sum(not _is_utf8(n) for n in (*names, *inside))
+        names = [n for n in names if _is_utf8(n) and (not n.startswith(".") or n == result_folder.MARKER_FILE)]
+        closed = any(n in RESULT_COMMANDS or n == result_folder.MARKER_FILE for n in names)
+        deep = len(path.relative_to(folder).parts) >= MAX_LISTING_DEPTH
+        inside[:] = [] if closed or deep else sorted(n for n in inside if _is_utf8(n) and not n.startswith("."))
+        yield path, names if closed else sorted(names)[: MAX_LISTED_FILES - n_files]
+        n_files += len(names)
+        if n_files > MAX_LISTED_FILES or n_folders >= MAX_LISTED_FOLDERS:
+            omissions.append(
+                f"Only the first {MAX_LISTED_FILES} files in {MAX_LISTED_FOLDERS} folders are listed; "
+                "serve a smaller folder to see the others."
+            )
+            break
+    if n_undecodable:
+        omissions.append(f"{n_undecodable} files or folders whose names are not UTF-8 are left out; rename them.")
+
+
+def _is_utf8(name: str) -> bool:
+    """Whether a name of the file system is text (os.fsdecode leaves lone surrogates for other bytes)."""
+    return name.isascii() or not any("\ud800" <= c <= "\udfff" for c in name)
+
+
+def _add_file(out: FolderListing, folder: Path, path: Path) -> None:
+    """Put one file where it belongs."""
+    suffix = path.suffix.lower()
+    if suffix == ".toml":
+        kind = {
+            file_kinds.CASE_KIND: out.cases,
+            file_kinds.CAMPAIGN_KIND: out.campaigns,
+            file_kinds.TEMPLATE_KIND: out.templates,
+        }.get(kind_of(folder / path))
+        if kind is not None:
+            kind.append(path)
+    elif suffix == ".nc":
+        out.recordings.append(path)
+    elif (
+        suffix in CAMERA_SUFFIXES
+        and not path.name.endswith(".look.png")
+        and not (folder / path.with_suffix(".nc")).exists()
+    ):
+        out.images.append(path)
+
+
+def kind_of(file: Path) -> str:
+    """Whether a TOML file is a case, a campaign or a recording template; "" for any other."""
+    default = "case" if file.name == "case.toml" else ""
+    try:
+        if not _is_short_file(file):
+            return ""
+        return file_kinds.detect_kind(parse_toml(file.read_text(encoding="utf-8"))) or default
+    except (OSError, ValueError, RecursionError):
+        return default
+
+
+def read_owner(folder: Path) -> result_folder.OwnerMarker | None:
+    """Whose working folder that is; None where no run of flashtemp made it, whatever its marker holds."""
+    try:
+        return result_folder.read_marker(folder) if _is_short_file(folder / result_folder.MARKER_FILE) else None
+    except (OSError, ValueError, RecursionError):
+        return None
+
+
+def _is_short_file(file: Path) -> bool:
+    """Whether a file can be read at once: a pipe would be waited for, a large one would fill the memory."""
+    state = file.stat()
+    return stat.S_ISREG(state.st_mode) and state.st_size <= MAX_TOML_BYTES
+
+
+def resolve_inside(folder: Path, name: str) -> Path:
+    """The resolved path of a name in the folder: below it, links followed, no part of it hidden.  Raises BadInput."""
+    try:
+        path, home = (folder / name).resolve(), folder.resolve()
+        os.lstat(path)
+    except FileNotFoundError:
+        pass
+    except NotADirectoryError as fault:
+        raise BadInput(
+            f"{escape_control(name)}: a part of it is a file; give the name of a file in a folder"
+        ) from fault
+    except (OSError, ValueError, RuntimeError) as fault:  # too long, a NUL byte, links in a circle
+        raise BadInput(f"{escape_control(name)!r}: not the name of a file; give a name in this folder") from fault
+    if not path.is_relative_to(home):
+        raise BadInput(f"{escape_control(name)}: lies outside the folder of this page; give a name in it")
+    if has_hidden_part(path.relative_to(home)) or has_hidden_part(Path(name)):
+        raise BadInput(f"{escape_control(name)}: hidden files are not opened here; give a name without a leading dot")
+    return path
+
+
+def has_hidden_part(path: Path) -> bool:
+    """Whether a part of a path is hidden, that is, begins with a dot; `..` is none."""
+    return any(part.startswith(".") and part != ".." for part in path.parts)
+
+
+def escape_control(text: str) -> str:
+    r"""A text in which nothing breaks a line, reverses the order of letters or is no character at all.
+
+    >>> escape_control("a\nb\u202ec")
+    'a\\nb\\u202ec'
+    """
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def free_name(folder: Path, name: str) -> str:
+    """That name, or name-2, name-3... where it is taken."""
+    stem, suffix, n, free = Path(name).stem, Path(name).suffix, 1, name
+    while os.path.lexists(folder / free) or result_folder.list_working_folders(folder / free):
+        n += 1
+        free = f"{stem}-{n}{suffix}"
+    return free

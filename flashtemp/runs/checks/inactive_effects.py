@@ -1,0 +1,121 @@
+"""Effects of a case that change nothing in it: found by asking the heat balance with and without each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from flashtemp.errors import BadInput, FlashtempError
+from flashtemp.model.case import Case
+from flashtemp.model.scene import ActiveEffect, Scene
+from flashtemp.solver.circular_track import has_road_memory
+from flashtemp.solver.heat_balance import MEAN_PRESSURE_EFFECT_K, HeatBalance
+from flashtemp.solver.march import find_failing_law
+from flashtemp.solver.system import PhaseSystem, RoadInflow
+
+MAX_STATE_RISE_K = 120.0  # K that a state is above the air at most
+SAMPLED_PHASES = 6  # stretches of the schedule that are asked, the first and the last among them
+LARGE_MESH_CELLS = 50_000  # cells: a mesh beyond is asked at a coarser one
+STATE_SEED = 1
+
+
+def describe_inactive_effects(case: Case) -> list[str]:
+    """A sentence for every listed effect that cannot act in this case; none where all do."""
+    if not case.effects:
+        return []
+    scene = _coarse_scene(case)
+    listed = [a for a in scene.acting if a.name in case.effects]
+    return [f"{a.name} {why}" for a in listed if (why := _reason_inactive(scene, a)) is not None]
+
+
+def _reason_inactive(scene: Scene, acting: ActiveEffect) -> str | None:
+    """Why an effect cannot act, or None where it does."""
+    if not list(acting.contributions(scene)) and list(acting.effect.see(acting.p)):
+        return "acts on what a camera shows, not on this run"
+    try:
+        if not _has_same_rates(replace(scene, acting=tuple(a for a in scene.acting if a is not acting)), scene):
+            return None
+    except FlashtempError:  # a state that cannot be says nothing
+        return None
+    except Exception as fault:
+        if (said := find_failing_law(scene, fault)) is not None:
+            raise BadInput(said) from fault
+        raise
+    params = acting.effect.params()
+    off = [f"{k} = {p.off:g}" for k, p in params.items() if p.off is not None and getattr(acting.p, k) == p.off]
+    if off:
+        return f"changes nothing: {', '.join(off)} switches it off"
+    needs = type(acting.effect).needs
+    return f"changes nothing in this case{f': it needs {needs}' if needs else ''}; leave it out or see what it acts on"
+
+
+def _coarse_scene(case: Case) -> Scene:
+    """The scene of a case, or where that is large one of a coarser mesh with the same dimensions."""
+    if case.scene.mesh.n_cells <= LARGE_MESH_CELLS:
+        return case.scene
+    across = min(8, case["numerics.across"])
+    try:
+        return case.with_values({"numerics.mesh": "coarse", "numerics.across": across}).scene
+    except FlashtempError:  # nothing coarser can be
+        return case.scene
+
+
+def _has_same_rates(base: Scene, extended: Scene) -> bool:
+    """Whether the heat balances of two scenes of one mesh agree to the last bit wherever they are asked."""
+    one, other = HeatBalance(base), HeatBalance(extended)
+    if not np.array_equal(one.initial_state(), other.initial_state()):
+        return False
+    rng = np.random.default_rng(STATE_SEED)
+    for phase, t in _sample_times(base):
+        y = _random_state(one, rng)
+        pair = [PhaseSystem(b, phase, _warm_inflow(b.scene, phase)) for b in (one, other)]
+        now = pair[0].moment(t)
+        if one.laws("march.rate", 0.0, None, now) != other.laws("march.rate", 0.0, None, now):
+            return False
+        rates = [np.zeros(b.size) for b in (one, other)]
+        for system, out in zip(pair, rates, strict=True):
+            system.rate(t, y[: system.b.size] if system.b is one else _copy_state(y, one, other), out)
+        if not np.array_equal(rates[0][: one.worn.stop], rates[1][: one.worn.stop]):
+            return False
+    return True
+
+
+def _sample_times(scene: Scene) -> Iterator[tuple[Any, float]]:
+    """(phase, time) of some stretches: soon after their beginning, in the middle, at their end."""
+    phases = scene.schedule.phases
+    picked = sorted({round(k) for k in np.linspace(0, len(phases) - 1, min(SAMPLED_PHASES, len(phases)))})
+    waits = [k for k, p in enumerate(phases) if not p.sliding][:1]
+    for k in sorted({*picked, *waits}):
+        p = phases[k]
+        yield from ((p, p.begin + f * (p.end - p.begin)) for f in (0.01, 0.5, 1.0))
+
+
+def _random_state(balance: HeatBalance, rng) -> np.ndarray:
+    """A state as a hot run may have it: no two cells alike, worn unevenly."""
+    y = np.zeros(balance.size)
+    y[: balance.n] = balance.enthalpy_rise(MAX_STATE_RISE_K * rng.uniform(0.0, 1.0, balance.n))
+    if balance.abrades:  # a tenth of the mean pressure, in the state's own unit
+        y[balance.worn] = rng.uniform(0.0, 0.1 * MEAN_PRESSURE_EFFECT_K, len(balance.cell_block))
+    return y
+
+
+def _copy_state(y: np.ndarray, one: HeatBalance, other: HeatBalance) -> np.ndarray:
+    """The same cells and worn depth as a state of another balance, whose ledger may be longer."""
+    out = np.zeros(other.size)
+    out[: one.worn.stop] = y[: one.worn.stop]
+    return out
+
+
+def _warm_inflow(scene: Scene, phase: Any):
+    """Road that returns a kelvin warmer: once it has been round the track, or, where the block slides to and fro, in
+    every repetition but the first.  None where none is remembered."""
+    mesh, schedule = scene.mesh, scene.schedule
+    if not has_road_memory(scene):
+        return None
+    cold = np.zeros(mesh.n_road * mesh.n_across)
+    again = len(schedule.directions) > 1 and phase.slid_before > 0.0
+    lap = schedule.lap or np.inf
+    return lambda now: RoadInflow(cold + (1.0 if again or phase.slid_before + now.slid > lap else 0.0))

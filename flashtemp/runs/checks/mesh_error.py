@@ -1,0 +1,50 @@
+"""What a coarse mesh leaves wrong: a warning below the coarsest mesh that the verification covers.
+
+`benchmarks/mesh_error.py` measures the errors of FACE_ERROR_PERCENT and keeps them in `benchmarks/results/mesh_error.json`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flashtemp.model.case import Case
+from flashtemp.model.schema import MESH_LEVEL_FACTORS, refinement_factor
+
+COARSEST_VERIFIED_FACTOR = MESH_LEVEL_FACTORS["coarse"]  # factor on the number of cells per direction
+# factor on the number of cells: largest error of the face temperature between 0.05 L and 0.95 L, in percent of the
+# largest rise, of uniform pressure, a peak at the leading edge and friction by theory at 0.1 and 1 m/s
+FACE_ERROR_PERCENT = {
+    0.05: 52.0,
+    0.1: 20.0,
+    0.15: 11.0,
+    0.2: 5.0,
+    0.25: 3.8,
+    0.3: 2.5,
+    0.4: 1.3,
+    0.5: 0.9,
+    0.7: 0.4,
+    1.0: 0.2,
+}
+
+
+def estimate_face_error(factor: float) -> float:
+    """Error (percent of the largest rise) of the face temperature at a factor on the number of cells per direction.
+
+    Interpolated between measured errors in the logarithms of both; ends held.
+    """
+    return float(
+        np.exp(np.interp(np.log(factor), np.log(list(FACE_ERROR_PERCENT)), np.log(list(FACE_ERROR_PERCENT.values()))))
+    )
+
+
+def warn_of_coarse_mesh(case: Case) -> list[str]:
+    """A warning where a sliding block has fewer cells in some direction than the coarsest verified mesh."""
+    factor = refinement_factor(case["numerics.mesh"]) * min(case["numerics.finer"])
+    if factor >= COARSEST_VERIFIED_FACTOR * (1 - 1e-9) or case.scene.schedule.alone:
+        return []
+    return [
+        f"mesh coarser than verified: numerics.mesh with numerics.finer gives {factor:.3g} times the cells per "
+        f"direction; at that factor the face was off by {estimate_face_error(factor):.2g} % of the largest rise, by "
+        f"{estimate_face_error(COARSEST_VERIFIED_FACTOR):.2g} % at {COARSEST_VERIFIED_FACTOR:g}, the coarsest verified; "
+        "give a finer numerics.mesh"
+    ]

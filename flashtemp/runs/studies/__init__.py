@@ -1,0 +1,1 @@
+"""Studies of many runs: sweeps, convergence, sensitivity, running-in, waits, friction, rolling."""

@@ -1,0 +1,62 @@
+"""Keys of a case in words, their values in the units that people use."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeGuard
+
+import numpy as np
+
+from flashtemp.viz import theme
+from flashtemp.viz.number_format import unit_suffix
+
+SHORT_LENGTH_M = 0.1  # m: what is shorter by default is told in mm
+OMITTED_TABLES = ("schedule", "numerics")  # tables that say nothing about the key
+
+
+@dataclass(frozen=True)
+class KeyLabel:
+    """A key in `words`, the `factor` from SI to the `unit` that its values are told in."""
+
+    words: str
+    factor: float
+    unit: str
+
+    @property
+    def label(self) -> str:
+        """Words for an axis."""
+        return f"{self.words} ({self.unit})" if self.unit else self.words
+
+    def format_value(self, value: object) -> str:
+        """A value without its unit; texts as they are."""
+        return theme.format_decimal(self.factor * float(value)) if _is_number(value) else str(value)
+
+    def describe_value(self, value: object) -> str:
+        """A value after its words, with its unit."""
+        return f"{self.words} {self.format_value(value)} {self.unit if _is_number(value) else ''}".rstrip()
+
+
+def _is_number(value: object) -> TypeGuard[float]:
+    return isinstance(value, int | float | np.number) and not isinstance(value, bool)
+
+
+def describe_key(key: str, unit: str | None = None) -> KeyLabel:
+    """A key of a case for people; `unit` in SI where it is no key that is declared.
+
+    >>> describe_key("contact.pressure").label, describe_key("block.length").label, describe_key("schedule.distance").label
+    ('contact pressure (MPa)', 'block length (mm)', 'distance (m)')
+    >>> describe_key("contact.pressure").format_value(1.5e5), describe_key("schedule.speed").format_value("speed.csv")
+    ('0.15', 'speed.csv')
+    """
+    from flashtemp.model.schema import CASE_TABLES
+
+    table, _, name = key.rpartition(".")
+    param = CASE_TABLES.get(table, {}).get(name)
+    unit = getattr(param, "unit", "") if unit is None else unit
+    words = (name if table in OMITTED_TABLES else key).replace(".", " ").replace("_", " ")
+    if unit == "Pa":
+        return KeyLabel(words, 1e-6, "MPa")
+    default = getattr(param, "value", None)
+    if unit == "m" and isinstance(default, int | float) and default < SHORT_LENGTH_M:
+        return KeyLabel(words, 1e3, "mm")
+    return KeyLabel(words, 1.0, unit_suffix(unit).strip())

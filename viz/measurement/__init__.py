@@ -1,0 +1,1 @@
+"""Pictures of measured and computed images and sensor readings."""

@@ -1,0 +1,350 @@
+"""Measured against computed: images side by side, differences along every direction, friction, and an overview.
+
+Temperatures in degC, differences in K = measured - computed and in sigma.  Grey pixels are dead or not compared.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+from flashtemp.viz import theme
+from flashtemp.viz.measurement import point_series
+from flashtemp.viz.measurement.residual_plots import (
+    BAND_COLOUR,
+    BAND_SIGMA,
+    BEYOND_COLOUR,
+    COMPUTED_COLOUR,
+    MEASURED_COLOUR,
+    count_beyond_noise,
+    draw_residuals,
+    escape_dollars,
+    make_recording_figure,
+    mean_residual,
+    pixel_edges,
+    sliding_mask,
+)
+from flashtemp.viz.time_axis import repetition_axis
+
+COMPARISON_WIDTH_IN = 9.6  # inches; four images side by side need more than a column of print
+MASKED_COLOUR = "#A9A9A9"
+KELVIN_MAP, SIGMA_MAP = "RdBu_r", "PuOr_r"
+MAX_COLOUR_SIGMA = 5.0  # sigma where the colours end
+MARGIN_PX = 2  # pixels drawn beyond those that are compared
+STRUCTURE_SIZE_PX = 5  # pixels along a side of what counts as structure
+MAX_DOTS_DRAWN = 1500  # readings of a trace that are drawn
+UPWARD_AXES = {
+    "sidewall": ("z", "above the interface"),
+    "wake": ("y", "from the centre line"),
+    "profile": ("", ""),
+    "points": ("", ""),
+}
+IMAGE_TITLES = ("measured", "computed", "measured − computed", "the same in sigma")
+
+
+# --- images -----------------------------------------------------------------------------------------
+def choose_frames(seeing, run=None) -> dict[int, str]:
+    """Frames worth a picture and why: end of sliding of the first and last repetition, largest difference.
+
+    Without the `run` of the condition, the frame of a repetition that is computed to be hottest.
+    """
+    r, why = seeing.view.recording, {}
+    on = None if run is None else sliding_mask(r.time, run)
+    seen = np.isfinite(seeing.residual).any(axis=0)
+    heat = np.sum(seeing.predicted, axis=(1, 2), where=seen)
+    for number in np.unique(r.repetition)[[0, -1]]:
+        own = np.flatnonzero(r.repetition == number)
+        slid = own[on[own]] if on is not None else own[:0]
+        if len(slid):
+            why[int(slid[-1])] = "last frame of sliding"
+        else:
+            why[int(own[np.argmax(heat[own])])] = "hottest frame"
+    if seeing.largest is not None:
+        k = _largest_residual_frame(seeing)
+        why[k] = f"{why[k]},\nlargest difference" if k in why else "largest difference"
+    return dict(sorted(why.items()))
+
+
+def _largest_residual_frame(seeing) -> int:
+    """The frame of the largest structured residual."""
+    return int(np.argmin(np.abs(seeing.view.recording.time - seeing.largest.time)))
+
+
+@theme.styled
+def draw_images(seeing, run=None, only: bool = False) -> Figure:
+    """Measured, computed and their difference in K and in sigma for up to three frames; x, z, y in mm.
+
+    With `only` the frame of the largest difference alone.  A profile is drawn as lines in degC, its difference in K
+    with the band of noise of one pixel.
+    """
+    if seeing.view.recording.places is not None:
+        return point_series.draw_points(seeing)
+    chosen = choose_frames(seeing, run)
+    if only:
+        worst = _largest_residual_frame(seeing) if seeing.largest is not None else max(chosen)
+        chosen = {worst: chosen[worst]}
+    if seeing.view.recording.view == "profile":
+        return point_series.draw_profile(seeing, chosen)
+    r, shown = seeing.view.recording, list(chosen)
+    u, v = pixel_edges(r.u), pixel_edges(r.v)
+    across, up = _compared_limits(seeing, u, 1), _compared_limits(seeing, v, 0)
+    tall = np.clip((up[1] - up[0]) / (across[1] - across[0]), 0.2, 1.3)
+    fig = make_recording_figure(
+        seeing.view, COMPARISON_WIDTH_IN, 1.3 + len(shown) * (0.16 + 1.8 * max(tall, 0.28)), layout="compressed"
+    )
+    axes = fig.subplots(len(shown), 4, sharex=True, sharey=True, squeeze=False)
+    stacks, norms = _image_columns(seeing, shown), _colour_norms(seeing, shown)
+    for row, k in enumerate(shown):
+        for ax, (cmap, values), norm in zip(axes[row], stacks, norms, strict=True):
+            ax.set_facecolor(MASKED_COLOUR)
+            ax.imshow(
+                np.ma.masked_invalid(values[row]), origin="lower", extent=(u[0], u[-1], v[0], v[-1]), cmap=cmap,
+                norm=norm, interpolation="nearest",
+            )  # fmt: skip
+        words = f"repetition {r.repetition[k]}\nt = {theme.format_decimal(r.time[k])} s\n{chosen[k]}"
+        axes[row, 0].annotate(
+            words, (0.0, 0.5), (-42, 0), xycoords="axes fraction", textcoords="offset points", ha="right", va="center"
+        )
+        axes[row, 0].set_ylabel(f"{UPWARD_AXES[r.view][0]} (mm)")
+        if seeing.largest is not None and k == _largest_residual_frame(seeing):
+            _mark_largest(axes[row, 2:], seeing)
+    axes[0, 0].set(xlim=across, ylim=up)
+    axes[0, 0].xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
+    for ax, title in zip(axes[0], IMAGE_TITLES, strict=True):
+        ax.set_title(title, weight="bold")
+    for ax in axes[-1]:
+        ax.set_xlabel("x (mm)")
+    _add_colour_bars(fig, axes)
+    return fig
+
+
+def _compared_limits(seeing, ends: np.ndarray, other: int) -> tuple[float, float]:
+    """Limits (mm) of what is compared along one direction, with a margin; all when nothing is."""
+    known = np.flatnonzero(np.isfinite(seeing.residual).any(axis=0).any(axis=1 - other if other == 0 else 0))
+    first, last = (known[0], known[-1]) if len(known) else (0, len(ends) - 2)
+    return float(ends[max(first - MARGIN_PX, 0)]), float(ends[min(last + 1 + MARGIN_PX, len(ends) - 1)])
+
+
+def _image_columns(seeing, shown: list[int]) -> list[tuple]:
+    """Colour map and values (rows, nv, nu) of the four columns, NaN where nothing is compared."""
+    apart = np.isfinite(seeing.residual[shown])
+    heat = theme.temperature_map()
+    measured = np.where(apart, seeing.view.recording.temperature[shown], np.nan)
+    computed = np.where(apart, seeing.predicted[shown], np.nan)
+    return [
+        (heat, measured),
+        (heat, computed),
+        (KELVIN_MAP, seeing.residual[shown]),
+        (SIGMA_MAP, seeing.in_sigma[shown]),
+    ]
+
+
+def _colour_norms(seeing, shown: list[int]) -> list:
+    """Colour limits of the four columns: one in degC for two of them, both differences centred at zero."""
+    (_, measured), (_, computed), (_, off), _ = _image_columns(seeing, shown)
+    if not np.isfinite(off).any():
+        off, measured, computed = np.zeros(1), np.zeros(1), np.zeros(1)
+    usual = np.nanpercentile(measured, (0.5, 99.5))  # a single wild pixel would take all colours
+    heat = theme.temperature_norm(usual, computed)
+    most = max(3.0 * seeing.noise.white, np.nanpercentile(np.abs(off), 99.5))
+    if seeing.largest is not None:
+        most = max(most, abs(seeing.largest.K))
+    limit = theme.nice_ceil(most)
+    return [heat, heat, Normalize(-limit, limit), Normalize(-MAX_COLOUR_SIGMA, MAX_COLOUR_SIGMA)]
+
+
+def _add_colour_bars(fig, axes) -> None:
+    """One colour bar below the columns that it belongs to."""
+    pad = 0.16 / fig.get_figheight()
+    spans = [
+        (axes[:, :2], f"temperature ({theme.CELSIUS})", 40),
+        (axes[:, 2], "difference (K)", 20),
+        (axes[:, 3], f"sigma, colours end at ±{MAX_COLOUR_SIGMA:g} (–)", 20),
+    ]
+    for columns, label, aspect in spans:
+        shown = [ax.images[0] for ax in columns.ravel()]
+        norm = shown[0].norm
+        below = any((i.get_array() < norm.vmin).any() for i in shown)
+        above = any((i.get_array() > norm.vmax).any() for i in shown)
+        extend = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[below, above]
+        bar = fig.colorbar(
+            shown[0], ax=columns, label=label, aspect=aspect, extend=extend, location="bottom", pad=pad,
+            fraction=min(0.12, 0.17 / len(axes)),
+        )  # fmt: skip
+        bar.outline.set_linewidth(0.4)
+        bar.set_ticks(np.linspace(-1.0, 1.0, 5) * norm.vmax if norm.vmin == -norm.vmax else MaxNLocator(9))
+
+
+def _mark_largest(axes, seeing) -> None:
+    """A square around the pixels of the largest structured residual, mm."""
+    r, at = seeing.view.recording, seeing.largest
+    du, dv = (STRUCTURE_SIZE_PX * 1e3 * p if np.isfinite(p) else 1.0 for p in r.pitch)
+    for ax in axes:
+        ax.add_patch(Rectangle((1e3 * at.u - du / 2, 1e3 * at.v - dv / 2), du, dv, fill=False, ec="black", lw=0.9))
+
+
+# --- along x, z, time and repetition ----------------------------------------------------------------
+@theme.styled
+def draw_mean_residuals(seeing, run=None) -> Figure:
+    """Mean difference (K) along x, z or y (mm), against time (s) and per repetition, with what noise alone gives.
+
+    The band is two standard errors of the mean; with the `run` of the condition waits are shaded.
+    """
+    r, level = seeing.view.recording, seeing.noise
+    up, where = UPWARD_AXES.get(r.view, ("", ""))
+    fig = make_recording_figure(seeing.view, COMPARISON_WIDTH_IN, 5.0)
+    grid = fig.add_gridspec(2, 2)
+    first = fig.add_subplot(grid[0, 0] if up else grid[0, :])
+    _draw_curve(first, 1e3 * r.u, mean_residual(seeing.residual, level, 2), "along x", theme.x_axis_label(run))
+    if up:
+        second = fig.add_subplot(grid[0, 1])
+        _draw_curve(second, 1e3 * r.v, mean_residual(seeing.residual, level, 1), f"along {up}", f"{up} {where} (mm)")
+    several = len(np.unique(r.repetition)) > 1  # a single mean is a number, no curve
+    _draw_over_time(fig.add_subplot(grid[1, 0] if several else grid[1, :]), seeing, run)
+    if several:
+        _draw_per_repetition(fig.add_subplot(grid[1, 1]), seeing)
+    fig.supylabel("mean of measured − computed (K)", fontsize=8.0)
+    note = "blue band: what noise alone would do to the mean, two standard errors; red: beyond it"
+    fig.supxlabel(note, fontsize=7.5)
+    return fig
+
+
+def _draw_curve(ax, x, means, title: str, label: str) -> None:
+    """One direction: `means` (values, their standard errors) with the band of noise, from the first to the last."""
+    values, error = means
+    known = np.flatnonzero(np.isfinite(values))
+    some = slice(known[0], known[-1] + 1) if len(known) else slice(None)
+    draw_residuals(ax, x[some], values[some], BAND_SIGMA * error[some])
+    ax.set(xlabel=label)
+    ax.set_title(f"{title}: {count_beyond_noise(values, error)}")
+
+
+def _draw_over_time(ax, seeing, run) -> None:
+    """Mean of every frame against time, waits shaded where they are known."""
+    time = seeing.view.recording.time
+    values, error = mean_residual(seeing.residual, seeing.noise, 0)
+    if run is None:
+        _draw_curve(ax, time, (values, error), "frame by frame", "time (s)")
+        return
+    when = repetition_axis(run)
+    _draw_curve(ax, when.to_axis_unit(time), (values, error), "frame by frame", "")
+    when.shade_waits(ax)
+    when.set_axis(ax)
+    if when.waits:
+        ax.set_xlabel(f"{ax.get_xlabel()}, grey: waiting")
+
+
+def _draw_per_repetition(ax, seeing) -> None:
+    """Mean of every repetition."""
+    repetition = seeing.view.recording.repetition
+    numbers = np.unique(repetition)
+    pairs = [mean_residual(seeing.residual[repetition == n], seeing.noise, None) for n in numbers]
+    values, error = np.array(pairs).T
+    _draw_curve(ax, numbers, (values, error), "repetition by repetition", "repetition (–)")
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=8))
+
+
+# --- friction ---------------------------------------------------------------------------------------
+@theme.styled
+def draw_friction(pulling) -> Figure:
+    """Friction coefficient (1) measured and computed against the time slid (s), and their difference."""
+    s, on, starts = sliding_time(pulling)
+    mu, computed, off = np.array(pulling.force.mu)[on], pulling.predicted[on], pulling.residual[on]
+    fig = make_recording_figure(pulling.force, COMPARISON_WIDTH_IN, 4.2)
+    above, below = fig.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
+    some, half = slice(None, None, max(1, -(-len(s) // MAX_DOTS_DRAWN))), BAND_SIGMA * pulling.sigma
+    above.plot(s[some], mu[some], "o", color=MEASURED_COLOUR, ms=2.2, mew=0, label="measured")
+    for n, part in enumerate(np.split(np.arange(len(s)), starts)):
+        above.plot(s[part], computed[part], color=COMPUTED_COLOUR, label=None if n else "computed")
+    above.set_ylim(theme.padded_limits(mu, computed, least=0.02, margin=0.08))
+    above.set_ylabel("friction coefficient (–)")
+    above.legend(loc="best", ncols=2)
+    below.axhspan(-half, half, color=BAND_COLOUR, lw=0, zorder=0)
+    below.axhline(0.0, color=theme.AMBIENT_COLOUR, lw=0.5)
+    out = np.abs(off[some]) > half
+    for keep, colour in ((~out, theme.AMBIENT_COLOUR), (out, BEYOND_COLOUR)):
+        below.plot(s[some][keep], off[some][keep], "o", color=colour, ms=2.2, mew=0)
+    below.set_ylim(theme.padded_limits(off, [-half, half], least=1e-6, margin=0.1))
+    below.set(xlabel="time slid (s), waits left out", ylabel="measured −\ncomputed (–)")
+    for ax in (above, below):
+        for k in starts:
+            ax.axvline(0.5 * (s[k - 1] + s[k]), color=theme.WAITING_COLOUR, lw=1.2, zorder=0)
+        ax.set_xlim(0.0, s[-1] if len(s) and s[-1] > 0 else 1.0)
+    note = "blue band: noise of one reading alone, two standard deviations; red: beyond it"
+    fig.supxlabel(note + ("; grey lines: waits" if len(starts) else ""), fontsize=7.5)
+    return fig
+
+
+def sliding_time(pulling) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time slid (s) of the readings that are compared, their mask (n,), and where sliding starts again.
+
+    A gap of more than three usual steps is a wait and counts as one step.
+    """
+    on = np.isfinite(pulling.residual)
+    step = np.diff(np.array(pulling.force.time)[on])
+    usual = float(np.median(step)) if len(step) else 0.0
+    waits = step > 3.0 * usual
+    return np.cumsum(np.append(0.0, np.where(waits, usual, step)))[: on.sum()], on, np.flatnonzero(waits) + 1
+
+
+# --- overview ---------------------------------------------------------------------------------------
+@theme.styled
+def draw_summary(comparison) -> Figure:
+    """RMSE and bias (K; of friction 1) and chi2/dof of every recording and every load-cell trace."""
+    blocks = [(comparison.seeings, "recordings", "K"), (comparison.pullings, "friction", "–")]
+    blocks = [b for b in blocks if b[0]]
+    rows = [max(len(found), 2) for found, _, _ in blocks]
+    fig = Figure(
+        figsize=(COMPARISON_WIDTH_IN, 0.6 + 0.75 * len(blocks) + 0.26 * sum(rows)),
+        layout="constrained",
+        facecolor="white",
+    )
+    fig.suptitle(escape_dollars(comparison.campaign.title)[:110], x=0.01, ha="left")
+    axes = fig.subplots(len(blocks), 2, squeeze=False, height_ratios=rows, width_ratios=[1.3, 1.0])
+    for (left, right), (found, title, unit) in zip(axes, blocks, strict=True):
+        _draw_sizes(left, found, title, unit)
+        _draw_chi2(right, found)
+    reach = np.array([ax.get_xlim() for ax in axes[:, 1]])
+    for ax in axes[:, 1]:
+        ax.set_xlim(reach[:, 0].min(), reach[:, 1].max())
+    axes[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.1, handletextpad=0.3)
+    return fig
+
+
+def _draw_sizes(ax, results, title: str, unit: str) -> None:
+    """Root mean square and mean of the differences of one kind, beside the noise of one value."""
+    y, kelvin = np.arange(len(results)), unit == "K"
+    rms = np.array([s.rmse_K if kelvin else s.rmse for s in results])
+    bias = np.array([s.bias_K if kelvin else s.bias for s in results])
+    noise = np.array([np.hypot(s.noise.white, s.noise.pattern) if kelvin else s.sigma for s in results])
+    ax.axvline(0.0, color=theme.AMBIENT_COLOUR, lw=0.6, zorder=1)
+    ax.hlines(y, np.minimum(0.0, bias), rms, color=theme.WAITING_COLOUR, lw=1.0, zorder=1)
+    ax.plot(rms, y, "o", color=MEASURED_COLOUR, ms=5.0, label="RMSE")
+    ax.plot(bias, y, "D", color=COMPUTED_COLOUR, ms=4.0, label="bias")
+    ax.plot(noise, y, "|", color=BEYOND_COLOUR, ms=11.0, mew=1.6, label="noise of one value")
+    entries = [s.view if kelvin else s.force for s in results]
+    ax.set_yticks(y, [escape_dollars(e.file)[-40:] + (" (held out)" if e.held_out else "") for e in entries])
+    ax.set(ylim=(len(results) - 0.4, -0.6), xlabel=f"measured − computed ({unit})")
+    ax.set_title(title, weight="bold")
+    ax.tick_params(axis="y", length=0)
+
+
+def _draw_chi2(ax, results) -> None:
+    """Mean square of the differences in sigma: one where noise explains them all."""
+    y, value = np.arange(len(results)), np.array([s.chi2_per_dof for s in results])
+    ax.axvline(1.0, color=COMPUTED_COLOUR, lw=1.2, zorder=1)
+    ax.hlines(y, 1.0, value, color=theme.WAITING_COLOUR, lw=1.0, zorder=1)
+    ax.plot(value, y, "o", color=MEASURED_COLOUR, ms=5.0)
+    for at, v in zip(y, value, strict=True):
+        if v > 0:
+            ax.annotate(
+                theme.format_decimal(v, 3), (v, at), (6, 0), textcoords="offset points", va="center", fontsize=7.5
+            )
+    known = value[value > 0]
+    ax.set_xscale("log")
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: theme.format_decimal(v)))
+    ax.set(xlim=(min(0.5, 0.7 * known.min(initial=1.0)), max(3.0, 4.0 * known.max(initial=1.0))))
+    ax.set(ylim=(len(results) - 0.4, -0.6), yticks=[], xlabel="chi2/dof (–); blue line: noise explains everything")

@@ -1,0 +1,127 @@
+"""Recordings without an image, measured and computed: thermocouples against time, profiles along the block."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from flashtemp.viz import theme
+from flashtemp.viz.measurement.residual_plots import (
+    BAND_COLOUR,
+    BAND_SIGMA,
+    COMPUTED_COLOUR,
+    MEASURED_COLOUR,
+    draw_residuals,
+    escape_dollars,
+    make_recording_figure,
+)
+
+POINT_COLOURS = ("#2B2B2B", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")
+POINT_FIGURE_WIDTH_IN = 9.6  # inches
+MAX_POINTS_DRAWN = 12  # points that are drawn
+
+
+@theme.styled
+def draw_points(seeing) -> Figure:
+    """Temperatures (degC) of up to twelve points over time (s), measured as dots and computed as lines; below, K."""
+    r, fig = seeing.view.recording, make_recording_figure(seeing.view, POINT_FIGURE_WIDTH_IN, 4.6)
+    above, below = fig.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
+    for j, name in enumerate(r.places.names[:MAX_POINTS_DRAWN]):
+        colour = POINT_COLOURS[j % len(POINT_COLOURS)]
+        above.plot(r.time, r.temperature[:, 0, j], "o", color=colour, ms=2.4, mew=0, label=escape_dollars(name))
+        above.plot(r.time, seeing.predicted[:, 0, j], color=colour, lw=0.9)
+        below.plot(r.time, seeing.residual[:, 0, j], "-o", color=colour, lw=0.7, ms=1.8, mew=0)
+    _draw_noise_band(below, r.time, seeing)
+    above.set_ylabel(f"temperature ({theme.CELSIUS})")
+    above.legend(title="dots measured, lines computed", ncols=3)
+    below.set(xlabel="time (s)", ylabel="measured −\ncomputed (K)")
+    fig.supxlabel("blue band: noise of one reading alone, two standard deviations", fontsize=7.5)
+    return fig
+
+
+@theme.styled
+def draw_recording(recording, block=None) -> Figure:
+    """Temperatures (degC) of a recording of points over time (s), and where they sit (mm); `block` (length, height in
+    m) is drawn where it is known."""
+    fig = Figure(figsize=(POINT_FIGURE_WIDTH_IN, 3.6), layout="constrained", facecolor="white")
+    fig.suptitle(escape_dollars(recording.source or "thermocouples"), x=0.01, ha="left")
+    left, right = fig.subplots(1, 2, width_ratios=[1.6, 1.0])
+    places, many = recording.places, range(min(len(recording.places), MAX_POINTS_DRAWN))
+    for j in many:
+        colour = POINT_COLOURS[j % len(POINT_COLOURS)]
+        dashes = "-" if j < len(POINT_COLOURS) else "--"
+        left.plot(
+            recording.time,
+            recording.temperature[:, 0, j],
+            dashes,
+            color=colour,
+            lw=0.9,
+            label=escape_dollars(places.names[j]),
+        )
+        at = 1e3 * places.x[j], 1e3 * places.z[j]
+        right.plot(*at, "o", color=colour, mfc=colour if dashes == "-" else "white")
+        right.annotate(escape_dollars(places.names[j]), at, (3, 3), textcoords="offset points", fontsize=7)
+    if block is not None:
+        right.add_patch(Rectangle((0, 0), 1e3 * block[0], 1e3 * block[1], fill=False, ec=theme.AMBIENT_COLOUR, lw=1.2))
+    right.axhline(0.0, color=theme.AMBIENT_COLOUR, lw=0.8, ls="--")
+    right.margins(0.15)
+    left.set(xlabel="time from the first start of sliding (s)", ylabel=f"temperature ({theme.CELSIUS})")
+    right.set(xlabel="x from the leading edge (mm)", ylabel="z above the face (mm)")
+    left.legend(ncols=2 if len(many) > 4 else 1)
+    return fig
+
+
+def draw_residual_panel(part, own: list) -> None:
+    """Differences (K) over time (s) of all points of recordings, before and, where there is one, after."""
+    part.suptitle("thermocouples", x=0.01, ha="left", fontsize=8.5)
+    stages = ["base", "extended"] if any(p.after is not None for p in own) else ["base"]
+    axes = part.subplots(1, len(stages), sharex=True, sharey=True, squeeze=False)[0]
+    for ax, stage in zip(axes, stages, strict=True):
+        names: dict[str, str] = {}
+        for pair in own:
+            seeing = pair.before if stage == "base" else pair.after
+            if seeing is None:
+                continue
+            r = seeing.view.recording
+            _draw_noise_band(ax, r.time, seeing)
+            for j, name in enumerate(r.places.names[:MAX_POINTS_DRAWN]):
+                fresh = name not in names
+                colour = names.setdefault(name, POINT_COLOURS[len(names) % len(POINT_COLOURS)])
+                ax.plot(
+                    r.time, seeing.residual[:, 0, j], "o", color=colour, ms=2.4, mew=0.5,
+                    mfc="white" if seeing.view.held_out else colour, label=escape_dollars(name) if fresh else None,
+                )  # fmt: skip
+        ax.axhline(0.0, color=theme.AMBIENT_COLOUR, lw=0.5)
+        ax.set(xlabel="time (s), open dots: left out of the fit", title=stage)
+    axes[0].set_ylabel("measured −\ncomputed (K)")
+    axes[-1].legend()
+
+
+def _draw_noise_band(ax, time: np.ndarray, seeing) -> None:
+    """Two standard deviations of one reading."""
+    half = BAND_SIGMA * float(np.hypot(seeing.noise.white, seeing.noise.pattern))
+    ax.fill_between([time[0], time[-1]], -half, half, color=BAND_COLOUR, lw=0, zorder=0)
+
+
+def draw_profile(seeing, chosen: dict[int, str]) -> Figure:
+    """A profile: curves in degC above their difference in K with the noise of one pixel, against x in mm."""
+    r, shown = seeing.view.recording, list(chosen)
+    x, noise = 1e3 * r.u, np.hypot(seeing.noise.white, seeing.noise.pattern)
+    fig = make_recording_figure(seeing.view, POINT_FIGURE_WIDTH_IN if len(shown) > 1 else theme.NARROW_FIGURE_IN, 4.4)
+    axes = fig.subplots(2, len(shown), sharex=True, sharey="row", squeeze=False, height_ratios=[1.6, 1.0])
+    for k, above, below in zip(shown, *axes, strict=True):
+        seen = np.where(np.isfinite(seeing.residual[k, 0]), r.temperature[k, 0], np.nan)
+        above.plot(x, seen, "o", color=MEASURED_COLOUR, ms=2.2, mew=0, label="measured")
+        above.plot(x, seeing.predicted[k, 0], color=COMPUTED_COLOUR, label="computed")
+        words = chosen[k].replace("\n", " ")
+        above.set_title(f"repetition {r.repetition[k]}, t = {theme.format_decimal(r.time[k])} s\n{words}")
+        draw_residuals(below, x, seeing.residual[k, 0], np.full(len(x), BAND_SIGMA * noise))
+        below.set_xlabel("x (mm)")
+    off = seeing.residual[shown]
+    axes[1, 0].set_ylim(theme.padded_limits(off, [-BAND_SIGMA * noise, BAND_SIGMA * noise], least=1e-6, margin=0.08))
+    axes[0, 0].set_ylabel(f"temperature ({theme.CELSIUS})")
+    axes[0, 0].legend()
+    axes[1, 0].set_ylabel("measured −\ncomputed (K)")
+    fig.supxlabel("blue band: noise of one pixel alone, two standard deviations; red: beyond it", fontsize=7.5)
+    return fig

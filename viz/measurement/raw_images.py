@@ -1,0 +1,87 @@
+"""Camera files before anything is known of them: frames with their pixels, mean over time, histogram."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.colors import ListedColormap, Normalize, to_rgba
+from matplotlib.figure import Figure
+
+from flashtemp.viz import theme
+from flashtemp.viz.measurement.residual_plots import escape_dollars
+
+IMAGES_PER_ROW, CHARTS_HEIGHT_IN = 3, 2.1  # images in a row; inches of what stands below
+OUT_OF_RANGE_COLOUR, DEAD_PIXEL_COLOUR = (
+    "#D0D0D0",
+    "#00D5D5",
+)  # pixels beyond the camera's range; without a value in any frame
+
+
+@theme.styled
+def draw(look) -> Figure:
+    """A figure of a `Look`: images over column and row (px), all in one colour scale; below, what the frames hold."""
+    n, (high, wide) = len(look.images), look.images.shape[1:]
+    columns, rows = min(n, IMAGES_PER_ROW), -(-n // IMAGES_PER_ROW)
+    tall = rows * (np.clip(high / wide, 0.2, 1.4) * theme.WIDE_FIGURE_IN / max(columns, 1.6) + 0.35) + 0.3
+    fig = Figure(figsize=(theme.WIDE_FIGURE_IN, 0.4 + tall + CHARTS_HEIGHT_IN), layout="constrained", facecolor="white")
+    fig.suptitle(escape_dollars(str(look).splitlines()[0]), x=0.01, ha="left")
+    above, below = fig.subfigures(2, 1, height_ratios=[tall, CHARTS_HEIGHT_IN], squeeze=False)[:, 0]
+    plain_range = look.difference or look.counted
+    norm = Normalize(*theme.padded_limits(look.images, least=1e-3, margin=0.0)) if plain_range else None
+    norm = norm or theme.temperature_norm(look.images)
+    words = {"K": "difference of temperatures, K", "counts": "counts of the camera"}
+    label = words.get(look.unit, f"temperature, {theme.CELSIUS}")
+    axes = above.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
+    for ax, image, number in zip(axes, look.images, look.shown, strict=False):
+        shown = ax.imshow(image, cmap=theme.temperature_map(), norm=norm, interpolation="nearest")
+        ax.set_facecolor(OUT_OF_RANGE_COLOUR)
+        ax.imshow(np.where(look.dead, 1.0, np.nan), cmap=ListedColormap([DEAD_PIXEL_COLOUR]), interpolation="nearest")
+        ax.set_title(_describe_time(look, int(number)))
+    for ax in axes[n:]:
+        ax.remove()
+    axes[0].set_ylabel("row, px")
+    for ax in axes[max(0, n - columns) : n]:
+        ax.set_xlabel("column, px")
+    above.colorbar(shown, ax=list(axes[:n]), label=label, fraction=0.04)
+    *left, right = below.subplots(1, 2, width_ratios=[1.5, 1.0]) if len(look.mean) > 1 else [below.subplots()]
+    for ax in left:  # a single value is no curve
+        _draw_mean_course(ax, look)
+    right.stairs(look.counts, look.edges, fill=True, color=theme.BLOCK_COLOUR)
+    right.set(xlabel=label, ylabel="values", yscale="log")
+    return fig
+
+
+def _describe_time(look, number: int) -> str:
+    if len(look.mean) == 1:
+        return "the only frame"
+    if look.time is not None:
+        return f"frame {number}, {theme.format_decimal(look.time[number])} s"
+    if look.clock is not None:
+        return f"frame {number}, {theme.format_decimal(look.clock[number] - look.clock[0])} s after the first"
+    return f"frame {number}"
+
+
+def _draw_mean_course(ax, look) -> None:
+    """Mean of every frame over the time that the file tells, or its number."""
+    x, label = np.arange(len(look.mean)), "frame"
+    if look.time is not None:
+        x, label = look.time, "time, s"
+    elif look.clock is not None:
+        x, label = look.clock - look.clock[0], "time after the first frame, s"
+    ax.plot(x, look.mean, "o" if len(x) < 60 else "-", ms=3, color="#2B2B2B")
+    ax.set(xlabel=label, ylabel=f"mean of the image, {theme.CELSIUS if look.unit == 'degC' else look.unit}")
+
+
+def encode_png(image: np.ndarray, low: float, high: float, zoom: int = 1, dead: np.ndarray | None = None) -> bytes:
+    """One image (rows, columns) degC as PNG in the colours of all temperatures, every pixel `zoom` x `zoom`; without a
+    value grey, or cyan where it is `dead` (rows, columns)."""
+    from io import BytesIO
+
+    from matplotlib.image import imsave
+
+    colours = theme.temperature_map()((image - low) / max(high - low, 1e-9), bytes=True)
+    colours[~np.isfinite(image)] = [round(255 * c) for c in to_rgba(OUT_OF_RANGE_COLOUR)]
+    if dead is not None:
+        colours[dead] = [round(255 * c) for c in to_rgba(DEAD_PIXEL_COLOUR)]
+    out = BytesIO()
+    imsave(out, np.repeat(np.repeat(colours, zoom, axis=0), zoom, axis=1), format="png")
+    return out.getvalue()

@@ -1,0 +1,111 @@
+"""What pictures of measured against computed share: names, means of differences with their noise, and bands."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Literal
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from flashtemp.viz import theme
+from flashtemp.viz.key_labels import describe_key
+
+FigureLayout = Literal["constrained", "compressed", "tight"]
+MEASURED_COLOUR, COMPUTED_COLOUR = "#2B2B2B", "#0072B2"
+BAND_COLOUR, BEYOND_COLOUR = "#C3D8E8", "#C8420B"
+BAND_SIGMA = 2.0  # standard errors: half the width of the bands
+VIEW_LABELS = {
+    "sidewall": "side wall",
+    "wake": "wake on the road",
+    "profile": "profile along the block",
+    "points": "points",
+}
+
+
+# --- words ------------------------------------------------------------------------------------------
+def describe_condition(overrides: dict) -> str:
+    """The overrides of an entry for people, with units.
+
+    >>> describe_condition({"contact.pressure": 1.5e5, "schedule.speed": 0.1}), describe_condition({})
+    ('contact pressure 0.15 MPa, speed 0.1 m/s', 'as in the case')
+    """
+    return ", ".join(describe_key(key).describe_value(value) for key, value in overrides.items()) or "as in the case"
+
+
+def escape_dollars(text: str) -> str:
+    """Text in which matplotlib sees no mathematics."""
+    return str(text).replace("$", r"\$")
+
+
+def make_recording_figure(
+    entry, width: float, height: float, layout: Literal["constrained", "compressed", "tight"] = "constrained"
+) -> Figure:
+    """An empty figure (inches) that names a recording or a trace and its condition."""
+    fig = Figure(figsize=(width, height), layout=layout, facecolor="white")
+    what = VIEW_LABELS[entry.recording.view] if hasattr(entry, "recording") else "friction"
+    lines = textwrap.wrap(f"{entry.file}: {what}, {describe_condition(entry.given)}", round(11 * width), max_lines=2)
+    fig.suptitle(escape_dollars("\n".join(lines)), x=0.01, ha="left")
+    return fig
+
+
+# --- numbers ----------------------------------------------------------------------------------------
+def sliding_mask(time: np.ndarray, run) -> np.ndarray:
+    """Whether the block slides at times (s) of frames: up to and with the end of each repetition."""
+    at = np.searchsorted(run.time, time - 1e-9 * max(run.time[-1], 1.0))
+    return run.sliding[np.minimum(at, len(run.time) - 1)]
+
+
+def mean_residual(residual: np.ndarray, noise, kept_axis: int | None) -> tuple[np.ndarray, np.ndarray]:
+    """Mean (K) of residuals (frames, nv, nu) along the `kept_axis` axis, or of all, and its standard error (K).
+
+    The error is that of noise alone: white noise averages over all values, the pattern only over pixels.
+    """
+    good, others = np.isfinite(residual), tuple(a for a in range(3) if a != kept_axis)
+    total = good.sum(axis=others)
+    count = np.maximum(total, 1)
+    # n frames of one pixel share its pattern: n^2 of its variance in the sum
+    shared = total if kept_axis == 0 else (good.sum(axis=0, keepdims=True) ** 2).sum(axis=others)
+    error = np.sqrt(noise.white**2 / count + noise.pattern**2 * shared / count**2)
+    return (
+        np.where(total > 0, np.sum(residual, axis=others, where=good) / count, np.nan),
+        np.where(total > 0, error, np.nan),
+    )
+
+
+def pixel_edges(centres: np.ndarray) -> np.ndarray:
+    """Edges (n + 1,) in mm of even pixels with centres (n,) in m; a single one is 1 mm wide."""
+    step = 1e3 * (centres[-1] - centres[0]) / (len(centres) - 1) if len(centres) > 1 else 1.0
+    return 1e3 * centres[0] + step * (np.arange(len(centres) + 1) - 0.5)
+
+
+# --- differences with the band of noise -------------------------------------------------------------
+def draw_residuals(ax, x, values, half_width, room_steps: float = 0.5) -> None:
+    """Differences at x as dots, red beyond the band of half width `half_width` around zero.
+
+    The band ends `room_steps` steps before the first and after the last x.
+    """
+    good = np.isfinite(values)
+    out = good & (np.abs(values) > half_width)
+    first, last = (x[1] - x[0], x[-1] - x[-2]) if np.ptp(x) > 0 else (1.0, 1.0)
+    x_band = np.array([x[0] - room_steps * first, *x, x[-1] + room_steps * last])
+    wide = np.concatenate([half_width[:1], half_width, half_width[-1:]])
+    ax.fill_between(x_band, -wide, wide, color=BAND_COLOUR, lw=0, zorder=1)
+    ax.axhline(0.0, color=theme.AMBIENT_COLOUR, lw=0.5, zorder=1.5)
+    ax.plot(x, values, color=theme.AMBIENT_COLOUR, lw=0.7, zorder=2)
+    size = 4.0 if len(x) <= 40 else 2.4
+    for keep, colour in ((good & ~out, theme.AMBIENT_COLOUR), (out, BEYOND_COLOUR)):
+        dots = ax.plot(x[keep], values[keep], "o", color=colour, ms=size, mew=0, zorder=3, clip_on=False)
+        dots[0].set_in_layout(False)  # unclipped and empty it would take the place of the axes
+    known = half_width[np.isfinite(half_width)]
+    ax.set(xlim=(x_band[0], x_band[-1]), ylim=theme.padded_limits(values[good], known, -known, least=1e-6, margin=0.08))
+
+
+def count_beyond_noise(values, error) -> str:
+    """How many means lie beyond the band.
+
+    >>> count_beyond_noise(np.array([0.1, 3.0, np.nan]), np.ones(3))
+    '1 of 2 beyond noise'
+    """
+    good = np.isfinite(values)
+    return f"{int((np.abs(values[good]) > BAND_SIGMA * error[good]).sum())} of {int(good.sum())} beyond noise"

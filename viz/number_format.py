@@ -1,0 +1,95 @@
+"""Numbers, units and names as the reports write them."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from flashtemp.discovery.verdict import CandidateReport
+
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def effect_label(key: str) -> str:
+    return key.replace("_", " ")
+
+
+def unit_suffix(unit: str) -> str:
+    if unit in ("", "1"):
+        return ""
+    return " " + unit.replace("m2", "m²").replace("m3", "m³").replace("degC", "°C")
+
+
+def format_number(value: float) -> str:
+    """Three digits, powers of ten raised, a dash for what is not known.
+
+    >>> format_number(1.2345e-10), format_number(-0.5), format_number(3140.0), format_number(float("nan"))
+    ('1.23 × 10⁻¹⁰', '−0.5', '3140', '–')
+    """
+    value = float(value)
+    if not math.isfinite(value):
+        return "–" if math.isnan(value) else f"{'−' if value < 0 else ''}∞"
+    if value and not 1e-3 <= abs(value) < 1e6:
+        digits, power = f"{value:.2e}".split("e")
+        digits = digits.rstrip("0").rstrip(".")
+        return f"{digits} × 10{str(int(power)).translate(SUPERSCRIPTS)}".replace("-", "−")
+    text = f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+    return text.replace("-", "−")
+
+
+def format_ratio(value: float) -> str:
+    return f"{value:.2f}" if 0.01 <= value < 10 else format_number(value)
+
+
+def format_with_error(value: float, error: float, unit: str) -> str:
+    """A value with its standard error, to two digits of the error.
+
+    >>> format_with_error(1.7243, 0.0512, "1"), format_with_error(2.1e-6, 1.5e-7, "m")
+    ('1.724 ± 0.051', '(2.10 ± 0.15) × 10⁻⁶ m')
+    """
+    if not (math.isfinite(value) and math.isfinite(error) and error > 0):
+        return format_number(value) + unit_suffix(unit)
+    size = max(abs(value), error)
+    power = math.floor(math.log10(size)) if not 1e-3 <= size < 1e6 else 0
+    value, error = value / 10.0**power, error / 10.0**power
+    places = min(max(0, 1 - math.floor(math.log10(error))), 6)
+    text = f"{value:.{places}f} ± {error:.{places}f}".replace("-", "−")
+    return (f"({text}) × 10{str(power).translate(SUPERSCRIPTS)}" if power else text) + unit_suffix(unit)
+
+
+def needed_amplitude(r: CandidateReport) -> str:
+    if not r.amplitude and not r.stderr:
+        return "–"
+    return f"{r.parameter} = {format_with_error(r.amplitude, r.stderr, r.unit)}".removeprefix(" = ")
+
+
+def score_and_basis(r: CandidateReport) -> tuple[str, str]:
+    """The ln Bayes factor and what it rests on."""
+    if r.refitted or r.stderr > 0:
+        return format_number(r.score), "full fit" if r.refitted else "sensitivities"
+    return "–", "not tried"
+
+
+def detectable_amplitude(r: CandidateReport) -> str:
+    return format_number(r.detectable) + unit_suffix(r.unit) if math.isfinite(r.detectable) else "not in these data"
+
+
+def format_probability(p: float) -> str:
+    return "below 0.001" if p < 1e-3 else format_number(p)
+
+
+def flatten_dict(nested: dict, prefix: str = "") -> list[tuple[str, object]]:
+    """Entries of dictionaries in dictionaries, one after the other."""
+    own = [(f"{prefix}{k}", v) for k, v in nested.items()]
+    return [pair for k, v in own for pair in (flatten_dict(v, f"{k}: ") if isinstance(v, dict) else [(k, v)])]
+
+
+def format_value(value) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, (int, float)):
+        return format_number(value)
+    if isinstance(value, (list, tuple)):
+        return ", ".join(format_value(v) for v in value)
+    return str(value)

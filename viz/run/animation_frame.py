@@ -1,0 +1,164 @@
+"""One picture of the animation: views of the block beside T(x), p(x) and friction, with parts that can be moved on.
+
+A panel draws what stays on its axes and returns what moves, with the function that sets it to a frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import ListedColormap
+
+from flashtemp.viz import theme
+from flashtemp.viz.run import run_views
+from flashtemp.viz.time_axis import repetition_axis, sliding_ends
+
+ANIMATION_SIZE_IN, ANIMATION_DPI = (8.0, 4.7), 120  # inches, and dots per inch
+N_TEMPERATURE_COLOURS = 160  # colours of temperature: what a GIF has room for beside lines and letters
+LIFT_FRACTION = 0.14  # how far a lifted block is drawn above its place, in heights of the block
+GHOST_STYLE = {"color": "#B0B0B0", "lw": 1.0, "ls": (0, (4, 2))}
+MIN_FRICTION_SPAN = 0.02  # smallest range of the axis of mu
+
+
+class MovingPanel(NamedTuple):
+    """What moves on an axes, and the function of a frame that moves it."""
+
+    artists: list
+    show: Callable[[int], None]
+
+
+class AnimationFigure:
+    """A figure of a run, for the frames `kept` (indices into run.field)."""
+
+    def __init__(self, run, kept: list[int]):
+        self.fig = theme.make_figure(run.title, *ANIMATION_SIZE_IN)
+        self.fig.set_dpi(ANIMATION_DPI)
+        self.fig.get_layout_engine().set(wspace=0.03, hspace=0.04)
+        axes = self.fig.subplots(2, 2, width_ratios=[1.5, 1.0], height_ratios=[1.0, 0.95])
+        self.panels = [
+            panel(axes[place], run, kept)
+            for place, panel in (
+                ((0, 0), _add_block),
+                ((0, 1), _add_temperature),
+                ((1, 0), _add_friction),
+                ((1, 1), _add_pressure),
+            )
+        ]
+        self.show_frame(kept[0])
+
+    def show_frame(self, frame: int) -> None:
+        """Move every panel to a frame."""
+        for panel in self.panels:
+            panel.show(frame)
+
+    def render_frames(self, kept: list[int]) -> Iterator[np.ndarray]:
+        """Pixels (height, width, 3) of every kept frame: what stays is drawn once."""
+        canvas = FigureCanvasAgg(self.fig)
+        self.fig.draw_without_rendering()
+        self.fig.set_layout_engine("none")
+        moving = [artist for panel in self.panels for artist in panel.artists]
+        for artist in moving:
+            artist.set_animated(True)
+        canvas.draw()
+        still = canvas.copy_from_bbox(self.fig.bbox)
+        for frame in kept:
+            canvas.restore_region(still)
+            self.show_frame(frame)
+            for artist in moving:
+                artist.axes.draw_artist(artist)
+            yield np.array(canvas.buffer_rgba())[..., :3]
+
+
+def reduced_temperature_map() -> ListedColormap:
+    """The colour map of temperature in the few colours of the animation."""
+    return ListedColormap(theme.temperature_map()(np.linspace(0.0, 1.0, N_TEMPERATURE_COLOURS)), name="animation")
+
+
+def _add_block(ax, run, kept) -> MovingPanel:
+    """Side wall, contact and wake; the block is drawn lifted while it is."""
+    norm = theme.temperature_norm(run_views.temperature_extremes(run, kept))
+    images = run_views.draw_views(ax, run, kept[0], norm, reduced_temperature_map())
+    bar = ax.figure.colorbar(images[0], ax=ax, label=f"temperature ({theme.CELSIUS})", pad=0.01, aspect=18)
+    bar.outline.set_linewidth(0.4)
+    height = 1e3 * run.mesh.height[-1]
+    ax.set(
+        xlabel=theme.x_axis_label(run),
+        ylabel="side wall, z (mm)",
+        ylim=(ax.get_ylim()[0], (1 + LIFT_FRACTION) * height),
+    )
+    titles = [ax.set_title(" ", fontweight="bold"), ax.set_title(" ", loc="right")]
+    left, right, *_ = images[0].get_extent()
+    apart = ax.text(0.5 * right, ax.get_yticks()[0], "no contact", color=theme.AMBIENT_COLOUR, ha="center", va="center")
+
+    def show(frame):
+        k = run.frames[frame]
+        up = 0.0 if run.pressure[k].any() else LIFT_FRACTION * height
+        run_views.update_views(images, run, frame)
+        images[0].set_extent((left, right, up, up + height))
+        apart.set_visible(up > 0.0)
+        for title, said in zip(titles, describe_state(run, k), strict=True):
+            title.set_text(said)
+
+    return MovingPanel([*images, *ax.collections, apart, *titles], show)
+
+
+def describe_state(run, k: int) -> tuple[str, str]:
+    """Which repetition and what the block does at record k; its time."""
+    resting = "waiting in contact" if run.pressure[k].any() else "waiting, lifted"
+    unit, size = repetition_axis(run).unit
+    what = f"repetition {run.repetition[k]} of {run.repetition[-1]}: {'sliding' if run.sliding[k] else resting}"
+    return what, f"t = {run.time[k] / size:.{1 if size == 1 else 2}f} {unit}"
+
+
+def _add_temperature(ax, run, kept) -> MovingPanel:
+    """T(x) in the spots and averaged across y, with the end of the first repetition as a ghost."""
+    x, first = 1e3 * run.x, sliding_ends(run)[0]
+    spots = np.where(run.pressure > 0, run.T_spot, np.nan)
+    (spot,) = ax.plot(x, spots[first], color=theme.SPOT_COLOUR, label="in the spots")
+    (block,) = ax.plot(x, run.T_block[first], color=theme.BLOCK_COLOUR, label="mean across y", zorder=1.9)
+    ax.plot(x, spots[first], **GHOST_STYLE, zorder=1, label=f"in the spots, repetition {run.repetition[first]}")
+    at = run.frames[kept]
+    ax.set(xlim=(0.0, 1e3 * run.mesh.x[run.mesh.last]), ylabel=f"temperature ({theme.CELSIUS})")
+    ax.set_ylim(*theme.padded_limits(spots[at], run.T_block[at], run.ambient_degC, least=1.0))
+    ax.tick_params(labelbottom=False)
+    ax.legend(loc="lower right", bbox_to_anchor=(1.03, 1.0), ncols=2, columnspacing=1.0, handlelength=1.5)
+
+    def show(frame):
+        spot.set_ydata(spots[run.frames[frame]])
+        block.set_ydata(run.T_block[run.frames[frame]])
+
+    return MovingPanel([spot, block], show)
+
+
+def _add_pressure(ax, run, kept) -> MovingPanel:
+    """Nominal contact pressure p(x), with the first as a ghost."""
+    at = run.frames[kept]
+    start = int(np.argmax(run.pressure.any(axis=1)))
+    x, p = 1e3 * run.x, 1e-6 * run.pressure
+    (line,) = ax.plot(x, p[start], color="black", label="now")
+    ax.plot(x, p[start], **GHOST_STYLE, zorder=1, label="at the start")
+    ax.set(xlim=(0.0, 1e3 * run.mesh.x[run.mesh.last]), ylim=(0.0, max(1e-6, 1.06 * p[[start, *at]].max())))
+    ax.set(xlabel=theme.x_axis_label(run), ylabel="pressure, nominal (MPa)")
+    ax.legend(loc="upper right")
+    return MovingPanel([line], lambda frame: line.set_ydata(p[run.frames[frame]]))
+
+
+def _add_friction(ax, run, kept) -> MovingPanel:
+    """Friction over the distance slid: what is to come pale, what has been dark, now a dot."""
+    mu = np.where(run.sliding, run.friction, np.nan)
+    ax.plot(run.slid, mu, color=GHOST_STYLE["color"], lw=0.8)
+    (past,) = ax.plot([], [], color="black", lw=1.2)
+    (now,) = ax.plot([], [], "o", color=theme.SPOT_COLOUR, ms=5.0)
+    ax.set(xlim=(run.slid[0], 1.02 * run.slid[-1]), ylim=theme.padded_limits(mu, least=MIN_FRICTION_SPAN, margin=0.08))
+    ax.set(xlabel="distance slid (m)", ylabel="friction coefficient (–)")
+
+    def show(frame):
+        k = run.frames[frame]
+        last = np.flatnonzero(np.isfinite(mu[: k + 1]))[-1:]
+        past.set_data(run.slid[: k + 1], mu[: k + 1])
+        now.set_data(run.slid[last], mu[last])
+
+    return MovingPanel([past, now], show)

@@ -1,0 +1,96 @@
+"""The run-in, one panel per repetition: side wall of the block, temperature in its contact, wake on the road."""
+
+from __future__ import annotations
+
+import textwrap
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from flashtemp.viz import theme
+from flashtemp.viz.run import run_views
+from flashtemp.viz.time_axis import sliding_ends
+
+MAX_PANELS = 12  # panels
+PANEL_COLUMNS = 2  # of panels, read downwards, so that the hot spot is seen to move along x
+PANEL_WIDTH_IN = 2.75  # inches wide, about
+MIN_HOT_SPOT_K = 0.05  # K within which no place of the contact is called the hottest
+
+
+def applies(run) -> bool:
+    """Whether there are repetitions to compare."""
+    return run_views.has_repetitions(run)
+
+
+@theme.styled
+def draw(run) -> Figure:
+    """Temperatures (degC) at the end of every repetition, over x and z (mm), in one scale of colour.
+
+    Each panel: the side wall, below it one strip of the contact (in the spots) and of the road surface
+    behind the block.  At most MAX_PANELS repetitions, spread evenly, first and last among them.
+    """
+    frames = list(run_views.last_frames(run).items())
+    frames = [frames[i] for i in theme.spread_indices(len(frames), MAX_PANELS)]
+    rows = -(-len(frames) // PANEL_COLUMNS)
+    fig = theme.make_figure(run.title, theme.WIDE_FIGURE_IN, 1.15 + rows * (0.24 + _panel_height(run)))
+    axes = fig.subplots(rows, PANEL_COLUMNS, squeeze=False, sharex=True, sharey=True)
+    fig.get_layout_engine().set(hspace=0.03, wspace=0.04)
+    norm = theme.temperature_norm(run_views.temperature_extremes(run, [i for _, i in frames]))
+    panels = axes.T.ravel()
+    for ax, (repetition, frame) in zip(panels, frames, strict=False):
+        picture = run_views.draw_views(ax, run, frame, norm)[0]
+        _label_panel(ax, run, repetition, frame)
+    for ax in panels[len(frames) :]:
+        ax.set_axis_off()
+    _label_axes(axes, run, len(frames))
+    bar = fig.colorbar(picture, ax=axes, label=f"temperature ({theme.CELSIUS})", pad=0.015, aspect=9 * rows)
+    bar.outline.set_linewidth(0.4)
+    fig.supxlabel(textwrap.fill(_run_in_caption(run, [i for _, i in frames]), 134), x=0.01, ha="left", fontsize=7.0)
+    return fig
+
+
+def _label_panel(ax, run, repetition: int, frame: int) -> None:
+    """Name the repetition; mark and name the hottest place of the contact."""
+    ax.set_title(f"repetition {repetition}", fontweight="bold", pad=3)
+    T = np.where(run.pressure[run.frames[frame]] > 0, run.T_spot[run.frames[frame]], np.nan)
+    if np.isfinite(T).any() and np.nanmax(T) - np.nanmin(T) > MIN_HOT_SPOT_K:
+        i = int(np.nanargmax(T))
+        ax.set_title(f"hottest {T[i]:.1f} {theme.CELSIUS} at {1e3 * run.x[i]:.1f} mm", loc="right", pad=3)
+        ax.plot(1e3 * run.x[i], ax.get_ylim()[0], "^", color="black", ms=4.0, clip_on=False, zorder=5)
+
+
+def _label_axes(axes, run, count: int) -> None:
+    """Axis labels at the left, and below the lowest panel of every column."""
+    rows = len(axes)
+    for row, column in np.ndindex(axes.shape):
+        ax, number = axes[row, column], column * rows + row
+        lowest = number == count - 1 or (row == rows - 1 and number < count)
+        ax.tick_params(axis="x", bottom=lowest, labelbottom=lowest, pad=4)
+        ax.xaxis.set_in_layout(row == rows - 1)  # above an empty place its labels find room there
+        if lowest:
+            ax.set_xlabel(theme.x_axis_label(run))
+        if column == 0:
+            ax.set_ylabel("side wall\nz (mm)")
+
+
+def _panel_height(run) -> float:
+    """Height (inches) of a panel: to scale, within what can be read."""
+    ratio = (1.0 + run_views.STRIP_GAP_RATIO + run_views.STRIP_HEIGHT_RATIO) * run.mesh.height[-1] / run.mesh.x[-1]
+    return float(np.clip(PANEL_WIDTH_IN * ratio, 0.6, 1.6))
+
+
+def _run_in_caption(run, frames: list[int]) -> str:
+    """Words on what the panels show, in the order in which they are looked at."""
+    ended = np.isin(run.frames[frames], sliding_ends(run)).all()
+    words = ["At the end of sliding." if ended else "At the last field kept of sliding."]
+    words.append("Side wall: in 2D the section of the block.")
+    words.append("Contact: in the macroasperity contact regions, hottest at the triangle.")
+    if run_views.has_wake(run):
+        shown = 1e3 * (run.mesh.x[-1] - run.mesh.x[run.mesh.last])
+        road, side = ("Wake", "behind") if run.direction is None else ("Road", "beside")
+        surface = f"{road}: surface of the road averaged across y, over lanes and what lies between"
+        words.append(f"{surface}, {theme.format_decimal(shown, 3)} mm {side} the block.")
+    if any(np.isnan(run_views.contact_strip(run, i)).any() for i in frames):
+        words.append("White: no contact.")
+    ways = {"left" if run.leads(k) == 0 else "right" for k in run.frames[frames]}
+    return " ".join([*words, f"The block slides to the {' or the '.join(sorted(ways))}."])

@@ -1,0 +1,1 @@
+"""Pictures of studies: sweeps, sensitivity, load dependence, contact area."""

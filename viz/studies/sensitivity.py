@@ -1,0 +1,47 @@
+"""What moves a prediction: change by each input of two standard deviations, with its share of the variance."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from flashtemp.viz import theme
+from flashtemp.viz.key_labels import describe_key
+
+MAX_INPUTS_DRAWN = 10  # inputs
+SIGMA_95 = 1.96
+OUTPUT_PANELS = {
+    "T_spot_L": ("T_spot at the trailing edge (K)", theme.SPOT_COLOUR),
+    "T_block_L": ("T(L), block (K)", theme.BLOCK_COLOUR),
+    "mu": ("friction (1)", theme.ROAD_COLOUR),
+}
+
+
+@theme.styled
+def draw(result) -> Figure:
+    """Bars: the change by +1.96 sd of an input, by its slope, for the inputs with the largest total shares.
+
+    Beside them: first-order and total share of the variance, in per cent.
+    """
+    shown = result.order[:MAX_INPUTS_DRAWN][::-1]
+    fig = theme.make_figure(f"Sensitivity of {result.case.title}", theme.WIDE_FIGURE_IN, 1.3 + 0.24 * len(shown))
+    axes = fig.subplots(1, len(OUTPUT_PANELS), sharey=True)
+    at = np.arange(len(shown))
+    for ax, (name, (words, colour)) in zip(axes, OUTPUT_PANELS.items(), strict=True):
+        number = result.numbers[name]
+        change = SIGMA_95 * number.slopes[shown]
+        ax.barh(at, change, color=colour, height=0.62)
+        ax.axvline(0.0, color=theme.AMBIENT_COLOUR, lw=0.6)
+        reach = 2.4 * max(float(np.abs(change).max()), 1e-12)
+        ax.set(xlim=(-reach, reach), xlabel=words)
+        for y, c, first, total in zip(at, change, number.first[shown], number.total[shown], strict=True):
+            if total >= 0.005:
+                ax.text(
+                    c + np.copysign(0.04 * reach, c or 1.0), y, f"{100 * first:.0f}/{100 * total:.0f} %",
+                    ha="left" if c >= 0 else "right", va="center", fontsize=6.5,
+                )  # fmt: skip
+        band = f"{theme.format_decimal(number.low)} to {theme.format_decimal(number.high)}"
+        ax.set_title(f"95 %: {band}")
+    axes[0].set_yticks(at, [describe_key(result.inputs[k].key).words for k in shown])
+    fig.supxlabel("Change by +1.96 sd of the input; first-order/total share of the variance.", fontsize=7.0)
+    return fig

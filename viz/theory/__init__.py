@@ -1,0 +1,1 @@
+"""Pictures of friction theory: friction curves, spectrum, contact map, tread block, tyre."""

@@ -1,0 +1,45 @@
+"""Which effects planned measurements can tell apart: correlation of their signatures, and what is left of each."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from flashtemp.viz import theme
+
+MAX_EFFECTS_DRAWN = 28  # effects in the picture
+SEPARABLE_COLOUR, MIN_SEPARABLE_SIGMA = "#1FA37A", 5.0
+
+
+@theme.styled
+def draw(report) -> Figure:
+    """Matrix of correlations beside bars of the signal to noise that is left beside all rivals."""
+    prospects = [p for p in report.prospects if p.z > 0.1][:MAX_EFFECTS_DRAWN]
+    names = [p.effect for p in prospects]
+    at = [report.separability.names.index(n) for n in names]
+    rho = report.separability.rho[np.ix_(at, at)]
+    size = 1.6 + 0.2 * len(names)
+    fig = Figure(figsize=(size + 4.2, size + 0.6), layout="constrained", facecolor="white")
+    fig.suptitle(f"What can be told apart: {report.title}", x=0.01, ha="left", parse_math=False)
+    left, right = fig.subplots(1, 2, width_ratios=[size, 2.4])
+    shown = left.imshow(rho, cmap="RdBu_r", vmin=-1, vmax=1, interpolation="nearest")
+    left.set_xticks(range(len(names)), [_effect_label(n) for n in names], rotation=90)
+    left.set_yticks(range(len(names)), [_effect_label(n) for n in names])
+    left.set_title("correlation of signatures after calibration")
+    fig.colorbar(shown, ax=left, location="bottom", shrink=0.5, aspect=30)
+    z = [max(p.z_left, 1e-2) for p in prospects]
+    right.barh(
+        range(len(names)), z, color=[SEPARABLE_COLOUR if p.is_separable else theme.WAITING_COLOUR for p in prospects]
+    )
+    right.axvline(MIN_SEPARABLE_SIGMA, color="black", lw=0.8)
+    right.set_xscale("log")
+    right.set_xlim(0.1, 2.0 * max([*z, MIN_SEPARABLE_SIGMA]))
+    right.set_ylim(len(names) - 0.5, -0.5)
+    right.set_yticks([])
+    right.set_title("sigma left beside all rivals")
+    right.set_xlabel("typical strength; from 5 on, told apart")
+    return fig
+
+
+def _effect_label(name: str) -> str:
+    return name.replace("_", " ")

@@ -11,8 +11,8 @@ import numpy as np
 from flashtemp.__main__ import main as flashtemp
 from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare
-from flashtemp.comparison.synthetic_campaign import Plan, twin
-from flashtemp.model.case import load
+from flashtemp.comparison.synthetic_campaign import SyntheticPlan, make_synthetic_campaign
+from flashtemp.model.case import load_case
 from flashtemp.solver.march import march
 from flashtemp.viz import theme
 from flashtemp.viz.measurement import comparison
@@ -24,14 +24,14 @@ OUT = ROOT / "docs" / "pictures"
 
 def simulate(name: str, **change):
     """March a ready case with overrides given as table__key."""
-    case = load(ROOT / "cases" / name, {k.replace("__", "."): v for k, v in change.items()})
+    case = load_case(ROOT / "cases" / name, {k.replace("__", "."): v for k, v in change.items()})
     return march(case.scene, case.settings, case.title)
 
 
 @theme.styled
 def against_speed(run_of):
     """Rise at x = L/2 against speed for both pressures and both ambient temperatures (claim C13)."""
-    fig = theme.figure(run_of[(0.1, 1.5e5, 20.0)].title, 4.6, 3.6)
+    fig = theme.make_figure(run_of[(0.1, 1.5e5, 20.0)].title, 4.6, 3.6)
     ax = fig.add_subplot()
     speeds = sorted({v for v, _, _ in run_of})
     for p, colour in ((0.5e5, "#0072B2"), (1.5e5, "#D55E00")):
@@ -47,7 +47,7 @@ def against_speed(run_of):
 @theme.styled
 def against_alpha(run_of):
     """T(x) in the spots and in the lanes for falling heat-transfer coefficients (claim C19)."""
-    fig = theme.figure(run_of["inf"].title, 4.6, 3.6)
+    fig = theme.make_figure(run_of["inf"].title, 4.6, 3.6)
     ax = fig.add_subplot()
     for (name, run), colour in zip(run_of.items(), ("#000000", "#0072B2", "#009E73", "#D55E00"), strict=True):
         ax.plot(
@@ -66,12 +66,12 @@ def against_alpha(run_of):
 def exponents(run_of):
     """What the exponent of phi(p) does to T(x) and to the sign of friction in a run-in (theory 7.4)."""
     first = run_of["n = 0"]
-    fig = theme.figure(first.title, theme.WIDE, 3.3)
+    fig = theme.make_figure(first.title, theme.WIDE_FIGURE_IN, 3.3)
     fig.suptitle("The same wear, two laws of the contact fraction, phi ~ pⁿ (0.25 MPa, 0.1 m/s)", x=0.01, ha="left")
     axes = fig.subplots(1, 3, width_ratios=[1, 1, 1.15])
     for ax, name, words in zip(axes, ("n = 0", "n = 1"), ("spots fixed by the road", "more spots"), strict=False):
         run = run_of[name]
-        for r, colour in ((1, theme.SPOT), (3, "#E69F00"), (10, theme.BLOCK)):
+        for r, colour in ((1, theme.SPOT_COLOUR), (3, "#E69F00"), (10, theme.BLOCK_COLOUR)):
             end = np.flatnonzero(run.sliding & (run.repetition == r))[-1]
             ax.plot(1e3 * run.x, run.T_block[end], color=colour, label=f"repetition {r}")
         ax.set(xlabel="x from the leading edge (mm)", xlim=(0, 25), ylim=(20, 62), title=f"{name}: {words}")
@@ -96,11 +96,11 @@ def exponents(run_of):
 
 def hidden_tilt():
     """One recording of a synthetic campaign with a hidden tilt, against a model without it."""
-    case = load(ROOT / "cases" / "uniform_pressure", {"schedule.repetitions": 2, "schedule.wait": 5.0})
+    case = load_case(ROOT / "cases" / "uniform_pressure", {"schedule.repetitions": 2, "schedule.wait": 5.0})
     with TemporaryDirectory() as folder:
-        plan = Plan(("pressure_tilt",), seed=3, conditions=1, views=("sidewall",))
-        result = compare(campaign.load(twin(case, plan, Path(folder) / "lab")))
-    return comparison.images(result.seeings[0], result.runs[0])
+        plan = SyntheticPlan(("pressure_tilt",), seed=3, conditions=1, views=("sidewall",))
+        result = compare(campaign.load(make_synthetic_campaign(case, plan, Path(folder) / "lab")))
+    return comparison.draw_images(result.recordings[0], result.runs[0])
 
 
 def run_in() -> None:

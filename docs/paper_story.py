@@ -10,7 +10,7 @@ from pathlib import Path
 import xarray as xr
 
 import flashtemp
-from flashtemp.comparison.synthetic_campaign import SEALED, Plan, twin
+from flashtemp.comparison.synthetic_campaign import SEALED_TRUTH, SyntheticPlan, make_synthetic_campaign
 
 CASE = Path(__file__).parents[1] / "cases" / "paper_story"
 HIDDEN = {"effects": ["edge_pressure"], "edge_pressure.B": 2.0, "edge_pressure.length": 4e-3}
@@ -20,10 +20,10 @@ NAMES = {"condition1": "p015", "condition2": "p0075"}
 
 def main() -> None:
     """A twin in 3D with a peak at the leading edge, two frames a repetition, in the place of the recordings there."""
-    plan = Plan(("edge_pressure",), seed=310, conditions=2, sliding=2, waiting=0)
+    plan = SyntheticPlan(("edge_pressure",), seed=310, conditions=2, sliding=2, waiting=0)
     with tempfile.TemporaryDirectory() as folder:
-        made = twin(flashtemp.load(CASE, HIDDEN | ACROSS), plan, Path(folder) / "lab", print)
-        print(json.dumps(json.loads((made / SEALED).read_text())["hidden"]))
+        made = make_synthetic_campaign(flashtemp.load(CASE, HIDDEN | ACROSS), plan, Path(folder) / "lab", print)
+        print(json.dumps(json.loads((made / SEALED_TRUTH).read_text())["hidden"]))
         for file in made.glob("condition*"):
             number, kind = file.name.split("_", 1)
             kept = CASE / "measured" / f"{NAMES[number]}_{kind}"

@@ -10,11 +10,11 @@ import discovery_chart
 import gallery
 
 import flashtemp
-from flashtemp.api.effects import parameter_line
+from flashtemp.api.effects import format_parameter
 from flashtemp.cli.commands import app
-from flashtemp.model.case_template import MANY, about, example
-from flashtemp.model.schema import NAMED, TABLES, declared
-from flashtemp.physics.quantities import CAMERA, QUANTITIES, SITES
+from flashtemp.model.case_template import NAMED_TABLE_MEANINGS, describe_param, example_line
+from flashtemp.model.schema import CASE_TABLES, NAMED_TABLES, declared_params
+from flashtemp.physics.quantities import CAMERA_QUANTITIES, QUANTITIES, SITES
 
 MADE = "made"  # the folder beside the pages that holds them; not kept
 
@@ -30,9 +30,11 @@ def commands() -> str:
 def keys() -> str:
     """Every key of a case with default, meaning, unit and range."""
     out = "# Keys of a case\n\nWhat `flashtemp new case` writes, to look things up: every key with its default.\n"
-    named = {f"{kind}.NAME": (f"{MANY[kind].capitalize()}.\n\n", keys) for kind, keys in NAMED.items()}
-    for table, (lead, keys) in ({t: ("", declared(t)) for t in TABLES} | named).items():
-        rows = "".join(f"| `{example(k, p)}` | {_cell(about(p))} |\n" for k, p in keys.items())
+    named = {
+        f"{kind}.NAME": (f"{NAMED_TABLE_MEANINGS[kind].capitalize()}.\n\n", keys) for kind, keys in NAMED_TABLES.items()
+    }
+    for table, (lead, keys) in ({t: ("", declared_params(t)) for t in CASE_TABLES} | named).items():
+        rows = "".join(f"| `{example_line(k, p)}` | {_cell(describe_param(p))} |\n" for k, p in keys.items())
         out += f"\n## [{table}]\n\n{lead}| key and default | meaning; unit, range |\n|---|---|\n{rows}"
     return out
 
@@ -45,7 +47,7 @@ def catalogue() -> str:
     ]
     for e in flashtemp.effects().entries:
         always = " (always acts)" if e["always"] else ""
-        lines = [f"- `{head}`: {tail}" for head, tail in (parameter_line(p).split(": ", 1) for p in e["parameters"])]
+        lines = [f"- `{head}`: {tail}" for head, tail in (format_parameter(p).split(": ", 1) for p in e["parameters"])]
         shows = f"\nTells itself apart by: {'; '.join(e['tells'])}\n" if e["tells"] else ""
         out.append(
             f"## {e['name']}{always}\n\n{e['cause']}.\n\n" + "\n".join(lines) + f"\n{shows}\nSource: {e['source']}\n"
@@ -60,7 +62,7 @@ def quantities() -> str:
     head = "| quantity | unit of a term | before | meaning | its law sees besides |\n|---|---|---|---|---|\n"
     balance, camera = (
         head + "".join(f"| `{q.name}` | {q.unit} | {q.base} | {q.about} | {q.sees} |\n" for q in rows.values())
-        for rows in (QUANTITIES, CAMERA)
+        for rows in (QUANTITIES, CAMERA_QUANTITIES)
     )
     return (
         "# Quantities and sites\n\nWhat an [effect](../how_to/effects.md) may change, and where it may release heat."

@@ -16,7 +16,7 @@ import numpy as np
 from choices import CHOICES, ROOT
 
 import flashtemp
-from flashtemp.camera.prediction.observation import ABOVE, observe
+from flashtemp.camera.prediction.observation import SIDE_WALL_CELLS, observe
 from flashtemp.camera.recording import Recording
 from flashtemp.viz import theme
 
@@ -32,7 +32,7 @@ CAMERA: dict[str, float] = {
 }  # as stated; a usual blur
 SHORT = {
     "schedule.distance": DISTANCE, "schedule.repetitions": 1, "schedule.wait": 0.0, "output.vtk": False,
-    "numerics.above": ABOVE,
+    "numerics.above": SIDE_WALL_CELLS,
 }  # fmt: skip
 PLACES = {"face": "face of the block at x = L/2", "wall": "hottest pixel of the side wall at x = L/2"}
 COLOURS = {0.5e5: "#0072B2", 1.5e5: "#D55E00"}  # told apart by every kind of colour vision (Okabe and Ito)
@@ -46,14 +46,14 @@ def measure(name: str, speed: float, pressure: float, ambient: float) -> dict[st
     case = flashtemp.load(ROOT / "cases" / "uniform_pressure", SHORT | keys | own | {"ambient.temperature": ambient})
     run = flashtemp.simulate(case)
     middle, rows = 0.5 * case.scene.length, PIXEL * (np.arange(ROWS) + 0.5)
-    frame = np.array([run.time[run.last]]), np.array([1])
+    frame = np.array([run.time[run.last_sliding_index]]), np.array([1])
     column = Recording("sidewall", np.zeros((1, ROWS, 1)), *frame, np.array([middle]), rows, **CAMERA)
     seen = observe(run, case.scene, column, case.scene.acting).temperature[0, :, 0]
     return {
-        "face": round(float(run.at_x(run.T_block[run.last], middle)), 2),
+        "face": round(float(run.at_x(run.T_block[run.last_sliding_index], middle)), 2),
         "wall": round(float(seen.max()), 2),
         "row": int(seen.argmax()),
-        "mu": round(float(run.friction[run.last]), 4),
+        "mu": round(float(run.friction[run.last_sliding_index]), 4),
     }
 
 
@@ -82,7 +82,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
 @theme.styled
 def draw(rows: list[dict[str, Any]]):
     """Temperature over speed: face and wall, 20 and 40 degC; bands of all choices, lines of defaults and theory."""
-    fig = theme.figure("Temperature against speed: what the chosen inputs leave open", theme.WIDE, 5.4)
+    fig = theme.make_figure("Temperature against speed: what the chosen inputs leave open", theme.WIDE_FIGURE_IN, 5.4)
     axes = fig.subplots(2, 2, sharex=True, sharey="row")
     for row, (place, words) in zip(axes, PLACES.items(), strict=True):
         for ax, ambient in zip(row, AMBIENT, strict=True):
@@ -115,7 +115,7 @@ def main() -> None:
     said = json.dumps({"about": about, "summary": summary(rows)}, indent=1)
     each = ",\n".join(json.dumps(row) for row in rows)
     OUT.write_text(f'{said[:-2]},\n "rows": [\n{each}\n]}}\n', encoding="utf-8")
-    theme.save(draw(rows), PICTURE, dpi=110)
+    theme.save_figure(draw(rows), PICTURE, dpi=110)
     print(said)
 
 

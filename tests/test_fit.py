@@ -263,7 +263,7 @@ def test_where_all_images_of_a_view_are_off_alike_each_pays_for_what_is_its_own(
     late, usual = 0.15, NUISANCE_SD[Kind.CLOCK]
     model = two.base.model
     for p in own:
-        model = model.moved(p, late - model.placed(p))
+        model = model.with_step(p, late - model.setup_value(p))
     at = SimpleNamespace(model=model, system=SimpleNamespace(names=[*own, view]))
     mean, precision = image_alignment._image_prior(two.problem, at, own)
     assert len(own) == 2
@@ -332,7 +332,7 @@ def test_a_full_fit_from_a_gross_misfit_ends_at_the_truth(peaked, peak):
     assert without_flexible_terms(peaked.base).chi2 > 5.0 * peaked.base.solution.count
     assert peak.is_comparable
     p, truth = ParameterId.of_effect("edge_pressure", "B"), peaked.truth["hidden"]["edge_pressure"]["B"]
-    assert abs(peak.model.value(p) + peak.solution[p] - truth) < 4.0 * peak.solution.sd(p)
+    assert abs(peak.model.effect_value(p) + peak.solution[p] - truth) < 4.0 * peak.solution.sd(p)
     assert peak.chi2 == pytest.approx(peak.solution.count, abs=5 * np.sqrt(2 * peak.solution.count))
 
 
@@ -347,8 +347,8 @@ def test_only_candidates_that_may_explain_what_is_left_are_simulated_again(peake
     assert asleep <= {k.effect for k in kept}
     assert len(kept) - len(asleep) < 0.5 * len(problem.candidates)
     h = Hypothesis(problem, data, peak.model, (candidate(peaked, "edge_pressure"),), keeps_candidates=True)
-    tasks = problem.tasks(peak.model, replace(h.all_derivatives(), candidates=problem.candidates))
-    blocks = data.blocks(problem.predictions(tasks))
+    tasks = problem.make_tasks(peak.model, replace(h.all_derivatives(), candidates=problem.candidates))
+    blocks = data.make_blocks(problem.predict(tasks))
     system = peak.system.with_blocks({b.label: b for b in blocks})
     own = {s.effect: s for s in score_candidates(problem, replace(peak, system=system), problem.candidates)
            if s.candidate not in kept}  # fmt: skip
@@ -358,7 +358,7 @@ def test_only_candidates_that_may_explain_what_is_left_are_simulated_again(peake
     p, a = hidden.candidate.strength_column(hidden.candidate.leading_strength[0]), hidden.candidate.leading_strength[1]
     size = 6.0 * abs(a) / hidden.typical_z
     seen = {b.label: b.r + sum(size * b.C[:, k] for n, k in b.names if n == p) for b in blocks}
-    found = replace(peak, system=system.shown(seen))
+    found = replace(peak, system=system.with_residuals(seen))
     assert hidden.candidate in select_for_rescoring(problem, base, found, ranked)
 
 
@@ -391,14 +391,14 @@ def test_what_extends_a_model_asks_only_for_what_is_new(resistive):
     assert h.new_derivatives().model_parameters == (FILM,)
     assert not h.new_derivatives().optics
     alone = replace(h, parent=None)
-    assert alone.new_derivatives().model_parameters == (*resistive.problem.free, *h.effect_priors)
+    assert alone.new_derivatives().model_parameters == (*resistive.problem.free_keys, *h.effect_priors)
     assert alone.new_derivatives().optics
 
 
 def test_a_hidden_strength_is_found_from_nothing_and_from_far_beyond(resistive, film):
     """With the derivatives that it borrows a fit ends where exact ones end."""
     truth, c = resistive.truth["hidden"]["interface_resistance"]["resistance"], candidate(resistive, FILM.effect)
-    model = resistive.base.model.with_effect(FILM.effect, c.off() | {"resistance": 2e-4})
+    model = resistive.base.model.with_effect(FILM.effect, c.neutral_values() | {"resistance": 2e-4})
     found = []
     for fit, seen in (film, fitted(resistive, Hypothesis(resistive.problem, resistive.data, model, (c,)))):
         inside(FILM.effect, seen)

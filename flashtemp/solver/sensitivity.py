@@ -60,7 +60,7 @@ class Perturbation:
     is_stretched: bool = False
 
 
-ParameterName = TypeVar("Name", bound=Hashable)
+ParameterName = TypeVar("ParameterName", bound=Hashable)
 
 
 @dataclass(frozen=True)

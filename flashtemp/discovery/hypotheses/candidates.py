@@ -94,12 +94,12 @@ class ModelPoint:
     def with_step(self, p: ParameterId, step: float) -> ModelPoint:
         """The same with a free key, the place of an image, or a parameter of one of the effects, moved."""
         if p.kind in BEAD_KINDS:
-            return replace(self, beads=self.bead_offsets | {p: self.bead_offsets.get(p, 0.0) + step})
+            return replace(self, bead_offsets=self.bead_offsets | {p: self.bead_offsets.get(p, 0.0) + step})
         if p.kind is Kind.SIZE:
             return replace(self, sizes=self.sizes | {p.name: self.setup_value(p) + step})
         if p.kind in PLACEMENT_KINDS:
             there = replace(self.image_placement(p.file), **{p.kind.value: self.setup_value(p) + step})
-            return replace(self, places=self.placements | {p.file: there})
+            return replace(self, placements=self.placements | {p.file: there})
         if p.kind is Kind.KEY:
             return replace(self, free=self.free | {p.name: self.free.get(p.name, 0.0) + step})
         return self.with_effect(p.effect, self.effects[p.effect] | {p.name: self.effect_value(p) + step})

@@ -37,7 +37,7 @@ class ImagePose:
 
     def apply_to(self, model: ModelPoint, file: str) -> ModelPoint:
         """The model with the image of a recording in this pose."""
-        return replace(model, places=model.placements | {file: self.place}, shifts=model.shifts | {file: self.shift})
+        return replace(model, placements=model.placements | {file: self.place}, shifts=model.shifts | {file: self.shift})
 
 
 STATED_POSE = ImagePose()
@@ -47,7 +47,7 @@ def with_poses(problem: Problem, poses: dict[str, ImagePose]) -> Problem:
     """The problem with images that begin in other poses, by file."""
     places = {file: pose.place for file, pose in poses.items()}
     shifts = {file: pose.shift for file, pose in poses.items()}
-    return replace(problem, places=problem.placements | places, shifts=problem.shifts | shifts)
+    return replace(problem, placements=problem.placements | places, shifts=problem.shifts | shifts)
 
 
 def register_image(problem: Problem, recording: Recording, predicted: Observable) -> ImagePose | None:

@@ -121,7 +121,7 @@ class RecordingFit:
         if self.hypothesis.view.recording.places is not None:
             return self
         at = align_images(self.problem, self.data, self.linearisation, self.maximum.hyper, frozenset())
-        return replace(self, at=at, estimated=maximise_evidence(self.problem, at.system, at.model, {}))
+        return replace(self, linearisation=at, maximum=maximise_evidence(self.problem, at.system, at.model, {}))
 
     def restrict_to(self, common: Mask) -> RecordingFit:
         """The same with those data alone that are `common` (frames, nv, nu), in the order of the file."""
@@ -132,7 +132,7 @@ class RecordingFit:
         block = replace(self.block, r=self.block.r[keep], C=self.block.C[keep], F=F, FF=gram_matrices([F])[0])
         at = replace(self.linearisation, system=LinearSystem([block]))
         known = self.hypothesis.in_file_order(common)
-        return replace(self, known=known, at=at, estimated=maximise_evidence(self.problem, at.system, at.model, {}))
+        return replace(self, known=known, linearisation=at, maximum=maximise_evidence(self.problem, at.system, at.model, {}))
 
 
 def fit_recording(
@@ -189,7 +189,7 @@ def single_recording_problem(problem: Problem, hypothesis: RecordingHypothesis) 
     view, number = hypothesis.view, hypothesis.condition
     condition = replace(problem.conditions[number], views=(view,), forces=())
     return replace(
-        problem, conditions=(condition,), pins=(problem.mesh_overrides[number],),
+        problem, conditions=(condition,), mesh_overrides=(problem.mesh_overrides[number],),
         campaign=replace(problem.campaign, views=(view,), forces=()),
     )  # fmt: skip
 
@@ -288,7 +288,7 @@ def fit_traces(problem: Problem, prediction: Prediction, number: int) -> tuple[D
     if not condition.forces:
         return ()
     alone = replace(
-        problem, conditions=(condition,), pins=(problem.mesh_overrides[number],),
+        problem, conditions=(condition,), mesh_overrides=(problem.mesh_overrides[number],),
         campaign=replace(problem.campaign, views=(), forces=condition.forces),
     )  # fmt: skip
     blocks = WhitenedData.from_predictions(alone, [prediction]).make_blocks([prediction])

@@ -95,7 +95,7 @@ def estimate_convergence(case: cases.Case, watch: Callable[[str], None] = lambda
     order = np.where(np.isfinite(order) & (np.abs(fine) > 1e-12), order, np.nan)
     gain = 2 ** np.clip(np.nan_to_num(order, nan=1.0), 0.5, 3.0)
     space = np.abs(fine) * gain / (gain - 1)
-    last = [r.T_block[r.last] for r in runs]
+    last = [r.T_block[r.last_sliding_index] for r in runs]
     reference = np.interp(runs[1].x, runs[2].x, last[2])
     scale = max(np.abs(reference - runs[1].ambient_degC).max(), 1e-300)
     inner = slice(2, -2) if len(reference) > 4 else slice(None)

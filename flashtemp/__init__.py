@@ -10,11 +10,11 @@ _PUBLIC = {
     "api.drawing": ["draw"],
     "api.simulation": ["check", "simulate", "resume", "open_fields", "view"],
     "api.studies": ["sweep", "converge", "repetitions", "wait", "sensitivity"],
-    "api.camera": ["import_recording", "look", "recording_template"],
+    "api.camera": ["import_recording", "inspect_files", "recording_template"],
     "api.campaigns": ["open_campaign", "compare", "discover", "plan", "twin"],
-    "api.friction": ["area", "friction", "loads", "tread", "tyre", "spots", "spectrum"],
+    "api.friction": ["compute_contact_area", "friction", "loads", "tread", "tyre", "spots", "spectrum"],
     "api.effects": ["effects", "check_effect"],
-    "api.starting": ["new"],
+    "api.templates": ["new"],
     "model.case": ["Case"],
     "solver.run": ["Run"],
     "comparison.campaign": ["Campaign"],
@@ -48,7 +48,15 @@ if TYPE_CHECKING:  # for editors and type checkers, which run nothing
     from flashtemp.solver.run import Run
 
 
+RENAMED = {"area": "compute_contact_area", "look": "inspect_files"}  # still answered to
+
+
 def __getattr__(name: str) -> Any:
+    if name in RENAMED:
+        from flashtemp.errors import warn_renamed
+
+        warn_renamed(f"flashtemp.{name}", f"flashtemp.{RENAMED[name]}")
+        return __getattr__(RENAMED[name])
     if name in _HOME:
         return getattr(import_module(f"flashtemp.{_HOME[name]}"), name)
     if name == "__version__":

@@ -13,6 +13,8 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from flashtemp.errors import RenamedAttribute
+
 MAX_TABLE_ROWS = 40  # rows of a table in a notebook
 TITLE_STYLE = "font-weight: 600; margin: .3em 0"
 NOTE_STYLE = "margin: .2em 0"
@@ -34,6 +36,8 @@ class DisplayMixin:
         """The text, its first line as the title."""
         title, *notes = str(self).splitlines()
         return DisplayTable(title, notes=tuple(note.strip() for note in notes))
+
+    sheet = RenamedAttribute("to_table")
 
 
 @dataclass(frozen=True)

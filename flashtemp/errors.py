@@ -1,10 +1,12 @@
-"""The ways a computation can end early, each with a sentence for people."""
+"""The ways a computation can end early, each with a sentence for people, and names of earlier releases."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+import warnings
+from collections.abc import Callable, Iterable, Mapping
 from difflib import get_close_matches
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -101,3 +103,48 @@ def suggest_name(name: str, known: Iterable[str]) -> str:
         return "; nothing can stand here"
     more = f" and {len(known) - MAX_LISTED_NAMES} more" if len(known) > MAX_LISTED_NAMES else ""
     return f"; known are {', '.join(known[:MAX_LISTED_NAMES])}{more}"
+
+
+REPORTED_NAMES: set[str] = set()  # of this process
+
+
+def warn_renamed(old: str, new: str) -> None:
+    """Warn the caller's caller, once in a process, that a name has changed."""
+    if old not in REPORTED_NAMES:
+        REPORTED_NAMES.add(old)
+        warnings.warn(f"{old} is now {new}; the old name will go in a later release", FutureWarning, stacklevel=3)
+
+
+class RenamedAttribute:
+    """An attribute or method of a class under its old name.
+
+    >>> class Case:
+    ...     known_effects = ("wear",)
+    ...     known = RenamedAttribute("known_effects")
+    >>> with warnings.catch_warnings():
+    ...     warnings.simplefilter("ignore")
+    ...     Case().known
+    ('wear',)
+    """
+
+    def __init__(self, new: str):
+        self.new = new
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.old, self.owner = name, owner.__name__
+
+    def __get__(self, instance: Any, owner: type) -> Any:
+        warn_renamed(f"{self.owner}.{self.old}", f"{self.owner}.{self.new}")
+        return getattr(owner if instance is None else instance, self.new)
+
+
+def renamed_names(module: str, names: Mapping[str, str]) -> Callable[[str], Any]:
+    """The `__getattr__` of a module that still answers to `names` {old: new}."""
+
+    def find_attribute(name: str) -> Any:
+        if name not in names:
+            raise AttributeError(f"module '{module}' has no attribute '{name}'")
+        warn_renamed(f"{module}.{name}", f"{module}.{names[name]}")
+        return getattr(import_module(module), names[name])
+
+    return find_attribute

@@ -21,10 +21,10 @@ from flashtemp.runs.studies.load_dependence import PROCESS_NAMES, LoadDependence
 ROOT = Path(__file__).parents[1]
 CALL = {"run": "simulate", "import": "import_recording"}  # the others are called as the command
 ELSEWHERE = {  # options of commands whose place in Python is another: (command, option): call
-    ("run", "resume"): "resume", ("import", "template"): "recording_template", ("import", "look"): "look",
+    ("run", "resume"): "resume", ("import", "template"): "recording_template", ("import", "look"): "inspect_files",
     ("spots", "synthetic"): "spots",  # no file
     ("effects", "check"): "check_effect", ("effects", "values"): "check_effect",
-    ("friction", "area"): "area",
+    ("friction", "area"): "compute_contact_area",
 }  # fmt: skip
 RENAMED = {("sweep", "values"): "axes", ("import", "facts"): "facts"}
 TITLE = 'a <b>bold</b> & "quoted" title'
@@ -115,9 +115,9 @@ CALLS = {  # every public call on something small
         next((lab / "twin").glob("*.nc")), view="sidewall", out=lab / "side.nc"
     ),
     "new": lambda lab: flashtemp.new("campaign", out=lab / "begun.toml"),
-    "look": lambda lab: flashtemp.inspect_files(next((lab / "twin").glob("*sidewall.nc"))),
+    "inspect_files": lambda lab: flashtemp.inspect_files(next((lab / "twin").glob("*sidewall.nc"))),
     "friction": lambda lab: flashtemp.friction(THEORY, slowest=1e-3, fastest=1.0),
-    "area": lambda lab: flashtemp.compute_contact_area(THEORY),
+    "compute_contact_area": lambda lab: flashtemp.compute_contact_area(THEORY),
     "tread": lambda lab: flashtemp.tread(THEORY, {"title": TITLE, "tread.slip": [0.05]}),
     "tyre": lambda lab: flashtemp.tyre(ROOT / "cases" / "tyre", {"title": TITLE, "tyre.angles": [2.0, 4.0], "tyre.loads": [2e3, 4e3]}),
     "spots": lambda lab: flashtemp.spots(cutoff=2e-3, length=0.01, width=0.01, pixel=2e-4, out=lab / "road.npz"),

@@ -24,7 +24,7 @@ from flashtemp.comparison.noise import (
 )
 from flashtemp.comparison.screening import screen_campaign
 from flashtemp.display import DisplayMixin, DisplayTable
-from flashtemp.errors import BadInput
+from flashtemp.errors import BadInput, RenamedAttribute
 from flashtemp.model.case import Case
 from flashtemp.model.scene import Scene
 from flashtemp.solver.march import march
@@ -174,6 +174,9 @@ class Comparison(DisplayMixin):
                       f" chi2/dof {p.chi2_per_dof:.3g}"]  # fmt: skip
         lines += [f"  note: {warning}" for warning in self.warnings]
         return "\n".join(lines)
+
+    seeings = RenamedAttribute("recordings")
+    pullings = RenamedAttribute("forces")
 
 
 def summary_line(s: RecordingComparison) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from flashtemp.display import DisplayMixin, DisplayTable
-from flashtemp.errors import BadInput
+from flashtemp.errors import BadInput, RenamedAttribute
 from flashtemp.model import build, case_file, file_kinds, layers, numerics, schema
 from flashtemp.model.case_file import CaseReader, KeyLocations
 from flashtemp.model.numerics import SolverSettings
@@ -150,6 +150,10 @@ class Case(DisplayMixin):
             units = {k: p.unit for k, p in self.declared_params(table).items()}
             parts.append(DisplayTable(f"[{table}]", [(k, v, units.get(k, "")) for k, v in values.items()]))
         return DisplayTable(f"Case '{self.title}' ({self.name})", rows, parts=parts)
+
+    known = RenamedAttribute("known_effects")
+    declared = RenamedAttribute("declared_params")
+    files = RenamedAttribute("named_files")
 
 
 def collect_effects(own: Iterable[UserEffect] = ()) -> dict[str, type[Effect]]:

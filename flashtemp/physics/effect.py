@@ -19,7 +19,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, ClassVar, Protocol
 
-from flashtemp.errors import BadInput, suggest_name
+from flashtemp.errors import BadInput, RenamedAttribute, renamed_names, suggest_name
 from flashtemp.physics.arrays import Value
 from flashtemp.physics.material import Layer, Material
 
@@ -107,6 +107,8 @@ class Param:
             turned = ", or its negative" if self.signed else ""
             return f"give a number {lower}{upper}{unit}{turned}"
         return None
+
+    fault = RenamedAttribute("find_fault")
 
 
 @dataclass(frozen=True)
@@ -262,3 +264,9 @@ def find_effect(name: str) -> type[Effect]:
     if name not in known:
         raise BadInput(f"effect '{name}' is not in the catalogue{suggest_name(name, known)}")
     return known[name]
+
+
+__getattr__ = renamed_names(
+    __name__,
+    {"layer_of": "layer_param", "among": "require_layer", "only_effect": "find_only_effect", "find": "find_effect"},
+)  # of earlier releases

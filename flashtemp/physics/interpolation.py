@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.errors import BadInput
+from flashtemp.errors import BadInput, renamed_names
 from flashtemp.physics.arrays import Array, Value
 from flashtemp.physics.tables.table import read_table
 from flashtemp.physics.tables.text_table import TextTable
@@ -204,3 +204,8 @@ def read_surface(source: Source, folder: Path, key: str, columns: int | Sequence
     order = np.lexsort((table[:, 1], table[:, 0]))
     z = table[order, 2].reshape(len(u), len(v))
     return Surface(tuple(u.tolist()), tuple(v.tolist()), tuple(map(tuple, z.tolist())))
+
+
+__getattr__ = renamed_names(
+    __name__, {"rows": "read_rows", "pairs": "read_xy_pairs", "grid": "read_surface"}
+)  # of earlier releases

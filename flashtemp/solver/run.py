@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from flashtemp.display import DisplayMixin, DisplayTable
+from flashtemp.errors import RenamedAttribute
 from flashtemp.meshes.mesh import Mesh
 from flashtemp.physics.interpolation import line_through_means
 
@@ -285,6 +286,9 @@ class Run(DisplayMixin):
         each = [(n, mu) for n, mu in enumerate(s["friction_per_repetition"], 1)]
         friction = DisplayTable("Friction", each, ("repetition", "mu"))
         return DisplayTable(f"Run '{self.title}'", rows, notes=s.get("remarks", ()), parts=[heat, friction])
+
+    last = RenamedAttribute("last_sliding_index")
+    leads = RenamedAttribute("leading_line_index")
 
 
 NON_LOSS_ENTRIES = {"friction", "into_road", "lane_out", "lane_air", "block", "lanes", "share"}

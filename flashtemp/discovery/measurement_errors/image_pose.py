@@ -37,7 +37,9 @@ class ImagePose:
 
     def apply_to(self, model: ModelPoint, file: str) -> ModelPoint:
         """The model with the image of a recording in this pose."""
-        return replace(model, placements=model.placements | {file: self.place}, shifts=model.shifts | {file: self.shift})
+        return replace(
+            model, placements=model.placements | {file: self.place}, shifts=model.shifts | {file: self.shift}
+        )
 
 
 STATED_POSE = ImagePose()

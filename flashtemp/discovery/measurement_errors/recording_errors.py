@@ -175,7 +175,10 @@ def correct_recordings(problem: Problem, errors: Sequence[RecordingError]) -> Pr
     views = tuple(right[v.file] for v in problem.campaign.views if v.file in right)
     poses = {file: pose for e in errors for file, pose in e.poses.items()}
     corrected = replace(
-        problem, conditions=tuple(conditions), mesh_overrides=tuple(pins), campaign=replace(problem.campaign, views=views)
+        problem,
+        conditions=tuple(conditions),
+        mesh_overrides=tuple(pins),
+        campaign=replace(problem.campaign, views=views),
     )
     return with_poses(corrected, poses)
 

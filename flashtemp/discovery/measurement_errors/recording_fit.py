@@ -132,7 +132,9 @@ class RecordingFit:
         block = replace(self.block, r=self.block.r[keep], C=self.block.C[keep], F=F, FF=gram_matrices([F])[0])
         at = replace(self.linearisation, system=LinearSystem([block]))
         known = self.hypothesis.in_file_order(common)
-        return replace(self, known=known, linearisation=at, maximum=maximise_evidence(self.problem, at.system, at.model, {}))
+        return replace(
+            self, known=known, linearisation=at, maximum=maximise_evidence(self.problem, at.system, at.model, {})
+        )
 
 
 def fit_recording(

@@ -121,7 +121,9 @@ class Prediction:
     @property
     def without_columns(self) -> Prediction:
         """The same without columns, which blocks hold whitened, and without fields."""
-        return replace(self, observables={f: replace(o, columns={}) for f, o in self.observables.items()}, full_run=None)
+        return replace(
+            self, observables={f: replace(o, columns={}) for f, o in self.observables.items()}, full_run=None
+        )
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ import numpy as np
 from flashtemp.errors import BadInput, suggest_name
 from flashtemp.display import DisplayMixin
 from flashtemp.solver.run import Run
+from flashtemp.errors import RenamedAttribute
 
 LINE, QUAD, HEXAHEDRON = 3, 9, 12  # VTK cell types
 UNIT_BY_SUFFIX = {"degC": "degC", "Pa": "Pa", "m": "m", "m2": "W/m2"}  # by the end of a name
@@ -284,6 +285,8 @@ class RunFields(DisplayMixin):
 
     def _nearest_frame(self, t: float) -> int:
         return int(np.argmin(np.abs(self.times - t)))
+
+    at = RenamedAttribute("grids_at")
 
 
 def open_fields(path) -> RunFields:

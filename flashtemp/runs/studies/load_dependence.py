@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from flashtemp.display import DisplayMixin, DisplayTable
-from flashtemp.errors import BadInput, FlashtempError, SolverFailure
+from flashtemp.errors import BadInput, FlashtempError, RenamedAttribute, SolverFailure
 from flashtemp.model import case as cases
 from flashtemp.model.build import find_theory
 from flashtemp.model.scene import ActiveEffect, Scene
@@ -275,6 +275,8 @@ class LoadDependence(DisplayMixin):
         tried = [f"{n} is not in the case: tried with a typical value" for n in PROCESS_NAMES if n not in self.acting]
         tried += map(str, self.signs)
         return DisplayTable(f"Friction over load '{self.title}', contact fraction {self.law}", rows, head, tried)
+
+    shares = RenamedAttribute("shapley_shares")
 
 
 def _format_percent(change: float) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from flashtemp.display import DisplayMixin, DisplayTable
-from flashtemp.errors import BadInput
+from flashtemp.errors import BadInput, RenamedAttribute
 from flashtemp.model import case as cases
 from flashtemp.model import case_file, schema
 from flashtemp.physics import units
@@ -111,6 +111,8 @@ class SweepResult(DisplayMixin):
         columns = [*self.sweep.axes, "T_max_degC", "rise_trailing_K", "friction_last", "worn_mean_m"]
         rows = self.data_frame()[columns].values.tolist()
         return DisplayTable(self.sweep.title, rows, columns, self._failure_lines())
+
+    frame = RenamedAttribute("data_frame")
 
 
 def parse_axes(items: list[str]) -> tuple[dict[str, tuple], dict[str, Any]]:

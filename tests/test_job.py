@@ -209,7 +209,7 @@ def test_a_failure_of_the_march_leaves_nothing(folder, tmp_path):
 
 def test_a_failure_after_the_march_leaves_the_march(result, folder, tmp_path, monkeypatch):
     with monkeypatch.context() as m:
-        m.setattr(job.vtk, "write", lambda *a: 1 / 0)
+        m.setattr(job.vtk, "write_vtkhdf", lambda *a: 1 / 0)
         with pytest.raises(flashtemp.errors.Halted, match="division by zero; checkpoint left in"):
             simulate(load_case(folder, SMALL), out=tmp_path / "out")
     assert [p.name for p in tmp_path.iterdir()] == ["out.partial"]
@@ -330,7 +330,7 @@ def test_converge_reports_second_order(folder, capsys):
 
 @pytest.mark.long
 def test_checkpoints_are_written_on_the_way(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(job, "EVERY", 0.0)
+    monkeypatch.setattr(job, "CHECKPOINT_PERIOD_S", 0.0)
     kept = []
 
     def look(progress, end):

@@ -43,7 +43,7 @@ COARSE = {
 def coarse_tables():
     """Tables of friction that take a sixth of the time: these tests are about who changes what, not about digits."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(friction_table, "NODES", 16)
+        patch.setattr(friction_table, "TEMPERATURE_NODES", 16)
         yield
 
 

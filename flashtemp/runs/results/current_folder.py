@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 TRACKER_NAME = "resource_tracker"  # multiprocessing's process that counts semaphores; what it says begins with its name
-PROGRAM_FOLDER = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))  # where the package lies
+PROGRAM_FOLDER = os.path.abspath(os.path.join(os.path.dirname(__file__), *[os.pardir] * 3))  # where the package lies
 
 
 def exclude_current_folder() -> None:

@@ -9,7 +9,7 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
-CHECKOUT_FOLDER = Path(__file__).parents[2]
+CHECKOUT_FOLDER = Path(__file__).parents[3]
 BINDING_PACKAGES = {"scikits-odes": "scikits-odes-sundials", "scikit-sundae": "scikit-sundae"}
 
 

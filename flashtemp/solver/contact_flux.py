@@ -45,7 +45,9 @@ class ContactState(NamedTuple):
     depth_flash: np.ndarray  # flash temperature of that heat over q, m2 K/W: Theta_v of eq. (12)
     block_coverage: np.ndarray  # fraction of a block cell's area that is heated: phi while spots are averaged
     road_coverage: np.ndarray  # the same of a road cell, which stands for a constant fraction of the width
-    half_cell_factor: np.ndarray  # factor on h_R: the mean flux phi J_R crosses the half-cell, or J_R of a resolved spot
+    half_cell_factor: (
+        np.ndarray
+    )  # factor on h_R: the mean flux phi J_R crosses the half-cell, or J_R of a resolved spot
     touched_road: RoadOverlap  # the road under the columns
     rim_resistance: Any = 0.0  # eq. (7c) in the road: a spot is hotter than a cell that it covers in part, m2 K/W
     lane_history: Any = None  # `LaneHistory` while `lane_ratio` and `loss_ratio` still have to follow from temperatures
@@ -123,7 +125,9 @@ def solve_fluxes(state: ContactState, T0, Ts, half_block, half_road, friction, d
         last_call[:] = T, friction(T, face, apart), depth_factor(T, face, apart)
         return last_call[1] * (1.0 + (np.real(turn) if apart else turn) * last_call[2])
 
-    T, mu, law_slope = _solve_spot_temperature(a, gain, T0, friction if depth_factor is None else heating_law, guess, slopes)
+    T, mu, law_slope = _solve_spot_temperature(
+        a, gain, T0, friction if depth_factor is None else heating_law, guess, slopes
+    )
     s = mu
     if depth_factor is not None:
         mu, s = (
@@ -187,7 +191,12 @@ def _solve_spot_temperature(a, b, face, friction, guess, slopes):
     for attempt in range(60):
         value = friction(T + 1j * COMPLEX_STEP, cold, True)
         depends, last, (T, mu, dmu, step) = kernels_contact.newton_step(
-            T, value, a, b, COMPLEX_STEP, 0.5 if attempt > 15 else 1.0  # damped if it oscillates
+            T,
+            value,
+            a,
+            b,
+            COMPLEX_STEP,
+            0.5 if attempt > 15 else 1.0,  # damped if it oscillates
         )
         if not depends:
             mu = friction(a, face)

@@ -332,7 +332,7 @@ def test_an_interrupted_sample_goes_on(tmp_path):
             signal.raise_signal(signal.SIGINT)
 
     asked = {"keys": ("friction.mu", "contact.pressure"), "samples": 12, "workers": 1}
-    with pytest.raises(UserInterrupt, match="go on with: the same command"):
+    with pytest.raises(UserInterrupt, match="continue with: the same command"):
         flashtemp.sensitivity(case(), **asked, out=out, watch=stop)
     with pytest.raises(BadInput, match="interrupted sensitivity"):
         flashtemp.sensitivity(case(), **asked | {"samples": 13}, out=out)

@@ -132,7 +132,7 @@ def read_toml(file: Path) -> tuple[str, Table]:
     except OSError as fault:
         raise BadInput(f"{file}: {fault.strerror}; give a file that can be read") from fault
     except UnicodeDecodeError as fault:
-        raise BadInput(f"{file}: no text in UTF-8, so no TOML; give a .toml file") from fault
+        raise BadInput(f"{file}: not UTF-8 text, so not TOML; give a .toml file") from fault
     except TOML_ERRORS as fault:
         raise BadInput(f"{file}: not valid TOML: {_describe_parse_error(fault)}; repair that place") from fault
 

@@ -297,7 +297,7 @@ def test_the_sketch_shows_the_layers(tmp_path):
     ("given", "said"),
     [
         ({"block.height": 0.02}, "block.height (command line): 0.02 m, but the layers are 0.0082 m together"),
-        ({"block.material": "granite"}, "block.material (command line): 'granite' beside layers; leave it out"),
+        ({"block.material": "granite"}, "block.material (command line): 'granite' in addition to layers; leave it out"),
         (
             {"layers.board.contact_resistance": 1e-3},
             "no layer is above 'board'; give 0, or what is behind as another layer",
@@ -313,7 +313,7 @@ def test_the_sketch_shows_the_layers(tmp_path):
         ({"layers.board.thickness": 1.0}, "1.0022 m together; give 0.0001 to 1 m in all"),
         (
             {"effects": ["internal_heat"]},
-            "'internal_heat' takes the block for one material; leave it out, or the layers",
+            "'internal_heat' assumes a block of one material; leave it out, or the layers",
         ),
         (
             {"effects": ["conductivity_slope"], "conductivity_slope.layer": "bord"},

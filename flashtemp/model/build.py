@@ -101,7 +101,7 @@ class TheoryCase(Protocol):
 
 
 def find_theory(case: TheoryCase) -> tuple[Scene, ActiveEffect]:
-    """The scene of a case and its active effect with a friction theory, `p.theory`.  Raises BadInput without one."""
+    """The scene of a case and its active effect with a friction theory `p.theory`.  Raises BadInput if none."""
     for acting in case.scene.acting:
         if hasattr(acting.p, "theory"):
             return case.scene, acting
@@ -129,7 +129,8 @@ def _deposit_depths(deposits: list[Deposit]) -> list[float]:
     total = sum(d.share for d in deposits)
     if total > 1 + 1e-12:
         raise BadInput(
-            f"friction.volumetric_share: the fractions of heat released inside the rubber add up to {total:g}; give at most 1 in total"
+            f"friction.volumetric_share: the fractions of heat released inside the rubber add up to {total:g};"
+            " give at most 1 in total"
         )
     return [d.depth for d in deposits if d.share > 0]
 

@@ -210,8 +210,10 @@ def merge_overrides(raw: Table, given: Table, by: str) -> Table:
                 raise BadInput(f"{dotted} ({by}): '{step}' is not a table")
         before = at.get(last)
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        keeps_sd = number and isinstance(before, dict) and priors.has_stated_sd(before)
-        at[last] = before | {"value": value} if keeps_sd else value  # the new value keeps the stated sd
+        if number and isinstance(before, dict) and priors.has_stated_sd(before):
+            at[last] = before | {"value": value}  # the new value keeps the stated sd
+        else:
+            at[last] = value
     return out
 
 

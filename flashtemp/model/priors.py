@@ -41,7 +41,7 @@ USUAL_SD: dict[str, tuple[float, bool, str]] = {  # sd, RELATIVE or ABSOLUTE, re
     "persson_friction.rms_slope": (
         0.1,
         RELATIVE,
-        "depends on the chosen cut-off of the spectrum; 1.2 to 1.4 are in use",
+        "chosen cut-off of the spectrum; 1.2 to 1.4 are in use",
     ),
     "persson_friction.shear_stress": (0.4, RELATIVE, "4 to 6.5 MPa are in use for tread compounds"),
     "persson_friction.activation": (0.1, ABSOLUTE, "fits to the shift of the shear stress"),

@@ -33,7 +33,7 @@ class TimeSeries:
 
     @property
     def range(self) -> tuple[float, float]:
-        """Lowest and highest value; the lowest is at least 1e-4 of the highest, for a speed that starts or ends at 0."""
+        """Lowest and highest value; the lowest is at least 1e-4 of the highest, as a speed may start at 0."""
         return max(min(self.value), 1e-4 * max(self.value)), max(self.value)
 
     def __call__(self, t: float) -> float:

@@ -35,7 +35,7 @@ CASE_TABLES: dict[str, dict[str, Param]] = {
     "road": {
         "material": Param("asphalt", "", "name of a material", kinds=NAME_KINDS),
         "track_length": Param(3.5, "m", "length of one lap of the circular track", low=0.01, high=1e5),
-        "depth": Param(None, "m", "depth of road simulated; from the diffusion length if not given", low=1e-5, high=10.0),
+        "depth": Param(None, "m", "depth of road simulated; by diffusion length if not given", low=1e-5, high=10.0),
         "upstream": Param(0.003, "m", "length of road simulated in front of the block", low=0.0, high=10.0),
         "downstream": Param(0.01, "m", "length of road simulated behind the block", low=0.0, high=10.0),
     },
@@ -54,7 +54,8 @@ CASE_TABLES: dict[str, dict[str, Param]] = {
         "distance": Param(3.5, "m", "distance slid in one repetition", low=1e-6, high=1e7),
         "repetitions": Param(1, "1", "number of repetitions", low=1, high=100000, kinds=("whole",)),
         "turn": Param(
-            0, "1", "number of repetitions after which the direction reverses; 0 for never", low=0, high=100000, kinds=("whole",)
+            0, "1", "number of repetitions after which the direction reverses; 0 for never",
+            low=0, high=100000, kinds=("whole",),
         ),
         "wait": Param(0.0, "s", "waiting time between repetitions", low=0.0, high=1e7),
         "alone": Param(
@@ -90,11 +91,11 @@ CASE_TABLES: dict[str, dict[str, Param]] = {
         "first_x": Param(3e-5, "m", "first cell at the leading edge", low=1e-8, high=0.1),
         "last_x": Param(6e-5, "m", "last cell at the trailing edge", low=1e-8, high=0.1),
         "first_block": Param(
-            None, "m", "first cell of the block at the interface; 4 um or less, from source depth and duration, if not given",
+            None, "m", "first cell of the block at the interface; 4 um or less, by source depth and time, if not given",
             low=1e-9, high=0.1,
         ),
         "first_road": Param(
-            None, "m", "first cell of the road at the interface; 3 um or less, from the speed, if not given",
+            None, "m", "first cell of the road at the interface; 3 um or less, by the speed, if not given",
             low=1e-9, high=0.1,
         ),
         "behind": Param(

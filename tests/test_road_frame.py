@@ -197,7 +197,7 @@ def test_legs_are_counted_through_repetitions_and_waits(lab):
             assert leg - before in (0, 1)
             if part.sliding:
                 for t in (part.begin, part.end):
-                    passed = scene.moment(part, t).passed
+                    passed = scene.law_context(part, t).passed
                     assert leg * way - 1e-9 <= passed <= (leg + 1) * way + 1e-9
             before = leg
 

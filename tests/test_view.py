@@ -61,7 +61,7 @@ def test_without_a_window_matplotlib_draws_and_says_what_is_missing(folders, tmp
 
 
 def test_a_window_that_ends_the_process_is_survived(monkeypatch):
-    monkeypatch.setattr(vtk_window, "TRIAL", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
+    monkeypatch.setattr(vtk_window, "TRIAL_CODE", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
     assert vtk_window.prepare_off_screen() is False
 
 

@@ -58,7 +58,7 @@ class RoadFrame:
     @classmethod
     def from_scene(cls, scene, laws) -> RoadFrame | None:
         """That of a scene with resolved spots; None where lines are not even, none lies in front, or sliding turns."""
-        mesh, now = scene.mesh, scene.moment(scene.schedule.phases[0], 0.0)
+        mesh, now = scene.mesh, scene.law_context(scene.schedule.phases[0], 0.0)
         dx = np.diff(mesh.x)
         if not laws("contact.resolved", 0.0, None, now) > 0 or np.ptp(dx) > MAX_SPACING_DIFFERENCE * dx.mean():
             return None

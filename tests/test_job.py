@@ -247,7 +247,7 @@ def test_stop_and_resume_give_the_same_answer(result, folder, tmp_path, share):
     np.testing.assert_allclose(run.T_block, whole.T_block, atol=1e-3 * rise)
     np.testing.assert_allclose(run.friction_per_repetition, whole.friction_per_repetition, rtol=1e-5)
     assert run.energy_imbalance < 1e-10
-    with pytest.raises(flashtemp.BadInput, match="already whole; missing pictures are drawn by flashtemp draw"):
+    with pytest.raises(flashtemp.BadInput, match="the run is complete; draw missing pictures with: flashtemp draw"):
         resume(out)
 
 

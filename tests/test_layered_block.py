@@ -300,7 +300,7 @@ def test_the_sketch_shows_the_layers(tmp_path):
         ({"block.material": "granite"}, "block.material (command line): 'granite' in addition to layers; leave it out"),
         (
             {"layers.board.contact_resistance": 1e-3},
-            "no layer is above 'board'; give 0, or what is behind as another layer",
+            "no layer is above 'board'; give 0, or add the body behind it as a layer",
         ),
         (
             {"layers.glue.material": "glu"},

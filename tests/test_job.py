@@ -210,7 +210,7 @@ def test_a_failure_of_the_march_leaves_nothing(folder, tmp_path):
 def test_a_failure_after_the_march_leaves_the_march(result, folder, tmp_path, monkeypatch):
     with monkeypatch.context() as m:
         m.setattr(job.vtk, "write_vtkhdf", lambda *a: 1 / 0)
-        with pytest.raises(flashtemp.errors.SystemFailure, match="division by zero; checkpoint left in"):
+        with pytest.raises(flashtemp.errors.SystemFailure, match="division by zero; checkpoint saved in"):
             simulate(load_case(folder, SMALL), out=tmp_path / "out")
     assert [p.name for p in tmp_path.iterdir()] == ["out.partial"]
     run = resume(tmp_path / "out", watch=lambda progress, end: pytest.fail("it was marched again"))
@@ -247,7 +247,7 @@ def test_stop_and_resume_give_the_same_answer(result, folder, tmp_path, share):
     np.testing.assert_allclose(run.T_block, whole.T_block, atol=1e-3 * rise)
     np.testing.assert_allclose(run.friction_per_repetition, whole.friction_per_repetition, rtol=1e-5)
     assert run.energy_imbalance < 1e-10
-    with pytest.raises(flashtemp.BadInput, match="already whole; missing pictures are drawn by flashtemp draw"):
+    with pytest.raises(flashtemp.BadInput, match="the run is complete; draw missing pictures with: flashtemp draw"):
         resume(out)
 
 

@@ -61,7 +61,7 @@ def test_without_a_window_matplotlib_draws_and_says_what_is_missing(folders, tmp
 
 
 def test_a_window_that_ends_the_process_is_survived(monkeypatch):
-    monkeypatch.setattr(vtk_window, "TRIAL", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
+    monkeypatch.setattr(vtk_window, "TRIAL_CODE", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
     assert vtk_window.prepare_off_screen() is False
 
 
@@ -90,7 +90,7 @@ def test_parts_are_the_field(folders):
         (["--time", "99", "--screenshot", "a.png"], "--time"),
         (["--screenshot", "nowhere/a.png"], "a folder that exists"),
         (["--screenshot", "a.gif"], ".png"),
-        ([], "no screen here"),
+        ([], "no screen is available"),
     ],
 )
 def test_bad_wishes_are_told_in_one_line(folders, more, says, capsys, monkeypatch, tmp_path):

@@ -592,8 +592,8 @@ def test_a_broken_engine_does_not(tiny, calibrate, monkeypatch, name):
 
 def test_a_fit_that_ran_out_of_simulations_gives_no_verdict(tiny, monkeypatch, tmp_path):
     """No cause is given then, the verdict says why, and there is no case to extend."""
-    monkeypatch.setattr(fitting, "MAX_EVALUATIONS", 0)
-    monkeypatch.setattr(fitting, "NEGLIGIBLE_GAIN", 0.0)
+    monkeypatch.setattr(fitting, "MAX_FIT_EVALUATIONS", 0)
+    monkeypatch.setattr(fitting, "NEGLIGIBLE_STEP_GAIN", 0.0)
     verdict, search = engine.discover(replace(tiny[0], candidates=FEW[:1]), workers=1)
     told = make_json_safe(verdict.as_dict())
     assert (told["verdict"], told["causes"]) == ("no_verdict", [])

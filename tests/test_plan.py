@@ -143,7 +143,7 @@ def test_an_experiment_is_found_where_a_trace_failed(written, monkeypatch):
         asked.append(effects)
         return left
 
-    monkeypatch.setattr(experiment_design, "_left", without)
+    monkeypatch.setattr(experiment_design, "_remaining_z", without)
     found = outlook(campaign.load(written(planned("{}")), planned=True)).experiments
     assert found
     assert all(ALIKE[0] not in e.z_left and ALIKE[0] not in e.helps for e in found)

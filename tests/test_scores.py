@@ -54,14 +54,14 @@ def score(c: CandidateEffect, amplitude: float):
 
     fit = SimpleNamespace(
         system=system,
-        nuisances={MU: PRIOR_MU},
-        effects={},
+        free_priors={MU: PRIOR_MU},
+        effect_priors={},
         bound=(),
         model=SimpleNamespace(effects={}),
-        solved=solved,
+        solve_with=solved,
         equations=system.normal_equations(),
     )
-    [found] = score_candidates(cast("Problem", SimpleNamespace(free=())), cast("LinearisedFit", fit), [c])
+    [found] = score_candidates(cast("Problem", SimpleNamespace(free_keys=())), cast("LinearisedFit", fit), [c])
 
     def density(columns, sd):
         A = F[:, columns] * np.asarray(sd)

@@ -14,7 +14,7 @@ from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.estimation.fitting import Hypothesis, ProgressCallback, fit_hypothesis, run_fits
 from flashtemp.discovery.estimation.image_alignment import Linearisation
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
-from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
+from flashtemp.discovery.estimation.linearised_fit import FitStatus, LinearisedFit
 from flashtemp.discovery.estimation.per_condition import estimate_effect_by_condition
 from flashtemp.discovery.estimation.whitening import WhitenedData
 from flashtemp.discovery.hypotheses.candidates import CandidateEffect
@@ -168,6 +168,17 @@ def _is_consistent(search: EffectSearch, fit: LinearisedFit) -> bool:
     before, after = (f.evidence_at_max_discrepancy(problem, f.effect_priors) for f in (search.best, fit))
     alike = all(e.probability > CRITERIA.condition_scatter for e in estimates)
     return alike and after - before > CRITERIA.ln_bayes_named
+
+
+def find_unjudged_effects(search: EffectSearch, final: LinearisedFit) -> dict[frozenset[str], float]:
+    """Models whose fits did not converge and still explain more than the final one, with ln Bayes factors against it;
+    models that could not be simulated have the factor that a cause needs."""
+    out = {}
+    for names, fit in search.fits.items():
+        gain = fit.secured_evidence - final.secured_evidence
+        if not fit.is_comparable and fit.status is not FitStatus.OUTRUN and gain > CRITERIA.ln_bayes_distinct:
+            out[names] = gain
+    return out | {names: CRITERIA.ln_bayes_named for names in search.unfitted}
 
 
 def has_active_effects(problem: Problem, fit: LinearisedFit) -> bool:

@@ -80,11 +80,11 @@ def separate_lanes(b: HeatBalance, state: Any, T, road, heat) -> Any:
     """
     told, whole = state.apart, state._replace(fall=np.ones(len(state.phi)))
     heat = _by_planes(b, heat)
-    taken = heat - _by_planes(b, heat_into_block(b, T)) + told.trace
-    size = np.sqrt(taken**2 + (LEAST_LANE_HEAT_FRACTION * heat + told.trace) ** 2)
+    taken = heat - _by_planes(b, heat_into_block(b, T)) + told.trace_heat
+    size = np.sqrt(taken**2 + (LEAST_LANE_HEAT_FRACTION * heat + told.trace_heat) ** 2)
     summed = _sum_upstream(told.sums, taken), _sum_upstream(told.sums, size)
-    lane, own = (np.where(told.untouched, 1.0, ratio) for ratio in _lane_ratios(*summed))
-    rise, lowered = state.under.seen(T), surface_deficit(b, whole, T, road[0])
+    lane, own = (np.where(told.is_untouched, 1.0, ratio) for ratio in _lane_ratios(*summed))
+    rise, lowered = state.under.column_values(T), surface_deficit(b, whole, T, road[0])
     real = (np.real(a) for a in (taken / size, *summed, rise, lowered))
     return state._replace(lane=lane, fall=own / lane, apart=None, follow=LaneSlopes(told, *real))
 
@@ -94,16 +94,16 @@ def follow_columns(b: HeatBalance, state: Any, T) -> tuple[np.ndarray, np.ndarra
 
     Friction counts as constant.
     """
-    at, seen = state.follow, state.under.seen(T)
+    at, seen = state.follow, state.under.column_values(T)
     if at is None:
         fall = surface_deficit(b, state, T)
         return seen - fall, fall
-    sums, less = np.real(at.apart.sums), _by_planes(b, heat_into_block(b, T))
+    sums, less = np.real(at.history.sums), _by_planes(b, heat_into_block(b, T))
     taken, size = (
         at.taken - 1j * COMPLEX_STEP * _sum_upstream(sums, less),
         at.size - 1j * COMPLEX_STEP * _sum_upstream(sums, at.share * less),
     )
-    lane, own = (np.where(at.apart.untouched, 1.0, ratio) for ratio in _lane_ratios(taken, size))
+    lane, own = (np.where(at.history.is_untouched, 1.0, ratio) for ratio in _lane_ratios(taken, size))
     lost = surface_deficit(b, state._replace(fall=np.ones(len(seen))), T)
     moved = (
         lane.imag / COMPLEX_STEP * at.rise - own.imag / COMPLEX_STEP * at.lowered + lane.real * seen - own.real * lost
@@ -225,7 +225,7 @@ def _lanes_and_bound(b: HeatBalance, state: Any, T, road) -> tuple[np.ndarray, f
     exchanges heat with: the block's face, the road's mean across y, and the road as it came in.
     """
     came, own = road
-    lowered, seen = surface_deficit(b, state, T, came), state.under.seen(T)
+    lowered, seen = surface_deficit(b, state, T, came), state.under.column_values(T)
     top = came[-b.scene.mesh.n_across :]
     given: tuple = common_dtype(state.lane, lowered, seen, top, state.widen, own)
     found: np.ndarray = kernels_contact.lane_rises(1.0 - b.share, *given)

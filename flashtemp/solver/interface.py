@@ -230,7 +230,7 @@ class ContactInterface:
         """Contact laws at a local pressure and temperatures (columns,) K of the block's face."""
         self._invalidate_cache(now)
         laws, mesh, recent, n = self.b.laws, self.b.scene.mesh, self.cache, len(local)
-        now = now.under(mesh, local_pressure=local, face=face)
+        now = now.under_block(mesh, local_pressure=local, face=face)
         phi = laws("contact.spot_fraction", 0.0, None, now)
         phi = kernels_contact.clip_values(broadcast_columns(phi, n), contact_lanes.MIN_CONTACT_FRACTION, 1.0)
         r, split, micro = (
@@ -347,7 +347,7 @@ class ContactInterface:
 
     def moment_at_contact(self, state, now):
         """The moment as laws of the contact see it: place, local pressure and contact fraction."""
-        return now.under(
+        return now.under_block(
             self.b.scene.mesh, local_pressure=state.pressure, spot_fraction=state.phi, covered=state.covered
         )
 

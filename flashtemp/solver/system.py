@@ -248,7 +248,7 @@ class PhaseSystem:
         b, area = self.b, self.b.scene.mesh.column_area
         block, road, up, down, made = common_dtype(state.block, state.road, flux.into_block, flux.into_road, flux.heat)
         heat, taken, given = kernels_contact.add_contact_heat(b.cell_block, block, road, area, up, down, made, q)
-        state.under.give(given, q)
+        state.under.add_heat(given, q)
         if len(b.deposit_weights):
             kernels_2d.deposit_heat(b.deep_cells, b.deposit_weights, state.block * flux.deep * area, q)
         led["friction"], led["into_road"] = heat.sum(), taken.sum()

@@ -135,9 +135,9 @@ class WallCornerModel:
             move = kept[same]
             if warmer := self.air[i + 1] - self.air[i]:
                 state -= warmer * wall.integrals[:, None] * up.depth_integrals
-            state = move.sinks * ((move.along @ state.reshape(places, -1)).reshape(state.shape) @ move.up)
-            flux = (self.rise[i + 1] - state[:, -1] @ up.face_values) / move.foot
-            state += move.gain * flux[:, None, None]
+            state = move.lateral_decay * ((move.axial @ state.reshape(places, -1)).reshape(state.shape) @ move.vertical)
+            flux = (self.rise[i + 1] - state[:, -1] @ up.face_values) / move.face_gain
+            state += move.flux_gain * flux[:, None, None]
             if i + 1 in wanted:
                 section, here = state[:, -1] @ at.T, off @ turn @ state[:, :-1] @ at.T
                 seen[i + 1] = section[:, None] - here, section, flux - self.contact_conductance[i] * self.rise[i + 1]

@@ -34,26 +34,32 @@ class ContactState(NamedTuple):
     those deposits (m2 K/W).
     """
 
-    m: np.ndarray
+    heat_per_mu: np.ndarray
     phi: np.ndarray
     covered: float
     pressure: np.ndarray
-    r: np.ndarray
-    flash: np.ndarray
-    micro: np.ndarray
-    lane: np.ndarray
-    fall: np.ndarray
-    widen: np.ndarray
-    split: np.ndarray
-    inside: float
-    deep: np.ndarray
-    block: np.ndarray  # share of its area through which a column's block cell is heated: phi while spots are averaged
-    road: np.ndarray  # that of its road cell, which stands for a constant share of the width: 1 where spots cover it
-    half: np.ndarray  # factor on the block's half cell: what one spot heats, averaged over what all do
-    under: RoadOverlap  # the road under the columns
-    rim: Any = 0.0  # m2 K/W by which road that a column of cells holds in part is hotter there than on average
-    apart: Any = None  # `lanes.Apart`, where `lane` and `fall` have still to follow from the temperatures
-    follow: Any = None  # `lanes.Follow`, where they did
+    resistance: np.ndarray
+    flash_resistance: np.ndarray
+    micro_resistance: np.ndarray
+    lane_ratio: np.ndarray
+    loss_ratio: np.ndarray
+    spreading_weights: np.ndarray
+    heat_split: np.ndarray
+    depth_fraction: float
+    depth_flash: np.ndarray
+    block_coverage: (
+        np.ndarray
+    )  # share of its area through which a column's block cell is heated: phi while spots are averaged
+    road_coverage: (
+        np.ndarray
+    )  # that of its road cell, which stands for a constant share of the width: 1 where spots cover it
+    half_cell_factor: np.ndarray  # factor on the block's half cell: what one spot heats, averaged over what all do
+    touched_road: RoadOverlap  # the road under the columns
+    rim_resistance: Any = (
+        0.0  # m2 K/W by which road that a column of cells holds in part is hotter there than on average
+    )
+    lane_history: Any = None  # `lanes.Apart`, where `lane` and `fall` have still to follow from the temperatures
+    lane_slopes: Any = None  # `lanes.Follow`, where they did
 
 
 class ContactFluxes(NamedTuple):
@@ -89,7 +95,17 @@ def solve_fluxes(state: ContactState, T0, Ts, half_block, half_road, friction, d
     temperatures alone.  Raises SolverFailure when the friction law has no consistent temperature.
     """
     half, flash, micro, r, split, deep_flash, m, T0, Ts, half_block, half_road = common_dtype(
-        state.half, state.flash, state.micro, state.r, state.split, state.deep, state.m, T0, Ts, half_block, half_road
+        state.half_cell_factor,
+        state.flash_resistance,
+        state.micro_resistance,
+        state.resistance,
+        state.heat_split,
+        state.depth_flash,
+        state.heat_per_mu,
+        T0,
+        Ts,
+        half_block,
+        half_road,
     )
     solved = kernels_contact.eliminate_fluxes(
         half,
@@ -99,7 +115,7 @@ def solve_fluxes(state: ContactState, T0, Ts, half_block, half_road, friction, d
         split,
         deep_flash,
         m,
-        state.inside,
+        state.depth_fraction,
         depth_factor is not None,
         T0,
         Ts,
@@ -125,7 +141,7 @@ def solve_fluxes(state: ContactState, T0, Ts, half_block, half_road, friction, d
         T, mu, s, solved, m, deep_flash, micro, Ts, half_road
     )
     J, S, q, deep, spot, lane, s = kernels_contact.recover_fluxes(
-        T, mu, s, depth_factor is not None, solved, m, state.inside, deep_flash, micro, Ts, half_road
+        T, mu, s, depth_factor is not None, solved, m, state.depth_fraction, deep_flash, micro, Ts, half_road
     )
     out = ContactFluxes(J, S, q, deep, mu, T, spot, lane)
     if not slopes:
@@ -142,19 +158,21 @@ def solve_fluxes(state: ContactState, T0, Ts, half_block, half_road, friction, d
 
     law = friction if depth_factor is None else heating_law
     rise = 1.0 / (1.0 - gain * own)
-    dT = rise * (1.0 - Ag + gain * face_derivative(law)), rise * (Ag * state.lane)
+    dT = rise * (1.0 - Ag + gain * face_derivative(law)), rise * (Ag * state.lane_ratio)
     dmu, ds = (
         (total_derivative(friction, own), (0.0, 0.0))
         if depth_factor is None
         else (total_derivative(friction), total_derivative(depth_factor))
     )
-    dq = tuple(state.m * d for d in dmu)
+    dq = tuple(state.heat_per_mu * d for d in dmu)
     dsq = tuple(s * d + e * q for d, e in zip(dq, ds, strict=True))
-    face = tuple(d - state.inside * e for d, e in zip(dq, dsq, strict=True))
-    dJ = tuple(g * (way * f - state.deep * e - u) for f, e, u in zip(face, dsq, (1.0, -state.lane), strict=True))
+    face = tuple(d - state.depth_fraction * e for d, e in zip(dq, dsq, strict=True))
+    dJ = tuple(
+        g * (way * f - state.depth_flash * e - u) for f, e, u in zip(face, dsq, (1.0, -state.lane_ratio), strict=True)
+    )
     dS = tuple(f - d for f, d in zip(face, dJ, strict=True))
-    spot = tuple(d - state.micro * e for d, e in zip(dT, dJ, strict=True))
-    return out, FluxSlopes(dJ, dS, dq, tuple(state.inside * e for e in dsq), spot, dmu)
+    spot = tuple(d - state.micro_resistance * e for d, e in zip(dT, dJ, strict=True))
+    return out, FluxSlopes(dJ, dS, dq, tuple(state.depth_fraction * e for e in dsq), spot, dmu)
 
 
 def _extrapolate_laws(at, mu, s, T):

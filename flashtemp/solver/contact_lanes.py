@@ -78,15 +78,17 @@ def separate_lanes(b: HeatBalance, state: Any, T, road, heat) -> Any:
     Their rise over that of their columns, and how much more than these they lose by widening, if the contact gives off
     `heat` (columns,) W/m2 of all of its area: the columns take of it what the block's face does not conduct away.
     """
-    told, whole = state.apart, state._replace(fall=np.ones(len(state.phi)))
+    told, whole = state.lane_history, state._replace(loss_ratio=np.ones(len(state.phi)))
     heat = _by_planes(b, heat)
     taken = heat - _by_planes(b, heat_into_block(b, T)) + told.trace_heat
     size = np.sqrt(taken**2 + (LEAST_LANE_HEAT_FRACTION * heat + told.trace_heat) ** 2)
     summed = _sum_upstream(told.sums, taken), _sum_upstream(told.sums, size)
     lane, own = (np.where(told.is_untouched, 1.0, ratio) for ratio in _lane_ratios(*summed))
-    rise, lowered = state.under.column_values(T), surface_deficit(b, whole, T, road[0])
+    rise, lowered = state.touched_road.column_values(T), surface_deficit(b, whole, T, road[0])
     real = (np.real(a) for a in (taken / size, *summed, rise, lowered))
-    return state._replace(lane=lane, fall=own / lane, apart=None, follow=LaneSlopes(told, *real))
+    return state._replace(
+        lane_ratio=lane, loss_ratio=own / lane, lane_history=None, lane_slopes=LaneSlopes(told, *real)
+    )
 
 
 def follow_columns(b: HeatBalance, state: Any, T) -> tuple[np.ndarray, np.ndarray]:
@@ -94,7 +96,7 @@ def follow_columns(b: HeatBalance, state: Any, T) -> tuple[np.ndarray, np.ndarra
 
     Friction counts as constant.
     """
-    at, seen = state.follow, state.under.column_values(T)
+    at, seen = state.lane_slopes, state.touched_road.column_values(T)
     if at is None:
         fall = surface_deficit(b, state, T)
         return seen - fall, fall
@@ -104,12 +106,12 @@ def follow_columns(b: HeatBalance, state: Any, T) -> tuple[np.ndarray, np.ndarra
         at.size - 1j * COMPLEX_STEP * _sum_upstream(sums, at.share * less),
     )
     lane, own = (np.where(at.history.is_untouched, 1.0, ratio) for ratio in _lane_ratios(taken, size))
-    lost = surface_deficit(b, state._replace(fall=np.ones(len(seen))), T)
+    lost = surface_deficit(b, state._replace(loss_ratio=np.ones(len(seen))), T)
     moved = (
         lane.imag / COMPLEX_STEP * at.rise - own.imag / COMPLEX_STEP * at.lowered + lane.real * seen - own.real * lost
     )
-    held = state.lane == 0.0
-    followed = at.free * np.where(held, 0.0, moved / np.where(held, 1.0, state.lane))
+    held = state.lane_ratio == 0.0
+    followed = at.free * np.where(held, 0.0, moved / np.where(held, 1.0, state.lane_ratio))
     return followed, seen - followed
 
 
@@ -196,7 +198,7 @@ def surface_deficit(b: HeatBalance, state: Any, T, T_in=None) -> np.ndarray:
     `T` (cells,) rises, `T_in` (n_road n_across,) of columns of the entering road, 0 if None.
     """
     T_in = b.no_inflow if T_in is None else T_in
-    widen, fall, *_ = common_dtype(state.widen, state.fall, T[:1], T_in[:1])
+    widen, fall, *_ = common_dtype(state.spreading_weights, state.loss_ratio, T[:1], T_in[:1])
     lowered: np.ndarray = kernels_contact.surface_deficit(b.deepest_road_cells, widen, fall, T, T_in)
     return lowered
 
@@ -213,8 +215,8 @@ def limit_lane_slopes(b: HeatBalance, state: Any, T, road) -> Any:
     if coldest is None:
         return state
     free = np.real(found) >= coldest
-    follow = state.follow and state.follow._replace(free=free)
-    return state._replace(lane=state.lane * free, fall=state.fall * free, follow=follow)
+    follow = state.lane_slopes and state.lane_slopes._replace(free=free)
+    return state._replace(lane_ratio=state.lane_ratio * free, loss_ratio=state.loss_ratio * free, lane_slopes=follow)
 
 
 def _lanes_and_bound(b: HeatBalance, state: Any, T, road) -> tuple[np.ndarray, float | None]:
@@ -225,9 +227,9 @@ def _lanes_and_bound(b: HeatBalance, state: Any, T, road) -> tuple[np.ndarray, f
     exchanges heat with: the block's face, the road's mean across y, and the road as it came in.
     """
     came, own = road
-    lowered, seen = surface_deficit(b, state, T, came), state.under.column_values(T)
+    lowered, seen = surface_deficit(b, state, T, came), state.touched_road.column_values(T)
     top = came[-b.scene.mesh.n_across :]
-    given: tuple = common_dtype(state.lane, lowered, seen, top, state.widen, own)
+    given: tuple = common_dtype(state.lane_ratio, lowered, seen, top, state.spreading_weights, own)
     found: np.ndarray = kernels_contact.lane_rises(1.0 - b.share, *given)
     least = found.real.min()
     if least >= T[b.cell_block].real.min():

@@ -251,10 +251,10 @@ class ContactInterface:
         on, over = common_dtype(local, phi)
         m, light, road = kernels_contact.friction_heat_rows(on, over, speed, least, self.b.share)
         state = contact_flux.ContactState(
-            m=m, phi=phi, covered=covered, pressure=local, r=r + LIFT_OFF_RESISTANCE_M2K_W / np.expm1(light), flash=flash,
-            micro=broadcast_columns(micro, n), lane=lane, fall=fall, widen=widen, split=broadcast_columns(split, n),
-            inside=self.b.depth_fraction, deep=deep, block=phi, road=road, half=phi, under=RoadOverlap(self.b.cell_road),
-            apart=apart,
+            heat_per_mu=m, phi=phi, covered=covered, pressure=local, resistance=r + LIFT_OFF_RESISTANCE_M2K_W / np.expm1(light), flash_resistance=flash,
+            micro_resistance=broadcast_columns(micro, n), lane_ratio=lane, loss_ratio=fall, spreading_weights=widen, heat_split=broadcast_columns(split, n),
+            depth_fraction=self.b.depth_fraction, depth_flash=deep, block_coverage=phi, road_coverage=road, half_cell_factor=phi, touched_road=RoadOverlap(self.b.cell_road),
+            lane_history=apart,
         )  # fmt: skip
         return self._with_resolved_spots(state, now) if laws.has_law("contact.cover") else state
 
@@ -268,22 +268,22 @@ class ContactInterface:
         if now.pressure > 0 and not np.real(carried) > 0:
             raise SolverFailure("no spot is under the block; give more or larger spots")
         load = np.sum(state.pressure * area) / carried if now.pressure > 0 else 1.0
-        block = state.block + w * (cover - state.block)
+        block = state.block_coverage + w * (cover - state.block_coverage)
         return state._replace(
-            m=state.m + w * (load - 1.0) * state.m,
+            heat_per_mu=state.heat_per_mu + w * (load - 1.0) * state.heat_per_mu,
             phi=state.phi + w * (cover - state.phi),
             covered=state.covered + w * (1.0 - state.covered),
-            flash=(1.0 - w) * state.flash + w * edge,
-            deep=(1.0 - w) * state.deep,
-            lane=state.lane + w * (1.0 - state.lane),
-            fall=state.fall + w * (1.0 - state.fall),
-            widen=(1.0 - w) * state.widen,
-            block=block,
-            road=block / self.b.share,
-            half=state.half + w * (1.0 - state.half),
-            under=under,
-            rim=w * rim,
-            apart=state.apart if w < 1.0 else None,
+            flash_resistance=(1.0 - w) * state.flash_resistance + w * edge,
+            depth_flash=(1.0 - w) * state.depth_flash,
+            lane_ratio=state.lane_ratio + w * (1.0 - state.lane_ratio),
+            loss_ratio=state.loss_ratio + w * (1.0 - state.loss_ratio),
+            spreading_weights=(1.0 - w) * state.spreading_weights,
+            block_coverage=block,
+            road_coverage=block / self.b.share,
+            half_cell_factor=state.half_cell_factor + w * (1.0 - state.half_cell_factor),
+            touched_road=under,
+            rim_resistance=w * rim,
+            lane_history=state.lane_history if w < 1.0 else None,
         )
 
     def _spot_coverage(self, now) -> tuple[np.ndarray, RoadOverlap, np.ndarray | float, np.ndarray | float]:
@@ -376,7 +376,7 @@ class ContactInterface:
             T[b.cell_block] + ambient,
             contact_lanes.lane_rises(b, state, T, road) + ambient,
             b.half_block if kf is b.ones else b.half_block / kf[b.cell_block],
-            (b.half_road if kf is b.ones else b.half_road / kf[b.cell_road]) + state.rim,
+            (b.half_road if kf is b.ones else b.half_road / kf[b.cell_road]) + state.rim_resistance,
             temperature_law("friction.mu", 0.0),
             temperature_law("friction.in_depth", 1.0) if laws.has_law("friction.in_depth") else None,
             self.cache.touch_temperature,
@@ -388,17 +388,17 @@ class ContactInterface:
 
         Of a block that rests the lanes hold the heat that its last speed gave.
         """
-        if state.apart is None:
+        if state.lane_history is None:
             return state
         b, laws = self.b, self.b.laws
         face = T[b.cell_block] + b.scene.ambient
         at = self.moment_at_contact(state, now).with_fields(face=face)
         least = contact_lanes.MIN_LANE_CONTACT_RATIO * state.covered
         spots = np.where(np.real(state.phi) > np.real(least), state.phi, least)
-        touch = face + (state.flash + state.micro) * contact_lanes.heat_into_block(b, T) / spots
+        touch = face + (state.flash_resistance + state.micro_resistance) * contact_lanes.heat_into_block(b, T) / spots
         own = laws("friction.in_depth", 1.0, touch, at) if laws.has_law("friction.in_depth") else 1.0
         heat = state.pressure * (now.speed or now.last_speed) * laws("friction.mu", 0.0, touch, at)
-        return contact_lanes.separate_lanes(b, state, T, road, heat * (1.0 - state.inside * own))
+        return contact_lanes.separate_lanes(b, state, T, road, heat * (1.0 - state.depth_fraction * own))
 
     # --- abrasion ------------------------------------------------------------------------------------
     def abrasion_rate(self, state, flux, now) -> np.ndarray:
@@ -420,7 +420,7 @@ class ContactInterface:
             contact.state, now.with_fields(worn=worn + 1j * COMPLEX_STEP) if b.abrades else now
         )
         thicker = 1j * np.imag(b.laws("contact.resistance", 0.0, None, seen))
-        deeper = contact.state._replace(r=contact.state.r + thicker) if np.any(thicker) else None
+        deeper = contact.state._replace(resistance=contact.state.resistance + thicker) if np.any(thicker) else None
         spot, mu = (
             complex_step_derivative(self.abrasion_rate(contact.state, flux._replace(**{k: v + 1j * COMPLEX_STEP}), now))
             for k, v in (("spot", flux.spot), ("mu", flux.mu))
@@ -435,7 +435,7 @@ class ContactInterface:
             response = b.elastic_block.pressure_response(elastic)
         return AbrasionCoupling(
             b,
-            contact.state.under,
+            contact.state.touched_road,
             pressed,
             None
             if deeper is None
@@ -456,15 +456,15 @@ class ContactInterface:
         area = self.b.scene.mesh.column_area
         taken = flux.into_road * area
         return SparseResponse.from_derivatives(
-            self._aligned_sparsity if state.under.other is None else build_sparsity(self.b, state.under),
+            self._aligned_sparsity if state.touched_road.other is None else build_sparsity(self.b, state.touched_road),
             self.b,
-            state.under,
-            face=complex_step_derivative(state.block * flux.into_block * area),
-            deep=complex_step_derivative(state.block * flux.deep * area),
-            road=complex_step_derivative(state.road * taken),
+            state.touched_road,
+            face=complex_step_derivative(state.block_coverage * flux.into_block * area),
+            deep=complex_step_derivative(state.block_coverage * flux.deep * area),
+            road=complex_step_derivative(state.road_coverage * taken),
             books=(
-                complex_step_derivative(state.block * flux.heat * area),
-                complex_step_derivative(state.block * taken),
+                complex_step_derivative(state.block_coverage * flux.heat * area),
+                complex_step_derivative(state.block_coverage * taken),
             ),
             abrasion=complex_step_derivative(self.abrasion_rate(state, flux, now)),
         )

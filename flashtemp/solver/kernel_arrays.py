@@ -10,7 +10,7 @@ import numpy as np
 class DepthLines(NamedTuple):
     """The depth lines of one plane (`mesh.Mesh`) and what never changes on them.
 
-    The block stands on lines from `first` on.  `capacity` rho c V (n_plane,) J/(m K) per metre across, `slope`
+    The block stands on lines from `first` on.  `capacity` rho c V (n_plane,) J/(m K) per metre across, `upwind_weight`
     second-order upwind weights (lines,), `g_in` (m,) conductance of the entering road to the first line, `weight`
     (n_plane,) with which a cell's heat counts: the lanes' share of the width in the road; `share` (planes,) of it.
     """
@@ -19,7 +19,7 @@ class DepthLines(NamedTuple):
     m: int  # road cells of every line
     first: int
     capacity: np.ndarray
-    slope: np.ndarray
+    upwind_weight: np.ndarray
     g_in: np.ndarray
     weight: np.ndarray
     share: np.ndarray

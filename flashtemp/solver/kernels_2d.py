@@ -36,10 +36,10 @@ def face_conductances(start, m, half_x, half_z, gap, factor, gx, gz):
 
 
 @njit(cache=True)
-def add_heat_flows(start, m, gx, gz, carry, slope, T, h, T_in, h_in, g_in, rate):
+def add_heat_flows(start, m, gx, gz, advection, upwind, T, h, T_in, h_in, g_in, rate):
     """Add conduction and advection to `rate` (W/m per cell): every flux once added, once taken.
 
-    `T` temperature rise, `h` enthalpy rise over rho c (both K), `carry` rho c v dz of the road cells (W/(m K)), `slope`
+    `T` temperature rise, `h` enthalpy rise over rho c (both K), `advection` rho c v dz of the road cells (W/(m K)), `upwind`
     the second-order upwind weight of every line, `T_in`, `h_in` (m,) rises of the entering road, `g_in` its
     conductance to the first line.
     """
@@ -52,24 +52,24 @@ def add_heat_flows(start, m, gx, gz, carry, slope, T, h, T_in, h_in, g_in, rate)
             rate[c + 1] -= q
         if i == 0:
             for k in range(m):
-                rate[a + k] += g_in[k] * (T_in[k] - T[a + k]) + carry[k] * h_in[k]
+                rate[a + k] += g_in[k] * (T_in[k] - T[a + k]) + advection[k] * h_in[k]
         else:
             p = start[i - 1]
             for k in range(min(b - a, a - p)):
                 q = gx[a + k] * (T[p + k] - T[a + k])
                 rate[a + k] += q
                 rate[p + k] -= q
-        s = slope[i]
+        s = upwind[i]
         for k in range(m):
             back = h_in[k] if i == 0 else h[start[i - 1] + k]
-            q = carry[k] * (h[a + k] + s * (h[a + k] - back))
+            q = advection[k] * (h[a + k] + s * (h[a + k] - back))
             rate[a + k] -= q
             if i + 1 < n:
                 rate[b + k] += q
 
 
 @njit(cache=True)
-def find_undershoots(start, m, slope, floor, h, h_in):
+def find_undershoots(start, m, upwind, floor, h, h_in):
     """Faces (n, 4) between road cells whose extrapolated value lies below their own cell and below the `floor`.
 
     Of each the cell, the cell upstream (-1: road that enters), the cell downstream and the depth level; cells count
@@ -78,7 +78,7 @@ def find_undershoots(start, m, slope, floor, h, h_in):
     across = len(h_in) // m
     hits = np.zeros((len(start) - 2, m), np.int64)
     for i in range(len(start) - 2):
-        s = slope[i]
+        s = upwind[i]
         for k in range(m):
             c, count = (start[i] + k) * across, 0
             if i > 0:
@@ -100,7 +100,7 @@ def find_undershoots(start, m, slope, floor, h, h_in):
             for j in range(across if hits[i, k] > 0 else 0):
                 c, p = (start[i] + k) * across + j, (start[i - 1] + k) * across + j if i > 0 else -1
                 back = h[p].real if i > 0 else h_in[k * across + j].real
-                face = h[c].real + slope[i] * (h[c].real - back)
+                face = h[c].real + upwind[i] * (h[c].real - back)
                 if face < floor and face < h[c].real:
                     found[n] = c, p, (start[i + 1] + k) * across + j, k
                     n += 1
@@ -108,23 +108,23 @@ def find_undershoots(start, m, slope, floor, h, h_in):
 
 
 @njit(cache=True)
-def limit_faces(faces, line, across, slope, carry, capacity, floor, h, h_in, rate):
-    """Add to `rate` (cells,) K/s what faces carry more where they hold the lesser of their cell and the `floor`.
+def limit_faces(faces, line, across, upwind, advection, capacity, floor, h, h_in, rate):
+    """Add to `rate` (cells,) K/s what faces advection more where they hold the lesser of their cell and the `floor`.
 
     `line` (n_plane,) of a cell of a plane.  What leaves one cell enters the next, so that heat is conserved.
     """
     for f in range(len(faces)):
         c, p, after, k = faces[f]
         back = h[p] if p >= 0 else h_in[k * across + c % across]
-        face = h[c] + slope[line[c // across]] * (h[c] - back)
+        face = h[c] + upwind[line[c // across]] * (h[c] - back)
         held = h[c] if h[c].real < floor else 0.0 * h[c] + floor
-        q = carry[k] * (held - face)
+        q = advection[k] * (held - face)
         rate[c] -= q / capacity[c // across]
         rate[after] += q / capacity[after // across]
 
 
 @njit(cache=True)
-def limit_products(faces, line, across, slope, carry, capacity, held, v, rate):
+def limit_products(faces, line, across, upwind, advection, capacity, held, v, rate):
     """The derivative of `limit_faces`: add to `rate` what changes v (cells,) do.
 
     `held` says of every face whether it holds its cell (else the floor).
@@ -132,8 +132,8 @@ def limit_products(faces, line, across, slope, carry, capacity, held, v, rate):
     for f in range(len(faces)):
         c, p, after, k = faces[f]
         back = v[p] if p >= 0 else 0.0 * v[c]
-        face = v[c] + slope[line[c // across]] * (v[c] - back)
-        q = carry[k] * ((v[c] if held[f] else 0.0 * v[c]) - face)
+        face = v[c] + upwind[line[c // across]] * (v[c] - back)
+        q = advection[k] * ((v[c] if held[f] else 0.0 * v[c]) - face)
         rate[c] -= q / capacity[c // across]
         rate[after] += q / capacity[after // across]
 
@@ -206,8 +206,8 @@ def factorise_lines(lines, transport, gamma, own, up, down, factors):
 @njit(cache=True)
 def _fill_diagonal(i, lines, transport, gamma, own, fix, factors):
     """Diagonal of line i, into `factors.inv` for `_eliminate_line`, and its couplings to the lines around it."""
-    start, m, _, capacity, slope, g_in, _, _ = lines
-    gx, gz, carry, stretch = transport
+    start, m, _, capacity, upwind, g_in, _, _ = lines
+    gx, gz, advection, stretch = transport
     inv, _, low, low2, high = factors
     a, b = start[i], start[i + 1]
     ahead = start[i + 2] - b if i + 2 < len(start) else 0  # cells of the line downstream
@@ -225,15 +225,15 @@ def _fill_diagonal(i, lines, transport, gamma, own, fix, factors):
         low[c] = -gamma * gx[c]
         low2[c] = 0.0
         if k < m:
-            s = slope[i]
-            d -= carry[k] * (1.0 + s) * stretch[c]
+            s = upwind[i]
+            d -= advection[k] * (1.0 + s) * stretch[c]
             if i == 0:
                 d -= g_in[k]
                 low[c] = 0.0
             else:
-                low[c] -= gamma * carry[k] * (1.0 + slope[i - 1] + s) * stretch[start[i - 1] + k]
+                low[c] -= gamma * advection[k] * (1.0 + upwind[i - 1] + s) * stretch[start[i - 1] + k]
                 if i > 1:
-                    low2[c] = gamma * carry[k] * slope[i - 1] * stretch[start[i - 2] + k]
+                    low2[c] = gamma * advection[k] * upwind[i - 1] * stretch[start[i - 2] + k]
         inv[c] = capacity[c] * stretch[c] - gamma * d + fix[k]
 
 
@@ -257,8 +257,8 @@ def _eliminate_line(a, size, m, gamma, gz, inv, mul):
 @njit(cache=True)
 def _correct_column_sums(i, lines, transport, gamma, up, down, factors, work, fix):
     """Column sums of L D^-1 U from line i, which go back onto the next diagonal: `fix`."""
-    start, m, _, _, slope, _, weight, _ = lines
-    gx, _, carry, stretch = transport
+    start, m, _, _, upwind, _, weight, _ = lines
+    gx, _, advection, stretch = transport
     inv, mul, _, _, high = factors
     a, b = start[i], start[i + 1]
     size, top = b - a, min(b - a, start[i + 2] - b)
@@ -266,10 +266,10 @@ def _correct_column_sums(i, lines, transport, gamma, up, down, factors, work, fi
     for k in range(top):
         s = -gamma * gx[b + k]
         if k < m:
-            carried = gamma * carry[k]
-            s -= carried * (1.0 + slope[i] + slope[i + 1]) * stretch[a + k]
+            carried = gamma * advection[k]
+            s -= carried * (1.0 + upwind[i] + upwind[i + 1]) * stretch[a + k]
             if i + 3 < len(start):
-                s += carried * slope[i + 1] * stretch[a + k]
+                s += carried * upwind[i + 1] * stretch[a + k]
         work[k] = s * weight[a + k]
     # D is symmetric but for the interface: D^T is D with `up` and `down` exchanged
     solve_line(0, a, size, m, gamma, down, up, inv, mul, work)

@@ -15,17 +15,17 @@ FASTMATH_SUM = {"reassoc", "contract", "nsz"}
 
 
 @njit(cache=True)
-def _advect_row(i, k, c, m, start, carry, slope, T, h, T_in, h_in, g_in, q):
+def _advect_row(i, k, c, m, start, advection, upwind, T, h, T_in, h_in, g_in, q):
     """Add to row c, place k of line i, what the moving road carries in and out."""
     if k >= m:
         return
-    ny, s, w = q.shape[1], slope[i], carry[k]
+    ny, s, w = q.shape[1], upwind[i], advection[k]
     if i == 0:
         for j in range(ny):
             q[c, j] += g_in[k] * (T_in[k, j] - T[c, j])
             q[c, j] += w * h_in[k, j] - w * (h[c, j] + s * (h[c, j] - h_in[k, j]))
         return
-    r, back = slope[i - 1], start[i - 1] + k
+    r, back = upwind[i - 1], start[i - 1] + k
     if i == 1:
         for j in range(ny):
             near = h[back, j]
@@ -57,12 +57,12 @@ def _neighbour_rows(k, line, m):
 
 
 @njit(cache=True)
-def uniform_rates(lines, walls, carry, T, h, T_in, h_in, q):
+def uniform_rates(lines, walls, advection, T, h, T_in, h_in, q):
     """q (cells of a plane, planes): heat in W per metre of width on entry, rates in K/s on return.
 
     While conductivity is constant; `T_in`, `h_in` (m, planes) and the rest as in `kernels_2d.heat_flows`.
     """
-    start, m, _, capacity, slope, g_in, _, share = lines  # locals: an attribute in a loop would count references
+    start, m, _, capacity, upwind, g_in, _, share = lines  # locals: an attribute in a loop would count references
     gx, gz, gy, _, _, _, _, _, before, after = walls
     n, ny = len(start) - 1, T.shape[1]
     for i in range(n):
@@ -75,7 +75,7 @@ def uniform_rates(lines, walls, carry, T, h, T_in, h_in, q):
                 here = T[c, j]
                 z = (T[up, j] - here) * over + (T[down, j] - here) * under
                 q[c, j] = q[c, j] / share[j] + (z + (T[back, j] - here) * ahead + (T[to, j] - here) * along)
-            _advect_row(i, k, c, m, start, carry, slope, T, h, T_in, h_in, g_in, q)
+            _advect_row(i, k, c, m, start, advection, upwind, T, h, T_in, h_in, g_in, q)
             g = gy[c]
             for j in range(1, ny):
                 q[c, j] += g * before[j] * (T[c, j - 1] - T[c, j])
@@ -87,9 +87,9 @@ def uniform_rates(lines, walls, carry, T, h, T_in, h_in, q):
 
 
 @njit(cache=True)
-def varying_rates(lines, walls, carry, T, h, T_in, h_in, q):
+def varying_rates(lines, walls, advection, T, h, T_in, h_in, q):
     """`uniform_rates` where conductivity varies."""
-    start, m, _, capacity, slope, g_in, _, share = lines
+    start, m, _, capacity, upwind, g_in, _, share = lines
     _, _, gy, half_x, half_z, gap, factor, dy, _, _ = walls
     n, ny = len(start) - 1, T.shape[1]
     for i in range(n):
@@ -104,7 +104,7 @@ def varying_rates(lines, walls, carry, T, h, T_in, h_in, q):
                 ahead = (T[back, j] - here) * (1.0 / (half_x[c] / f + half_x[back] / factor[back, j]))
                 along = (T[to, j] - here) * (1.0 / (half_x[c] / f + half_x[to] / factor[to, j]))
                 q[c, j] = q[c, j] / share[j] + (over + under + ahead + along)
-            _advect_row(i, k, c, m, start, carry, slope, T, h, T_in, h_in, g_in, q)
+            _advect_row(i, k, c, m, start, advection, upwind, T, h, T_in, h_in, g_in, q)
             g = gy[c]
             for j in range(1, ny):
                 apart = 0.5 * (dy[j] / factor[c, j] + dy[j - 1] / factor[c, j - 1])

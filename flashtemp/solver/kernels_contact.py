@@ -12,7 +12,7 @@ import numpy as np
 
 from flashtemp.physics.just_in_time import njit
 
-MIN_NEWTON_SLOPE = 1e-3  # of a slope in Newton's method
+MIN_NEWTON_SLOPE = 1e-3  # smallest |1 - gain dlaw/dT| that a Newton step divides by
 
 
 def common_dtype(*arrays: np.ndarray) -> Any:
@@ -184,18 +184,18 @@ def add_contact_heat(block, block_share, road_share, area, into_block, into_road
 
 
 @njit(cache=True)
-def road_outflow(last, before, first, slope, carry, g_in, T, h, T_in, h_in):
+def road_outflow(last, before, first, upwind, advection, g_in, T, h, T_in, h_in):
     """Heat (n_road, n_across) W/m that road carries out of the window, less what comes in.
 
     `last`, `before`, `first` (n_road,) are cells of a plane; T, h rises (cells,), T_in, h_in of entering road.
     """
-    across = len(T_in) // len(carry)
-    out = np.empty((len(carry), across), T.dtype)
-    for k in range(len(carry)):
+    across = len(T_in) // len(advection)
+    out = np.empty((len(advection), across), T.dtype)
+    for k in range(len(advection)):
         for j in range(across):
             end, back, begin = h[last[k] * across + j], h[before[k] * across + j], T[first[k] * across + j]
             c = k * across + j
-            out[k, j] = carry[k] * (end + slope * (end - back) - h_in[c]) - g_in[k] * (T_in[c] - begin)
+            out[k, j] = advection[k] * (end + upwind * (end - back) - h_in[c]) - g_in[k] * (T_in[c] - begin)
     return out
 
 
@@ -214,7 +214,7 @@ def add_to_ledger(entry, offset, cell, weight, T, scale, out):
 
 @njit(cache=True)
 def redistribute_load(spread, load, free):
-    """free - spread (load free) in place, spread (lines, m), load (m, lines): what lines lose others carry."""
+    """free - spread (load free) in place, spread (lines, m), load (m, lines): what lines lose others advection."""
     lost = np.zeros(len(load), free.dtype)
     for j in range(len(load)):
         for i in range(len(free)):

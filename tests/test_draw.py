@@ -164,7 +164,7 @@ def test_a_sweep_is_drawn_again(case, tmp_path):
 @pytest.mark.parametrize(
     ("spoil", "words", "says"),
     [
-        (None, ["--format", "bmp"], "--format: 'bmp'; give some of png, svg, pdf"),
+        (None, ["--format", "bmp"], "--format: 'bmp'; give one or more of png, svg, pdf"),
         ("run.nc", [], "damaged"),
         ("summary.json", [], "damaged"),
         ("fields.vtkhdf", [], "fields"),

@@ -210,7 +210,7 @@ def test_a_failure_of_the_march_leaves_nothing(folder, tmp_path):
 def test_a_failure_after_the_march_leaves_the_march(result, folder, tmp_path, monkeypatch):
     with monkeypatch.context() as m:
         m.setattr(job.vtk, "write", lambda *a: 1 / 0)
-        with pytest.raises(flashtemp.errors.Halted, match="division by zero; checkpoint left in"):
+        with pytest.raises(flashtemp.errors.Halted, match="division by zero; checkpoint saved in"):
             simulate(load_case(folder, SMALL), out=tmp_path / "out")
     assert [p.name for p in tmp_path.iterdir()] == ["out.partial"]
     run = resume(tmp_path / "out", watch=lambda progress, end: pytest.fail("it was marched again"))

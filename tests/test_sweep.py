@@ -154,7 +154,7 @@ def test_another_sweep_does_not_touch_what_is_there(case, tmp_path, capsys):
         carried(case, out, *AXES, workers=1, watch=stop)
     before = sorted(tmp_path.rglob("*"))
     assert main(["sweep", str(case), "friction.mu=0.5,0.6", "--out", str(out)]) == 2
-    assert "holds an interrupted sweep; go on with 'the same command'" in capsys.readouterr().err
+    assert "holds an interrupted sweep; continue with 'the same command'" in capsys.readouterr().err
     assert main(["run", str(case), "--out", str(out)]) == 2
     assert "holds an interrupted sweep" in capsys.readouterr().err
     assert sorted(tmp_path.rglob("*")) == before
@@ -236,7 +236,7 @@ def test_ctrl_c_leaves_points_to_go_on_from(case, tmp_path):
         assert process.wait(60) == 130
         said = process.stderr.read().strip()
     assert said.startswith("interrupted; ")
-    assert said.endswith("go on with: the same command")
+    assert said.endswith("continue with: the same command")
     assert not out.exists()
     before = len(list(points.glob("*.npz")))
     assert 0 < before < 60

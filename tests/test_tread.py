@@ -354,5 +354,5 @@ def test_only_cases_that_name_them_have_these_tables():
     plain = load_case(CASE.parent / "uniform_pressure")
     assert {"tread", "tyre"} & set(plain.values) == set()
     assert load_case(CASE)["tread.slip"][0] == 0.005
-    with pytest.raises(BadInput, match="tread.mass. is no number of the physics"):
+    with pytest.raises(BadInput, match="tread.mass. is not a physical parameter"):
         load_case(CASE, {"free": ["tread.mass"]})

@@ -419,7 +419,7 @@ def test_what_only_has_one_sign_is_not_found_with_the_other(found):
     assert "internal_heat" not in {*now.names, *now.group}
     for c in now.candidates:
         if c["effect"] == "internal_heat":
-            assert "below what is possible" in c["reason"]
+            assert "below its bound" in c["reason"]
 
 
 def test_recordings_with_the_conditions_of_others_are_the_cause(found):

@@ -84,7 +84,7 @@ def test_one_condition_cannot_tell_load_from_speed(outlooks):
     for name, other in zip(ALIKE, ALIKE[::-1], strict=True):
         assert one[name].z > DETECTION_Z  # it is seen
         assert not one[name].is_separable
-        assert (one[name].nearest_rival, abs(one[name].rho)) == (other, pytest.approx(1.0, abs=1e-6))
+        assert (one[name].nearest, abs(one[name].rho)) == (other, pytest.approx(1.0, abs=1e-6))
 
 
 def test_what_is_never_seen_is_like_nothing():

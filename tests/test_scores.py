@@ -89,5 +89,5 @@ def test_an_amplitude_that_cannot_be_is_no_evidence():
     found, ratio = score(candidate(low=0.0, spread=1.0), -0.4)
     assert ratio > 10.0
     assert found.amplitude[0] < -0.3
-    assert found.reason == "would need B below what is possible"
+    assert found.reason == "would need B below its bound"
     assert found.ln_bayes <= 0.0

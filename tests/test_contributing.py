@@ -60,7 +60,7 @@ def test_what_is_named_inside_files_is_there():
     """Names that the steps tell to look for."""
     for file, names in {
         "flashtemp/camera/importing/readers.py": ("_by_magic",), "flashtemp/camera/importing/formats/tiff.py": ("MAGIC", "def read("),
-        "viz/__init__.py": ("PICTURES", "applies"), "viz/theme.py": ("def styled",), "tests/test_formats.py": ("KINDS",),
+        "viz/__init__.py": ("PICTURE", "ANIMATION", "applies"), "viz/theme.py": ("def styled",), "tests/test_formats.py": ("KINDS",),
         "tests/conftest.py": ("def lab",), "tests/test_cases.py": ("FLASHTEMP_FULL",), "CHANGELOG.md": ("Unreleased",),
     }.items():  # fmt: skip
         text = (ROOT / file).read_text(encoding="utf-8")

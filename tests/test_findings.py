@@ -339,7 +339,7 @@ def pages(tmp_path_factory):
 @pytest.fixture
 def unpainted(monkeypatch):
     """Pages without pictures, which take their time."""
-    monkeypatch.setattr(verdict_figures, "figures", lambda verdict: {})
+    monkeypatch.setattr(verdict_figures, "draw_figures", lambda verdict: {})
 
 
 @pytest.mark.parametrize("kind", VERDICT_KINDS)

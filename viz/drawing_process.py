@@ -135,7 +135,7 @@ def serve() -> None:
     os.dup2(2, 1)  # what a library prints is no answer
     ignore_local_settings()
     for module in {*viz.PICTURES, *viz.ANIMATIONS}:
-        import_module(f"flashtemp.viz.{module}")
+        import_module(f"flashtemp.viz.run.{module}")
     with suppress(EOFError, BrokenPipeError):
         run, folder = pickle.load(sys.stdin.buffer)
         while True:

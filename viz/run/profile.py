@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from flashtemp.viz import theme
 from flashtemp.viz.time_axis import sliding_ends
 
+PICTURE = "profile"
 MAX_EARLIER_CURVES = 4  # faint curves at most
 
 

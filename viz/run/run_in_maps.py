@@ -11,6 +11,7 @@ from flashtemp.viz import theme
 from flashtemp.viz.run import run_views
 from flashtemp.viz.time_axis import sliding_ends
 
+PICTURE = "run_in"
 MAX_PANELS = 12  # panels
 PANEL_COLUMNS = 2  # of panels, read downwards, so that the hot spot is seen to move along x
 PANEL_WIDTH_IN = 2.75  # inches wide, about

@@ -11,6 +11,7 @@ from flashtemp.physics.interpolation import interpolate_linear
 from flashtemp.viz import theme
 from flashtemp.viz.run.run_views import VIEW_COLUMNS, VIEW_ROWS, has_wake
 
+PICTURE = "width"
 PRESSURE_MAP = "cividis"
 EVEN_PRESSURE_FRACTION = 1e-3  # of the pressure: what differs less is one value
 

@@ -138,7 +138,7 @@ def _image_columns(seeing, shown: list[int]) -> list[tuple]:
         (heat, measured),
         (heat, computed),
         (KELVIN_MAP, seeing.residual[shown]),
-        (SIGMA_MAP, seeing.in_sigma[shown]),
+        (SIGMA_MAP, seeing.sigma_residual[shown]),
     ]
 
 
@@ -294,7 +294,7 @@ def sliding_time(pulling) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 @theme.styled
 def draw_summary(comparison) -> Figure:
     """RMSE and bias (K; of friction 1) and chi2/dof of every recording and every load-cell trace."""
-    blocks = [(comparison.seeings, "recordings", "K"), (comparison.pullings, "friction", "–")]
+    blocks = [(comparison.recordings, "recordings", "K"), (comparison.forces, "friction", "–")]
     blocks = [b for b in blocks if b[0]]
     rows = [max(len(found), 2) for found, _, _ in blocks]
     fig = Figure(

@@ -93,5 +93,5 @@ def _run_in_caption(run, frames: list[int]) -> str:
         words.append(f"{surface}, {theme.format_decimal(shown, 3)} mm {side} the block.")
     if any(np.isnan(run_views.contact_strip(run, i)).any() for i in frames):
         words.append("White: no contact.")
-    ways = {"left" if run.leads(k) == 0 else "right" for k in run.frames[frames]}
+    ways = {"left" if run.leading_line_index(k) == 0 else "right" for k in run.frames[frames]}
     return " ".join([*words, f"The block slides to the {' or the '.join(sorted(ways))}."])

@@ -60,3 +60,12 @@ def describe_key(key: str, unit: str | None = None) -> KeyLabel:
     if unit == "m" and isinstance(default, int | float) and default < SHORT_LENGTH_M:
         return KeyLabel(words, 1e3, "mm")
     return KeyLabel(words, 1.0, unit_suffix(unit).strip())
+
+
+def describe_condition(overrides: dict) -> str:
+    """The overrides {key: value} of a recording in words with units.
+
+    >>> describe_condition({"contact.pressure": 1.5e5, "schedule.speed": 0.1}), describe_condition({})
+    ('contact pressure 0.15 MPa, speed 0.1 m/s', 'as in the case')
+    """
+    return ", ".join(describe_key(key).describe_value(value) for key, value in overrides.items()) or "as in the case"

@@ -112,7 +112,9 @@ def _draw_maxima(ax, cornering, model: str, colours) -> None:
             else "no maximum"
         )
         ax.annotate(words, (0.5, 0.5), xycoords="axes fraction", ha="center", va="center", color=theme.SPOT_COLOUR)
-        if not any(cornering.has_inner_peaks(model, n) for n in (*CONTROL_COLOURS, "law")):  # no range is made up for nothing
+        if not any(
+            cornering.has_inner_peaks(model, n) for n in (*CONTROL_COLOURS, "law")
+        ):  # no range is made up for nothing
             ax.set_axis_off()
             return
     for name in (n for n in (*CONTROL_COLOURS, "law") if cornering.has_inner_peaks(model, n)):

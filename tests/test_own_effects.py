@@ -220,7 +220,7 @@ def test_a_law_that_cannot_be_asked_or_answers_no_number_is_told_with_its_line(t
 def test_a_law_that_gives_no_number_is_named(tmp_path, capsys):
     text = DUST.replace("1.0 - p.rate * now.slid)", 'float("nan"))')
     line = line_of(capsys, ["run", str(written(tmp_path, text)), "--out", str(tmp_path / "out")], 1)
-    assert "no number comes from effect dust" in line
+    assert "effect dust returns no number" in line
 
 
 def test_a_film_that_holds_the_section_is_refused_in_2d_alone(tmp_path, capsys):

@@ -231,7 +231,8 @@ def test_a_film_that_holds_the_section_is_refused_in_2d_alone(tmp_path, capsys):
     case = written(tmp_path, law)
     words = ["run", str(case), "schedule.repetitions=2", "schedule.wait=1", "--out"]
     assert main([*words, str(tmp_path / "flat")]) == 2
-    assert "its film on block.sides is inf, which would fix the temperature of the whole section in 2D" in capsys.readouterr().err
+    said = "its film on block.sides is inf, which would fix the temperature of the whole section in 2D"
+    assert said in capsys.readouterr().err
     assert not (tmp_path / "flat").exists()
     assert main([*words, str(tmp_path / "wide"), "numerics.across=4"]) == 0
 

@@ -1,4 +1,4 @@
-"""Coupling of wear, thermal expansion and friction to the heat: by the contact pressure, and by debris in the contact."""
+"""Coupling of wear, thermal expansion and friction to the heat, by the contact pressure and by debris in the contact."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class SparseResponse(NamedTuple):
     def from_derivatives(
         cls, sparsity: SparsityPattern, b: HeatBalance, under: RoadOverlap, face, deep, road, books, abrasion
     ) -> SparseResponse:
-        """The matrix from derivatives (columns,) of the heat into the block's `face`, in depth (`deep`) and into the road.
+        """The matrix from derivatives (columns,) of heat into the block's `face`, in depth (`deep`) and into the road.
 
         `books` are the derivatives of the ledger entries friction and into_road (W/m); `under` is the road under the
         columns.
@@ -56,7 +56,7 @@ class SparseResponse(NamedTuple):
 
 
 def build_sparsity(b: HeatBalance, under: RoadOverlap) -> SparsityPattern:
-    """Rows and columns of a `SparseResponse`, and the units by which its entries are divided to give rates of the state.
+    """Rows and columns of a `SparseResponse`, and the units that turn its entries into rates of the state.
 
     Heat in W/m is divided by the heat capacity, m/s by the unit of the worn depth, ledger entries by 1.
     """
@@ -96,7 +96,7 @@ class AbrasionCoupling:
     traction_slopes: tuple[Any, ...]
 
     def abrasion_rate_change(self, block: np.ndarray, lane: np.ndarray) -> np.ndarray:
-        """Change of the wear rate by changes of temperature (columns,) K of the block's first cells and of the lanes."""
+        """Change of the wear rate by changes (columns,) K of the block's first cells and of the lanes."""
         return self.abrasion_slopes[0] * block + self.abrasion_slopes[1] * lane
 
     def add_depth_response(self, worn: np.ndarray, out: np.ndarray, scale: float = 1.0) -> None:

@@ -1,4 +1,4 @@
-"""A system linearised at one instant: derivatives of all heat, Jacobian products, and solves with the preconditioner."""
+"""A system linearised at one instant: derivatives of heat, Jacobian products and solves with the preconditioner."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ def _shared(s: np.ndarray, cells: int, rate: float, even: float) -> np.ndarray:
 def layered(
     layers: Sequence[tuple[float, int | None]], first: float, cells: int, refine: float = 1, even: float = 0.0
 ) -> tuple[np.ndarray, tuple[int, ...]]:
-    """Edges (n+1,) m up a stack of `layers` with an edge at every joint, and the first cell of each layer but the first.
+    """Edges (n+1,) m up a stack of `layers` with an edge at every joint, and the first cells of the upper layers.
 
     The map is that of `geometric` over the whole stack.  Each layer (thickness in m, cells) divides its part of the map
     into that many even steps; if cells is None, into as many as the map puts there, and at least `LEAST`.

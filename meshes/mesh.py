@@ -28,7 +28,7 @@ class Mesh:
     """Cells of road and block on a tensor grid, packed line by line.
 
     `x` (n_lines+1,) are the edges of the lines in m, increasing downstream, with the leading edge at 0; `depth`
-    (n_road+1,) the edges of road cells in m below the surface; `height` (n_block+1,) those of block cells in m above it.
+    (n_road+1,) the edges of road cells in m below the surface; `height` (n_block+1,) those of block cells above it.
     The block covers lines `first` to `last` - 1.  `y` (n_across+1,) are edges in m across from the centre line, two in
     2D.  `joints` are the block cells of a line, counted from the face, with which another layer begins.  Arrays of one
     plane (`line`, `level`, `block`, `road`, ...) have n_plane cells.  Areas and volumes are per metre of the block's

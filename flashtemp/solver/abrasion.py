@@ -1,4 +1,4 @@
-"""Coupling of wear, thermal expansion and friction to the heat, by the contact pressure and by debris in the contact."""
+"""Coupling of wear, thermal expansion and friction to the heat, by the pressure and by debris in the contact."""
 
 from __future__ import annotations
 

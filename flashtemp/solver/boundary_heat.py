@@ -60,8 +60,8 @@ class BoundaryHeat:
                 whole = site == "block.sides" and not self.scene.resolved
                 if whole and any(np.any(np.isinf(part.law(self.scene.law_context(f, f.begin), p))) for f in phases):
                     raise BadInput(
-                        f"effect '{name}': its film on {site} is inf, which would fix the temperature of the whole section"
-                        " in 2D; use a finite number of W/m2K, or numerics.across > 1"
+                        f"effect '{name}': its film on {site} is inf, which would fix the temperature of the whole "
+                        "section in 2D; use a finite number of W/m2K, or numerics.across > 1"
                     )
                 if np.ndim(film) or np.ndim(far):
                     raise BadInput(

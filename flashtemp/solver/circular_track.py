@@ -101,7 +101,7 @@ class CircularTrack:
         return RoadInflow(np.where(places <= self.laid_place[-1], initial, self.stored_rise(t, places)))
 
     def initial_road_rise(self, t: float, places) -> np.ndarray:
-        """Rise (n_road n_across,) K of road that lay around the block at its start, of `places` as in `incoming_road`."""
+        """Rise (n_road n_across,) K of road around the block at its start; `places` as in `incoming_road`."""
         positions, last = np.ravel(places).tolist(), len(self.laid) - 1
         after = [min(max(bisect_left(self.laid_place, position), 1), last) for position in positions]
         before = [k - 1 for k in after]
@@ -158,7 +158,7 @@ class CircularTrack:
         return rise.reshape(*np.shape(places)[:1], -1)
 
     def _neighbour_weights(self, place: float) -> tuple[tuple[int, float], tuple[int, float]]:
-        """(number, weight) of the stored columns before and after a place; weights are 0 where no road has passed yet."""
+        """(number, weight) of the stored columns before and after a place; weights are 0 before any road has passed."""
         k, last = bisect_right(self.place, place), len(self.place) - 1
         if k == 0:
             return (0, 0.0), (0, 0.0)

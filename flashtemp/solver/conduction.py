@@ -171,9 +171,9 @@ class SolidPlane:
     ) -> LinearisedPlane:
         """Linearise and factorise P, which approximates I - gamma J.
 
-        `kf` (cells,) are factors on conductivity, `capacity_ratio` dh/dT (cells,), `advection` rho c v dz (n_road,), and
-        `rows` the derivatives of the ledger.  P puts heat released in depth into the cells at the face and keeps the
-        width of lanes, so it stays tridiagonal along lines.
+        `kf` (cells,) are factors on conductivity, `capacity_ratio` dh/dT (cells,), `advection` rho c v dz (n_road,);
+        `rows` are the derivatives of the ledger.  P puts heat released in depth into the cells at the face and keeps
+        the width of lanes, so it stays tridiagonal along lines.
         """
         gx, gz = self.conductances(kf)
         own = np.zeros(self.b.n)

@@ -15,7 +15,7 @@ from flashtemp.errors import SolverFailure
 
 @dataclass(frozen=True)
 class IntegratorSettings:
-    """Tolerances `rtol` (relative) and `atol` (K, and J/m), highest BDF `order`, longest step `max_step` (s, 0: none)."""
+    """Tolerances `rtol` (relative) and `atol` (K, J/m), highest BDF `order`, longest step `max_step` (s, 0: none)."""
 
     rtol: float
     atol: float

@@ -58,7 +58,7 @@ NO_PRESSURE_MESSAGE = "no contact pressure of the elastic block was found"
 
 
 class HolderSupport(NamedTuple):
-    """The holder: fraction `shear` s of the friction that shears the block, height `arm` h (m) of its pivot, resistance.
+    """The holder: fraction `shear` s of the friction that shears the block, and height `arm` h (m) of its pivot.
 
     `resistance` against a tilt is 2/(C W L) (1/m per N/m of moment), inf for a guided holder.
     """
@@ -75,9 +75,9 @@ class HolderSupport(NamedTuple):
 class ContactJacobian(NamedTuple):
     """Jacobian for a set of columns in contact, derivatives d(mu p)/dp (columns,) and a holder, in block form.
 
-    `inverse` (planes, n, n) solves the equations of the columns for a fixed holder.  `lifted` (columns, 2) is the change
-    of pressure by approach and tilt, `carried` (2, columns) load and moment by pressure, and `holding` (2, 2) the
-    inverse of the Schur complement of the holder's two equations.
+    `inverse` (planes, n, n) solves the equations of the columns for a fixed holder.  `lifted` (columns, 2) is the
+    change of pressure by approach and tilt, `carried` (2, columns) that of load and moment by pressure, and `holding`
+    (2, 2) the inverse of the Schur complement of the holder's two equations.
     """
 
     touching: npt.NDArray[np.bool_]
@@ -95,7 +95,7 @@ class ContactJacobian(NamedTuple):
         return changed
 
     def solve(self, r: Array, balance: Array) -> tuple[Array, Array]:
-        """Changes of pressure (columns,), and of approach and tilt (2,), by residuals of the columns and of the holder."""
+        """Changes of pressure (columns,), and of approach and tilt (2,), by residuals of columns and holder."""
         fixed_holder = self.solve_columns(r)
         holder_change = self.holding @ (balance - self.carried @ fixed_holder)
         return fixed_holder + self.lifted @ holder_change, holder_change
@@ -200,7 +200,7 @@ class ElasticFoundation:
         last, changes, fresh = np.inf, 0, friction is None
         for _ in range(MAX_NEWTON_STEPS):
             p = np.where(J.touching, p, 0.0)
-            # an iterate may have negative pressures; the friction law needs none, or spots have no consistent temperature
+            # an iterate may have p < 0, and with negative heat the spots may have no consistent temperature
             mu = None if friction is None else friction(np.maximum(p, 0.0))
             step, (dc, dt) = J.solve(*self._equation_residual(p, c, t, g, mean, mu, J, hardness))
             size = np.abs(step) @ self.dx / (mean * self.dx.sum())

@@ -160,7 +160,7 @@ class HeatBalance:
         return h if self.heat_capacity is None else self.heat_capacity.temperature_rise(h)
 
     def enthalpy_rise(self, rise: np.ndarray) -> np.ndarray:
-        """Enthalpy rise K of temperature rises, the inverse of `temperature_rise`; a shorter array is the first cells."""
+        """Enthalpy rise K of temperature rises, the inverse of `temperature_rise`; also of the first cells only."""
         return rise if self.heat_capacity is None else self.heat_capacity.enthalpy_rise(rise)
 
     def capacity_ratio(self, rise: np.ndarray) -> np.ndarray:

@@ -20,10 +20,10 @@ LEG_END_RATIO = 1e-9  # of a leg: closer to its end than this a leg counts as co
 
 
 class RoadOverlap(NamedTuple):
-    """The road under each column of the block: cells `own`, and next to them `other` with a fraction `share` of the contact.
+    """The road under each column of the block: cells `own` and, with the fraction `share` of the contact, `other`.
 
-    All are (columns,).  `other` is None where the road's columns lie on the block's lines; otherwise it is `shift`
-    columns further on.
+    All are (columns,).  `other` is None where the road's columns lie on the block's lines; otherwise these cells are
+    `shift` columns further on.
     """
 
     own: np.ndarray
@@ -145,7 +145,7 @@ class RoadFrame:
 
     # --- from the stored state to the block's frame and back ------------------------------------
     def to_block_frame(self, y: np.ndarray, k: int, fresh) -> np.ndarray:
-        """A state or rate in the block's frame: road shifted by k lines, with `fresh` (n_road n_across,) road in front."""
+        """A state or rate in the block's frame: road shifted by k lines, `fresh` (n_road n_across,) road in front."""
         if k == 0:
             return y
         mesh, out = self.mesh, y.astype(np.result_type(y, fresh))

@@ -358,7 +358,7 @@ def _bdf2_step(
     """Differences after a step of BDF2 to time t (s), where the run's state is y, and Newton's correction.
 
     `steps` are the lengths in u of this step and of the one before; a 0 for the latter makes it an implicit Euler step.
-    `dt_du` is in s; `last` are the differences before and after the previous step.  The predictor extrapolates linearly.
+    `dt_du` is in s; `last` are the differences before and after the previous step.  The predictor is linear.
     """
     (h, before), (old, S) = steps, last
     w = h / before if before else 0.0

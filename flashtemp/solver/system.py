@@ -106,7 +106,7 @@ class PhaseSystem:
         return columns
 
     def road_after_passes(self, now, carried: np.ndarray) -> np.ndarray:
-        """`incoming_road` (..., 2, n_road n_across) where earlier passes left a mean rise `carried` (..., n_road n_across).
+        """`incoming_road` (..., 2, n_road n_across) for a mean rise `carried` (..., n_road n_across) of earlier passes.
 
         The law `road.inflow` decides how much of it applies.  Only the difference that the law makes is heat of earlier
         passes; it lies in the columns, a fraction of the width, so it is divided by that fraction (theory.md, 1.5).
@@ -126,7 +126,7 @@ class PhaseSystem:
         return self._evaluate_behind(self.incoming_road, now, behind, (2, len(self.b.no_inflow)))
 
     def earlier_pass_rise(self, now, behind: np.ndarray) -> np.ndarray:
-        """Rises (places, n_road n_across) K that earlier passes left in the columns, in full, at places `behind` (m)."""
+        """Rises (places, n_road n_across) K that earlier passes left in full in the columns, at places `behind` (m)."""
         if self.inflow is None:
             return np.zeros((len(behind), len(self.b.no_inflow)))
         inflow, share = self.inflow, self.b.share
@@ -157,13 +157,13 @@ class PhaseSystem:
         )
 
     def contact_if_needed(self, now, y, T, kf, slopes: bool = False) -> SolvedContact | None:
-        """The solved contact, or None where no heat depends on it: the block is lifted and laws use no contact field."""
+        """The solved contact, or None if no heat depends on it: for a lifted block without laws of the contact."""
         if not (now.touching or self.b.boundary.has_local_laws):
             return None
         return self.interface.solve_contact(now, self.b.worn_depth(y), T, self.incoming_road(now), kf, slopes)
 
     def moment_for_laws(self, contact: SolvedContact | None, now):
-        """The context for laws of heat; it includes contact fields only if a law on a patch or in a zone may use them."""
+        """The context for laws of heat, with contact fields only if a law on a patch or in a zone may use them."""
         return (
             now
             if contact is None or not self.b.boundary.has_local_laws
@@ -199,7 +199,7 @@ class PhaseSystem:
         return self.b.enthalpy_rise(T_in)
 
     def to_block_frame(self, now, y: np.ndarray) -> np.ndarray:
-        """A state in the block's frame: road that is stored in its own frame is shifted, and entering road is filled in."""
+        """A state in the block's frame: road stored in its own frame is shifted, and entering road is filled in."""
         frame = self.b.road_frame
         if frame is None:
             return y

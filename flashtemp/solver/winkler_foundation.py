@@ -82,7 +82,8 @@ class SpringFoundation:
             raise SolverFailure("the friction moment tips the block over its edge: no contact pressure balances it")
         if abs(pressure.real @ self.dx - load) > 1e-8 * load:
             raise SolverFailure(
-                "no contact pressure balances load and friction moment; use a stiffer holder (friction_moment.compliance)"
+                "no contact pressure balances load and friction moment; use a stiffer holder "
+                "(friction_moment.compliance)"
             )
         return PressureSolution(pressure, t / self.stiffness, touching, tilt_stiffness)
 
@@ -103,8 +104,8 @@ class SpringFoundation:
 class SpringResponse:
     """dp = -(K - U G^-1 V K) dw: a worn column loses its load, and the holder moves it to the other columns.
 
-    `K` (columns,) is k_n in contact, else 0; U (columns, m), V (m, columns), G (m, m) with m = 1 for a guided holder and
-    2 for one that tilts.
+    `K` (columns,) is k_n in contact, else 0; U (columns, m), V (m, columns), G (m, m) with m = 1 for a guided holder
+    and 2 for one that tilts.
     """
 
     K: np.ndarray

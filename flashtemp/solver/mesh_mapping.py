@@ -46,9 +46,9 @@ def _has_waits(schedule: Schedule) -> bool:
 def corresponding_phase(phase: Phase, plain: Schedule, other: Schedule) -> Phase:
     """The phase of another schedule at the same fraction of the repetition or wait as a phase of a `plain` schedule.
 
-    >>> from flashtemp.model.schedule import constant
-    >>> slow = Schedule(constant(0.1), constant(1e5), distance=1.0, repetitions=2, wait=5.0)
-    >>> fast = Schedule(constant(0.2), constant(1e5), distance=1.0, repetitions=2, wait=10.0)
+    >>> from flashtemp.model.schedule import constant_series
+    >>> slow = Schedule(constant_series(0.1), constant_series(1e5), distance=1.0, repetitions=2, wait=5.0)
+    >>> fast = Schedule(constant_series(0.2), constant_series(1e5), distance=1.0, repetitions=2, wait=10.0)
     >>> [(p.begin, p.end) for p in (corresponding_phase(q, slow, fast) for q in slow.phases)]
     [(0.0, 5.0), (5.0, 15.0), (15.0, 20.0)]
     """

@@ -220,7 +220,7 @@ def test_a_law_that_cannot_be_asked_or_answers_no_number_is_told_with_its_line(t
 def test_a_law_that_gives_no_number_is_named(tmp_path, capsys):
     text = DUST.replace("1.0 - p.rate * now.slid)", 'float("nan"))')
     line = line_of(capsys, ["run", str(written(tmp_path, text)), "--out", str(tmp_path / "out")], 1)
-    assert "no number comes from effect dust" in line
+    assert "effect dust returns no number" in line
 
 
 def test_a_film_that_holds_the_section_is_refused_in_2d_alone(tmp_path, capsys):
@@ -231,7 +231,8 @@ def test_a_film_that_holds_the_section_is_refused_in_2d_alone(tmp_path, capsys):
     case = written(tmp_path, law)
     words = ["run", str(case), "schedule.repetitions=2", "schedule.wait=1", "--out"]
     assert main([*words, str(tmp_path / "flat")]) == 2
-    assert "its film on block.sides is inf, which would hold the whole section in 2D" in capsys.readouterr().err
+    said = "its film on block.sides is inf, which would fix the temperature of the whole section in 2D"
+    assert said in capsys.readouterr().err
     assert not (tmp_path / "flat").exists()
     assert main([*words, str(tmp_path / "wide"), "numerics.across=4"]) == 0
 

@@ -95,7 +95,7 @@ def test_the_unit_above_the_table_counts_and_an_unsaid_one_is_told(tmp_path):
     [
         ("Time (s),U1 (mV),U2 (mV)", ("column 2 'U1 (mV)'", "mV", "--unit")),
         ("Time (foo),A,B", ("column 1 'Time (foo)'", "'foo' is not known")),
-        ("Time (m),A,B", ("column 1 'Time (m)'", "turned into s")),
+        ("Time (m),A,B", ("column 1 'Time (m)'", "converted to s")),
         ("Time (s),A (K),B (K)", ("K is no usual temperature", "type of the thermocouple")),
         ("Time (s),A,B\nms,C,C", ("column 1 'Time (s)'", "'s' in the name, 'ms' in the row of units")),
         ("Time (s),A (C),B (C)\ns,F,F", ("column 2 'A (C)'", "'F' in the row of units")),

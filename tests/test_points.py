@@ -258,7 +258,7 @@ def test_places_may_have_units(tmp_path):
         (0.01, 0.002, 0.5, 1e-3), (0.02, -0.001, 0.1, 2e-4),
     ]  # fmt: skip
     (tmp_path / "places.csv").write_text("name,x,z\na,10 s,0.002\n")
-    with pytest.raises(BadInput, match="thermocouple 1: x: '10 s' is no quantity in m"):
+    with pytest.raises(BadInput, match="thermocouple 1: x: '10 s' is not a quantity in m"):
         flashtemp.import_recording(tmp_path / "log.csv", start=0.0, **told)
 
 

@@ -258,7 +258,7 @@ def _curve_remarks(theory: PerssonTheory, speeds: Value, T0: float, p: float, ho
         )
     if phi > MAX_SPOT_FRACTION:
         remarks.append(
-            f"contact fractions reach {phi:.2g}: contact regions merge, the flash temperature is overestimated"
+            f"contact fractions reach {phi:.2g}: contact regions are hardly separate, and their heat is spread out"
         )
     return remarks
 

@@ -104,7 +104,7 @@ def heat_kernel(a: Value, b: Value, age: Value) -> Value:
 
 
 def _equal_rates_kernel(a: Value, y: Value) -> Value:
-    """K of equal rates a at y = a sqrt(age); an asymptotic series replaces the closed form, which cancels for large y."""
+    """K of equal rates a at y = a sqrt(age); asymptotic for large y, where the closed form cancels."""
     near = np.minimum(y, 20.0)
     closed = 0.5 * a * ((1.0 - 2.0 * near * near) * erfcx(near) + 2.0 * near / ROOT_PI)
     far = np.maximum(y, 20.0)
@@ -168,7 +168,7 @@ class HeatMemory:
         return float(self.capacity * np.sqrt(self.diffusivity))
 
     def surface_weights(self, off: Value) -> np.ndarray:
-        """K m2/W: response of T_q to a surface flux and, equally, of the surface to heat of q; `off` of `age_weights`."""
+        """K m2/W: response of T_q to a surface flux, and of the surface to heat of q; `off` of `age_weights`."""
         weights: np.ndarray = 2.0 * self.q * off / self.capacity
         return weights
 

@@ -375,7 +375,7 @@ def test_reading_goes_on_after_what_stands_between(tmp_path, between):
         ("Time;A;B\n0;20,5;30,2\n1;21.5;31,2\n2;22,5;32,2\n", (":3:", "'21.5'")),
         (HEADER, ("no rows of numbers",)),
         ("Datum;20260617\n\nUhrzeit;A;B\n144640;22", ("log.csv",)),
-        ("", ("nothing in it",)),
+        ("", ("the file is empty",)),
         ("PK\x03\x04xl", ("spreadsheet", "CSV")),
         (HEADER + "0,20,30\n1,21\0,31\n", (":3:", "NUL")),
         (HEADER + "0,20,30\n1,21,31\n\x02\x03garb\n", (":4:", "damaged")),

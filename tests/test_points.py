@@ -299,7 +299,7 @@ def test_a_logger_table_that_cannot_be_read_is_told(tmp_path, text, changes, sai
 @pytest.mark.parametrize(
     ("places", "said"),
     [
-        ("", "nothing in it|no text"),
+        ("", "the file is empty|not text"),
         ("x,z\n", "no thermocouple in it"),
         ("x,depth\n0.01,0.002\n", "'depth': unknown column"),
         ("x,z\n0.01\n", "1 values for 2 names"),

@@ -280,7 +280,7 @@ def test_zero_is_a_moment_of_the_logger_s_clock(tmp_path, cell, zero, first):
         (["2024-05-31 25:00:00"] * 3, ("'2024-05-31 25:00:00' is a time that does not exist",)),
         (["2024-02-30 12:00:00"] * 3, ("'2024-02-30 12:00:00' is a date that does not exist",)),
         (["01:02", "01:03", "01:04"], ("'01:02' may be hours and minutes or minutes and seconds",)),
-        (["01/02/2024 12:00:00", "02/03/2024 12:00:00", "03/04/2024 12:00:00"], ("either order",)),
+        (["01/02/2024 12:00:00", "02/03/2024 12:00:00", "03/04/2024 12:00:00"], ("order of day and month is ambiguous",)),
         (["12:59:59", "1:00:00", "1:00:01"], ("time goes from 12:59:59 to 1:00:00",)),
         (["13:00:00 PM"] * 3, ("no time of 12 hours",)),
         (["12:00:00", "2024-05-31 12:00:01", "12:00:02"], ("not written as the first time",)),
@@ -612,7 +612,7 @@ def test_columns_are_exchanged_where_their_names_are(tmp_path, header):
     [
         ("time_s,time_ms", SPEEDS, "'time_s' and 'time_ms' both say time"),
         ("time_s,temperature", SPEEDS, "says temperature"), ("time_s,force_N", SPEEDS, "'N' is no unit of speed"),
-        ("time (s),speed (rpm)", SPEEDS, "'rpm' is no unit"), ("time,mu (N)", FORCES, "'N' is no unit"),
+        ("time (s),speed (rpm)", SPEEDS, "the unit 'rpm' cannot be converted"), ("time,mu (N)", FORCES, "the unit 'N' cannot be converted"),
         ("mu,cof", FORCES, "both say friction coefficient"), ("time (foo),speed", SPEEDS, "'foo' is not known"),
     ],
 )  # fmt: skip

@@ -226,7 +226,7 @@ def _compact_clock(text: str) -> TimeStamp | None:
 def parse_moments(cells: Sequence[str], place: RowLocator, label: str = "", column: int | None = None) -> TimeColumn:
     """Convert a column of dates, clock times or both to seconds.
 
-    `place` returns file and line of a row (from 0), `label` and `column` are the column's name and number, for messages.
+    `place` returns file and line of a row (from 0); `label` and `column` are the column's name and number in messages.
     Clock times without a date continue over midnight.  Raises BadInput for a cell of another kind, for times that do
     not exist, and where the order of day and month or the meaning of two numbers is ambiguous.
     """

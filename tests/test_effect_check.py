@@ -152,7 +152,7 @@ def test_the_example_of_the_docs_passes(tmp_path, capsys):
     (tmp_path / "dust.py").write_text(text)
     assert main(["effects", "--check", str(tmp_path / "dust.py")]) == 0
     told = capsys.readouterr()
-    assert told.out.endswith("all holds\n")
+    assert told.out.endswith("all checks pass\n")
     shown = DOCS.read_text().split("flashtemp effects --check dust.py", 1)[1].split("```")[0]
     for line in shown.strip().splitlines()[1:]:  # what the docs show is what is said
         assert re.sub(r"[\d.]+(e-\d+)?", "#", line) in re.sub(r"[\d.]+(e-\d+)?", "#", told.out), line

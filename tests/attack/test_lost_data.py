@@ -142,7 +142,7 @@ def test_a_waiting_checkpoint_is_touched_by_no_command(case, campaign, waiting, 
         command, []
     )
     assert main([command, str(source), *more, "--out", str(tmp_path / "a")]) == 2
-    assert f"--out: {work} holds an interrupted run; go on with 'flashtemp run --resume " in capsys.readouterr().err
+    assert f"--out: {work} holds an interrupted run; continue with 'flashtemp run --resume " in capsys.readouterr().err
     assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
 
 
@@ -215,7 +215,7 @@ def test_a_result_outlives_its_report(campaign, tmp_path, monkeypatch, capsys):
     def full(path, text):
         raise OSError(28, "No space left on device", "report.html")
 
-    monkeypatch.setattr("flashtemp.viz.html.comparison_report.write", full)
+    monkeypatch.setattr("flashtemp.viz.html.comparison_report.write_report", full)
     assert main(["compare", str(campaign), "--out", str(tmp_path / "a")]) == 1
     assert "missing in" in capsys.readouterr().err
     assert json.loads((tmp_path / "a" / "compare.json").read_text())["recordings"]
@@ -245,7 +245,7 @@ def test_a_full_disk_leaves_the_march(case, whole, tmp_path, monkeypatch, rows):
         real(self, row)
 
     monkeypatch.setattr(job.FieldStore, "append", append)
-    with pytest.raises(SystemFailure, match=r"^No space left on device: frames.bin; checkpoint left"):
+    with pytest.raises(SystemFailure, match=r"^No space left on device: frames.bin; checkpoint saved"):
         simulate(case, out=tmp_path / "a")
     monkeypatch.undo()
     check_same(resume(tmp_path / "a"), whole)

@@ -280,7 +280,10 @@ def test_zero_is_a_moment_of_the_logger_s_clock(tmp_path, cell, zero, first):
         (["2024-05-31 25:00:00"] * 3, ("'2024-05-31 25:00:00' is a time that does not exist",)),
         (["2024-02-30 12:00:00"] * 3, ("'2024-02-30 12:00:00' is a date that does not exist",)),
         (["01:02", "01:03", "01:04"], ("'01:02' may be hours and minutes or minutes and seconds",)),
-        (["01/02/2024 12:00:00", "02/03/2024 12:00:00", "03/04/2024 12:00:00"], ("order of day and month is ambiguous",)),
+        (
+            ["01/02/2024 12:00:00", "02/03/2024 12:00:00", "03/04/2024 12:00:00"],
+            ("order of day and month is ambiguous",),
+        ),
         (["12:59:59", "1:00:00", "1:00:01"], ("time goes from 12:59:59 to 1:00:00",)),
         (["13:00:00 PM"] * 3, ("no time of 12 hours",)),
         (["12:00:00", "2024-05-31 12:00:01", "12:00:02"], ("not written as the first time",)),

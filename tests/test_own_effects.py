@@ -165,7 +165,7 @@ def test_listed_and_shown(case, capsys):
 
 # --- files that cannot be used -----------------------------------------------------------------------
 FAULTS = {
-    "two effects": ({"text": DUST + "\n\nclass More(Effect):\n    pass\n"}, r"dust.py:22: holds 2 effects", "file of its own"),
+    "two effects": ({"text": DUST + "\n\nclass More(Effect):\n    pass\n"}, r"dust.py:22: contains 2 effects", "file of its own"),
     "no effect": ({"text": "x = 1\n"}, r"dust.py:1: contains no effect", "derived from Effect"),
     "does not import": ({"text": "\nimport nonsense\n"}, r"dust.py:2: does not run.*nonsense", "import from"),
     "does not run": ({"text": "\n\n1 / 0\n"}, r"dust.py:3: does not run: ZeroDivisionError", "repair"),
@@ -176,7 +176,7 @@ FAULTS = {
     "bounds that none meets": ({"text": DUST.replace("high=4.0", "high=-1.0")}, r"dust.py:15: does not run: ValueError: no number is >= 0 and <= -1", "repair"),
     "name of the catalogue": ({"file": "wear.py", "effects": '["./wear.py"]'}, "wear.py: the catalogue has", "another name"),
     "name of a table": ({"file": "block.py", "effects": '["./block.py"]'}, "'block' is a key of every case", "another name"),
-    "name that is none": ({"file": "My-dust.py", "effects": '["./My-dust.py"]'}, "My-dust.py: the name of the file", "small"),
+    "name that is none": ({"file": "My-dust.py", "effects": '["./My-dust.py"]'}, "My-dust.py: the file names the effect", "lower-case"),
     "unknown quantity": (
         {"text": DUST.replace("friction.mu", "friction.my")},
         r"case.toml:1: effects: effect 'dust' \(.*dust.py:19\): Factor\(\"friction.my\"\)",

@@ -206,7 +206,7 @@ def test_softening_falls_for_sure():
     assert sign.over == "T"
     assert sign.change == pytest.approx(-0.006 * 40.0, rel=1e-9)
     assert sign.rise_probability < 1e-6
-    assert "the sign holds for 100 %" in str(sign)
+    assert "the sign has a probability of 100 %" in str(sign)
 
 
 def test_a_sign_that_flips_names_the_input():
@@ -219,7 +219,7 @@ def test_a_sign_that_flips_names_the_input():
     assert value == pytest.approx(0.0, abs=1e-5)
     assert away == pytest.approx(-1.0, abs=1e-2)
     assert sign.rise_probability == pytest.approx(0.1587, abs=0.02)
-    assert "flips within what is known of friction_softening.b" in str(sign)
+    assert "the sign reverses within the uncertainty of friction_softening.b" in str(sign)
 
 
 # --- what a case says --------------------------------------------------------------------------------

@@ -28,7 +28,6 @@ from flashtemp.discovery.diagnostics.verdict_sentences import (
     describe_verdict,
     explain_uncertainty,
 )
-from flashtemp.discovery.engine import _rule_result
 from flashtemp.discovery.verdict import (
     VERDICT_KINDS,
     CandidateReport,
@@ -46,6 +45,7 @@ from flashtemp.discovery.verdict import (
     StructureTest,
     Verdict,
 )  # fmt: skip
+from flashtemp.discovery.verdict_assembly import _rule_result
 from flashtemp.physics.effect import catalogue
 from flashtemp.viz import theme
 from flashtemp.viz.html import page as html_parts
@@ -339,7 +339,7 @@ def pages(tmp_path_factory):
 @pytest.fixture
 def unpainted(monkeypatch):
     """Pages without pictures, which take their time."""
-    monkeypatch.setattr(verdict_figures, "figures", lambda verdict: {})
+    monkeypatch.setattr(verdict_figures, "draw_figures", lambda verdict: {})
 
 
 @pytest.mark.parametrize("kind", VERDICT_KINDS)
@@ -748,7 +748,7 @@ def test_adequacy_tests_and_their_words_have_the_same_names(monkeypatch):
     monkeypatch.setattr(adequacy, "pressure_mode_chi2", lambda *a: 0.0)
     monkeypatch.setattr(adequacy, "largest_misfit", lambda *a: 0.0)
     monkeypatch.setattr(adequacy, "normalised_deviations", lambda *a: {})
-    fit = SimpleNamespace(blocks=(), system=SimpleNamespace(seen=()), model=SimpleNamespace(effects=()))
+    fit = SimpleNamespace(blocks=(), system=SimpleNamespace(fitted_columns=()), model=SimpleNamespace(effects=()))
     assert [t.name for t in adequacy.run_adequacy_tests(None, fit, CRITERIA)] == list(ADEQUACY_WORDS)
 
 

@@ -317,7 +317,7 @@ def test_the_sketch_shows_the_layers(tmp_path):
         ),
         (
             {"effects": ["conductivity_slope"], "conductivity_slope.layer": "bord"},
-            "conductivity_slope.layer (command line): 'bord' is no layer of the block; did you mean 'board'",
+            "conductivity_slope.layer (command line): the block has no layer 'bord'; did you mean 'board'",
         ),
     ],
 )

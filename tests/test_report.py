@@ -167,7 +167,7 @@ def test_the_numbers_are_those_of_the_comparison(written):
     assert force["load cell"] == "mu.csv (held out)"
     assert (force["readings"], force["RMSE (–)"], force["bias (–)"]) == ("30", "0.0400", "+0.0400")
     assert (force["noise (–)"], force["correlation in time in sigma"]) == ("0.005 estimated", "+5.5")
-    assert all(summary_line(s) in reader.text for s in c.seeings)
+    assert all(summary_line(s) in reader.text for s in c.recordings)
     assert "2.5e-12" in reader.text
 
 

@@ -223,7 +223,7 @@ def test_a_march_goes_on_where_it_was_cut_off(lab, small):
     whole, state = march(small, settings), MarchState()
 
     def enough(now):
-        return now.t > 0.6 * small.schedule.end
+        return now.t > 0.6 * small.schedule.end_time
 
     with pytest.raises(KeyboardInterrupt):
         march(small, settings, state=state, watch=enough)

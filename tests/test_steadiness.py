@@ -10,9 +10,9 @@ from flashtemp.runs.checks import stick_slip_stability
 
 
 def ran(lab, **given):
-    made = lab.assemble(
+    made = lab.assemble_case(
         {}, {k.replace("__", "."): v for k, v in ({"numerics__mesh": 0.3, "schedule__distance": 0.2} | given).items()},
-        lab.Places("none"), lab.Path(), "",
+        lab.KeyLocations("none"), lab.Path(), "",
     )  # fmt: skip
     return made.scene, lab.march(made.scene, made.settings)
 

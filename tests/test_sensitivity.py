@@ -271,7 +271,7 @@ def test_bad_requests_are_told_in_one_line(tmp_path, capsys, keys, said):
     assert main(["sensitivity", str(tmp_path), *keys, "--out", str(tmp_path / "out")]) == 2
     err = capsys.readouterr().err.strip()
     assert said in err
-    assert "\n" not in err.replace("1 inputs: runs beside the run\n", "")
+    assert "\n" not in err.replace("1 inputs: derivatives together with the run\n", "")
     assert not (tmp_path / "out").exists()
 
 

@@ -169,7 +169,7 @@ def test_inertia_fakes_a_fall_and_is_refused(tmp_path, capsys):
     assert heavy._control_fall("brush", "cold") > tyre.MIN_FORCE_FALL
     out = tmp_path / "found"
     assert main(["tyre", str(CASE), "tyre.mass=5", "--out", str(out)]) == 2
-    assert "tyre.mass: 5 kg/m2: mass and spring ring with a period of 0.34" in capsys.readouterr().err
+    assert "tyre.mass: 5 kg/m2: the bristle oscillates with a period of 0.34" in capsys.readouterr().err
     assert not out.exists()
 
 
@@ -214,7 +214,7 @@ def test_no_maximum_is_told_in_one_sentence(tmp_path, capsys):
     assert main(["tyre", str(CASE), *given, "--out", str(tmp_path / "found")]) == 0
     said = capsys.readouterr().out
     for model in tyre.TYRE_MODELS:
-        assert f"  {model}: side force has no maximum up to 45 deg; what load does to it is not told" in said
+        assert f"  {model}: side force has no maximum up to 45 deg, so its load dependence is unknown" in said
     assert not any(line.rstrip().endswith("%") for line in said.splitlines())
     assert "heat that flows into the road or is released by the adhesive part" in said
 

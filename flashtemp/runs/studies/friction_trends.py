@@ -78,7 +78,9 @@ def find_trends(
     Temperature ranges from ambient to `warmest` (40 K above ambient when not given), speed and pressure over those of
     the schedule, or from half to double a constant one.
     """
-    relevant = [i for i in inputs if i.key.split(".")[0] not in TABLES_WITHOUT_LAW and not i.key.startswith("materials.")]
+    relevant = [
+        i for i in inputs if i.key.split(".")[0] not in TABLES_WITHOUT_LAW and not i.key.startswith("materials.")
+    ]
     laws: dict[tuple[tuple[str, float], ...], FrictionLaw] = {}
 
     def law_at(values: dict[str, float]) -> FrictionLaw:
@@ -155,7 +157,7 @@ def _log_friction_change(case: Case, law: FrictionLaw, over: str, low: float, hi
 
 
 def _friction_law(case: Case, values: dict[str, float]) -> FrictionLaw:
-    """The friction law of a case with changed values: its theory if it has one, otherwise all its laws without heating."""
+    """The friction law of a case with changed values: its theory, or else all its laws without heating."""
     for acting in case.scene.acting:
         if hasattr(acting.p, "theory") and acting.p.weight == 1:
             theory = _modified_theory(case, acting, values)

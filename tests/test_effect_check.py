@@ -58,7 +58,7 @@ BROKEN = {  # what is written instead, where it is told, and in which words
     "patch": (LAW, '        yield Heat.film("block.hodler", lambda now, p: p.b)\n', "loads", "did you mean 'block.holder'"),
     "film": (LAW, '        yield Heat.film("block.holder", lambda T, now, p: p.b)\n', "laws", r"own.py:24: .*coefficient\(now, p\)"),
     "cooling": (LAW, '        yield Heat.film("block.holder", lambda now, p: -p.b)\n', "laws", r"own.py:24: .* give >= 0"),
-    "mean": (RISE, "(T.mean() - now.ambient)", "pointwise", r"own.py:24: .*its own point: no mean, max or sum"),
+    "mean": (RISE, "(T.mean() - now.ambient)", "pointwise", r"own.py:24: .*its own point only: no mean, max or sum"),
     "random": (RISE, "np.random.default_rng().normal(T)", "laws", r"own.py:24: "),
     "memory": (RISE, "(lambda s: s.append(0) or len(s))(self.__dict__.setdefault('s', [])) * 1e-6 * T", "repeatable", "own.py:24: .*keeps nothing"),
     "rest": (RISE, "(now.speed / 0.1) ** -0.5", "ends", r"own.py:24: divides by zero where the speed is 0; .*max\(now.speed, 1e-4\)"),

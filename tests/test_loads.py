@@ -238,7 +238,7 @@ def test_the_command_with_every_process(tmp_path, capsys):
     ("args", "says"),
     [
         ((str(CASE.parent / "uniform_pressure"),), "effects"),
-        ((str(CASE), "--pressures", "3e5,1e5"), "--pressures: 3e5,1e5; give at least 2 rising"),
+        ((str(CASE), "--pressures", "3e5,1e5"), "--pressures: 3e5,1e5; give at least 2 ascending"),
         ((str(CASE), "--speeds", "fast"), "--speeds: fast; give numbers"),
     ],
 )

@@ -66,7 +66,10 @@ def test_a_window_that_ends_the_process_is_survived(monkeypatch):
 
 
 def test_vtk_is_not_imported_before_its_window_is_chosen():
-    code = "import sys, flashtemp.viz.run.vtk_window, flashtemp.viz.run.view_3d; print(any(m.startswith('vtk') for m in sys.modules))"
+    code = (
+        "import sys, flashtemp.viz.run.vtk_window, flashtemp.viz.run.view_3d\n"
+        "print(any(m.startswith('vtk') for m in sys.modules))"
+    )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "False"
 
 

@@ -363,7 +363,7 @@ BAD = {
     "ragged": ("repetition,mu\n1,0.9\n2\n", [], "mu.csv:3: '2' has 1 values, others 2"),
     "from zero": ("repetition,mu\n0,0.9\n1,0.8\n", [], "mu.csv: repetition: 0 in row 1; it must count from 1"),
     "half": ("repetition,mu\n1,0.9\n1.5,0.8\n", [], "repetition: 1.5 in row 2; it must count from 1 in whole numbers"),
-    "goes back": ("slid_m,mu\n1,0.9\n0.5,0.8\n", [], "slid_m: 0.5 in row 2; it must rise"),
+    "goes back": ("slid_m,mu\n1,0.9\n0.5,0.8\n", [], "slid_m: 0.5 in row 2; it must increase"),
     "not the middle": ("slid_m,mu\n1,0.9\n4,0.8\n", ["--distance", "3.5"], "slid_m: 1 in row 1; it must be at least half of --distance 3.5"),
     "sigma": ("repetition,mu,sigma\n1,0.9,0\n", [], "sigma: 0 in row 1; it must be > 0, or leave the column out"),
     "a trace": ("slid_m,mu\n" + "".join(f"{k},0.9\n" for k in range(5001)), [], "mu.csv: mu: 5001 rows; give means over repetitions"),
@@ -371,7 +371,7 @@ BAD = {
     "of what": ("repetition,mu\n1,0.9\n", ["--of", "load"], "load"),
     "distance": ("repetition,mu\n1,0.9\n", ["--distance", "0"], "--distance: 0; give the metres"),
     "within": ("repetition,mu\n1,0.9\n", ["--within", "1"], "--within: 1; give a fraction between 0 and 1"),
-    "within nan": ("repetition,mu\n1,0.9\n", ["--within", "nan"], "--within: nan; give a share"),
+    "within nan": ("repetition,mu\n1,0.9\n", ["--within", "nan"], "--within: nan; give a fraction"),
 }  # fmt: skip
 
 

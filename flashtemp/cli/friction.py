@@ -58,8 +58,8 @@ def friction(
         print_result(study.as_dict() | {"out": str(folder)}, json, f"{study}\n  results in {folder}/")
         return EXIT_DONE
     folder = result_folder(out, f"{loaded.name}-friction")
-    found = api.friction(loaded, slowest=slowest, fastest=fastest, out=folder)
-    print_result(found.as_dict() | {"out": str(folder)}, json, f"{found}\n  results in {folder}/")
+    result = api.friction(loaded, slowest=slowest, fastest=fastest, out=folder)
+    print_result(result.as_dict() | {"out": str(folder)}, json, f"{result}\n  results in {folder}/")
     return EXIT_DONE
 
 
@@ -104,10 +104,10 @@ def loads(
     p, v = _parse_numbers("--pressures", pressures, 2), _parse_numbers("--speeds", speeds, 1)
     folder = result_folder(out, f"{loaded.name}-loads")
     with progress_counter(loaded.name) as watch:
-        found = api.loads(
+        result = api.loads(
             loaded, pressures=p, speeds=v, skewness_cutoff=skewness_cutoff, out=folder, workers=workers, watch=watch
         )
-    print_result(found.as_dict() | {"out": str(folder)}, json, f"{found}\n  results in {folder}/")
+    print_result(result.as_dict() | {"out": str(folder)}, json, f"{result}\n  results in {folder}/")
     return EXIT_DONE
 
 
@@ -165,11 +165,11 @@ def spots(
 
     if (file is None) != synthetic:
         raise BadInput("spots: give one FILE of heights, or --synthetic")
-    found = friction.spots(
+    result = friction.spots(
         file, cutoff=cutoff, pressure=pressure, modulus=modulus, length=length, width=width, pixel=pixel, hurst=hurst,
         rms=rms, rolloff=rolloff, seed=seed, out=out,
     )  # fmt: skip
-    print_result(found.as_dict() | {"out": str(out)}, json, f"{found}\n  resolved_spots.contact_map: {out}")
+    print_result(result.as_dict() | {"out": str(out)}, json, f"{result}\n  resolved_spots.contact_map: {out}")
     return EXIT_DONE
 
 
@@ -200,12 +200,12 @@ def spectrum(
     """
     from flashtemp.api import friction
 
-    found = friction.spectrum(file, profile=profile, highpass=highpass, pixel=pixel, out=out)
-    for note in found.notes:
+    result = friction.spectrum(file, profile=profile, highpass=highpass, pixel=pixel, out=out)
+    for note in result.notes:
         print_message(note)
     picture = str(out.with_suffix(".png"))
-    text = f"{found}\n  persson_friction.spectrum: {out}\n  picture: {picture}"
-    print_result(found.as_dict() | {"out": str(out), "picture": picture}, json, text)
+    text = f"{result}\n  persson_friction.spectrum: {out}\n  picture: {picture}"
+    print_result(result.as_dict() | {"out": str(out), "picture": picture}, json, text)
     return EXIT_DONE
 
 
@@ -226,8 +226,8 @@ def tread(case: str, /, *overrides: str, out: Path | None = None, trust: Trust =
     loaded = inputs.load(case, list(overrides), trust=trust)
     folder = result_folder(out, f"{loaded.name}-tread")
     with progress_counter(loaded.name) as watch:
-        found = friction.tread(loaded, out=folder, watch=watch)
-    print_result(found.as_dict() | {"out": str(folder)}, json, f"{found}\n  results in {folder}/")
+        result = friction.tread(loaded, out=folder, watch=watch)
+    print_result(result.as_dict() | {"out": str(folder)}, json, f"{result}\n  results in {folder}/")
     return EXIT_DONE
 
 
@@ -248,8 +248,8 @@ def tyre(case: str, /, *overrides: str, out: Path | None = None, trust: Trust = 
     loaded = inputs.load(case, list(overrides), trust=trust)
     folder = result_folder(out, f"{loaded.name}-tyre")
     with progress_counter(loaded.name) as watch:
-        found = friction.tyre(loaded, out=folder, watch=watch)
-    print_result(found.as_dict() | {"out": str(folder)}, json, f"{found}\n  results in {folder}/")
+        result = friction.tyre(loaded, out=folder, watch=watch)
+    print_result(result.as_dict() | {"out": str(folder)}, json, f"{result}\n  results in {folder}/")
     return EXIT_DONE
 
 

@@ -168,11 +168,11 @@ class TreadPassage(RollingStudy):
         return [*lines, f"  friction of the footprint is {highest}"]
 
     def _title_line(self) -> str:
-        found, block = self.result, self.result.tread
+        result, block = self.result, self.result.tread
         return (
             f"Tread block: {block.speed:g} m/s over {1e3 * block.footprint:g} mm ({1e3 * block.contact_time:.2f} ms), "
-            f"{block.pressure / 1e6:g} MPa, {found.T0 - KELVIN:.0f} degC, spots of {1e3 * found.spots.diameter:g} mm, "
-            f"r0 = {found.law.memory_text} mm"
+            f"{block.pressure / 1e6:g} MPa, {result.T0 - KELVIN:.0f} degC, "
+            f"spots of {1e3 * result.spots.diameter:g} mm, r0 = {result.law.memory_text} mm"
         )
 
     def to_table(self) -> DisplayTable:
@@ -196,29 +196,29 @@ class TyreForces(RollingStudy):
     )
 
     def summary_lines(self) -> list[str]:
-        found = self.result
+        result = self.result
         lines = [self._title_line(), "  highest side force over load, at a slip angle:"]
         for name, peaks, fall in self._peak_rows():
             peaks_text = "   ".join(f"{p.value:.4f} at {p.at:.2g} deg{_end_mark(p)}" for p in peaks)
             lines.append(f"    {name:18s} {peaks_text}   " + ("" if fall is None else f"{fall:+.1f} %"))
-        marks = {_end_mark(p) for peaks in found.peaks.values() for p in peaks}
+        marks = {_end_mark(p) for peaks in result.peaks.values() for p in peaks}
         lines += [f"    {mark} {words}" for mark, words in MAXIMUM_MARKS.items() if mark in marks]
         for model in tyres.TYRE_MODELS:
-            if (angle := found.rising_up_to_deg(model)) is not None and len(found.angles) > 1:
+            if (angle := result.rising_up_to_deg(model)) is not None and len(result.angles) > 1:
                 lines.append(
                     f"  {model}: side force has no maximum up to {angle:g} deg, so its load dependence is unknown"
                 )
-            if found.has_peak_fall(model) and found.has_flat_controls(model):
+            if result.has_peak_fall(model) and result.has_flat_controls(model):
                 lines.append(f"  {model}: no control falls with load, so the flash temperature causes the fall")
         return lines
 
     def _title_line(self) -> str:
-        found = self.result
-        lengths = ", ".join(f"{1e3 * x:.0f}" for x in found.as_dict()["footprint_length_m"])
+        result = self.result
+        lengths = ", ".join(f"{1e3 * x:.0f}" for x in result.as_dict()["footprint_length_m"])
         return (
-            f"Tyre: {found.tyre.speed:g} m/s, {found.tyre.pressure / 1e6:g} MPa, {found.T0 - KELVIN:.0f} degC, "
-            f"r0 = {found.law.memory_text} mm; footprint of {1e3 * found.tyre.width:g} mm x {lengths} mm at "
-            + ", ".join(f"{x:g}" for x in found.loads) + " N"
+            f"Tyre: {result.tyre.speed:g} m/s, {result.tyre.pressure / 1e6:g} MPa, {result.T0 - KELVIN:.0f} degC, "
+            f"r0 = {result.law.memory_text} mm; footprint of {1e3 * result.tyre.width:g} mm x {lengths} mm at "
+            + ", ".join(f"{x:g}" for x in result.loads) + " N"
         )  # fmt: skip
 
     def _peak_rows(self):
@@ -263,10 +263,10 @@ class TreadPassageInput:
         """Compute the friction along the footprint at every slip.  Raises SolverFailure."""
         s, slips = self.setup, self.setup.values["slip"]
         law = s.build_law(s.values["speed"] * max(*slips, treads.SWEPT_SLIPS[-1]))
-        found = treads.compute_rolling(
+        result = treads.compute_rolling(
             self.tread, law, s.acting.p.theory, s.rubber, s.spots, s.T0, sorted(slips), watch
         )
-        return TreadPassage(s, found, (*self.remarks, *_stick_slip_remarks(found)))
+        return TreadPassage(s, result, (*self.remarks, *_stick_slip_remarks(result)))
 
 
 @dataclass(frozen=True)
@@ -298,10 +298,10 @@ class TyreForcesInput:
         """Compute the side force at every load and slip angle.  Raises SolverFailure."""
         s, v = self.setup, self.setup.values
         law = s.build_law(float(self.tyre.lateral_speed(self.max_slip_angle)))
-        found = tyres.compute_cornering(
+        result = tyres.compute_cornering(
             self.tyre, law, v["loads"], v["angles"], v["stiffness"], v["mass"], s.T0, watch, self.max_slip_angle
         )
-        return TyreForces(s, found, (*self.remarks, *_control_remarks(found)))
+        return TyreForces(s, result, (*self.remarks, *_control_remarks(result)))
 
 
 def _contact_conductance(case: Case) -> float:
@@ -317,32 +317,32 @@ def _conductance_remarks(case: Case) -> list[str]:
     return ["contact.alpha is not a single number: perfect contact of block and road is assumed"]
 
 
-def _stick_slip_remarks(found: treads.RollingResult) -> list[str]:
+def _stick_slip_remarks(result: treads.RollingResult) -> list[str]:
     """Remarks on stick-slip of a tread block, and on the dependence of its friction on the number of steps."""
-    remarks, slips = [], [f"{s:g}" for s in found.slips[found.has_chatter]]
+    remarks, slips = [], [f"{s:g}" for s in result.slips[result.has_chatter]]
     if slips:
         remarks.append(
             f"at slip {', '.join(slips)} the block sticks and slips, because friction falls with speed; its mean "
             "friction there depends on tread.mass"
         )
-    if found.chatter_swept.any():
-        low, high = treads.SWEPT_SLIPS[found.chatter_swept][[0, -1]]
+    if result.chatter_swept.any():
+        low, high = treads.SWEPT_SLIPS[result.chatter_swept][[0, -1]]
         remarks.append(f"in the search for the maximum the block sticks and slips at slips {low:.2g} to {high:.2g}")
-    if found.step_error > treads.STEP_DOUBLING_TOLERANCE:
+    if result.step_error > treads.STEP_DOUBLING_TOLERANCE:
         remarks.append(
-            f"{len(found.path.time) - 1} steps in the footprint are few: doubling them changes the friction (law) "
-            f"by up to {100 * found.step_error:.1f} %"
+            f"{len(result.path.time) - 1} steps in the footprint are few: doubling them changes the friction (law) "
+            f"by up to {100 * result.step_error:.1f} %"
         )
     return remarks
 
 
-def _control_remarks(found: tyres.CorneringResult) -> list[str]:
+def _control_remarks(result: tyres.CorneringResult) -> list[str]:
     """Remarks on the validity of the maxima of a tyre."""
     remarks = []
-    if found.chatter:
+    if result.chatter:
         remarks.append("bristles stick and slip where friction falls with speed; the maxima depend on tyre.mass there")
     for model in tyres.TYRE_MODELS:
-        if found.has_peak_fall(model) and not found.has_flat_controls(model):
+        if result.has_peak_fall(model) and not result.has_flat_controls(model):
             remarks.append(
                 f"{model}: a control without flash temperature falls with load as well, so other causes contribute"
             )

@@ -258,9 +258,7 @@ def test_too_few_steps_for_stick_slip_are_told(tmp_path, capsys, monkeypatch):
     assert main(["tread", str(CASE), *CHATTERS, "--out", str(out)]) == 0
     moved = json.loads((out / "tread.json").read_text())["moved_by_twice_the_steps"]
     assert moved > 0.02
-    wanted = (
-        f"200 steps in the footprint are few: doubling them changes the friction (law) by up to {100 * moved:.1f}"
-    )
+    wanted = f"200 steps in the footprint are few: doubling them changes the friction (law) by up to {100 * moved:.1f}"
     assert wanted in capsys.readouterr().out
 
 

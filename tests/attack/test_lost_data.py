@@ -161,7 +161,9 @@ def test_a_name_that_is_taken_meanwhile_is_left_alone(case, tmp_path):
         (tmp_path / "a").mkdir(exist_ok=True)
         (tmp_path / "a" / "thesis.txt").write_text(MINE)
 
-    with pytest.raises(IncompleteResult, match="was created by another program meanwhile; the complete result is in .*a-2"):
+    with pytest.raises(
+        IncompleteResult, match="was created by another program meanwhile; the complete result is in .*a-2"
+    ):
         simulate(case, out=tmp_path / "a", watch=intrude)
     assert (tmp_path / "a" / "thesis.txt").read_text() == MINE
     assert (tmp_path / "a-2" / "run.nc").is_file()

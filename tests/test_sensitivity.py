@@ -95,8 +95,8 @@ def plain():
 
 
 def test_rises_are_proportional_to_friction_and_pressure(plain):
-    rise = plain.run.T_block[plain.run.last] - plain.run.ambient_degC
-    pressure, mu, air = plain.slopes["T_block"][:, plain.run.last]
+    rise = plain.run.T_block[plain.run.last_sliding_index] - plain.run.ambient_degC
+    pressure, mu, air = plain.slopes["T_block"][:, plain.run.last_sliding_index]
     scale = rise.max()
     np.testing.assert_allclose(mu / scale, 0.05 * rise / scale, atol=2e-4)
     np.testing.assert_allclose(pressure / scale, 0.02 * rise / scale, atol=1e-4)
@@ -107,7 +107,7 @@ def test_linear_shares_of_heat(plain):
     """(0.02 R)^2, (0.05 R)^2 and (0.5 K)^2 for a rise R."""
     name = list(OUTPUT_SPECS).index("T_block_L")
     slopes = plain.slopes["numbers"][:, name]
-    R = float(plain.run.T_block[plain.run.last][-1] - plain.run.ambient_degC)
+    R = float(plain.run.T_block[plain.run.last_sliding_index][-1] - plain.run.ambient_degC)
     expected = np.array([0.02 * R, 0.05 * R, 0.5]) ** 2
     np.testing.assert_allclose(variance_decomposition.linear_shares(slopes), expected / expected.sum(), atol=2e-3)
 
@@ -196,7 +196,7 @@ def test_the_sign_of_friction_over_temperature_is_that_of_the_theory():
         assert sign.change == pytest.approx(np.log(theory(1e-2, 333.15, 1.5e5).mu / theory(1e-2, 293.15, 1.5e5).mu))
         found.append(sign)
     assert found[1].change > found[0].change
-    assert found[1].rises >= found[0].rises
+    assert found[1].rise_probability >= found[0].rises
 
 
 def test_softening_falls_for_sure():

@@ -241,7 +241,7 @@ def _gather_dataset(sweep: SweepPlan, results: list[dict[str, np.ndarray] | None
         for key, values in sweep.axes.items()
     }
     coords["repetition"] = ("repetition", np.arange(1, repetitions + 1), {"units": "1", "long_name": "1-based"})
-    along = "x/L from the edge that leads in forward sliding"
+    along = "x/L from the edge that leads while the block slides forward"
     coords["place"] = ("place", PROFILE_PLACES, {"units": "1", "long_name": along})
     about = {"title": sweep.case.title, "case": sweep.case.toml(), "Conventions": "CF-1.11"}
     return xr.Dataset(data, coords=coords, attrs=about)

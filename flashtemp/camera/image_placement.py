@@ -16,10 +16,10 @@ from flashtemp.errors import BadInput
 
 @dataclass(frozen=True)
 class ImagePlacement:
-    """Deviation of an image from its stated placement: relative `scale`, rotation `turn` (rad), `clock` (s, frames late).
+    """Deviation of an image from its stated placement: relative `scale`, rotation `turn` (rad), late `clock` (s).
 
-    Pixels grow about `scale_origin`.  A point that is then at x, y from `rotation_centre` is at x cos(turn) - y sin(turn),
-    y cos(turn) + x sin(turn).
+    Pixels grow about `scale_origin`.  A point that is then at x, y from `rotation_centre` is at x cos(turn) - y
+    sin(turn), y cos(turn) + x sin(turn).
     """
 
     scale: float = 0.0
@@ -38,7 +38,7 @@ def scale_origin(recording: Recording, length: float) -> float:
 
 
 def rotation_centre(recording: Recording, length: float) -> tuple[float, float]:
-    """Fixed point of the rotation, u and v (m): the middle of the visible wall, so that its edges keep their mean place.
+    """Fixed point of the rotation, u and v (m): the middle of the visible wall, so that its edges stay on the mean.
 
     For a wake it is the middle of the edge at which the wake begins.
     """

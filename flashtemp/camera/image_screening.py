@@ -146,7 +146,7 @@ def _mad_scale(values: Array) -> float:
 
 
 def _outlier_limit(tests: int, sample: int) -> float:
-    """Limit in standard deviations for so many `tests`, with a scale estimated from a `sample` (Bonferroni, Student t)."""
+    """Limit in standard deviations for so many `tests`, with a scale from a `sample` (Bonferroni, Student t)."""
     from scipy.stats import t
 
     return float(t.isf(0.5 * FALSE_ALARMS / max(tests, 1), max(MAD_EFFICIENCY * sample, 2.0)))
@@ -198,8 +198,8 @@ def _excess_over_neighbours(T: Array, axis: int, sharp: float) -> Array:
     """Signed excess (K) of values over the range of their neighbours along an axis; 0 inside the range.
 
     The range is that of the four nearest neighbours without the most extreme one, extended by the linear extrapolation
-    from either side, so that a hot edge is no excess.  The excess is 0 where the neighbours rise towards the value as in
-    the image of a point, and where one of them is unknown, since one side cannot distinguish a defect from an edge.
+    from either side, so that a hot edge is no excess.  The excess is 0 where the neighbours rise towards the value as
+    in the image of a point, and where one of them is unknown, since one side cannot distinguish a defect from an edge.
     """
     T = np.moveaxis(T, axis, -1)
     out = np.zeros(T.shape)
@@ -264,7 +264,7 @@ def _static_outliers(T: Array, axes: tuple[int, ...], sigma: float, sharp: float
 
 
 def _flickering_outliers(T: Array, axes: tuple[int, ...], sigma: float, sharp: float) -> Mask:
-    """Mask of values whose excess differs in at least two frames, after removing its trend with the surrounding heat."""
+    """Mask of values whose excess differs in at least two frames, beyond its trend with the surrounding heat."""
     if len(T) < 5:
         return np.zeros(T.shape[1:], bool)
     out, around = np.empty_like(T), np.empty_like(T)
@@ -315,7 +315,7 @@ def _find_bad_lines(T: Array, stuck: Mask, axis: int, sigma: float, sharp: float
 
 
 def find_outlying_pixels(residual: Array) -> Mask:
-    """Mask (nv, nu) of pixels whose residuals (frames, nv, nu) K, NaN where masked, are outliers among their neighbours.
+    """Mask (nv, nu) of pixels whose residuals (frames, nv, nu) K, NaN if masked, are outliers among their neighbours.
 
     Tested is the deviation from the median of the four nearest neighbours, along the axis where it is smaller: an error
     of the model is wider than one pixel along one axis at least.  Its mean over the frames and its scatter are compared
@@ -401,7 +401,7 @@ def _deviation_from_known_neighbours(values: Array) -> Array:
 
 
 def _time_moments(values: Array) -> tuple[Array, Array, npt.NDArray[np.int64]]:
-    """Mean, variance and number of known values over the frames, each (nv, nu); the mean is NaN where all are unknown."""
+    """Mean, variance and number of known values over the frames, each (nv, nu); the mean is NaN where there is none."""
     known = np.isfinite(values)
     count = known.sum(axis=0)
     mean = np.where(count > 0, np.sum(values, axis=0, where=known) / np.maximum(count, 1), np.nan)
@@ -435,8 +435,8 @@ def find_shutter_events(
 
     The common step is the mean of the shortest interval that contains half of all pixels' steps (the shorth, Andrews et
     al. 1972; Rousseeuw & Leroy 1988).  It is a jump of the offset if it explains the steps of nearly all pixels, a
-    fraction `min_fraction`, within noise: heat that sets in changes pixels differently.  `T` (frames, nv, nu) K may also
-    be a residual.
+    fraction `min_fraction`, within noise: heat that sets in changes pixels differently.  `T` (frames, nv, nu) K may
+    also be a residual.
     """
     from scipy.stats import norm
 

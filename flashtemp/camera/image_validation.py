@@ -33,7 +33,7 @@ MARK_TOLERANCE_K = 1.5e-3  # K
 
 
 def iter_chunks(images: np.ndarray, step: int | None = None) -> Iterator[tuple[int, np.ndarray]]:
-    """Images (frames, ...) a few at a time with the index of the first; pages of a mapped file are released after use."""
+    """Images (frames, ...) a few at a time with the index of the first; a mapped file is released after use."""
     step = step or max(1, PIXELS_PER_CHUNK // max(1, images[0].size))
     for begin in range(0, len(images), step):
         yield begin, images[begin : begin + step]
@@ -67,8 +67,9 @@ def check_camera_range(T: np.ndarray) -> None:
     low, high = float(np.nanmin(T)), float(np.nanmax(T))
     if low < -KELVIN or high > MAX_CAMERA_DEGC:
         raise BadInput(
-            f"values from {low:.6g} to {high:.6g} degC are no temperatures of a camera ({-KELVIN:g} to {MAX_CAMERA_DEGC:g}): a"
-            " table of other quantities, another unit (--unit) or a damaged file; give the camera's own file"
+            f"values from {low:.6g} to {high:.6g} degC are no temperatures of a camera ({-KELVIN:g} to"
+            f" {MAX_CAMERA_DEGC:g}): a table of other quantities, another unit (--unit) or a damaged file; give the"
+            " camera's own file"
         )
 
 
@@ -77,8 +78,8 @@ def check_matrix(
 ) -> None:
     """BadInput where a text matrix (rows, columns) is no complete image.
 
-    `stated`: rows and columns of its header, None where unknown; `rows_said`: rows that the user states for a part of an
-    image, 0 for any; `labels_said`: the user states which lines are labels.
+    `stated`: rows and columns of its header, None where unknown; `rows_said`: rows that the user states for a part of
+    an image, 0 for any; `labels_said`: the user states which lines are labels.
     """
     rows, columns = values.shape
     if columns < MIN_SENSOR_COLUMNS or rows > MAX_ROWS_PER_COLUMN * columns or max(rows, columns) > MAX_SIDE_PX:
@@ -117,8 +118,8 @@ def check_matrix(
 def saturated_pixels(T: np.ndarray) -> np.ndarray:
     """Mask of saturated pixels: a plateau at the lowest or the highest value of an image.
 
-    In an image with noise far fewer pixels share one value than are clipped.  Fewer pixels are recognised where they lie
-    at a maker's mark, 0.01 K beyond a multiple of ten degC, with a gap to all others.
+    In an image with noise far fewer pixels share one value than are clipped.  Fewer pixels are recognised where they
+    lie at a maker's mark, 0.01 K beyond a multiple of ten degC, with a gap to all others.
     """
     known = np.isfinite(T)
     values, counts = np.unique(T[known], return_counts=True)

@@ -28,7 +28,7 @@ FALLBACK_KEYS = {"depth_sigma_m": "place_sigma_m"}  # key whose value replaces a
 
 @dataclass(frozen=True, eq=False)
 class SensorPositions:
-    """Positions of n sensors, m: `x` from the leading edge, `y` from the centre line, `z` > 0 in the block, < 0 in the road.
+    """Positions of n sensors, m: `x` from the leading edge, `y` from the centre line, `z` up (< 0: road).
 
     `lag_s` is the time constant.  Standard deviations: `lag_sigma_s` of the lag, `place_sigma_m` of x and y,
     `depth_sigma_m` of z, `gain_sigma` (relative) of the indicated temperature rise.  `names` are for people.
@@ -85,7 +85,7 @@ def _build_unchecked(values: dict[str, Any]) -> SensorPositions:
 
 
 def positions_from_rows(rows: Any, key: str = "points") -> SensorPositions:
-    """Positions from tables such as { z = 0.00572, lag_s = 0.5 }; `name` is a number from 1 by default.  Raises BadInput."""
+    """Positions from tables such as { z = 0.00572, lag_s = 0.5 }; `name` is by default a number.  Raises BadInput."""
     if not isinstance(rows, list) or not rows or not all(isinstance(r, dict) for r in rows):
         raise BadInput(f"{key}: {rows!r}; give a table per point, for example [{{ x = 0.01, z = 0.002 }}]")
     known, rows = ["name", *SENSOR_KEYS], [dict(row) for row in rows]

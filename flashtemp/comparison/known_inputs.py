@@ -73,7 +73,7 @@ def _read_uncertainty(key: str, value: Any, case: Case, free: tuple[str, ...]) -
     if not out.sd > 0 or (out.relative and out.sd > MAX_RELATIVE_SD):
         raise BadInput(f"{value!r}; {SD_REMEDY}, above 0 and at most {MAX_RELATIVE_SD:g} of the value")
     if out.relative and keys[key] == "degC":
-        raise BadInput(f'{value!r}; a share of a temperature in degC means nothing: give it with its unit, "0.5 K"')
+        raise BadInput(f'{value!r}; a fraction of a temperature in degC means nothing: give it with its unit, "0.5 K"')
     return out
 
 

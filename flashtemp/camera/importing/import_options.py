@@ -117,7 +117,7 @@ class ImportOptions:
     rows
         Rows of a text file that holds a part of an image.
     labels
-        Which labels stand around the matrix of a text file: none, columns (above), rows (beside) or both.
+        Labels around the matrix of a text file: none, columns (above), rows (at the side) or both.
     limit
         GB of memory that reading one file may take, 1 unless said.
     netd
@@ -232,7 +232,10 @@ TEMPLATE_EXAMPLE: dict[str, dict[str, str]] = {  # group: {key: value}; a leadin
         "#registration_sigma": "0.5",
     },
 }  # fmt: skip
-OWN_HELP = {"files": "Patterns beside this file, in order of their names.", "out": "The recording, beside this file."}
+OWN_HELP = {
+    "files": "Patterns in the folder of this file, in order of their names.",
+    "out": "The recording, in the folder of this file.",
+}
 
 
 def template_text() -> str:

@@ -82,13 +82,13 @@ def _without_outer_labels(
     rows, columns = values.shape
     if columns < FEWEST_COLUMNS or rows < MIN_LABELS + 1 or rows > MAX_ROWS_PER_COLUMN * columns:
         return values, None  # no image, which `check_matrix` reports
-    above, beside = _find_label_line(values), _find_label_line(values.T)
-    if above.evidence and beside.evidence:
-        return _remove_both_lines(values, above, beside, is_whole)
-    if above.evidence and _is_label(above, "columns", is_whole(rows, columns), is_whole(rows - 1, columns)):
-        return above.remove_from(values), f"labels left out: columns {_span_text(above.labels)}"
-    if beside.evidence and _is_label(beside, "rows", is_whole(rows, columns), is_whole(rows, columns - 1)):
-        return beside.remove_from(values.T).T, f"labels left out: rows {_span_text(beside.labels)}"
+    outer_row, outer_column = _find_label_line(values), _find_label_line(values.T)
+    if outer_row.evidence and outer_column.evidence:
+        return _remove_both_lines(values, outer_row, outer_column, is_whole)
+    if outer_row.evidence and _is_label(outer_row, "columns", is_whole(rows, columns), is_whole(rows - 1, columns)):
+        return outer_row.remove_from(values), f"labels left out: columns {_span_text(outer_row.labels)}"
+    if outer_column.evidence and _is_label(outer_column, "rows", is_whole(rows, columns), is_whole(rows, columns - 1)):
+        return outer_column.remove_from(values.T).T, f"labels left out: rows {_span_text(outer_column.labels)}"
     return values, None
 
 
@@ -146,21 +146,21 @@ def _label_slices(line: np.ndarray) -> list[slice]:
 
 
 def _remove_both_lines(
-    values: np.ndarray, above: OuterLine, beside: OuterLine, is_whole: Callable[[int, int], bool | None]
+    values: np.ndarray, outer_row: OuterLine, outer_column: OuterLine, is_whole: Callable[[int, int], bool | None]
 ) -> tuple[np.ndarray, str | None]:
     """A matrix without an outer row and an outer column, if they are labels, and a note.  Raises BadInput."""
     rows, columns = values.shape
     whole, rest = is_whole(rows, columns), is_whole(rows - 1, columns - 1)
-    if whole and not rest and max(above.evidence, beside.evidence) < LABEL_CERTAIN:
+    if whole and not rest and max(outer_row.evidence, outer_column.evidence) < LABEL_CERTAIN:
         return values, None
-    if not rest and above.evidence + beside.evidence < 2 * LABEL_LIKELY:
+    if not rest and outer_row.evidence + outer_column.evidence < 2 * LABEL_LIKELY:
         raise BadInput(
-            f"its outer row and column count evenly ({_span_text(above.labels)}, {_span_text(beside.labels)}) and read"
-            " like the image: labels, or a part of it; say --labels both or --labels none"
+            f"its outer row and column count evenly ({_span_text(outer_row.labels)}, {_span_text(outer_column.labels)})"
+            " and read like the image: labels, or a part of it; say --labels both or --labels none"
         )
-    note = f"labels left out: columns {_span_text(above.labels)}, rows {_span_text(beside.labels)}"
-    image = _remove_more_lines(beside.remove_from(above.remove_from(values).T), above.corners - 1).T
-    return _remove_more_lines(image, beside.corners - 1), note
+    note = f"labels left out: columns {_span_text(outer_row.labels)}, rows {_span_text(outer_column.labels)}"
+    image = _remove_more_lines(outer_column.remove_from(outer_row.remove_from(values).T), outer_row.corners - 1).T
+    return _remove_more_lines(image, outer_column.corners - 1), note
 
 
 def _remove_more_lines(lines: np.ndarray, most: int) -> np.ndarray:

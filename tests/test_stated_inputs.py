@@ -293,7 +293,7 @@ def test_a_load_that_is_told_wrong_is_contradicted_by_as_much(wrong_load):
     assert abs(found.estimate - true) < 4 * found.sd
     assert found.shift == pytest.approx(np.log(1 / 1.1) / 0.02, abs=4 * found.sd / true / 0.02)
     assert found.ln_bayes == max(c.ln_bayes for c in checks.values()) > 5
-    assert "data want" in found.summary_line
+    assert "data require" in found.summary_line
     assert all(c.verdict is not InputVerdict.CONTRADICTED for k, c in checks.items() if k != "contact.pressure")
     assert not any("contact.pressure" in g for g in groups)
 

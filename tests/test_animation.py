@@ -76,7 +76,7 @@ def test_panels_follow_the_records(run):
     still, _ = taken(run, animation.select_frames(run))
     block, heat, friction, press, _ = still.fig.axes
     for i, k in enumerate(run.frames):
-        still.show(i)
+        still.show_frame(i)
         touching = run.pressure[k] > 0
         np.testing.assert_array_equal(heat.lines[0].get_ydata(), np.where(touching, run.T_spot[k], np.nan))
         np.testing.assert_array_equal(heat.lines[1].get_ydata(), run.T_block[k])
@@ -93,11 +93,11 @@ def test_frames_and_durations_stay_within_bounds(run, monkeypatch):
     ms = animation.frame_durations(run, animation.select_frames(run))
     assert all(animation.MIN_FRAME_MS <= v <= animation.MAX_FRAME_MS for v in ms[:-1])
     assert ms[-1] == animation.LAST_FRAME_MS
-    monkeypatch.setattr(animation, "MOST", 10)
+    monkeypatch.setattr(animation, "MAX_ANIMATION_FRAMES", 10)
     kept = animation.select_frames(run)
     assert set(run.repetition[run.frames[kept]]) == {1, 3}
     assert len(kept) == 8  # whole repetitions, first and last
-    monkeypatch.setattr(animation, "MOST", 3)
+    monkeypatch.setattr(animation, "MAX_ANIMATION_FRAMES", 3)
     kept = animation.select_frames(run)
     assert (len(kept), kept[0], kept[-1]) == (3, 0, len(run.frames) - 1)
 

@@ -61,7 +61,7 @@ def test_what_is_named_inside_files_is_there():
     for file, names in {
         "flashtemp/camera/importing/formats/tiff.py": ("MAGIC", "def read(file: CameraFile) -> Iterator[RawFrames]"),
         "flashtemp/camera/importing/formats/camera_file.py": ("class CameraFile", "def read_all"),
-        "viz/__init__.py": ("PICTURES", "applies"), "viz/theme.py": ("def styled",), "tests/test_formats.py": ("KINDS",),
+        "viz/__init__.py": ("PICTURE", "ANIMATION", "applies"), "viz/theme.py": ("def styled",), "tests/test_formats.py": ("KINDS",),
         "tests/conftest.py": ("def lab",), "tests/test_cases.py": ("FLASHTEMP_FULL",), "CHANGELOG.md": ("Unreleased",),
     }.items():  # fmt: skip
         text = (ROOT / file).read_text(encoding="utf-8")

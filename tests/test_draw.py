@@ -168,7 +168,7 @@ def test_a_sweep_is_drawn_again(case, tmp_path):
         ("run.nc", [], "damaged"),
         ("summary.json", [], "damaged"),
         ("fields.vtkhdf", [], "fields"),
-        ("", [], "no result of flashtemp run"),
+        ("", [], "not a result of flashtemp run"),
     ],
 )
 def test_what_cannot_be_drawn_is_told_in_one_line(case, tmp_path, capsys, spoil, words, says):

@@ -174,8 +174,8 @@ def test_exit_code_and_table(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        (SOUND + SOUND[SOUND.index("\nclass") :].replace("Own", "Other"), "holds 2 effects.*a file of its own"),
-        ("x = 1\n", "holds no effect"),
+        (SOUND + SOUND[SOUND.index("\nclass") :].replace("Own", "Other"), "contains 2 effects.*a file of its own"),
+        ("x = 1\n", "contains no effect"),
         ("from flashtemp import nosuch\n", "own.py:1: does not run"),
         ("def law(:\n", "own.py:1: "),
     ],

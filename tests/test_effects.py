@@ -240,7 +240,7 @@ def test_every_file_is_in_the_catalogue():
 
 ROOT = PACKAGE.parent
 EFFECTS = PACKAGE / "physics" / "effects"
-ENGINE = [f for f in [*PACKAGE.rglob("*.py"), *(ROOT / "viz").glob("*.py")] if f.parent != EFFECTS]
+ENGINE = [f for f in [*PACKAGE.rglob("*.py"), *(ROOT / "viz").rglob("*.py")] if f.parent != EFFECTS]
 WORDS = {  # that are quantities or parts of a camera's image before they are effects, and where they are such
     "emissivity": (
         "camera", "physics/quantities.py", "lab/camera_page.py", "comparison/known_inputs.py",

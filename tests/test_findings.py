@@ -382,7 +382,7 @@ def test_the_answer_comes_first(pages, kind):
 
 def test_a_named_cause_stands_with_its_interval_and_its_gain(pages):
     _, reader = pages("named")
-    head = reader.text[: reader.text.index("1. What is wrong")]
+    head = reader.text[: reader.text.index("1. Measured against computed")]
     assert "The nominal contact pressure peaks at the leading edge" in head
     assert "from 0.186 K to 0.0537 K" in head
     assert "from 0.243 K to 0.0541 K" in head
@@ -407,7 +407,8 @@ def test_kinds_read_as_they_are(pages):
     assert "The model was not extended" in pages("unexplained")[1].text
     text = pages("none_needed")[1].text
     assert "Measured against computed" in text
-    assert "What is wrong" not in text
+    assert "Structure in the residuals" not in text
+    assert "Residuals against noise" in text
     assert "What to measure next" not in text
     text = pages("no_verdict")[1].text
     assert "Convergence of the calibration" in text
@@ -423,7 +424,7 @@ def test_a_verdict_without_anything_is_still_a_page():
     for kind in VERDICT_KINDS:
         reader = Reader(verdict_report.render_report(Verdict(TITLE, kind, ())))
         assert reader.tags.count("img") == 0
-        assert "Nothing is known about the convergence" in reader.text
+        assert "The convergence of the calibration was not recorded" in reader.text
 
 
 def test_the_page_is_the_answer_one_picture_and_a_list_of_the_rest(pages):
@@ -447,7 +448,7 @@ def test_what_is_long_is_folded(pages):
     assert "edge_pressure.a" not in folds.replace("edge_pressure.a</td><td>", "")
     unlikely = [r.effect.replace("_", " ") for r in RIVALS if r.score <= 0]
     assert all(f"<td>{name}</td>" in folds for name in unlikely)
-    less = next(fold for fold in re.findall(r"<details>.*?</details>", html, re.S) if "less probable than none" in fold)
+    less = next(fold for fold in re.findall(r"<details>.*?</details>", html, re.S) if "would make the data less probable" in fold)
     assert f"<td>{RIVALS[0].effect.replace('_', ' ')}</td>" not in less
 
 
@@ -458,8 +459,8 @@ def test_what_the_cause_changes_is_told_in_kelvin_and_nothing_is_green_that_chan
         v = verdict("named", gain=gain, base=small, extended=replace(small, rmse_K=smaller), before=(), after=())
         html = verdict_report.render_report(v)
         assert f'<div class="verdict {grade}">' in html
-        assert ("but it hardly changes what is computed" in html) == (grade == "near")
-        assert "wake_&lt;1&gt;.nc by 0.0021 K root mean square (0.14 % of its rise)" in html
+        assert ("but it hardly changes the computed temperatures" in html) == (grade == "near")
+        assert "wake_&lt;1&gt;.nc by 0.0021 K root mean square (0.14 % of its temperature rise)" in html
         assert ("the root mean square of the differences, noise included, stays at 0.0584 K" in html) == (
             grade == "near"
         )
@@ -471,16 +472,16 @@ def test_what_the_cause_changes_is_told_in_kelvin_and_nothing_is_green_that_chan
 def test_noise_is_judged_by_the_very_data_that_are_shown(unpainted):
     """The heading claims structure only where maps or tests show it; both are said in numbers."""
     page = verdict_report.render_report(verdict("named", 1))
-    assert "2. It is not noise" in page
+    assert "2. Structure in the residuals" in page
     quiet = recordings(1, 0.0)[0]
     chance = tuple(StructureTest(f"test {i}", "wall.nc", 0.1, p) for i, p in enumerate((0.01, 0.2, 0.5, 0.9)))
     page = verdict_report.render_report(verdict("named", 1, before=quiet, after=quiet, tests=chance))
-    assert "It is not noise" not in page
+    assert "Structure in the residuals" not in page
     assert "1 of 4 tests find" in page
-    assert "noise alone may do as much" in page
+    assert "noise alone can explain this" in page
     sure = tuple(replace(t, p=0.01) for t in chance)
     page = verdict_report.render_report(verdict("named", 1, before=quiet, after=quiet, tests=sure))
-    assert "2. It is not noise" in page
+    assert "2. Structure in the residuals" in page
     assert "4 of 4 tests find" in page
     share = 100 * np.mean([np.abs(v) > 3 for v in plot_helpers.whitened_means(quiet[0]).ravel() if np.isfinite(v)])
     assert plot_helpers.outlier_fraction(quiet[0]) == pytest.approx(share / 100)
@@ -495,7 +496,7 @@ def test_every_adequacy_test_has_plain_words(unpainted):
             verdict("named", gates=dict.fromkeys(ADEQUACY_WORDS, (5.0, 4.0)), before=(), after=())
         )
     )
-    rows = text.table("what was checked")
+    rows = text.table("adequacy test")
     assert [r[0] for r in rows] == [words.passes for words in ADEQUACY_WORDS.values()]
     assert {r[-1] for r in rows} == {"no"}
 
@@ -759,7 +760,7 @@ def test_why_this_verdict_and_inputs_are_in_every_report_that_has_them(unpainted
         ("block.length", "pixel scale"),))  # fmt: skip
     page = verdict_report.render_report(v)
     reader = Reader(page)
-    rows = reader.table("what was asked")
+    rows = reader.table("rule")
     assert [r[2:] for r in rows[:2]] == [
         ["12", "≥\N{NO-BREAK SPACE}8", "passed"],
         ["31.2", "≤\N{NO-BREAK SPACE}3", ADEQUACY_WORDS[FAILED.name].fails],
@@ -775,7 +776,7 @@ def test_why_this_verdict_and_inputs_are_in_every_report_that_has_them(unpainted
     assert "contact.pressure in words" not in folds
     assert f"These data cannot check: {', '.join(i.key for i in UNCHECKED)}." in reader.text
     assert "These data cannot distinguish from each other: block.length and pixel scale." in reader.text
-    assert reader.text.index("Why this verdict") < reader.text.index("Inputs that the data question")
+    assert reader.text.index("Why this verdict") < reader.text.index("Stated inputs against the data")
 
 
 def test_inputs_without_a_contradiction_are_shown_and_old_verdicts_have_no_such_section(unpainted):
@@ -783,7 +784,7 @@ def test_inputs_without_a_contradiction_are_shown_and_old_verdicts_have_no_such_
     assert "The data contradict no stated input." in text
     text = Reader(verdict_report.render_report(verdict("named", before=(), after=()))).text
     assert "Why this verdict" not in text
-    assert "Inputs that the data question" not in text
+    assert "Stated inputs against the data" not in text
     assert "Adequacy tests" in text
 
 

@@ -300,7 +300,7 @@ def test_the_sketch_shows_the_layers(tmp_path):
         ({"block.material": "granite"}, "block.material (command line): 'granite' in addition to layers; leave it out"),
         (
             {"layers.board.contact_resistance": 1e-3},
-            "no layer is above 'board'; give 0, or what is behind as another layer",
+            "no layer is above 'board'; give 0, or add the body behind it as a layer",
         ),
         (
             {"layers.glue.material": "glu"},
@@ -317,7 +317,7 @@ def test_the_sketch_shows_the_layers(tmp_path):
         ),
         (
             {"effects": ["conductivity_slope"], "conductivity_slope.layer": "bord"},
-            "conductivity_slope.layer (command line): 'bord' is no layer of the block; did you mean 'board'",
+            "conductivity_slope.layer (command line): the block has no layer 'bord'; did you mean 'board'",
         ),
     ],
 )

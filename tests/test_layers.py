@@ -16,7 +16,7 @@ import flashtemp
 
 ROOT = Path(__file__).parents[1]
 TOWER = [  # from the ground; a package imports itself and what stands before it, packages of one floor not each other
-    ["errors", "showing", "meshes"],
+    ["errors", "display", "meshes"],
     ["physics"],
     ["model"],
     ["solver", "camera"],
@@ -46,7 +46,7 @@ SCREEN = 60  # lines of a function; its complexity is linted
 
 def modules() -> dict[str, Path]:
     """Every module of the package by its dotted name."""
-    files = [*(ROOT / "flashtemp").rglob("*.py"), *(ROOT / "meshes").glob("*.py"), *(ROOT / "viz").glob("*.py")]
+    files = [*(ROOT / "flashtemp").rglob("*.py"), *(ROOT / "meshes").glob("*.py"), *(ROOT / "viz").rglob("*.py")]
     dotted = {}
     for file in files:
         parts = list(file.relative_to(ROOT).with_suffix("").parts)

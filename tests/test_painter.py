@@ -47,7 +47,7 @@ def alone(run, tmp_path_factory):
 @pytest.fixture
 def two(monkeypatch):
     """A painter whose second process is awake from the first step of a march on."""
-    monkeypatch.setattr(drawing_process, "AFTER", -1.0)
+    monkeypatch.setattr(drawing_process, "SECOND_PROCESS_AFTER_S", -1.0)
     monkeypatch.setattr(processes, "cores", lambda: 2)
     with drawing_process.PictureDrawer(True) as both:
         both.wrap_watch(None)(None, 1.0)
@@ -64,7 +64,7 @@ def mine(monkeypatch):
         seen.append(picture)
         return answer
 
-    monkeypatch.setattr(flashtemp.viz, "drawn", told)
+    monkeypatch.setattr(flashtemp.viz, "draw_picture", told)
     return seen
 
 
@@ -74,8 +74,8 @@ def contents(folder) -> dict[str, bytes]:
 
 def test_both_draw_what_one_draws_to_the_byte(run, alone, two, mine, tmp_path, monkeypatch):
     drawn = flashtemp.viz.draw_picture
-    monkeypatch.setattr(flashtemp.viz, "drawn", lambda *asked: (drawn(*asked), time.sleep(1.0))[0])
-    assert two.draw(run, tmp_path, True) == {}
+    monkeypatch.setattr(flashtemp.viz, "draw_picture", lambda *asked: (drawn(*asked), time.sleep(1.0))[0])
+    assert two.draw_pictures(run, tmp_path, True) == {}
     assert contents(tmp_path) == alone
     assert 0 < len(mine) < len(flashtemp.viz.requested_pictures())
     assert len(set(mine)) == len(mine)
@@ -99,11 +99,11 @@ def test_one_draws_all_where_the_second_is_killed(run, alone, two, mine, tmp_pat
         tell(stream, what)
 
     if late:
-        monkeypatch.setattr(drawing_process, "_tell", struck)
-        monkeypatch.setattr(flashtemp.viz, "drawn", lambda *what: (asked.wait(), drawn(*what))[1])
+        monkeypatch.setattr(drawing_process, "_send_object", struck)
+        monkeypatch.setattr(flashtemp.viz, "draw_picture", lambda *what: (asked.wait(), drawn(*what))[1])
     else:
         second.kill()
-    assert two.draw(run, tmp_path, True) == {}
+    assert two.draw_pictures(run, tmp_path, True) == {}
     assert alone.items() <= contents(tmp_path).items()
     assert len(mine) == len(flashtemp.viz.requested_pictures())
 
@@ -118,14 +118,14 @@ def asked(monkeypatch):
         if isinstance(what, flashtemp.viz.PictureRequest):
             event.set()
 
-    monkeypatch.setattr(drawing_process, "_tell", told)
+    monkeypatch.setattr(drawing_process, "_send_object", told)
     return event
 
 
 def test_what_the_second_cannot_draw_is_told(run, two, asked, tmp_path, monkeypatch):
     (tmp_path / "run_in.gif").mkdir()  # no file can take this name
-    monkeypatch.setattr(flashtemp.viz, "drawn", lambda *what: (asked.wait(), ([], {}))[1])
-    missing = two.draw(run, tmp_path, True)
+    monkeypatch.setattr(flashtemp.viz, "draw_picture", lambda *what: (asked.wait(), ([], {}))[1])
+    missing = two.draw_pictures(run, tmp_path, True)
     assert missing.keys() == {"run_in.gif"}
     assert "run_in.gif" in missing["run_in.gif"]
 
@@ -137,9 +137,9 @@ def test_an_interrupt_leaves_nobody_who_draws_into_a_folder_that_gets_another_na
         asked.wait()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(flashtemp.viz, "drawn", stopped)
+    monkeypatch.setattr(flashtemp.viz, "draw_picture", stopped)
     with pytest.raises(KeyboardInterrupt):
-        two.draw(run, tmp_path, True)
+        two.draw_pictures(run, tmp_path, True)
     assert contents(tmp_path).keys() == {"run_in.gif"}  # the picture that it was at is whole
     two.__exit__()
     assert two._second.poll() is not None
@@ -147,16 +147,16 @@ def test_an_interrupt_leaves_nobody_who_draws_into_a_folder_that_gets_another_na
 
 def test_no_second_process_for_a_short_march_or_where_there_is_no_core_for_it(monkeypatch):
     begun = []
-    monkeypatch.setattr(drawing_process, "_begun", lambda: begun.append(True))
+    monkeypatch.setattr(drawing_process, "_start_process", lambda: begun.append(True))
     for several, cores, after in ((True, 2, 1e6), (True, 1, -1.0), (False, 2, -1.0)):
         monkeypatch.setattr(processes, "cores", lambda cores=cores: cores)
-        monkeypatch.setattr(drawing_process, "AFTER", after)
+        monkeypatch.setattr(drawing_process, "SECOND_PROCESS_AFTER_S", after)
         drawing_process.PictureDrawer(several).wrap_watch(None)(None, 1.0)
     assert not begun
 
 
 def test_a_second_process_that_cannot_load_is_done_without(run, alone, monkeypatch, tmp_path):
-    monkeypatch.setattr(drawing_process, "AFTER", -1.0)
+    monkeypatch.setattr(drawing_process, "SECOND_PROCESS_AFTER_S", -1.0)
     monkeypatch.setattr(processes, "cores", lambda: 2)
     monkeypatch.setattr(drawing_process, "__name__", "flashtemp.nowhere")
     with drawing_process.PictureDrawer(True) as both:

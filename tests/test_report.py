@@ -129,7 +129,7 @@ def test_all_pictures_are_inside(written):
 
 def test_a_list_leads_from_the_first_picture_to_all_the_rest(written):
     _, html, reader = written
-    assert html.index("What was found") < html.index("<img") < html.index("<nav") < html.index("<table")
+    assert html.index("Main result") < html.index("<img") < html.index("<nav") < html.index("<table")
     before, first = html[: html.index("<nav")], html[: html.index("<img")]
     assert (before.count("<img"), first.count('class="verdict')) == (2, 1), "one sentence, one picture, the overview"
     listed = [v for _, name, v in reader.attributes if name == "href"]
@@ -167,14 +167,14 @@ def test_the_numbers_are_those_of_the_comparison(written):
     assert force["load cell"] == "mu.csv (held out)"
     assert (force["readings"], force["RMSE (–)"], force["bias (–)"]) == ("30", "0.0400", "+0.0400")
     assert (force["noise (–)"], force["correlation in time in sigma"]) == ("0.005 estimated", "+5.5")
-    assert all(summary_line(s) in reader.text for s in c.seeings)
+    assert all(summary_line(s) in reader.text for s in c.recordings)
     assert "2.5e-12" in reader.text
 
 
 def test_it_says_how_to_read_it(written):
     text = written[2].text
     assert "not fitted to these data" in text
-    assert all(term in text for term in ("chi2/dof", "Sigma", "Whiteness", "shift of the whole image"))
+    assert all(term in text for term in ("chi2/dof", "Sigma", "Whiteness", "small shift of each image"))
 
 
 def test_verdicts_follow_from_size_and_structure():
@@ -206,7 +206,7 @@ def test_a_refused_shift_and_estimated_noise_are_said():
     s = replace(seeing(), shift_refused=(4.4, 0.4), shift=(0.0, 0.0), shift_error=(0.0, 0.0))
     reader = Reader(comparison_report.render_report(comparison([s], [])))
     assert "A shift of the image by +4.40, +0.40 px would hide part of the difference" in reader.text
-    assert "none; +4.40, +0.40 refused" in reader.rows[1]
+    assert "none; +4.40, +0.40 not applied" in reader.rows[1]
     assert "The noise of the pixels is not stated in the file" in reader.text
     quiet = replace(s, shift_refused=None, noise=NoiseLevels(0.05, 0.02))
     text = Reader(comparison_report.render_report(comparison([quiet], []))).text
@@ -218,4 +218,4 @@ def test_a_campaign_of_forces_only():
     reader = Reader(comparison_report.render_report(comparison([], [pulling()])))
     assert reader.tags.count("img") == 2
     assert reader.tags.count("table") == 1
-    assert "0 recordings, 1 load-cell trace;" in reader.text
+    assert "0 recordings, 1 load-cell file;" in reader.text

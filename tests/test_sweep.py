@@ -92,7 +92,7 @@ def test_an_interrupted_sweep_goes_on(case, tmp_path, monkeypatch):
         carried(case, out, *AXES, workers=1, watch=stop)
     assert not out.exists()
     whole = sweep.compute_point
-    monkeypatch.setattr(sweep, "point", lambda c: (marched.append(c), whole(c))[1])
+    monkeypatch.setattr(sweep, "compute_point", lambda c: (marched.append(c), whole(c))[1])
     found, failed = carried(case, out, *AXES, workers=1)
     assert len(marched) == 4
     assert failed == {}

@@ -53,7 +53,7 @@ def test_screenshot_shows_something(folders, name, tmp_path, capsys, monkeypatch
 
 
 def test_without_a_window_matplotlib_draws_and_says_what_is_missing(folders, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(vtk_window, "off_screen", lambda: False)
+    monkeypatch.setattr(vtk_window, "prepare_off_screen", lambda: False)
     file = tmp_path / "plain.png"
     assert main(["view", str(folders["wide"]), "--screenshot", str(file)]) == 0
     assert "libegl1" in capsys.readouterr().err
@@ -61,12 +61,15 @@ def test_without_a_window_matplotlib_draws_and_says_what_is_missing(folders, tmp
 
 
 def test_a_window_that_ends_the_process_is_survived(monkeypatch):
-    monkeypatch.setattr(vtk_window, "TRIAL", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
+    monkeypatch.setattr(vtk_window, "TRIAL_CODE", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
     assert vtk_window.prepare_off_screen() is False
 
 
 def test_vtk_is_not_imported_before_its_window_is_chosen():
-    code = "import sys, flashtemp.viz.run.vtk_window, flashtemp.viz.run.view_3d; print(any(m.startswith('vtk') for m in sys.modules))"
+    code = (
+        "import sys, flashtemp.viz.run.vtk_window, flashtemp.viz.run.view_3d\n"
+        "print(any(m.startswith('vtk') for m in sys.modules))"
+    )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "False"
 
 
@@ -95,7 +98,7 @@ def test_parts_are_the_field(folders):
 )
 def test_bad_wishes_are_told_in_one_line(folders, more, says, capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(vtk_window, "on_screen", lambda: False)
+    monkeypatch.setattr(vtk_window, "has_screen", lambda: False)
     assert main(["view", str(folders["flat"]), *more]) == 2
     said = capsys.readouterr().err.strip()
     assert says in said

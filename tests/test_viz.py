@@ -260,7 +260,7 @@ def test_maps_show_the_fields_at_the_end_of_every_repetition(runs):
 
 
 def test_maps_keep_first_and_last_of_many_and_leave_white_where_nothing_touches(runs, monkeypatch):
-    monkeypatch.setattr(run_in_maps, "MOST", 3)
+    monkeypatch.setattr(run_in_maps, "MAX_PANELS", 3)
     assert [ax.get_title(loc="left") for ax in panels(runs["run_in"])] == [f"repetition {r}" for r in (1, 5, 9)]
     run = runs["worn"]
     lost = run.x > 0.02
@@ -294,10 +294,44 @@ def test_draw_all_writes_what_applies_and_leaves_matplotlib_alone(runs, tmp_path
 
     before = dict(matplotlib.rcParams)
     written = flashtemp.viz.draw_all(runs[name], tmp_path)
-    assert [p.stem for p in written] == ["profile", "map", "field", "friction", "budget", *more]
+    assert sorted(p.stem for p in written) == sorted(["profile", "map", "field", "friction", "budget", *more])
     assert sorted(written) == sorted(tmp_path.iterdir())
     assert all(p.read_bytes().startswith(b"\x89PNG") and p.stat().st_size > 5000 for p in written)
     assert dict(matplotlib.rcParams) == before
+
+
+def test_a_module_that_declares_a_picture_is_drawn(runs, tmp_path, monkeypatch):
+    """One new file and nothing else; one that cannot be imported costs its own picture."""
+    added = tmp_path / "package"
+    added.mkdir()
+    (added / "heat_over_time.py").write_text(
+        "from matplotlib.figure import Figure\n"
+        'PICTURE = "heat"\n'
+        "def applies(run): return run.energy['friction'].any()\n"
+        "def draw(run): return Figure()\n"
+    )
+    (added / "broken_module.py").write_text('import no_such_library\nPICTURE = "broken"\n')
+    (added / "helper.py").write_text("raise RuntimeError('a module without a picture is not imported')\n")
+    monkeypatch.setattr(flashtemp.viz.run, "__path__", [str(added)])
+    found = flashtemp.viz.find_pictures("PICTURE")
+    assert found == {"broken_module": "broken", "heat_over_time": "heat"}
+    assert not {f"flashtemp.viz.run.{module}" for module in found} & set(sys.modules)
+    monkeypatch.setattr(flashtemp.viz, "PICTURES", found)
+    for name in found:
+        monkeypatch.setitem(sys.modules, f"flashtemp.viz.run.{name}", None)  # put back afterwards
+        del sys.modules[f"flashtemp.viz.run.{name}"]
+    (out := tmp_path / "out").mkdir()
+    files, missing = flashtemp.viz.draw_each(runs["one"], out, animated=False)
+    assert files == [out / "heat.png"]
+    assert missing.keys() == {"broken.png"}
+    assert "no_such_library" in missing["broken.png"]
+    assert flashtemp.viz.draw_each(runs["no_friction"], out, animated=False)[0] == []
+
+
+def test_pictures_of_a_run_are_found_in_their_modules():
+    names = "profile map field friction budget run_in worn width spots".split()
+    assert sorted(flashtemp.viz.PICTURES.values()) == sorted(names)
+    assert sorted(flashtemp.viz.ANIMATIONS.values()) == ["run_in", "spots"]
 
 
 def test_a_second_copy_is_refused(monkeypatch):

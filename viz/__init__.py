@@ -1,8 +1,14 @@
-"""Pictures of finished results: one per file, each a function that returns a figure; installed as flashtemp.viz."""
+"""Pictures and animations of finished results, each in a module of its own; installed as flashtemp.viz.
+
+A module of viz/run that sets `PICTURE = "NAME"` draws NAME.png of a run; one that sets `ANIMATION = "NAME"` writes
+NAME.gif.  They are found by that line and listed nowhere else.
+"""
 
 if __name__ != "flashtemp.viz":
     raise ImportError("import flashtemp.viz, not viz: a second copy breaks isinstance")
 
+import pkgutil
+import re
 from collections.abc import Iterable
 from importlib import import_module
 from pathlib import Path
@@ -10,25 +16,36 @@ from typing import NamedTuple
 
 from flashtemp.display import atomic_write
 from flashtemp.errors import describe_exception
+from flashtemp.viz import run as run_modules
 
-PICTURES = {
-    "profile": "profile", "space_time": "map", "field": "field", "friction": "friction", "budget": "budget",
-    "maps": "run_in", "worn": "worn",
-    "width": "width", "spots": "spots",
-}  # fmt: skip
+
+def find_pictures(constant: str) -> dict[str, str]:
+    """{module of viz/run: file name without its ending} of the modules that set `constant` at their top level.
+
+    The text is read and nothing imported: matplotlib loads only when something is drawn, and a module that cannot be
+    imported costs its own picture alone.
+    """
+    declaration = re.compile(rf'^{constant} = "(\w+)"', re.MULTILINE)
+    texts = {
+        module.name: (Path(folder) / f"{module.name}.py").read_text(encoding="utf-8")
+        for folder in run_modules.__path__
+        for module in pkgutil.iter_modules([folder])
+    }
+    return {module: match[1] for module, text in sorted(texts.items()) if (match := declaration.search(text))}
+
+
+PICTURES = find_pictures("PICTURE")
+ANIMATIONS = find_pictures("ANIMATION")
 
 
 def is_applicable(module: str, run) -> bool:
-    """Whether a picture shows anything of a run; its module says so by a function of the same name."""
-    return getattr(import_module(f"flashtemp.viz.{module}"), "applies", lambda run: True)(run)
+    """Whether a module of viz/run has something to show of a run: its `applies(run)`, or True where it has none."""
+    return getattr(import_module(f"{run_modules.__name__}.{module}"), "applies", lambda run: True)(run)
 
 
 def draw_all(run, folder, formats=("png",)) -> list[Path]:
     """Draw the pictures that apply to a run into a folder that exists, each as NAME.png (svg, pdf) of PICTURES."""
-    out = []
-    for module in PICTURES:
-        out += _draw_still(run, Path(folder), module, formats)
-    return out
+    return [path for module in PICTURES for path in _draw_still(run, Path(folder), module, formats)]
 
 
 def _draw_still(run, folder: Path, module: str, formats) -> list[Path]:
@@ -36,11 +53,8 @@ def _draw_still(run, folder: Path, module: str, formats) -> list[Path]:
         return []
     from flashtemp.viz.theme import save_figure
 
-    figure = import_module(f"flashtemp.viz.{module}").draw(run)
+    figure = import_module(f"{run_modules.__name__}.{module}").draw(run)
     return [save_figure(figure, folder / f"{PICTURES[module]}.{kind}") for kind in formats]
-
-
-ANIMATIONS = {"animation": "run_in", "spots": "spots"}
 
 
 def animate(run, folder) -> list[Path]:
@@ -51,26 +65,26 @@ def animate(run, folder) -> list[Path]:
 def _write_animation(run, folder: Path, module: str) -> list[Path]:
     if not is_applicable(module, run):
         return []
-    with atomic_write(folder / f"{ANIMATIONS[module]}.gif") as fresh:
-        import_module(f"flashtemp.viz.{module}").write(run, fresh)
+    with atomic_write(folder / f"{ANIMATIONS[module]}.gif") as unfinished:
+        import_module(f"{run_modules.__name__}.{module}").write(run, unfinished)
     return [folder / f"{ANIMATIONS[module]}.gif"]
 
 
 class PictureRequest(NamedTuple):
-    """What one module of PICTURES or ANIMATIONS draws, and the formats that are wanted of it."""
+    """A module of PICTURES or ANIMATIONS and the formats to write; formats ("gif",) request its animation."""
 
     module: str
     formats: tuple[str, ...]
 
 
 def requested_pictures(formats=("png",), animated=True) -> list[PictureRequest]:
-    """All pictures, and then the animations, that a run may have."""
+    """Requests for all pictures and then, if `animated`, for all animations."""
     still = [PictureRequest(module, tuple(formats)) for module in PICTURES]
     return still + [PictureRequest(module, ("gif",)) for module in ANIMATIONS if animated]
 
 
 def draw_picture(run, folder, picture: PictureRequest) -> tuple[list[Path], dict[str, str]]:
-    """Draw one of those `requested_pictures` if it can be: the files, and {what is missing: why}."""
+    """Draw one request if it applies: the files written, and {missing file: reason}."""
     moving = picture.formats == ("gif",)
     name = (ANIMATIONS if moving else PICTURES)[picture.module]
     try:
@@ -80,15 +94,15 @@ def draw_picture(run, folder, picture: PictureRequest) -> tuple[list[Path], dict
 
 
 def draw_each(run, folder, formats=("png",), animated=True) -> tuple[list[Path], dict[str, str]]:
-    """Draw all that can be drawn: the files, and {what is missing: why}.  A picture that fails stops no other."""
+    """Draw all that applies: the files written, and {missing file: reason}.  A picture that fails stops no other."""
     return merge_results(draw_picture(run, Path(folder), picture) for picture in requested_pictures(formats, animated))
 
 
-def merge_results(answers: Iterable[tuple[list[Path], dict[str, str]]]) -> tuple[list[Path], dict[str, str]]:
-    """All files, and all that is missing, of several that were `draw_picture`."""
-    made: list[Path] = []
+def merge_results(results: Iterable[tuple[list[Path], dict[str, str]]]) -> tuple[list[Path], dict[str, str]]:
+    """Merge the results of several `draw_picture` calls."""
+    written: list[Path] = []
     missing: dict[str, str] = {}
-    for files, faults in answers:
-        made += files
+    for files, faults in results:
+        written += files
         missing |= faults
-    return made, missing
+    return written, missing

@@ -1,6 +1,7 @@
-"""Pictures of a run by two processes: a second one loads what drawing needs during the march, and helps afterwards.
+"""Pictures of a run drawn by two processes: the second loads the libraries during the march and helps afterwards.
 
-`python -m flashtemp.viz.drawing_process` is that process: a run, its folder and pictures come in, what was drawn goes out.
+`python -m flashtemp.viz.drawing_process` is the second process.  It reads a run, its folder and picture requests from
+stdin, and writes the results to stdout.
 """
 
 from __future__ import annotations
@@ -24,15 +25,15 @@ from flashtemp.runs.results import processes
 from flashtemp.runs.results.current_folder import make_python_command
 from flashtemp.viz import PictureRequest
 
-SECOND_PROCESS_AFTER_S = 1.0  # s of march; a shorter run has drawn its pictures before a second process is awake
-MAX_SHARED_BYTES = 2**28  # bytes of a run's fields, which the second process holds again
-STOP_PATIENCE_S = 10.0  # s for the picture that it is at after Ctrl-C
+SECOND_PROCESS_AFTER_S = 1.0  # s of march; after a shorter one all pictures are drawn before a second process is ready
+MAX_SHARED_BYTES = 2**28  # bytes of a run's fields, which exist twice with two processes
+STOP_PATIENCE_S = 10.0  # s for the picture in progress after Ctrl-C
 
 
 class PictureDrawer:
-    """Draws a run's pictures; with a second process where `watch` has been told of a march that takes time.
+    """Draws the pictures of a run, with a second process if the march takes longer than SECOND_PROCESS_AFTER_S.
 
-    Where that process cannot be had, or fails, this one draws alone.
+    Where that process cannot be started, or fails, this one draws everything.
     """
 
     def __init__(self, several: bool):
@@ -48,51 +49,51 @@ class PictureDrawer:
             _stop_process(self._second)
 
     def wrap_watch(self, watch: Callable | None) -> Callable:
-        """`watch`, if there is one, and an eye on how long the march takes."""
+        """A progress callback that starts the second process in time and then calls `watch`, if there is one."""
 
-        def told(progress, end: float) -> None:
+        def watch_and_start(progress, end: float) -> None:
             if self._may and time.monotonic() - self._since > SECOND_PROCESS_AFTER_S:
                 self._may, self._second = False, _start_process()
             if watch is not None:
                 watch(progress, end)
 
-        return told
+        return watch_and_start
 
     def draw_pictures(self, run, folder: Path, animated: bool) -> dict[str, str]:
-        """Draw all that can be drawn; {what is missing: why}."""
+        """Draw all pictures that apply into `folder`; returns {missing file: reason}."""
         pictures = viz.requested_pictures(animated=animated)
-        left = deque(pictures)
+        pending = deque(pictures)
         answers: dict[PictureRequest, tuple[list[Path], dict[str, str]]] = {}
 
-        def mine() -> None:
-            with suppress(IndexError):  # the other has taken the last one
+        def draw_pending() -> None:
+            with suppress(IndexError):  # the second process has taken the last one
                 while True:
-                    picture = left.popleft()
+                    picture = pending.popleft()
                     answers[picture] = viz.draw_picture(run, folder, picture)
 
         if self._second is None or run.field.nbytes > MAX_SHARED_BYTES:
-            mine()
+            draw_pending()
         else:
-            given = (self._second, (run, folder.absolute()), left, answers)
-            helping = threading.Thread(target=_share_pictures, args=given, daemon=True)
-            helping.start()
+            arguments = (self._second, (run, folder.absolute()), pending, answers)
+            helper = threading.Thread(target=_share_pictures, args=arguments, daemon=True)
+            helper.start()
             try:
-                mine()
-                helping.join()
-                mine()
-            finally:  # nobody draws into the folder any more when it gets another name
-                left.clear()
-                helping.join(STOP_PATIENCE_S)
+                draw_pending()
+                helper.join()
+                draw_pending()  # a picture that the second process took and did not finish
+            finally:  # the folder is renamed next: no process may still draw into it
+                pending.clear()
+                helper.join(STOP_PATIENCE_S)
         return viz.merge_results(answers[picture] for picture in pictures)[1]
 
 
 def _start_process() -> subprocess.Popen[bytes] | None:
-    """The second process, which finds modules where this one does; None where none can be begun."""
+    """Start the second process with the module path of this one; None where it cannot be started."""
     command, env = make_python_command("-m", __name__)
-    pipe, quiet = subprocess.PIPE, subprocess.DEVNULL
+    pipe, null = subprocess.PIPE, subprocess.DEVNULL
     try:
         return subprocess.Popen(
-            command, env=env, stdin=pipe, stdout=pipe, stderr=quiet, **processes.detached_process_options()
+            command, env=env, stdin=pipe, stdout=pipe, stderr=null, **processes.detached_process_options()
         )
     except OSError:
         return None
@@ -101,17 +102,17 @@ def _start_process() -> subprocess.Popen[bytes] | None:
 def _share_pictures(
     process: subprocess.Popen[bytes], run_and_folder: tuple, pending: deque[PictureRequest], answers: dict
 ) -> None:
-    """Give the second process the run and its folder, and pictures from the end until none is left or it fails."""
-    there, back = cast(IO[bytes], process.stdin), cast(IO[bytes], process.stdout)
+    """Send the run to the second process, then pictures from the end of `pending` until none is left or it fails."""
+    stdin, stdout = cast(IO[bytes], process.stdin), cast(IO[bytes], process.stdout)
     picture = None
     try:
-        _send_object(there, run_and_folder)
+        _send_object(stdin, run_and_folder)
         while pending:
             picture = pending.pop()
-            _send_object(there, picture)
-            answers[picture] = pickle.load(back)
+            _send_object(stdin, picture)
+            answers[picture] = pickle.load(stdout)
             picture = None
-    except Exception:  # it was killed, or cannot load what this process can
+    except Exception:  # the process was killed, or cannot load a library: its picture is drawn here
         if picture is not None:
             pending.append(picture)
 
@@ -125,17 +126,17 @@ def _stop_process(process: subprocess.Popen[bytes]) -> None:
     process.kill()
     process.wait()
     for pipe in (process.stdin, process.stdout):
-        with suppress(OSError):  # what was on its way
+        with suppress(OSError):  # data still in the pipe
             cast(IO[bytes], pipe).close()
 
 
 def serve() -> None:
-    """Load what drawing needs; then draw what comes until nothing more does."""
+    """Import the picture modules, then draw the requests from stdin until it closes."""
     answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what a library prints is no answer
+    os.dup2(2, 1)  # prints of libraries must not mix with the results
     ignore_local_settings()
     for module in {*viz.PICTURES, *viz.ANIMATIONS}:
-        import_module(f"flashtemp.viz.{module}")
+        import_module(f"flashtemp.viz.run.{module}")
     with suppress(EOFError, BrokenPipeError):
         run, folder = pickle.load(sys.stdin.buffer)
         while True:

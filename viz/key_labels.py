@@ -1,4 +1,4 @@
-"""Keys of a case in words, their values in the units that people use."""
+"""Keys of a case in words, and their values in customary units (MPa, mm)."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import numpy as np
 from flashtemp.viz import theme
 from flashtemp.viz.number_format import unit_suffix
 
-SHORT_LENGTH_M = 0.1  # m: what is shorter by default is told in mm
-OMITTED_TABLES = ("schedule", "numerics")  # tables that say nothing about the key
+SHORT_LENGTH_M = 0.1  # m; keys with a shorter default are labelled in mm
+OMITTED_TABLES = ("schedule", "numerics")  # tables whose name is left out of a label
 
 
 @dataclass(frozen=True)
 class KeyLabel:
-    """A key in `words`, the `factor` from SI to the `unit` that its values are told in."""
+    """A key in `words`; its SI values times `factor` are in `unit`."""
 
     words: str
     factor: float
@@ -24,15 +24,15 @@ class KeyLabel:
 
     @property
     def label(self) -> str:
-        """Words for an axis."""
+        """The label of an axis: words and unit."""
         return f"{self.words} ({self.unit})" if self.unit else self.words
 
     def format_value(self, value: object) -> str:
-        """A value without its unit; texts as they are."""
+        """A value without its unit; texts are unchanged."""
         return theme.format_decimal(self.factor * float(value)) if _is_number(value) else str(value)
 
     def describe_value(self, value: object) -> str:
-        """A value after its words, with its unit."""
+        """Words, value and unit."""
         return f"{self.words} {self.format_value(value)} {self.unit if _is_number(value) else ''}".rstrip()
 
 
@@ -41,10 +41,10 @@ def _is_number(value: object) -> TypeGuard[float]:
 
 
 def describe_key(key: str, unit: str | None = None) -> KeyLabel:
-    """A key of a case for people; `unit` in SI where it is no key that is declared.
+    """The label of a case key; `unit` (SI) is needed for a key that no table declares.
 
-    >>> describe_key("contact.pressure").label, describe_key("block.length").label, describe_key("schedule.distance").label
-    ('contact pressure (MPa)', 'block length (mm)', 'distance (m)')
+    >>> [describe_key(key).label for key in ("contact.pressure", "block.length", "schedule.distance")]
+    ['contact pressure (MPa)', 'block length (mm)', 'distance (m)']
     >>> describe_key("contact.pressure").format_value(1.5e5), describe_key("schedule.speed").format_value("speed.csv")
     ('0.15', 'speed.csv')
     """
@@ -60,3 +60,12 @@ def describe_key(key: str, unit: str | None = None) -> KeyLabel:
     if unit == "m" and isinstance(default, int | float) and default < SHORT_LENGTH_M:
         return KeyLabel(words, 1e3, "mm")
     return KeyLabel(words, 1.0, unit_suffix(unit).strip())
+
+
+def describe_condition(overrides: dict) -> str:
+    """The overrides {key: value} of a recording in words with units.
+
+    >>> describe_condition({"contact.pressure": 1.5e5, "schedule.speed": 0.1}), describe_condition({})
+    ('contact pressure 0.15 MPa, speed 0.1 m/s', 'as in the case')
+    """
+    return ", ".join(describe_key(key).describe_value(value) for key, value in overrides.items()) or "as in the case"

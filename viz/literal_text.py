@@ -1,7 +1,7 @@
-"""Text of users in pictures: titles, file names and labels are shown letter by letter.
+"""Literal text in pictures: titles, file names and labels of users are shown character by character.
 
-matplotlib would read what stands between two dollar signs as mathematics, warn of letters that its font lacks, and
-stop at control characters.
+matplotlib would read text between two dollar signs as mathematics, warn of characters that its font lacks, and fail
+on control characters.
 """
 
 from __future__ import annotations
@@ -11,25 +11,25 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
-UNKNOWN_LETTER = "\ufffd"  # replacement character: a letter that cannot be shown
+UNKNOWN_LETTER = "\ufffd"  # Unicode replacement character
 UNESCAPED_DOLLAR = re.compile(r"(?<!\\)\$")
 
 
 def show_as_text(figure: Any) -> None:
-    """Every title, label and note of a matplotlib figure as plain text; numbers at the ticks of axes stay."""
+    """Turn every title, label and note of a matplotlib figure into plain text; numeric tick labels are unchanged."""
     for text in _iter_texts(figure):
-        given = text.get_text()
-        shown, family = _with_known_letters(replace_unprintable(given), text.get_fontproperties())
+        original = text.get_text()
+        shown, family = _with_known_letters(replace_unprintable(original), text.get_fontproperties())
         if family:
             text.set_fontfamily([*text.get_fontfamily(), family])
         if text.get_parse_math():
             shown = escape_mathematics(shown)
-        if shown != given:
+        if shown != original:
             text.set_text(shown)
 
 
 def replace_unprintable(text: str) -> str:
-    r"""A text whose control characters and lone surrogates are replaced by a mark.
+    r"""Replace control characters and lone surrogates by UNKNOWN_LETTER; line feeds and tabs stay.
 
     >>> replace_unprintable("a\x00b\x1b[1m"), replace_unprintable("two\nlines")
     ('a\ufffdb\ufffd[1m', 'two\nlines')
@@ -38,7 +38,7 @@ def replace_unprintable(text: str) -> str:
 
 
 def escape_mathematics(text: str) -> str:
-    r"""A text in which neither matplotlib nor VTK sees mathematics.
+    r"""Escape dollar signs so that neither matplotlib nor VTK reads mathematics.
 
     >>> print(escape_mathematics("5 $ and $x$"), escape_mathematics(r"\$"))
     5 \$ and \$x\$ \$
@@ -47,7 +47,7 @@ def escape_mathematics(text: str) -> str:
 
 
 def _iter_texts(artist: Any) -> Iterator[Any]:
-    """Texts below an artist, except those that axes make of numbers."""
+    """Text artists below an artist, except numeric tick labels."""
     from matplotlib.axis import Axis
     from matplotlib.text import Text
 
@@ -62,7 +62,7 @@ def _iter_texts(artist: Any) -> Iterator[Any]:
 
 
 def _show_tick_names(axis: Any) -> None:
-    """Names at the ticks of an axis, as files or effects, as plain text."""
+    """Turn tick labels that are names, such as files or effects, into plain text."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.ticker import FixedLocator, FuncFormatter
 
@@ -84,7 +84,7 @@ def _show_tick_names(axis: Any) -> None:
 
 
 def _with_known_letters(text: str, font: Any) -> tuple[str, str | None]:
-    """A text with a mark for each letter that no font has, and the name of a font for those that its own lacks."""
+    """The text with unknown characters replaced, and a font family for those that `font` lacks (or None)."""
     from matplotlib.font_manager import findfont
 
     missing = {c for c in text if ord(c) > 126} - _font_letters(str(findfont(font)))
@@ -96,7 +96,7 @@ def _with_known_letters(text: str, font: Any) -> tuple[str, str | None]:
 
 @cache
 def _font_letters(font_file: str) -> frozenset[str]:
-    """Letters that a font has."""
+    """The characters of a font."""
     from matplotlib.font_manager import get_font
 
     return frozenset(map(chr, get_font(font_file).get_charmap()))
@@ -104,7 +104,7 @@ def _font_letters(font_file: str) -> frozenset[str]:
 
 @cache
 def _find_font_family(letters: frozenset[str]) -> str | None:
-    """Name of an installed font that has these letters; None where there is none."""
+    """Name of an installed font with all these characters; None where there is none."""
     from matplotlib.font_manager import fontManager
 
     def order(entry: Any) -> tuple[Any, ...]:

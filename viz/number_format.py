@@ -1,4 +1,4 @@
-"""Numbers, units and names as the reports write them."""
+"""Numbers, units and names as text for the reports."""
 
 from __future__ import annotations
 
@@ -12,17 +12,19 @@ SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def effect_label(key: str) -> str:
+    """The name of an effect in words."""
     return key.replace("_", " ")
 
 
 def unit_suffix(unit: str) -> str:
+    """A unit to append to a number: with a space before it, "" for the unit 1."""
     if unit in ("", "1"):
         return ""
     return " " + unit.replace("m2", "m²").replace("m3", "m³").replace("degC", "°C")
 
 
 def format_number(value: float) -> str:
-    """Three digits, powers of ten raised, a dash for what is not known.
+    """A number with three digits and superscript powers of ten; a dash for NaN.
 
     >>> format_number(1.2345e-10), format_number(-0.5), format_number(3140.0), format_number(float("nan"))
     ('1.23 × 10⁻¹⁰', '−0.5', '3140', '–')
@@ -39,6 +41,7 @@ def format_number(value: float) -> str:
 
 
 def format_ratio(value: float) -> str:
+    """A ratio with two decimals where it is of the order of one."""
     return f"{value:.2f}" if 0.01 <= value < 10 else format_number(value)
 
 
@@ -59,33 +62,37 @@ def format_with_error(value: float, error: float, unit: str) -> str:
 
 
 def needed_amplitude(r: CandidateReport) -> str:
+    """The amplitude that a candidate requires, with its standard error and unit."""
     if not r.amplitude and not r.stderr:
         return "–"
     return f"{r.parameter} = {format_with_error(r.amplitude, r.stderr, r.unit)}".removeprefix(" = ")
 
 
 def score_and_basis(r: CandidateReport) -> tuple[str, str]:
-    """The ln Bayes factor and what it rests on."""
+    """The ln Bayes factor of a candidate, and whether it is from a full fit or from sensitivities."""
     if r.refitted or r.stderr > 0:
         return format_number(r.score), "full fit" if r.refitted else "sensitivities"
     return "–", "not tried"
 
 
 def detectable_amplitude(r: CandidateReport) -> str:
+    """The amplitude of a candidate that is detectable at 5 sigma."""
     return format_number(r.detectable) + unit_suffix(r.unit) if math.isfinite(r.detectable) else "not in these data"
 
 
 def format_probability(p: float) -> str:
+    """A probability; simulations do not resolve values below 0.001."""
     return "below 0.001" if p < 1e-3 else format_number(p)
 
 
 def flatten_dict(nested: dict, prefix: str = "") -> list[tuple[str, object]]:
-    """Entries of dictionaries in dictionaries, one after the other."""
-    own = [(f"{prefix}{k}", v) for k, v in nested.items()]
-    return [pair for k, v in own for pair in (flatten_dict(v, f"{k}: ") if isinstance(v, dict) else [(k, v)])]
+    """(key, value) pairs of nested dictionaries, keys joined by ": "."""
+    items = [(f"{prefix}{k}", v) for k, v in nested.items()]
+    return [pair for k, v in items for pair in (flatten_dict(v, f"{k}: ") if isinstance(v, dict) else [(k, v)])]
 
 
 def format_value(value) -> str:
+    """A value of any type: yes or no, a number, a list with commas, or its text."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, (int, float)):

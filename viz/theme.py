@@ -1,7 +1,7 @@
-"""Colours, fonts and sizes of all pictures, and the helpers that keep them alike.
+"""Colours, fonts and sizes of all pictures, and helpers for a uniform look.
 
-Nothing is set globally: `styled` wraps every `draw` so that matplotlib's settings hold inside it
-only, whatever the user's own matplotlibrc says.
+Nothing is set globally: `styled` wraps every `draw`, so that the settings apply inside it only and the user's own
+matplotlibrc has no effect.
 """
 
 from __future__ import annotations
@@ -56,24 +56,24 @@ MATPLOTLIB_STYLE = {
 
 
 def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
-    """A `draw` that runs under this theme and leaves matplotlib's settings as they were.
+    """Decorator: `draw` runs under this theme, and matplotlib's settings are restored afterwards.
 
-    Titles and labels are shown as text, whatever letters they hold.
+    Titles and labels of the figure are shown as plain text, never as mathematics.
     """
 
     @wraps(draw)
     def wrapped(*args, **kwargs) -> Figure:
         with import_module("matplotlib.style").context(["default", MATPLOTLIB_STYLE]):
-            drawn = draw(*args, **kwargs)
-            if isinstance(drawn, Figure):  # what writes an animation returns its path
-                show_as_text(drawn)
-            return drawn
+            result = draw(*args, **kwargs)
+            if isinstance(result, Figure):  # a writer of animations returns a path
+                show_as_text(result)
+            return result
 
     return wrapped
 
 
 def make_figure(title: str, width: float, height: float) -> Figure:
-    """An empty figure (inches) with a title, laid out so that nothing overlaps."""
+    """An empty figure of `width` x `height` inches with a title and constrained layout."""
     fig = Figure(figsize=(width, height), layout="constrained", facecolor="white")
     short = textwrap.shorten(title, round(11 * width), placeholder=" ...")
     fig.suptitle(short, x=0.01, ha="left", parse_math=False)
@@ -81,50 +81,50 @@ def make_figure(title: str, width: float, height: float) -> Figure:
 
 
 def save_figure(figure: Figure, path: Path, dpi: int = FIGURE_DPI) -> Path:
-    """Write a picture in the format of its name, whole or not at all; returns the path."""
-    with atomic_write(path) as fresh:
-        figure.savefig(fresh, dpi=dpi)
+    """Write a figure atomically in the format of the suffix of `path`; returns the path."""
+    with atomic_write(path) as unfinished:
+        figure.savefig(unfinished, dpi=dpi)
     return path
 
 
 def x_axis_label(run) -> str:
-    """Label of the axis x: from the leading edge, or the block's own where it slides back or no run tells."""
+    """Label of the x axis: from the leading edge, or along the block if it also slides back or `run` is None."""
     return "x along the block (mm)" if run is None or run.direction is not None else "x from leading edge (mm)"
 
 
 def temperature_map() -> ListedColormap:
-    """The one colour map of temperature: perceptually uniform, without the black and white ends."""
+    """The colour map of all temperatures: perceptually uniform, without the black and white ends."""
     from matplotlib import colormaps
 
     return ListedColormap(colormaps[TEMPERATURE_MAP_NAME](np.linspace(0.04, 0.97, 256)), name="temperature")
 
 
 def temperature_norm(*values: np.ndarray) -> Normalize:
-    """Colour limits (degC) over all values; at least 1 K wide, so that a constant stays drawable."""
+    """Colour limits (degC) over all values, at least 1 K wide so that a constant can be drawn."""
     low, high = padded_limits(*values, least=0.0, margin=0.0)
     return Normalize(low, max(high, low + 1.0))
 
 
 def repetition_colours(count: int) -> np.ndarray:
-    """One colour (RGBA) per repetition, dark to light green-yellow, never too pale for white paper."""
+    """One colour (RGBA) per repetition, from dark to light green-yellow."""
     from matplotlib import colormaps
 
     return colormaps[REPETITION_MAP_NAME](np.linspace(0.0, 0.88, count))
 
 
 def padded_limits(*values, least: float, margin: float = 0.05) -> tuple[float, float]:
-    """Lowest and highest of all values, at least `least` apart, widened by a share `margin` of it."""
+    """Lowest and highest of all finite values, at least `least` apart, widened by the fraction `margin`."""
     flat = np.concatenate([np.ravel(v) for v in values])
     flat = flat[np.isfinite(flat)]
     low, high = (flat.min(), flat.max()) if len(flat) else (0.0, 0.0)
-    missing = max(0.0, least - (high - low))
-    low, high = low - 0.5 * missing, high + 0.5 * missing
+    widening = max(0.0, least - (high - low))
+    low, high = low - 0.5 * widening, high + 0.5 * widening
     extra = margin * (high - low)
     return float(low - extra), float(high + extra)
 
 
 def format_decimal(value: float, digits: int = 4) -> str:
-    """A number for a label, never in exponents.
+    """A number for a label, without exponent.
 
     >>> format_decimal(17504.0, 3), format_decimal(0.0416), format_decimal(35.0)
     ('17500', '0.0416', '35')
@@ -133,7 +133,7 @@ def format_decimal(value: float, digits: int = 4) -> str:
 
 
 def nice_ceil(value: float) -> float:
-    """The next 1, 2, 3 or 5 times a power of ten.
+    """The smallest 1, 2, 3 or 5 times a power of ten that is at least `value` (> 0).
 
     >>> nice_ceil(0.23), nice_ceil(1.7), nice_ceil(5.1)
     (0.3, 2.0, 10.0)
@@ -144,7 +144,7 @@ def nice_ceil(value: float) -> float:
 
 
 def spread_indices(count: int, max_count: int) -> np.ndarray:
-    """At most `max_count` indices spread evenly over range(count), both ends among them.
+    """At most `max_count` indices spread evenly over range(count), including both ends.
 
     >>> spread_indices(3, 5).tolist(), spread_indices(9, 3).tolist()
     ([0, 1, 2], [0, 4, 8])

@@ -1,4 +1,4 @@
-"""The time axis of a run: repetitions, waits between them, and waits drawn shorter when they would fill the picture."""
+"""The time axis of a run: repetitions, waits, and compression of waits that would fill the picture."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from flashtemp.physics.interpolation import interpolate_linear
 from flashtemp.viz import theme
 
 DOMINANT_WAIT_RATIO = 2.5  # waits longer than this many times the sliding are drawn compressed
-COMPRESSED_WAIT_FRACTION = 0.5  # ... to this share of the time spent sliding
+COMPRESSED_WAIT_FRACTION = 0.5  # ... to this fraction of the time spent sliding
 TIME_UNITS = (("s", 1.0, 1800.0), ("min", 60.0, 4 * 3600.0), ("h", 3600.0, np.inf))
 
 
 @dataclass(frozen=True)
 class RepetitionAxis:
-    """`repetition` (r,) numbers, `start` and `end` (r,) of their sliding in s, `stop` the end of the run in s."""
+    """Numbers (r,) of the repetitions, `start` and `end` (r,) of their sliding (s), and `stop`, the end of the run (s)."""
 
     repetition: np.ndarray
     start: np.ndarray
@@ -26,18 +26,18 @@ class RepetitionAxis:
 
     @cached_property
     def waits(self) -> list[tuple[float, float]]:
-        """Begin and end (s) of every wait that takes time."""
+        """Begin and end (s) of every wait of non-zero length."""
         until = np.append(self.start[1:], self.stop)
         return [(float(a), float(b)) for a, b in zip(self.end, until, strict=True) if b > a]
 
     @cached_property
     def unit(self) -> tuple[str, float]:
-        """Unit of the axis and its length in s."""
+        """Unit of the axis and its value in s."""
         return next((name, size) for name, size, longest in TIME_UNITS if self.stop < longest)
 
     @cached_property
     def is_compressed(self) -> bool:
-        """Whether waits are drawn shorter than they are."""
+        """Whether waits are drawn compressed."""
         waited = sum(b - a for a, b in self.waits)
         return waited > DOMINANT_WAIT_RATIO * (self.stop - self.start[0] - waited)
 
@@ -52,7 +52,7 @@ class RepetitionAxis:
 
     @cached_property
     def axis_knots(self) -> tuple[np.ndarray, np.ndarray]:
-        """Times (s) and their places on the axis, between which both are linear."""
+        """Times (s) and their positions on the axis; the axis is linear between them."""
         t = np.unique(np.concatenate([[self.start[0]], *self.waits, [self.stop]]))
         step = np.diff(t)
         waiting = np.isin(t[:-1], [a for a, _ in self.waits])
@@ -61,12 +61,12 @@ class RepetitionAxis:
         return t, np.concatenate([[0.0], np.cumsum(step)])
 
     def column_edges(self, count: int) -> np.ndarray:
-        """Times (s) of the edges of `count` columns of equal width on the axis."""
+        """Times (s) of the edges (count + 1,) of `count` columns of equal width on the axis."""
         t, place = self.axis_knots
         return np.interp(np.linspace(0.0, place[-1], count + 1), place, t)
 
     def set_axis(self, ax) -> None:
-        """Give an axes this time axis: limits, label and, where waits dominate, compressed waits."""
+        """Apply limits, label and, where waits dominate, the compressed scale to an axes."""
         if self.is_compressed:
             t, place = self.to_axis_unit(self.axis_knots[0]), self.axis_knots[1]
             ax.set_xscale("function", functions=(lambda v: np.interp(v, t, place), lambda p: np.interp(p, place, t)))
@@ -78,21 +78,21 @@ class RepetitionAxis:
         ax.set_xlabel(self.label)
 
     def shade_waits(self, ax) -> None:
-        """Mark every wait by a pale band over the height of an axes."""
+        """Mark every wait by a pale band."""
         for a, b in self.waits:
             ax.axvspan(*self.to_axis_unit([a, b]), color=theme.WAITING_COLOUR, lw=0, zorder=0)
 
 
 def repetition_axis(run) -> RepetitionAxis:
-    """The clock of a run."""
+    """The time axis of a run."""
     numbers = np.unique(run.repetition[run.sliding])
     first = np.array([np.flatnonzero(run.sliding & (run.repetition == r))[0] for r in numbers])
-    # a repetition starts where the record before it stands: the end of the wait
+    # a repetition starts at the record before its first sliding one: the end of the wait
     return RepetitionAxis(numbers, run.time[np.maximum(first - 1, 0)], run.time[sliding_ends(run)], float(run.time[-1]))
 
 
 def sliding_ends(run) -> np.ndarray:
-    """Index into run.time of the end of sliding of every repetition."""
+    """Indices (r,) into run.time of the end of sliding of every repetition."""
     at = np.flatnonzero(run.sliding)
     return at[np.flatnonzero(np.diff(run.repetition[at], append=-1))]
 

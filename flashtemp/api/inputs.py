@@ -38,7 +38,7 @@ def parse_case(text: str, file: Path) -> Case:
     try:
         raw = parse_toml(text)
     except (ValueError, RecursionError) as fault:
-        raise BadInput(f"{file}: not valid TOML: {str(fault).split(chr(10))[0]}; correct that line") from fault
+        raise BadInput(f"{file}: not valid TOML: {str(fault).split(chr(10))[0]}; repair that line") from fault
     name = file.parent.name if file.name == "case.toml" else file.stem
     return cases.assemble_case(raw, {}, KeyLocations(str(file), text), file.parent, name)
 

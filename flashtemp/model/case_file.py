@@ -134,7 +134,7 @@ def read_toml(file: Path) -> tuple[str, Table]:
     except UnicodeDecodeError as fault:
         raise BadInput(f"{file}: not UTF-8 text, so not TOML; give a .toml file") from fault
     except TOML_ERRORS as fault:
-        raise BadInput(f"{file}: not valid TOML: {_describe_parse_error(fault)}; correct that line") from fault
+        raise BadInput(f"{file}: not valid TOML: {_describe_parse_error(fault)}; repair that line") from fault
 
 
 def describe_missing_file(path: Path, kind: str) -> str:

@@ -565,7 +565,7 @@ def test_effect_files_run_only_after_a_click_of_their_own(tmp_path, monkeypatch,
         questions.append(lines)
         return answer
 
-    monkeypatch.setattr(page_layout, "ask", ask)
+    monkeypatch.setattr(page_layout, "ask_consent", ask)
     jobs = SimpleNamespace(start=started.append)
     assert asyncio.run(start_job(tmp_path, jobs, allowed, words)) == (answer or not asked)
     assert started == ([words] if answer or not asked else [])

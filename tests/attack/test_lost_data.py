@@ -215,7 +215,7 @@ def test_a_result_outlives_its_report(campaign, tmp_path, monkeypatch, capsys):
     def full(path, text):
         raise OSError(28, "No space left on device", "report.html")
 
-    monkeypatch.setattr("flashtemp.viz.html.comparison_report.write", full)
+    monkeypatch.setattr("flashtemp.viz.html.comparison_report.write_report", full)
     assert main(["compare", str(campaign), "--out", str(tmp_path / "a")]) == 1
     assert "missing in" in capsys.readouterr().err
     assert json.loads((tmp_path / "a" / "compare.json").read_text())["recordings"]

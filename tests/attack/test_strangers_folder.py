@@ -232,7 +232,7 @@ ONE_PLACE = {
 
 @pytest.mark.parametrize("what", ONE_PLACE)
 def test_python_processes_and_compiled_loops_begin_in_one_place(what):
-    files = [*(ROOT / "flashtemp").rglob("*.py"), *(ROOT / "viz").glob("*.py")]
+    files = [*(ROOT / "flashtemp").rglob("*.py"), *(ROOT / "viz").rglob("*.py")]
     assert {f.name for f in files if re.search(what, f.read_text(encoding="utf-8"), re.MULTILINE)} == {*ONE_PLACE[what]}
 
 

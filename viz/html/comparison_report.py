@@ -1,4 +1,4 @@
-"""One HTML file about a comparison: verdicts in words, an overview, a list of the rest, tables and pictures."""
+"""HTML report of a comparison: main result, overview, findings for each file, tables and pictures."""
 
 from __future__ import annotations
 
@@ -19,36 +19,57 @@ from flashtemp.display import atomic_write, format_count
 from flashtemp.solver.run import Run
 from flashtemp.viz.html import page
 
-MAX_FILES_IN_ALT_TEXT = 6  # files whose size of differences the words of a picture tell
-CHI2_NEAR_NOISE = 1.5  # chi2/dof up to which a difference is about as large as the noise
+MAX_FILES_IN_ALT_TEXT = 6  # files listed in the alternative text of the overview
+CHI2_NEAR_NOISE = 1.5  # chi2/dof up to which a residual counts as about as large as the noise
 UPWARD_NAMES = {"sidewall": "z", "wake": "y", "profile": "", "points": ""}
 BODY_NAMES = {"sidewall": "the block", "wake": "the road", "profile": "the block", "points": "the place"}
 COMPARISON_TERMS = (
-    ("Computed", "What the camera would have reported if the model were right: the simulated temperatures seen through"
-     " the camera's own pixels, optics, exposure and arithmetic. The model was not fitted to these data. The one"
-     " exception is a small shift of the whole image, one per recording, where the file says how well the image's"
-     " place is known; a shift beyond that is refused."),
-    ("Difference", "Measured minus computed. Red (positive): measured hotter than computed. Blue: colder. RMSE is its"
-     " root mean square, bias its mean."),
-    ("Sigma", "The same difference in units of the noise of one pixel, after the pattern that the camera itself leaves"
-     " in all frames has been allowed for. Noise alone stays within ±2 sigma in 19 of 20 pixels."),
-    ("chi2/dof", "Mean square of the differences in sigma. Near 1: noise explains everything. 4: the differences are"
-     " twice as large as noise. Where the noise was estimated from the data themselves, a value near 1 says less."),
-    ("Whiteness", "Noise is as likely up as down, whatever its neighbour does. The correlation of neighbouring pixels"
-     " and of successive frames tests this; it is given in standard errors, and beyond"
-     f" ±{WHITE_NOISE_LIMIT_SDS:g} something is left that noise does not do, even where chi2/dof is near 1."),
-    ("Largest structured difference", "The mean of five by five pixels of one frame that stands out most from noise;"
-     " a square marks it. Among so many places noise alone reaches about 5 sigma."),
-    ("Bands", "Blue bands show what noise alone would do to a mean or a reading, two standard errors to either side;"
-     " red dots lie beyond."),
-)  # fmt: skip
+    (
+        "Computed",
+        "What the camera would report if the model were right: the simulated temperatures as imaged by the camera's "
+        "own pixels, optics, exposure and arithmetic. The model was not fitted to these data. The one exception is a "
+        "small shift of each image, where the file states how well the image's position is known. A larger shift is "
+        "not applied.",
+    ),
+    (
+        "Difference",
+        "Measured minus computed. Red (positive): measured hotter than computed. Blue: colder. RMSE is its root mean "
+        "square, bias its mean.",
+    ),
+    (
+        "Sigma",
+        "The difference in units of the noise of one pixel, after correction for the fixed pattern of the camera. "
+        "With noise alone, 19 of 20 pixels are within ±2 sigma.",
+    ),
+    (
+        "chi2/dof",
+        "Mean square of the differences in sigma. Near 1: noise explains everything. 4: the differences are twice as "
+        "large as the noise. Where the noise was estimated from the same data, a value near 1 is weaker evidence.",
+    ),
+    (
+        "Whiteness",
+        "White noise is uncorrelated between neighbouring pixels and successive frames. Both correlations are given "
+        f"in standard errors. Beyond ±{WHITE_NOISE_LIMIT_SDS:g} the differences have structure, even where chi2/dof "
+        "is near 1.",
+    ),
+    (
+        "Largest structured difference",
+        "The mean of five by five pixels of one frame that exceeds the noise most; a square marks it. Among so many "
+        "places, noise alone reaches about 5 sigma.",
+    ),
+    (
+        "Bands",
+        "Blue bands show the effect of noise alone on a mean or a reading, two standard errors to either side. Red "
+        "dots are outside.",
+    ),
+)
 
 
 def write_report(comparison: Comparison, path) -> Path:
-    """Write one self-contained HTML file about a comparison, pictures inside; returns its path."""
+    """Write the report of a comparison as one HTML file with embedded pictures; returns its path."""
     path = Path(path)
-    with atomic_write(path) as fresh:
-        fresh.write_text(render_report(comparison), encoding="utf-8")
+    with atomic_write(path) as unfinished:
+        unfinished.write_text(render_report(comparison), encoding="utf-8")
     return path
 
 
@@ -56,46 +77,44 @@ def render_report(comparison: Comparison) -> str:
     """The whole text of the HTML file."""
     from flashtemp.viz.measurement.comparison import draw_summary
 
-    title = f"Measured against computed: {comparison.campaign.title}"
+    title = f"{comparison.campaign.title}: measured against computed"
     sizes = [f"{s.view.file} {s.rmse_K:.2g} K" for s in comparison.recordings[:MAX_FILES_IN_ALT_TEXT]]
     sizes += [f"{p.force.file} {p.rmse:.2g}" for p in comparison.forces[:MAX_FILES_IN_ALT_TEXT]]
     overview = f"Root mean square, mean and chi2/dof of all differences: {'; '.join(sizes)}"
     more = [
-        ("files", "File by file", _list_findings(comparison)),
+        ("files", "Result for each file", _list_findings(comparison)),
         ("numbers", "Numbers", _make_tables(comparison)),
         ("pictures", "Pictures", _make_pictures(comparison)),
-        ("reading", "How to read this", [page.term_list(COMPARISON_TERMS)]),
+        ("reading", "Terms", [page.term_list(COMPARISON_TERMS)]),
     ]
     body = [
         f"<h1>{escape(title)}</h1>",
         f'<p class="small">Case {escape(str(comparison.campaign.case.name))}; {_count_files(comparison)}.</p>',
-        page.heading("What was found", "found"),
+        page.heading("Main result", "found"),
         *_worst_recording(comparison),
-        page.embed_figure(
-            draw_summary(comparison), overview, "Size of the differences and how they compare with noise."
-        ),
-        page.contents_list([(mark, head) for mark, head, _ in more] + _file_marks(comparison)),
-        *(line for mark, head, parts in more for line in (page.heading(head, mark), *parts)),
+        page.embed_figure(draw_summary(comparison), overview, "Size of the differences, compared with the noise."),
+        page.contents_list([(anchor, head) for anchor, head, _ in more] + _file_anchors(comparison)),
+        *(line for anchor, head, parts in more for line in (page.heading(head, anchor), *parts)),
     ]
     return page.render_page(title, body)
 
 
 def _worst_recording(comparison: Comparison) -> list[str]:
-    """The recording that is explained worst: a sentence, and the frame where it differs most."""
+    """The recording with the largest chi2/dof: a sentence, and the frame with its largest difference."""
     from flashtemp.viz.measurement.comparison import draw_images
 
     if not comparison.recordings:
         return [_finding_paragraph(p.force.file, *judge_friction(p)) for p in comparison.forces]
     s = max(comparison.recordings, key=lambda s: s.chi2_per_dof if s.pixels else np.inf)
-    told = [_finding_paragraph(s.view.file, *judge_recording(s))]
+    finding = _finding_paragraph(s.view.file, *judge_recording(s))
     if not s.pixels:
-        return told
+        return [finding]
     others = len(comparison.recordings) - 1
-    caption = "Where measured and computed differ most" + (
-        f"; the other {others} recordings differ less." * (others > 1)
+    caption = "Frame with the largest difference" + (
+        f"; the other {others} recordings differ less." if others > 1 else ""
     )
     return [
-        *told,
+        finding,
         page.embed_figure(
             draw_images(s, _runs_by_view(comparison).get(id(s.view)), only=True), judge_recording(s)[0], caption
         ),
@@ -103,7 +122,7 @@ def _worst_recording(comparison: Comparison) -> list[str]:
 
 
 def _list_findings(comparison: Comparison) -> list[str]:
-    """A sentence about every file, its numbers and cautions below."""
+    """A sentence about each file, with its numbers and cautions folded below."""
     out = [
         _finding_paragraph(s.view.file, *judge_recording(s), summary_line(s), _list_cautions(s))
         for s in comparison.recordings
@@ -112,43 +131,42 @@ def _list_findings(comparison: Comparison) -> list[str]:
 
 
 def _count_files(comparison: Comparison) -> str:
-    """How much was compared, and how well the simulations conserve energy."""
-    recordings, traces = len(comparison.recordings), len(comparison.forces)
-    line = f"{format_count(recordings, 'recording')}, {format_count(traces, 'load-cell trace')}"
+    """Number of files compared, and the energy imbalance of the simulations."""
+    recordings, load_cells = len(comparison.recordings), len(comparison.forces)
+    line = f"{format_count(recordings, 'recording')}, {format_count(load_cells, 'load-cell file')}"
     if comparison.runs:
         line += f"; energy imbalance of the simulations at most {max(r.energy_imbalance for r in comparison.runs):.1e}"
     return escape(line)
 
 
-# --- verdicts ---------------------------------------------------------------------------------------
+# --- findings ---------------------------------------------------------------------------------------
 def judge_recording(s: RecordingComparison) -> tuple[str, str]:
-    """A recording in one sentence for people, and how good that is: "good", "near" or "bad"."""
+    """The agreement of a recording in one sentence, and its grade: "good", "near" or "bad"."""
     if not s.pixels:
-        return "Nothing could be compared: no pixel lies well inside what was simulated.", "bad"
+        return "Nothing could be compared: no pixel is well inside the simulated region.", "bad"
     times = f"{np.sqrt(s.chi2_per_dof):.2g} times"
     if s.is_white and s.chi2_per_dof <= CHI2_NEAR_NOISE:
-        return "The model explains this recording: what is left is noise of the camera.", "good"
+        return "The model explains this recording: the difference is noise of the camera.", "good"
     if s.is_white:
-        return f"What is left has no structure but is {times} the noise: is the noise stated too small?", "near"
+        return f"The difference has no structure but is {times} the noise: the stated noise may be too small.", "near"
     if s.chi2_per_dof <= CHI2_NEAR_NOISE:
-        return f"The differences are hardly larger than the noise, but not random: {_describe_largest(s)}.", "near"
-    return (
-        f"The model does not explain this recording; the differences are {times} the noise: {_describe_largest(s)}.",
-        "bad",
-    )
+        return f"The differences are about as large as the noise but not random: {_describe_largest(s)}.", "near"
+    largest = _describe_largest(s)
+    return f"The model does not explain this recording. The differences are {times} the noise: {largest}.", "bad"
 
 
 def _describe_largest(s: RecordingComparison) -> str:
-    """Where the block or road differs most, in words."""
+    """The largest structured difference in words: body, size, place and time."""
     if s.largest is None:
         return "they are correlated"
     sign = "hotter" if s.largest.K > 0 else "colder"
     what = BODY_NAMES[s.view.recording.view]
-    return f"most of all, {what} is measured {abs(s.largest.K):.2g} K {sign} than computed at {describe_place(s, s.largest)}"
+    place = describe_place(s, s.largest)
+    return f"at the largest, {what} is measured {abs(s.largest.K):.2g} K {sign} than computed at {place}"
 
 
 def describe_place(s: RecordingComparison, at: ResidualPeak) -> str:
-    """A place and time of a recording: mm, s."""
+    """Place (mm, or the name of a point), time (s) and repetition in words."""
     up, points = UPWARD_NAMES[s.view.recording.view], s.view.recording.places
     where = f"x = {1e3 * at.u:.3g} mm" + (f", {up} = {1e3 * at.v:.3g} mm" if up else "")
     where = where if points is None else f"point {points.names[round(at.u)]}"
@@ -156,13 +174,13 @@ def describe_place(s: RecordingComparison, at: ResidualPeak) -> str:
 
 
 def _list_cautions(s: RecordingComparison) -> list[str]:
-    """What else a reader of one recording must know."""
+    """Remarks on a recording: a shift that was not applied, noise that was estimated."""
     out = []
     if s.shift_refused is not None:
         out.append(
-            f"A shift of the image by {_format_pair(s.shift_refused)} px would hide part of the difference, but its place is"
-            " stated to be known better: the image was left where it is. Either physics is missing or that statement"
-            " is wrong."
+            f"A shift of the image by {_format_pair(s.shift_refused)} px would hide part of the difference. It exceeds "
+            "the stated uncertainty of the image's position and was not applied. Either an effect is missing or the "
+            "stated uncertainty is too small."
         )
     if s.noise.estimated:
         names = {"white": "of the pixels", "pattern": "that stays in all frames"}
@@ -172,16 +190,16 @@ def _list_cautions(s: RecordingComparison) -> list[str]:
 
 
 def judge_friction(p: ForceComparison) -> tuple[str, str]:
-    """A load-cell trace in one sentence for people, and how good that is."""
+    """The agreement of a load-cell time series in one sentence, and its grade."""
     if not np.isfinite(p.bias):
         return "Nothing could be compared: no reading was taken while the block slides.", "bad"
     white = all(abs(s) < WHITE_NOISE_LIMIT_SDS for _, s in p.correlation.values())
     if p.chi2_per_dof <= CHI2_NEAR_NOISE:
         if white:
-            return "The model explains the friction: what is left is noise of the load cell.", "good"
-        return "The friction differs hardly more than the noise, but not at random.", "near"
+            return "The model explains the friction: the difference is noise of the load cell.", "good"
+        return "The differences in friction are about as large as the noise but not random.", "near"
     sign = "higher" if p.bias > 0 else "lower"
-    return f"Friction is measured {sign} than computed by {abs(p.bias):.2g} on average.", "bad"
+    return f"The measured friction is {sign} than computed by {abs(p.bias):.2g} on average.", "bad"
 
 
 def _friction_numbers(p: ForceComparison) -> str:
@@ -191,7 +209,7 @@ def _friction_numbers(p: ForceComparison) -> str:
 def _finding_paragraph(
     file: str, sentence: str, grade: str, numbers: str = "", cautions: list[str] | None = None
 ) -> str:
-    """One verdict as a paragraph with a coloured edge, numbers and cautions in a fold."""
+    """A finding as a paragraph with an edge in the colour of its grade; numbers and cautions are folded."""
     more = [page.paragraph(line, "small") for line in (numbers, *(cautions or [])) if line]
     fold = "\n" + page.fold_section("numbers", more) if more else ""
     return f'<div class="verdict {grade}">\n<p><b>{escape(file)}</b>: {escape(sentence)}</p>{fold}\n</div>'
@@ -199,7 +217,7 @@ def _finding_paragraph(
 
 # --- tables -----------------------------------------------------------------------------------------
 def _make_tables(comparison: Comparison) -> list[str]:
-    """Numbers of all recordings and of all load-cell traces."""
+    """Tables of all recordings and of all load-cell time series."""
     out = []
     if comparison.recordings:
         head = ["recording", "condition", "frames", "RMSE (K)", "bias (K)", "chi2/dof (–)", "white noise (K)",
@@ -220,7 +238,7 @@ def _make_tables(comparison: Comparison) -> list[str]:
 
 
 def _recording_row(s: RecordingComparison) -> list[str]:
-    """A recording in the table."""
+    """The row of a recording in the table."""
     names = {"u": "x", "v": UPWARD_NAMES[s.view.recording.view], "time": "time"}
     known = [f"{names[k]} {v[1]:+.1f}" for k, v in s.correlation.items() if names[k]]
     level = [f"{getattr(s.noise, n):.3g}{' estimated' if n in s.noise.estimated else ''}" for n in ("white", "pattern")]
@@ -228,13 +246,21 @@ def _recording_row(s: RecordingComparison) -> list[str]:
         f"{_format_pair(s.shift)} ± {', '.join(f'{e:.2f}' for e in s.shift_error)}" if any(s.shift_error) else "none"
     )
     if s.shift_refused is not None:
-        shift = f"none; {_format_pair(s.shift_refused)} refused"
-    at = s.largest
-    largest = f"{at.K:+.2f} K, {at.sigma:+.0f} sigma at {describe_place(s, at)}" if at else "none"
+        shift = f"none; {_format_pair(s.shift_refused)} not applied"
+    peak = s.largest
+    largest = f"{peak.K:+.2f} K, {peak.sigma:+.0f} sigma at {describe_place(s, peak)}" if peak else "none"
     return [
-        _file_label(s.view), _condition_label(s.view), str(s.view.recording.frames), f"{s.rmse_K:.3f}", f"{s.bias_K:+.3f}",
-        f"{s.chi2_per_dof:.3g}", *level, shift, ", ".join(known), largest,
-    ]  # fmt: skip
+        _file_label(s.view),
+        _condition_label(s.view),
+        str(s.view.recording.frames),
+        f"{s.rmse_K:.3f}",
+        f"{s.bias_K:+.3f}",
+        f"{s.chi2_per_dof:.3g}",
+        *level,
+        shift,
+        ", ".join(known),
+        largest,
+    ]
 
 
 def _file_label(entry) -> str:
@@ -242,7 +268,7 @@ def _file_label(entry) -> str:
 
 
 def _condition_label(entry) -> str:
-    from flashtemp.viz.measurement.residual_plots import describe_condition
+    from flashtemp.viz.key_labels import describe_condition
 
     return describe_condition(entry.given)
 
@@ -252,42 +278,44 @@ def _format_pair(values) -> str:
 
 
 # --- pictures ---------------------------------------------------------------------------------------
-def _file_marks(comparison: Comparison) -> list[tuple[str, str]]:
-    """Mark and name of every file whose pictures are shown."""
+def _file_anchors(comparison: Comparison) -> list[tuple[str, str]]:
+    """Anchor and label of every file whose pictures are shown."""
     entries = [s.view for s in comparison.recordings] + [p.force for p in comparison.forces]
     return [(f"file-{i}", _file_label(entry)) for i, entry in enumerate(entries, 1)]
 
 
 def _make_pictures(comparison: Comparison) -> list[str]:
-    """Every picture with its caption, file by file."""
+    """All pictures with their captions, grouped by file."""
     from flashtemp.viz.measurement import comparison as draw
 
-    runs, marks = _runs_by_view(comparison), iter(_file_marks(comparison))
+    runs, anchors = _runs_by_view(comparison), iter(_file_anchors(comparison))
     out = []
     for s in comparison.recordings:
-        run, (mark, name) = runs.get(id(s.view)), next(marks)
-        seen = "Measured, computed and their difference in K" + (
-            "" if s.view.recording.is_single_row else " and in sigma; grey: dead pixels and what is not compared"
+        run, (anchor, name) = runs.get(id(s.view)), next(anchors)
+        caption = "Measured, computed and their difference in K" + (
+            ""
+            if s.view.recording.is_single_row
+            else " and in sigma; grey: dead pixels and pixels that are not compared"
         )
         mean = f"Mean differences of {s.view.file} along its axes and in time: {s.bias_K:+.2g} K on average"
         out += [
-            page.heading(name, mark, level=3),
+            page.heading(name, anchor, level=3),
             page.embed_figure(
-                draw.draw_images(s, run), f"Frames of {s.view.file}. {judge_recording(s)[0]}", f"{seen}."
+                draw.draw_images(s, run), f"Frames of {s.view.file}. {judge_recording(s)[0]}", f"{caption}."
             ),
-            page.embed_figure(draw.draw_mean_residuals(s, run), mean, "Where and when the differences lie."),
+            page.embed_figure(draw.draw_mean_residuals(s, run), mean, "Mean differences by position and time."),
         ]
     for p in comparison.forces:
-        words = "Friction coefficient measured and computed, and the difference."
-        mark, name = next(marks)
-        out.append(page.heading(name, mark, level=3))
+        caption = "Friction coefficient measured and computed, and the difference."
+        anchor, name = next(anchors)
+        out.append(page.heading(name, anchor, level=3))
         out.append(
-            page.embed_figure(draw.draw_friction(p), f"Friction of {p.force.file}. {judge_friction(p)[0]}", words)
+            page.embed_figure(draw.draw_friction(p), f"Friction of {p.force.file}. {judge_friction(p)[0]}", caption)
         )
     return out
 
 
 def _runs_by_view(comparison: Comparison) -> dict[int, Run]:
-    """The run of every view by its identity, as far as runs are kept."""
+    """{id of a recording entry: its run}, for the runs that are kept."""
     groups = comparison.campaign.conditions
     return {id(v): run for c, run in zip(groups, comparison.runs, strict=False) for v in c.views}

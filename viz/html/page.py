@@ -1,4 +1,4 @@
-"""What all HTML files share: style, frame of the page, contents, tables, folds, pictures, paragraphs and terms."""
+"""Parts of the HTML reports: style, page, contents list, tables, folded sections, figures and terms."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ dt { font-weight: 600; margin-top: .6rem; } dd { margin-left: 1.2rem; }
 
 
 def render_page(title: str, body: list[str], extra_style: str = "") -> str:
-    """The text of a self-contained HTML file with parts of a `body`, and `extra_style` style."""
+    """A self-contained HTML file from the parts of its `body`; `extra_style` is appended to the style sheet."""
     return "\n".join(
         [
             "<!DOCTYPE html>",
@@ -59,33 +59,33 @@ def render_page(title: str, body: list[str], extra_style: str = "") -> str:
 
 
 def paragraph(text: str, kind: str = "") -> str:
-    """A paragraph of plain text, of a class of the style if one is named."""
+    """A paragraph of plain text; `kind` is a class of the style sheet."""
     return f'<p class="{kind}">{escape(text)}</p>' if kind else f"<p>{escape(text)}</p>"
 
 
 def term_list(pairs: Iterable[tuple[str, str]]) -> str:
-    """A list of terms and what they mean."""
+    """A list of terms with their definitions."""
     return "\n".join(["<dl>", *(f"<dt>{escape(t)}</dt>\n<dd>{escape(text)}</dd>" for t, text in pairs), "</dl>"])
 
 
 def heading(text: str, anchor: str, level: int = 2) -> str:
-    """A heading of a section that the contents list leads to by its `anchor`."""
+    """The heading of a section; the contents list links to its `anchor`."""
     return f'<h{level} id="{escape(anchor)}">{escape(text)}</h{level}>'
 
 
 def contents_list(sections: Iterable[tuple[str, str]]) -> str:
-    """A list of the sections of the page, by mark and heading."""
-    items = (f'<li><a href="#{escape(mark)}">{escape(text)}</a></li>' for mark, text in sections)
+    """A list of links to `sections` (anchor, heading)."""
+    items = (f'<li><a href="#{escape(anchor)}">{escape(text)}</a></li>' for anchor, text in sections)
     return "\n".join(['<nav aria-label="contents">', "<ul>", *items, "</ul>", "</nav>"])
 
 
 def fold_section(title: str, parts: Iterable[str]) -> str:
-    """Parts of a page that open when their title is clicked."""
+    """Parts of a page that are folded under a title until it is clicked."""
     return "\n".join([f"<details>\n<summary>{escape(title)}</summary>", *parts, "</details>"])
 
 
 def table(head: list[str], rows: list[list[str]]) -> str:
-    """An HTML table of text; columns of what is longer than a number are set flush left, with their heads."""
+    """An HTML table of text; columns with more than numbers are aligned left, with their heads."""
     words = {k for row in rows for k, text in enumerate(row) if len(text) > 24}
 
     def line(tag: str, texts: list[str]) -> str:
@@ -99,11 +99,11 @@ def table(head: list[str], rows: list[list[str]]) -> str:
 
 
 def embed_figure(fig, alt: str, caption: str) -> str:
-    """A picture inside the file, with its caption; `alt` says what it shows to those who cannot see it."""
+    """A figure embedded as PNG with its caption; `alt` describes it to readers who cannot see it."""
     from flashtemp.viz.theme import FIGURE_DPI
 
-    held = io.BytesIO()
-    fig.savefig(held, format="png", dpi=FIGURE_DPI)
-    data = base64.b64encode(held.getvalue()).decode("ascii")
+    buffer = io.BytesIO()
+    fig.savefig(buffer, format="png", dpi=FIGURE_DPI)
+    data = base64.b64encode(buffer.getvalue()).decode("ascii")
     source = f'<img src="data:image/png;base64,{data}" alt="{escape(alt)}" />'
     return f"<figure>\n{source}\n<figcaption>{escape(caption)}</figcaption>\n</figure>"

@@ -1,4 +1,4 @@
-"""One HTML file about a verdict: the answer, one picture, a list of contents, then everything else."""
+"""HTML report of a verdict: the answer, one picture, a list of contents, then reasons, pictures and details."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from flashtemp.display import atomic_write
 from flashtemp.viz.html import page, verdict_tables
 from flashtemp.viz.number_format import effect_label, format_number, format_ratio, needed_amplitude
 
-MIN_VISIBLE_GAIN = 0.005  # fraction of the root mean square difference that three digits do not show
+MIN_VISIBLE_GAIN = 0.005  # fraction of the root mean square difference; a smaller gain is invisible in three digits
 ANSWERS_BY_KIND = {
     "named": ("The missing effect is identified", "good"),
     "learned": ("A law outside the catalogue is learned from the data", "good"),
@@ -35,27 +35,31 @@ VERDICT_TERMS = (
     (
         "ln Bayes factor",
         "Natural logarithm of the ratio of two probabilities: that of the data with the effect, and that without it. "
-        f"Calibration has taken what it can in both. From {CRITERIA.ln_bayes_named:g}, a ratio of about "
+        f"The model is calibrated in both. From {CRITERIA.ln_bayes_named:g}, a ratio of about "
         f"{ODDS_NAMED:g}, a cause is identified; from {CRITERIA.ln_bayes_hint:g} it is reported as a hint.",
     ),
     ("95 % interval", "Range that contains the true value in 19 of 20 such campaigns, if the model is right."),
-    ("Distinctness", "Difference between the signature of an effect and all others: 0 the same, 1 nothing in common."),
+    ("Distinctness", "Difference between the signature of an effect and those of all others: 0 equal, 1 orthogonal."),
     (
         "Full fit, sensitivities",
         "A full fit simulates the effect. Its sensitivities, from small changes, predict the result of a full fit.",
     ),
     (
         "Left-out data",
-        "Recordings that no fit has used, or each condition predicted from the others. A model that is only more "
+        "Recordings that no fit has used, or each condition predicted from the others. A model that is merely more "
         "flexible does not predict them better.",
     ),
-    ("Detectable", "The amplitude that these data would show at 5 sigma. A smaller one may be present unnoticed."),
-    ("p", "Fraction of simulated data sets with nothing but noise in which the test result is at least as extreme."),
+    ("Detectable", "The amplitude that these data would show at 5 sigma. A smaller one can be present undetected."),
+    ("p", "Fraction of simulated noise-only data sets in which the test result is at least as extreme."),
     ("chi2/dof", "Mean square of the differences in units of the noise: 1 where noise explains everything."),
     (
         "Standard deviations away",
-        "Difference between a stated input and the value from the data alone, over both uncertainties together.",
+        "Difference between a stated input and the value from the data alone, divided by the combined uncertainty.",
     ),
+)
+LAW_CAPTION = (
+    "The learned law with its 95 % band. Points are the nodes of learned.py, with straight lines between them; a "
+    "pressure is scaled to a mean of 1. The thin line is the case as stated."
 )
 VERDICT_STYLE = """
 .answer { font-size: 1.25rem; font-weight: 600; } .verdict .says { margin: .5rem 0; }
@@ -66,39 +70,39 @@ td.text { min-width: 11rem; max-width: 30rem; }
 
 
 def write_report(verdict: Verdict, path) -> Path:
-    """Write one self-contained HTML file about a verdict, pictures inside; returns its path."""
+    """Write the report of a verdict as one HTML file with embedded pictures; returns its path."""
     path = Path(path)
-    with atomic_write(path) as fresh:
-        fresh.write_text(render_report(verdict), encoding="utf-8")
+    with atomic_write(path) as unfinished:
+        unfinished.write_text(render_report(verdict), encoding="utf-8")
     return path
 
 
 def render_report(verdict: Verdict) -> str:
     """The whole text of the HTML file."""
-    title = f"What the model is missing: {verdict.title}"
+    title = f"{verdict.title}: search for missing effects"
     pictures = _picture_sections(verdict) if _is_calibrated(verdict) else []
     first, more = pictures[:1], [*_reason_sections(verdict), *pictures[1:], *_detail_sections(verdict)]
     body = [f"<h1>{escape(title)}</h1>", *_answer_section(verdict), *_join_sections(first)]
-    body.append(page.contents_list([(mark, head) for mark, head, _ in more]))
+    body.append(page.contents_list([(anchor, head) for anchor, head, _ in more]))
     return page.render_page(title, [*body, *_join_sections(more)], VERDICT_STYLE)
 
 
-Section = tuple[str, str, list[str]]  # mark, heading, parts
+Section = tuple[str, str, list[str]]  # anchor, heading, parts
 
 
 def _is_calibrated(v: Verdict) -> bool:
-    """Whether anything was calibrated."""
+    """Whether the base model was calibrated."""
     return v.kind != "no_verdict" or v.base is not None
 
 
 def _join_sections(sections: list[Section]) -> list[str]:
-    """Sections one after the other."""
-    return [line for mark, head, parts in sections for line in (page.heading(head, mark), *parts)]
+    """The HTML lines of sections with their headings."""
+    return [line for anchor, head, parts in sections for line in (page.heading(head, anchor), *parts)]
 
 
 # --- the answer -------------------------------------------------------------------------------------
 def _answer_section(v: Verdict) -> list[str]:
-    """The first screen: verdict, causes with their parameters, and what they gain."""
+    """The first screen: answer, causes with their parameters, and the gain of the extension."""
     words, grade = _grade_answer(v)
     says = "\n".join(f'<p class="says">{escape(line)}</p>' for line in v.says)
     out = [f'<div class="verdict {grade}">\n<p class="answer">{escape(words)}</p>\n{says}\n</div>']
@@ -110,17 +114,19 @@ def _answer_section(v: Verdict) -> list[str]:
         out += _describe_cause(cause)
     if v.group:
         out.append(f"<p>Not distinguishable: <b>{escape(', '.join(effect_label(g) for g in v.group))}</b>.</p>")
-        some = [r for r in v.rivals if r.effect in v.group]
         rows = [
-            [effect_label(r.effect), needed_amplitude(r), format_number(r.score), f"{r.distinctness:.2f}"] for r in some
+            [effect_label(r.effect), needed_amplitude(r), format_number(r.score), f"{r.distinctness:.2f}"]
+            for r in v.rivals
+            if r.effect in v.group
         ]
-        out += [page.table(["effect", "would need", "ln Bayes factor", "distinctness"], rows)] if rows else []
+        head = ["effect", "required amplitude", "ln Bayes factor", "distinctness"]
+        out += [page.table(head, rows)] if rows else []
     out += [f"<p>{escape(line)}</p>" for line in _describe_gain(v)]
     return [*out, "</div>"]
 
 
 def _grade_answer(v: Verdict) -> tuple[str, str]:
-    """The answer and its colour; nothing is green that hardly changes what is computed."""
+    """The answer and its grade; an answer that hardly changes the computed temperatures is not graded "good"."""
     words, grade = ANSWERS_BY_KIND[v.kind]
     effects = [c for c in v.causes if not c.laboratory]
     if not effects and any(c.laboratory for c in v.causes):
@@ -128,12 +134,12 @@ def _grade_answer(v: Verdict) -> tuple[str, str]:
     elif v.kind == "named" and len(effects) > 1:
         words = f"{len(effects)} missing effects are identified"
     if v.kind in ("named", "learned") and _is_negligible(v):
-        return f"{words}, but it hardly changes what is computed", "near"
+        return f"{words}, but it hardly changes the computed temperatures", "near"
     return words, grade
 
 
 def _is_negligible(v: Verdict) -> bool:
-    """Whether the gain rounds to nothing: in all that was fitted, in means over frames and in left-out data."""
+    """Whether no root mean square difference falls visibly: fitted, means over frames, near contact, left-out."""
     if v.base is None or v.extended is None:
         return False
     pairs = [
@@ -144,7 +150,7 @@ def _is_negligible(v: Verdict) -> bool:
 
 
 def _describe_cause(c: Cause) -> list[str]:
-    """An accepted effect in a sentence, and its parameters."""
+    """An accepted cause in a sentence, and the table of its parameters."""
     words = f"{c.words[:1].upper()}{c.words[1:]}" if c.words else effect_label(c.effect)
     line = f"<p><b>{escape(words)}</b> ({escape(effect_label(c.effect))}); ln Bayes factor {format_number(c.ln_bayes)},"
     line += f" distinctness {c.distinctness:.2f}.</p>"
@@ -152,21 +158,22 @@ def _describe_cause(c: Cause) -> list[str]:
 
 
 def _describe_gain(v: Verdict) -> list[str]:
-    """What the extension changes and improves, in sentences."""
+    """The change made by the extension and its gain, in sentences."""
     if v.base is None:
         return []
     b, e = v.base, v.extended
     if e is None:
-        line = f"The base leaves {format_number(b.rmse_K)} K root mean square (chi2/dof {format_ratio(b.chi2_per_dof)})"
-        left_out = (
-            f"; {format_number(b.held_out_rmse_K)} K on left-out data" if math.isfinite(b.held_out_rmse_K) else ""
-        )
-        return [f"{line}{left_out}."]
+        line = f"The root mean square difference of the base is {format_number(b.rmse_K)} K"
+        line += f" (chi2/dof {format_ratio(b.chi2_per_dof)})"
+        if math.isfinite(b.held_out_rmse_K):
+            line += f", on left-out data {format_number(b.held_out_rmse_K)} K"
+        return [f"{line}."]
     fitted = _describe_change(b.rmse_K, e.rmse_K, e.rmse_change_error_K)
-    line = f"What the extension gains: the root mean square of the differences, noise included, {fitted}"
+    line = f"With the extension, the root mean square of the differences, noise included, {fitted}"
     line += f" (chi2/dof {format_ratio(b.chi2_per_dof)} to {format_ratio(e.chi2_per_dof)})"
     if math.isfinite(b.near_contact_rmse_K) and math.isfinite(e.near_contact_rmse_K):
-        line += f", that of means over frames near the contact {_describe_change(b.near_contact_rmse_K, e.near_contact_rmse_K)}"
+        near_contact = _describe_change(b.near_contact_rmse_K, e.near_contact_rmse_K)
+        line += f", that of means over frames near the contact {near_contact}"
     if math.isfinite(b.held_out_rmse_K) and math.isfinite(e.held_out_rmse_K):
         left_out = _describe_change(b.held_out_rmse_K, e.held_out_rmse_K, e.held_out_change_error_K)
         line += f", that of left-out data {left_out}"
@@ -174,7 +181,7 @@ def _describe_gain(v: Verdict) -> list[str]:
 
 
 def _describe_change(before: float, after: float, error: float = math.nan) -> str:
-    """A change in K; none where it rounds to nothing, or is less than its statistical `error` allows."""
+    """A change from `before` to `after` (K) in words; "stays" where it rounds to zero or is within its `error`."""
     if format_number(before) == format_number(after):
         return f"stays at {format_number(before)} K"
     if is_within_noise(before, after, error):
@@ -183,73 +190,86 @@ def _describe_change(before: float, after: float, error: float = math.nan) -> st
 
 
 def _describe_extension(v: Verdict) -> list[str]:
-    """What the extension changes once everything is calibrated again."""
+    """The largest change by the extension after recalibration, in a sentence."""
     if not v.gain or not v.gain.get("file"):
         return []
-    size = f"{format_number(v.gain['changed_K'])} K root mean square ({format_number(100 * v.gain['share'])} % of its rise)"
-    line = (
-        f"What the extension changes, everything calibrated again: {v.gain['file']} by {size}, more than any other "
-        "recording"
-    )
-    pull = v.gain.get("friction", 0.0)
-    return [f"{line}; the friction of a trace by {format_number(100 * pull)} %." if pull >= 1e-3 else f"{line}."]
+    percent = f"{format_number(100 * v.gain['share'])} % of its temperature rise"
+    size = f"{format_number(v.gain['changed_K'])} K root mean square ({percent})"
+    line = f"After recalibration the extension changes {v.gain['file']} by {size}, more than any other recording"
+    change = v.gain.get("friction", 0.0)
+    return [f"{line}, and the friction by {format_number(100 * change)} %." if change >= 1e-3 else f"{line}."]
 
 
 # --- sections ---------------------------------------------------------------------------------------
 def _reason_sections(v: Verdict) -> list[Section]:
-    """Why the verdict is what it is, and which stated inputs the data question."""
-    some: list[Section] = [
+    """The rules behind the verdict, and the check of the stated inputs."""
+    sections: list[Section] = [
         ("rules", "Why this verdict", verdict_tables.rule_table(v)),
-        ("inputs", "Inputs that the data question", verdict_tables.input_tables(v)),
+        ("inputs", "Stated inputs against the data", verdict_tables.input_tables(v)),
     ]
-    return [section for section in some if section[2]]
+    return [section for section in sections if section[2]]
 
 
 def _picture_sections(v: Verdict) -> list[Section]:
-    """Sections with a picture or the reason why there is none, and tables; a learned law first."""
+    """A section per picture, with the picture or the reason for its absence and tables; a learned law first."""
     from flashtemp.viz.html import alt_text
-    from flashtemp.viz.verdict import learned_law, plot_helpers, verdict_figures
+    from flashtemp.viz.verdict import plot_helpers, verdict_figures
 
     figures = verdict_figures.draw_figures(v)
     tables = {
-        "what_is_wrong": _selection_note, "not_noise": verdict_tables.noise_section, "else": verdict_tables.rival_tables,
+        "what_is_wrong": _selection_note,
+        "not_noise": verdict_tables.noise_section,
+        "else": verdict_tables.rival_tables,
         "gained": verdict_tables.gain_tables,
-    }  # fmt: skip
-    out: list[Section] = learned_law.law_section(v, figures)
+    }
+    out: list[Section] = _law_section(v, figures)
     for count, name in enumerate(verdict_figures.PICTURE_CAPTIONS, 1):
         parts = [page.paragraph(verdict_figures.ABSENCE_REASONS[name])]
         if name in figures:
-            parts = [
-                page.embed_figure(
-                    figures[name], alt_text.describe_picture(v, name), verdict_figures.PICTURE_CAPTIONS[name]
-                )
-            ]
+            alt, caption = alt_text.describe_picture(v, name), verdict_figures.PICTURE_CAPTIONS[name]
+            parts = [page.embed_figure(figures[name], alt, caption)]
         parts += tables[name](v) if name in tables else []
         out.append((name.replace("_", "-"), f"{count}. {plot_helpers.picture_heading(v, name)}", parts))
     return out
 
 
+def _law_section(v: Verdict, figures) -> list[Section]:
+    """The section of a learned law; none where no law was learned."""
+    if "law" not in figures:
+        return []
+    law = v.law
+    argument_unit, unit = ("" if u == "1" else f" {u}" for u in (law.argument_unit, law.unit))
+
+    def describe(i: int) -> str:
+        band = f"({format_number(law.low[i])} to {format_number(law.high[i])}){unit}"
+        return f"{format_number(law.curve[i])} {band} at {format_number(law.at[i])}{argument_unit}"
+
+    first, last = describe(0), describe(-1)
+    picture = page.embed_figure(figures["law"], f"{law.words}: {first}, {last}", LAW_CAPTION)
+    return [("law", f"{law.words[0].upper()}{law.words[1:]}", [picture])]
+
+
 def _selection_note(v: Verdict) -> list[str]:
-    """Which conditions are drawn."""
+    """Which conditions are drawn, where not all are."""
     from flashtemp.viz.verdict import plot_helpers
 
     return [page.paragraph(words, "small") for words in [plot_helpers.describe_selection(v)] if words]
 
 
 def _detail_sections(v: Verdict) -> list[Section]:
-    """What to do next, and details that the verdict rests on."""
-    whole = _is_calibrated(v)
-    warned = (
-        ["<ul>", *(f"<li>{escape(w)}</li>" for w in v.warnings), "</ul>"] if v.warnings else [page.paragraph("None.")]
-    )
-    spent = [page.paragraph(f"Computed in {format_number(v.seconds)} s.", "small")] if v.seconds else []
-    some: list[Section] = [
+    """The next experiment, and the details behind the verdict."""
+    calibrated = _is_calibrated(v)
+    warnings = [page.paragraph("None.")]
+    if v.warnings:
+        warnings = ["<ul>", *(f"<li>{escape(w)}</li>" for w in v.warnings), "</ul>"]
+    time_spent = [page.paragraph(f"Computed in {format_number(v.seconds)} s.", "small")] if v.seconds else []
+    sections: list[Section] = [
         ("next", "What to measure next", [page.paragraph(v.next_experiment)] if v.next_experiment else []),
-        ("warnings", "Warnings", warned),
+        ("warnings", "Warnings", warnings),
         ("checked", "Adequacy tests", verdict_tables.adequacy_table(v)),
-        ("known", "Prior knowledge and calibrated numbers", verdict_tables.prior_tables(v) if whole else []),
-        ("unseen", "Detection limits", verdict_tables.detection_limits(v) if whole else []),
-        ("certificate", "Convergence of the calibration", [*verdict_tables.convergence_section(v), *spent]),
-        ("reading", "Terms", [page.term_list(VERDICT_TERMS)] if whole else []),
+        ("known", "Prior knowledge and calibrated values", verdict_tables.prior_tables(v) if calibrated else []),
+        ("unseen", "Detection limits", verdict_tables.detection_limits(v) if calibrated else []),
+        ("certificate", "Convergence of the calibration", [*verdict_tables.convergence_section(v), *time_spent]),
+        ("reading", "Terms", [page.term_list(VERDICT_TERMS)] if calibrated else []),
     ]
-    return [section for section in some if section[2]]
+    return [section for section in sections if section[2]]

@@ -1,4 +1,4 @@
-"""Tables of a verdict's report: rules, inputs, tests, candidates, gains, prior knowledge; long ones are folded."""
+"""Tables of the verdict report: rules, inputs, tests, candidates, gains and priors; long tables are folded."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from flashtemp.viz.number_format import (
 )
 from flashtemp.viz.verdict import plot_helpers
 
-MIN_PULL_OPEN = 1.0  # prior standard deviations, from which a calibrated number is not folded
+MIN_PULL_OPEN = 1.0  # prior standard deviations; smaller deviations are folded
 FIT_METRICS = (
     ("rmse_K", "root mean square difference, noise included (K)"), ("mean_map_rmse_K", "of means over frames (K)"),
     ("near_contact_rmse_K", "of means over frames, near the contact (K)"), ("chi2_per_dof", "chi2/dof (–)"),
@@ -34,11 +34,11 @@ FIT_METRICS = (
 
 # --- why this verdict -------------------------------------------------------------------------------
 def rule_table(v: Verdict) -> list[str]:
-    """Every rule that led to the verdict, with what follows where one did not pass; why it is not more certain."""
+    """The rules that led to the verdict, with the consequence of each that failed, and a note on uncertainty."""
     if not v.rules:
         return []
     rows = [_rule_row(r) for r in v.rules]
-    head = ["what was asked", "measured by", "value", "limit", "result"]
+    head = ["rule", "measured by", "value", "limit", "result"]
     uncertain = explain_uncertainty(v)
     return [page.table(head, rows), *([page.paragraph(uncertain)] if uncertain else [])]
 
@@ -46,15 +46,15 @@ def rule_table(v: Verdict) -> list[str]:
 def _rule_row(r: RuleResult) -> list[str]:
     words = describe_rule(r.name)
     result = "passed" if r.passed else words.fails or r.consequence
-    if not words.measured_by:  # a yes or no, without a number
+    if not words.measured_by:  # a rule without a number: yes or no
         return [words.passes, "–", "–", "–", result]
     limit = f"{'≤' if words.is_upper else '≥'}\N{NO-BREAK SPACE}{format_number(r.limit)}"
     return [words.passes, words.measured_by, format_number(r.value + 0.0), limit, result]  # no negative zero
 
 
-# --- inputs that the data question ------------------------------------------------------------------
+# --- stated inputs against the data ------------------------------------------------------------------
 def input_tables(v: Verdict) -> list[str]:
-    """Stated inputs: those that the data contradict, those that agree, those that the data cannot check or separate."""
+    """Stated inputs that the data contradict, confirm, cannot check, or cannot distinguish from each other."""
     if not v.inputs:
         return []
     contradicted = sorted((i for i in v.inputs if i.verdict == "contradicted"), key=lambda i: -i.ln_bayes)
@@ -72,106 +72,130 @@ def input_tables(v: Verdict) -> list[str]:
     return out
 
 
-def _inputs_table(some: list[InputResult]) -> str:
-    head = ["stated input", "key", "stated", "known to", "the data want", "standard deviations away", "ln Bayes factor"]
-    return page.table(head, [_input_row(i) for i in some])
+def _inputs_table(inputs: list[InputResult]) -> str:
+    head = [
+        "stated input",
+        "key",
+        "stated value",
+        "stated uncertainty",
+        "value from the data",
+        "standard deviations away",
+        "ln Bayes factor",
+    ]
+    return page.table(head, [_input_row(i) for i in inputs])
 
 
 def _input_row(i: InputResult) -> list[str]:
-    words = key_labels.describe_key(i.key, i.unit)
-    unit = f" {words.unit}" if words.unit else ""
+    label = key_labels.describe_key(i.key, i.unit)
+    unit = f" {label.unit}" if label.unit else ""
     sd = (
         f"{format_number(100 * i.sd)} %"
         if i.relative
         else format_number(i.sd) + unit_suffix("K" if i.unit == "degC" else i.unit)
     )
-    data = format_with_error(words.factor * i.estimate, words.factor * i.stderr, "1")
+    data = format_with_error(label.factor * i.estimate, label.factor * i.stderr, "1")
     return [
-        i.words, i.key, f"{format_number(words.factor * i.stated)}{unit}", f"{sd}, {i.source}", f"{data}{unit}",
-        format_number(abs(i.pull)), format_number(i.ln_bayes),
-    ]  # fmt: skip
+        i.words,
+        i.key,
+        f"{format_number(label.factor * i.stated)}{unit}",
+        f"{sd}, {i.source}",
+        f"{data}{unit}",
+        format_number(abs(i.pull)),
+        format_number(i.ln_bayes),
+    ]
 
 
-# --- is it noise ------------------------------------------------------------------------------------
+# --- tests for structure ------------------------------------------------------------------------------------
 def noise_section(v: Verdict) -> list[str]:
-    """What maps and tests show about the same data, in sentences; the tests in a fold."""
+    """The residuals compared with noise, by maps and by tests; the table of tests is folded."""
     out = [page.paragraph(line) for line in (*_describe_maps(v), *_count_tests(v))]
     if not v.tests:
         return [*out, page.paragraph("No tests for structure were run.", "small")]
-    left_by = {"before": "base", "after": "extended"}
+    models = {"before": "base", "after": "extended"}
     rows = [
-        [t.name, t.where, left_by.get(t.stage, t.stage), format_number(t.statistic), format_probability(t.p)]
+        [t.name, t.where, models.get(t.stage, t.stage), format_number(t.statistic), format_probability(t.p)]
         for t in sorted(v.tests, key=lambda t: (t.stage != "before", t.p))
     ]
-    table = page.table(["test for structure", "recording", "left by", "statistic", "p, simulated"], rows)
+    table = page.table(["test for structure", "recording", "model", "statistic", "p, simulated"], rows)
     return [*out, page.fold_section(f"All {len(rows)} tests for structure", [table])]
 
 
 def _describe_maps(v: Verdict) -> list[str]:
-    """The largest share of pixels beyond 3 sigma in the maps that are drawn, by model."""
+    """The largest fraction of pixels beyond 3 sigma in the maps drawn, for each model."""
     lines = []
-    for stage, words in (("before", "the base leaves at worst"), ("after", "the extended model")):
-        some = [getattr(p, stage) for g in plot_helpers.select_recordings(v) for p in g if p.recording.places is None]
-        some = [s for s in some if s is not None]
-        if some:
-            worst = max(some, key=plot_helpers.outlier_fraction)
-            share = format_number(100 * plot_helpers.outlier_fraction(worst))
-            lines.append(f"{words} {share} % of the pixels of {worst.view.file}")
-    return [f"Beyond ±3 sigma {', '.join(lines)}; noise alone 0.3 %."] if lines else []
+    imaged = [p for g in plot_helpers.select_recordings(v) for p in g if p.recording.places is None]
+    for stage, model in (("before", "base"), ("after", "extended model")):
+        results = [r for r in (getattr(p, stage) for p in imaged) if r is not None]
+        if results:
+            worst = max(results, key=plot_helpers.outlier_fraction)
+            percent = format_number(100 * plot_helpers.outlier_fraction(worst))
+            lines.append(f"{percent} % with the {model} ({worst.view.file})")
+    return [f"Pixels beyond ±3 sigma, at most: {', '.join(lines)}; with noise alone 0.3 %."] if lines else []
 
 
 def _count_tests(v: Verdict) -> list[str]:
-    """How many tests find structure, by what is left."""
+    """How many tests find structure in the residuals of each model."""
     out = []
     for stage, model in (("before", "base"), ("after", "extended model")):
-        some = [t for t in v.tests if t.stage == stage]
-        if some:
-            count, found = plot_helpers.count_rare_tests(some)
-            meaning = "that is structure, not noise" if found else "noise alone may do as much"
+        tests = [t for t in v.tests if t.stage == stage]
+        if tests:
+            count, is_structure = plot_helpers.count_rare_tests(tests)
+            meaning = "this is structure, not noise" if is_structure else "noise alone can explain this"
             out.append(
-                f"In the residuals of the {model}, {count} of {len(some)} tests find structure that noise shows in at "
-                f"most 1 % of simulated data: {meaning}."
+                f"In the residuals of the {model}, {count} of {len(tests)} tests find structure that occurs in at most "
+                f"1 % of simulated noise: {meaning}."
             )
     return out
 
 
 # --- candidates ---------------------------------------------------------------------------------------
 def rival_tables(v: Verdict) -> list[str]:
-    """Every candidate that was not accepted, best first; those below the level of a hint folded."""
-    taken = {c.effect for c in v.causes}
-    some = sorted((r for r in v.rivals if r.effect not in taken), key=lambda r: -r.score)
-    if not some:
+    """The candidates that were not accepted, best first; those that make the data less probable are folded."""
+    accepted = {c.effect for c in v.causes}
+    rivals = sorted((r for r in v.rivals if r.effect not in accepted), key=lambda r: -r.score)
+    if not rivals:
         return [page.paragraph("No other candidate was tried.", "small")]
-    tried = [r for r in some if score_and_basis(r)[1] != "not tried"]
+    tried = [r for r in rivals if score_and_basis(r)[1] != "not tried"]
     likely = [r for r in tried if r.score > 0 or r.effect in v.group]
     out = [_candidate_table(likely)] if likely else [page.paragraph("No other candidate makes the data more probable.")]
-    less, idle = [r for r in tried if r not in likely], [r for r in some if r not in tried]
-    if less:
-        words = f"{format_count(len(less), 'candidate')} less probable than none"
-        out.append(page.fold_section(words, [_candidate_table(less)]))
-    if idle:
-        rows = [[effect_label(r.effect), r.reason.removeprefix("not tried: ")] for r in idle]
-        out.append(
-            page.fold_section(f"{len(idle)} effects that were not tried", [page.table(["effect", "why not"], rows)])
-        )
+    unlikely, untried = [r for r in tried if r not in likely], [r for r in rivals if r not in tried]
+    if unlikely:
+        words = f"{format_count(len(unlikely), 'candidate')} that would make the data less probable"
+        out.append(page.fold_section(words, [_candidate_table(unlikely)]))
+    if untried:
+        rows = [[effect_label(r.effect), r.reason.removeprefix("not tried: ")] for r in untried]
+        words = f"{format_count(len(untried), 'effect')} not tried"
+        out.append(page.fold_section(words, [page.table(["effect", "reason"], rows)]))
     return out
 
 
-def _candidate_table(some: list[CandidateReport]) -> str:
-    head = ["candidate", "would need", "ln Bayes factor", "by", "below the accepted", "distinctness", "why not"]
+def _candidate_table(candidates: list[CandidateReport]) -> str:
+    head = [
+        "candidate",
+        "required amplitude",
+        "ln Bayes factor",
+        "basis",
+        "below the accepted cause",
+        "distinctness",
+        "reason for rejection",
+    ]
     rows = [
         [
-            effect_label(r.effect), needed_amplitude(r), *score_and_basis(r),
-            "–" if r.left is None else format_number(r.left), f"{r.distinctness:.2f}", r.reason,
+            effect_label(r.effect),
+            needed_amplitude(r),
+            *score_and_basis(r),
+            "–" if r.left is None else format_number(r.left),
+            f"{r.distinctness:.2f}",
+            r.reason,
         ]
-        for r in some
-    ]  # fmt: skip
+        for r in candidates
+    ]
     return page.table(head, rows)
 
 
-# --- what was gained ----------------------------------------------------------------------------------
+# --- gain of the extension ----------------------------------------------------------------------------------
 def gain_tables(v: Verdict) -> list[str]:
-    """Numbers of the base and of the extended model, and the parameters that moved."""
+    """Fit metrics of the base and the extended model, and the parameters that changed."""
     out = []
     if v.base is not None:
         models = [m for m in (v.base, v.extended) if m is not None]
@@ -190,30 +214,32 @@ def gain_tables(v: Verdict) -> list[str]:
     return out
 
 
-# --- what it rests on -----------------------------------------------------------------------------------
+# --- priors, limits and convergence -----------------------------------------------------------------------------------
 def prior_tables(v: Verdict) -> list[str]:
-    """Prior knowledge, and the calibrated numbers against it."""
+    """Prior standard deviations, and the calibrated values in units of them."""
     out = []
     if v.assumed:
         rows = [[n, format_number(s)] for n, s in v.assumed.items()]
         table = page.table(["quantity", "prior standard deviation"], rows)
-        out.append(page.fold_section("Assumed prior knowledge; without a unit: relative", [table]))
-    away = [p for p in v.nuisance if abs(p.pull) >= MIN_PULL_OPEN]
-    for some, fold in ((away, False), ([p for p in v.nuisance if p not in away], True)):
+        out.append(page.fold_section("Assumed prior knowledge (relative where no unit is given)", [table]))
+    far = [p for p in v.nuisance if abs(p.pull) >= MIN_PULL_OPEN]
+    near = [p for p in v.nuisance if p not in far]
+    for parameters, fold in ((far, False), (near, True)):
         rows = [
-            [p.name, format_with_error(p.value, p.stderr, p.unit), f"{p.pull:+.1f}".replace("-", "−")] for p in some
+            [p.name, format_with_error(p.value, p.stderr, p.unit), f"{p.pull:+.1f}".replace("-", "−")]
+            for p in parameters
         ]
         table = page.table(["calibrated", "value ± standard error", "deviation in prior sigma"], rows)
-        title = f"{len(some)} calibrated numbers within one prior sigma"
-        out += [page.fold_section(title, [table]) if fold else table] if some else []
+        title = f"{format_count(len(parameters), 'calibrated value')} within one prior sigma"
+        out += [page.fold_section(title, [table]) if fold else table] if parameters else []
     return out
 
 
 def detection_limits(v: Verdict) -> list[str]:
-    """The smallest amplitudes that these data would show."""
-    some = [r for r in v.rivals if math.isfinite(r.detectable)]
-    if not some:
-        return [page.paragraph("They were not computed.")]
+    """The smallest amplitude of each effect that these data would show at 5 sigma."""
+    limited = [r for r in v.rivals if math.isfinite(r.detectable)]
+    if not limited:
+        return [page.paragraph("Detection limits were not computed.")]
     rows = [
         [
             effect_label(r.effect),
@@ -221,41 +247,41 @@ def detection_limits(v: Verdict) -> list[str]:
             detectable_amplitude(r),
             f"{format_number(100 * r.raw_share)} %",
         ]
-        for r in some
+        for r in limited
     ]
-    head = ["effect", "parameter", "detectable at 5 sigma", "signal left by calibration"]
+    head = ["effect", "parameter", "detectable at 5 sigma", "signal remaining after calibration"]
     return [
         page.paragraph("Smaller amplitudes may be present: these data would not show them at 5 sigma."),
-        page.fold_section(f"{len(rows)} effects", [page.table(head, rows)]),
+        page.fold_section(format_count(len(rows), "effect"), [page.table(head, rows)]),
     ]
 
 
 def adequacy_table(v: Verdict) -> list[str]:
-    """Adequacy tests that are not among the rules of the verdict."""
+    """The adequacy tests that are not among the rules of the verdict."""
     shown, rows = {r.name for r in v.rules}, []
     for name, (value, limit) in v.gates.items():
         if name not in shown:
             words = describe_rule(name)
             passed = "no" if value > limit else "yes"
             rows.append([words.passes, words.measured_by, format_number(value), format_number(limit), passed])
-    return [page.table(["what was checked", "measured by", "value", "limit", "passed"], rows)] if rows else []
+    return [page.table(["adequacy test", "measured by", "value", "limit", "passed"], rows)] if rows else []
 
 
 def convergence_section(v: Verdict) -> list[str]:
-    """Whether the calibration converged."""
+    """Whether the calibration converged, with its steps folded."""
     if not v.certificate:
-        return [page.paragraph("Nothing is known about the convergence of the calibration.")]
+        return [page.paragraph("The convergence of the calibration was not recorded.")]
     rows = [[effect_label(k), format_value(value)] for k, value in flatten_dict(v.certificate)]
     table = page.table(["calibration", ""], rows)
-    done = v.certificate.get("converged")
-    if done is None:
+    converged = v.certificate.get("converged")
+    if converged is None:
         return [table]
-    words = "converged: another step would change nothing of importance" if done else "did not converge"
+    words = "converged: another step would change no result noticeably" if converged else "did not converge"
     return [page.paragraph(f"The calibration {words}."), page.fold_section("Steps of the calibration", [table])]
 
 
 def parameter_table(c) -> list[str]:
-    """The parameters of a cause with their intervals."""
+    """The parameters of a cause with their 95 % intervals."""
     rows = [
         [
             p.name,
@@ -263,7 +289,7 @@ def parameter_table(c) -> list[str]:
             f"{format_number(p.ci95[0])} to {format_number(p.ci95[1])}{unit_suffix(p.unit)}"
             if p.ci95[1] > p.ci95[0]
             else "–",
-            "yes: its interval means little" if p.bound else "no",
+            "yes: the interval is unreliable" if p.bound else "no",
         ]
         for p in c.parameters
     ]

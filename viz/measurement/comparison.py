@@ -12,6 +12,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from flashtemp.viz import theme
+from flashtemp.viz.literal_text import escape_mathematics
 from flashtemp.viz.measurement import point_series
 from flashtemp.viz.measurement.residual_plots import (
     BAND_COLOUR,
@@ -21,7 +22,6 @@ from flashtemp.viz.measurement.residual_plots import (
     MEASURED_COLOUR,
     count_beyond_noise,
     draw_residuals,
-    escape_dollars,
     make_recording_figure,
     mean_residual,
     pixel_edges,
@@ -46,15 +46,15 @@ IMAGE_TITLES = ("measured", "computed", "measured − computed", "the same in si
 
 
 # --- images -----------------------------------------------------------------------------------------
-def choose_frames(seeing, run=None) -> dict[int, str]:
+def choose_frames(result, run=None) -> dict[int, str]:
     """Frames worth a picture and why: end of sliding of the first and last repetition, largest difference.
 
     Without the `run` of the condition, the frame of a repetition that is computed to be hottest.
     """
-    r, why = seeing.view.recording, {}
+    r, why = result.view.recording, {}
     on = None if run is None else sliding_mask(r.time, run)
-    seen = np.isfinite(seeing.residual).any(axis=0)
-    heat = np.sum(seeing.predicted, axis=(1, 2), where=seen)
+    seen = np.isfinite(result.residual).any(axis=0)
+    heat = np.sum(result.predicted, axis=(1, 2), where=seen)
     for number in np.unique(r.repetition)[[0, -1]]:
         own = np.flatnonzero(r.repetition == number)
         slid = own[on[own]] if on is not None else own[:0]
@@ -62,41 +62,41 @@ def choose_frames(seeing, run=None) -> dict[int, str]:
             why[int(slid[-1])] = "last frame of sliding"
         else:
             why[int(own[np.argmax(heat[own])])] = "hottest frame"
-    if seeing.largest is not None:
-        k = _largest_residual_frame(seeing)
+    if result.largest is not None:
+        k = _largest_residual_frame(result)
         why[k] = f"{why[k]},\nlargest difference" if k in why else "largest difference"
     return dict(sorted(why.items()))
 
 
-def _largest_residual_frame(seeing) -> int:
+def _largest_residual_frame(result) -> int:
     """The frame of the largest structured residual."""
-    return int(np.argmin(np.abs(seeing.view.recording.time - seeing.largest.time)))
+    return int(np.argmin(np.abs(result.view.recording.time - result.largest.time)))
 
 
 @theme.styled
-def draw_images(seeing, run=None, only: bool = False) -> Figure:
+def draw_images(result, run=None, only: bool = False) -> Figure:
     """Measured, computed and their difference in K and in sigma for up to three frames; x, z, y in mm.
 
     With `only` the frame of the largest difference alone.  A profile is drawn as lines in degC, its difference in K
     with the band of noise of one pixel.
     """
-    if seeing.view.recording.places is not None:
-        return point_series.draw_points(seeing)
-    chosen = choose_frames(seeing, run)
+    if result.view.recording.places is not None:
+        return point_series.draw_points(result)
+    chosen = choose_frames(result, run)
     if only:
-        worst = _largest_residual_frame(seeing) if seeing.largest is not None else max(chosen)
+        worst = _largest_residual_frame(result) if result.largest is not None else max(chosen)
         chosen = {worst: chosen[worst]}
-    if seeing.view.recording.view == "profile":
-        return point_series.draw_profile(seeing, chosen)
-    r, shown = seeing.view.recording, list(chosen)
+    if result.view.recording.view == "profile":
+        return point_series.draw_profile(result, chosen)
+    r, shown = result.view.recording, list(chosen)
     u, v = pixel_edges(r.u), pixel_edges(r.v)
-    across, up = _compared_limits(seeing, u, 1), _compared_limits(seeing, v, 0)
+    across, up = _compared_limits(result, u, 1), _compared_limits(result, v, 0)
     tall = np.clip((up[1] - up[0]) / (across[1] - across[0]), 0.2, 1.3)
     fig = make_recording_figure(
-        seeing.view, COMPARISON_WIDTH_IN, 1.3 + len(shown) * (0.16 + 1.8 * max(tall, 0.28)), layout="compressed"
+        result.view, COMPARISON_WIDTH_IN, 1.3 + len(shown) * (0.16 + 1.8 * max(tall, 0.28)), layout="compressed"
     )
     axes = fig.subplots(len(shown), 4, sharex=True, sharey=True, squeeze=False)
-    stacks, norms = _image_columns(seeing, shown), _colour_norms(seeing, shown)
+    stacks, norms = _image_columns(result, shown), _colour_norms(result, shown)
     for row, k in enumerate(shown):
         for ax, (cmap, values), norm in zip(axes[row], stacks, norms, strict=True):
             ax.set_facecolor(MASKED_COLOUR)
@@ -109,8 +109,8 @@ def draw_images(seeing, run=None, only: bool = False) -> Figure:
             words, (0.0, 0.5), (-42, 0), xycoords="axes fraction", textcoords="offset points", ha="right", va="center"
         )
         axes[row, 0].set_ylabel(f"{UPWARD_AXES[r.view][0]} (mm)")
-        if seeing.largest is not None and k == _largest_residual_frame(seeing):
-            _mark_largest(axes[row, 2:], seeing)
+        if result.largest is not None and k == _largest_residual_frame(result):
+            _mark_largest(axes[row, 2:], result)
     axes[0, 0].set(xlim=across, ylim=up)
     axes[0, 0].xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
     for ax, title in zip(axes[0], IMAGE_TITLES, strict=True):
@@ -121,37 +121,37 @@ def draw_images(seeing, run=None, only: bool = False) -> Figure:
     return fig
 
 
-def _compared_limits(seeing, ends: np.ndarray, other: int) -> tuple[float, float]:
+def _compared_limits(result, ends: np.ndarray, other: int) -> tuple[float, float]:
     """Limits (mm) of what is compared along one direction, with a margin; all when nothing is."""
-    known = np.flatnonzero(np.isfinite(seeing.residual).any(axis=0).any(axis=1 - other if other == 0 else 0))
+    known = np.flatnonzero(np.isfinite(result.residual).any(axis=0).any(axis=1 - other if other == 0 else 0))
     first, last = (known[0], known[-1]) if len(known) else (0, len(ends) - 2)
     return float(ends[max(first - MARGIN_PX, 0)]), float(ends[min(last + 1 + MARGIN_PX, len(ends) - 1)])
 
 
-def _image_columns(seeing, shown: list[int]) -> list[tuple]:
+def _image_columns(result, shown: list[int]) -> list[tuple]:
     """Colour map and values (rows, nv, nu) of the four columns, NaN where nothing is compared."""
-    apart = np.isfinite(seeing.residual[shown])
+    apart = np.isfinite(result.residual[shown])
     heat = theme.temperature_map()
-    measured = np.where(apart, seeing.view.recording.temperature[shown], np.nan)
-    computed = np.where(apart, seeing.predicted[shown], np.nan)
+    measured = np.where(apart, result.view.recording.temperature[shown], np.nan)
+    computed = np.where(apart, result.predicted[shown], np.nan)
     return [
         (heat, measured),
         (heat, computed),
-        (KELVIN_MAP, seeing.residual[shown]),
-        (SIGMA_MAP, seeing.in_sigma[shown]),
+        (KELVIN_MAP, result.residual[shown]),
+        (SIGMA_MAP, result.sigma_residual[shown]),
     ]
 
 
-def _colour_norms(seeing, shown: list[int]) -> list:
+def _colour_norms(result, shown: list[int]) -> list:
     """Colour limits of the four columns: one in degC for two of them, both differences centred at zero."""
-    (_, measured), (_, computed), (_, off), _ = _image_columns(seeing, shown)
+    (_, measured), (_, computed), (_, off), _ = _image_columns(result, shown)
     if not np.isfinite(off).any():
         off, measured, computed = np.zeros(1), np.zeros(1), np.zeros(1)
     usual = np.nanpercentile(measured, (0.5, 99.5))  # a single wild pixel would take all colours
     heat = theme.temperature_norm(usual, computed)
-    most = max(3.0 * seeing.noise.white, np.nanpercentile(np.abs(off), 99.5))
-    if seeing.largest is not None:
-        most = max(most, abs(seeing.largest.K))
+    most = max(3.0 * result.noise.white, np.nanpercentile(np.abs(off), 99.5))
+    if result.largest is not None:
+        most = max(most, abs(result.largest.K))
     limit = theme.nice_ceil(most)
     return [heat, heat, Normalize(-limit, limit), Normalize(-MAX_COLOUR_SIGMA, MAX_COLOUR_SIGMA)]
 
@@ -178,9 +178,9 @@ def _add_colour_bars(fig, axes) -> None:
         bar.set_ticks(np.linspace(-1.0, 1.0, 5) * norm.vmax if norm.vmin == -norm.vmax else MaxNLocator(9))
 
 
-def _mark_largest(axes, seeing) -> None:
+def _mark_largest(axes, result) -> None:
     """A square around the pixels of the largest structured residual, mm."""
-    r, at = seeing.view.recording, seeing.largest
+    r, at = result.view.recording, result.largest
     du, dv = (STRUCTURE_SIZE_PX * 1e3 * p if np.isfinite(p) else 1.0 for p in r.pitch)
     for ax in axes:
         ax.add_patch(Rectangle((1e3 * at.u - du / 2, 1e3 * at.v - dv / 2), du, dv, fill=False, ec="black", lw=0.9))
@@ -188,24 +188,24 @@ def _mark_largest(axes, seeing) -> None:
 
 # --- along x, z, time and repetition ----------------------------------------------------------------
 @theme.styled
-def draw_mean_residuals(seeing, run=None) -> Figure:
+def draw_mean_residuals(result, run=None) -> Figure:
     """Mean difference (K) along x, z or y (mm), against time (s) and per repetition, with what noise alone gives.
 
     The band is two standard errors of the mean; with the `run` of the condition waits are shaded.
     """
-    r, level = seeing.view.recording, seeing.noise
+    r, level = result.view.recording, result.noise
     up, where = UPWARD_AXES.get(r.view, ("", ""))
-    fig = make_recording_figure(seeing.view, COMPARISON_WIDTH_IN, 5.0)
+    fig = make_recording_figure(result.view, COMPARISON_WIDTH_IN, 5.0)
     grid = fig.add_gridspec(2, 2)
     first = fig.add_subplot(grid[0, 0] if up else grid[0, :])
-    _draw_curve(first, 1e3 * r.u, mean_residual(seeing.residual, level, 2), "along x", theme.x_axis_label(run))
+    _draw_curve(first, 1e3 * r.u, mean_residual(result.residual, level, 2), "along x", theme.x_axis_label(run))
     if up:
         second = fig.add_subplot(grid[0, 1])
-        _draw_curve(second, 1e3 * r.v, mean_residual(seeing.residual, level, 1), f"along {up}", f"{up} {where} (mm)")
+        _draw_curve(second, 1e3 * r.v, mean_residual(result.residual, level, 1), f"along {up}", f"{up} {where} (mm)")
     several = len(np.unique(r.repetition)) > 1  # a single mean is a number, no curve
-    _draw_over_time(fig.add_subplot(grid[1, 0] if several else grid[1, :]), seeing, run)
+    _draw_over_time(fig.add_subplot(grid[1, 0] if several else grid[1, :]), result, run)
     if several:
-        _draw_per_repetition(fig.add_subplot(grid[1, 1]), seeing)
+        _draw_per_repetition(fig.add_subplot(grid[1, 1]), result)
     fig.supylabel("mean of measured − computed (K)", fontsize=8.0)
     note = "blue band: what noise alone would do to the mean, two standard errors; red: beyond it"
     fig.supxlabel(note, fontsize=7.5)
@@ -222,10 +222,10 @@ def _draw_curve(ax, x, means, title: str, label: str) -> None:
     ax.set_title(f"{title}: {count_beyond_noise(values, error)}")
 
 
-def _draw_over_time(ax, seeing, run) -> None:
+def _draw_over_time(ax, result, run) -> None:
     """Mean of every frame against time, waits shaded where they are known."""
-    time = seeing.view.recording.time
-    values, error = mean_residual(seeing.residual, seeing.noise, 0)
+    time = result.view.recording.time
+    values, error = mean_residual(result.residual, result.noise, 0)
     if run is None:
         _draw_curve(ax, time, (values, error), "frame by frame", "time (s)")
         return
@@ -237,11 +237,11 @@ def _draw_over_time(ax, seeing, run) -> None:
         ax.set_xlabel(f"{ax.get_xlabel()}, grey: waiting")
 
 
-def _draw_per_repetition(ax, seeing) -> None:
+def _draw_per_repetition(ax, result) -> None:
     """Mean of every repetition."""
-    repetition = seeing.view.recording.repetition
+    repetition = result.view.recording.repetition
     numbers = np.unique(repetition)
-    pairs = [mean_residual(seeing.residual[repetition == n], seeing.noise, None) for n in numbers]
+    pairs = [mean_residual(result.residual[repetition == n], result.noise, None) for n in numbers]
     values, error = np.array(pairs).T
     _draw_curve(ax, numbers, (values, error), "repetition by repetition", "repetition (–)")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=8))
@@ -249,13 +249,13 @@ def _draw_per_repetition(ax, seeing) -> None:
 
 # --- friction ---------------------------------------------------------------------------------------
 @theme.styled
-def draw_friction(pulling) -> Figure:
+def draw_friction(force_result) -> Figure:
     """Friction coefficient (1) measured and computed against the time slid (s), and their difference."""
-    s, on, starts = sliding_time(pulling)
-    mu, computed, off = np.array(pulling.force.mu)[on], pulling.predicted[on], pulling.residual[on]
-    fig = make_recording_figure(pulling.force, COMPARISON_WIDTH_IN, 4.2)
+    s, on, starts = sliding_time(force_result)
+    mu, computed, off = np.array(force_result.force.mu)[on], force_result.predicted[on], force_result.residual[on]
+    fig = make_recording_figure(force_result.force, COMPARISON_WIDTH_IN, 4.2)
     above, below = fig.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
-    some, half = slice(None, None, max(1, -(-len(s) // MAX_DOTS_DRAWN))), BAND_SIGMA * pulling.sigma
+    some, half = slice(None, None, max(1, -(-len(s) // MAX_DOTS_DRAWN))), BAND_SIGMA * force_result.sigma
     above.plot(s[some], mu[some], "o", color=MEASURED_COLOUR, ms=2.2, mew=0, label="measured")
     for n, part in enumerate(np.split(np.arange(len(s)), starts)):
         above.plot(s[part], computed[part], color=COMPUTED_COLOUR, label=None if n else "computed")
@@ -278,13 +278,13 @@ def draw_friction(pulling) -> Figure:
     return fig
 
 
-def sliding_time(pulling) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def sliding_time(force_result) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Time slid (s) of the readings that are compared, their mask (n,), and where sliding starts again.
 
     A gap of more than three usual steps is a wait and counts as one step.
     """
-    on = np.isfinite(pulling.residual)
-    step = np.diff(np.array(pulling.force.time)[on])
+    on = np.isfinite(force_result.residual)
+    step = np.diff(np.array(force_result.force.time)[on])
     usual = float(np.median(step)) if len(step) else 0.0
     waits = step > 3.0 * usual
     return np.cumsum(np.append(0.0, np.where(waits, usual, step)))[: on.sum()], on, np.flatnonzero(waits) + 1
@@ -294,7 +294,7 @@ def sliding_time(pulling) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 @theme.styled
 def draw_summary(comparison) -> Figure:
     """RMSE and bias (K; of friction 1) and chi2/dof of every recording and every load-cell trace."""
-    blocks = [(comparison.seeings, "recordings", "K"), (comparison.pullings, "friction", "–")]
+    blocks = [(comparison.recordings, "recordings", "K"), (comparison.forces, "friction", "–")]
     blocks = [b for b in blocks if b[0]]
     rows = [max(len(found), 2) for found, _, _ in blocks]
     fig = Figure(
@@ -302,7 +302,7 @@ def draw_summary(comparison) -> Figure:
         layout="constrained",
         facecolor="white",
     )
-    fig.suptitle(escape_dollars(comparison.campaign.title)[:110], x=0.01, ha="left")
+    fig.suptitle(escape_mathematics(comparison.campaign.title)[:110], x=0.01, ha="left")
     axes = fig.subplots(len(blocks), 2, squeeze=False, height_ratios=rows, width_ratios=[1.3, 1.0])
     for (left, right), (found, title, unit) in zip(axes, blocks, strict=True):
         _draw_sizes(left, found, title, unit)
@@ -326,7 +326,7 @@ def _draw_sizes(ax, results, title: str, unit: str) -> None:
     ax.plot(bias, y, "D", color=COMPUTED_COLOUR, ms=4.0, label="bias")
     ax.plot(noise, y, "|", color=BEYOND_COLOUR, ms=11.0, mew=1.6, label="noise of one value")
     entries = [s.view if kelvin else s.force for s in results]
-    ax.set_yticks(y, [escape_dollars(e.file)[-40:] + (" (held out)" if e.held_out else "") for e in entries])
+    ax.set_yticks(y, [escape_mathematics(e.file)[-40:] + (" (held out)" if e.held_out else "") for e in entries])
     ax.set(ylim=(len(results) - 0.4, -0.6), xlabel=f"measured − computed ({unit})")
     ax.set_title(title, weight="bold")
     ax.tick_params(axis="y", length=0)

@@ -7,13 +7,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from flashtemp.viz import theme
+from flashtemp.viz.literal_text import escape_mathematics
 from flashtemp.viz.measurement.residual_plots import (
     BAND_COLOUR,
     BAND_SIGMA,
     COMPUTED_COLOUR,
     MEASURED_COLOUR,
     draw_residuals,
-    escape_dollars,
     make_recording_figure,
 )
 
@@ -23,16 +23,16 @@ MAX_POINTS_DRAWN = 12  # points that are drawn
 
 
 @theme.styled
-def draw_points(seeing) -> Figure:
+def draw_points(result) -> Figure:
     """Temperatures (degC) of up to twelve points over time (s), measured as dots and computed as lines; below, K."""
-    r, fig = seeing.view.recording, make_recording_figure(seeing.view, POINT_FIGURE_WIDTH_IN, 4.6)
+    r, fig = result.view.recording, make_recording_figure(result.view, POINT_FIGURE_WIDTH_IN, 4.6)
     above, below = fig.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
     for j, name in enumerate(r.places.names[:MAX_POINTS_DRAWN]):
         colour = POINT_COLOURS[j % len(POINT_COLOURS)]
-        above.plot(r.time, r.temperature[:, 0, j], "o", color=colour, ms=2.4, mew=0, label=escape_dollars(name))
-        above.plot(r.time, seeing.predicted[:, 0, j], color=colour, lw=0.9)
-        below.plot(r.time, seeing.residual[:, 0, j], "-o", color=colour, lw=0.7, ms=1.8, mew=0)
-    _draw_noise_band(below, r.time, seeing)
+        above.plot(r.time, r.temperature[:, 0, j], "o", color=colour, ms=2.4, mew=0, label=escape_mathematics(name))
+        above.plot(r.time, result.predicted[:, 0, j], color=colour, lw=0.9)
+        below.plot(r.time, result.residual[:, 0, j], "-o", color=colour, lw=0.7, ms=1.8, mew=0)
+    _draw_noise_band(below, r.time, result)
     above.set_ylabel(f"temperature ({theme.CELSIUS})")
     above.legend(title="dots measured, lines computed", ncols=3)
     below.set(xlabel="time (s)", ylabel="measured −\ncomputed (K)")
@@ -45,7 +45,7 @@ def draw_recording(recording, block=None) -> Figure:
     """Temperatures (degC) of a recording of points over time (s), and where they sit (mm); `block` (length, height in
     m) is drawn where it is known."""
     fig = Figure(figsize=(POINT_FIGURE_WIDTH_IN, 3.6), layout="constrained", facecolor="white")
-    fig.suptitle(escape_dollars(recording.source or "thermocouples"), x=0.01, ha="left")
+    fig.suptitle(escape_mathematics(recording.source or "thermocouples"), x=0.01, ha="left")
     left, right = fig.subplots(1, 2, width_ratios=[1.6, 1.0])
     places, many = recording.places, range(min(len(recording.places), MAX_POINTS_DRAWN))
     for j in many:
@@ -57,11 +57,11 @@ def draw_recording(recording, block=None) -> Figure:
             dashes,
             color=colour,
             lw=0.9,
-            label=escape_dollars(places.names[j]),
+            label=escape_mathematics(places.names[j]),
         )
         at = 1e3 * places.x[j], 1e3 * places.z[j]
         right.plot(*at, "o", color=colour, mfc=colour if dashes == "-" else "white")
-        right.annotate(escape_dollars(places.names[j]), at, (3, 3), textcoords="offset points", fontsize=7)
+        right.annotate(escape_mathematics(places.names[j]), at, (3, 3), textcoords="offset points", fontsize=7)
     if block is not None:
         right.add_patch(Rectangle((0, 0), 1e3 * block[0], 1e3 * block[1], fill=False, ec=theme.AMBIENT_COLOUR, lw=1.2))
     right.axhline(0.0, color=theme.AMBIENT_COLOUR, lw=0.8, ls="--")
@@ -80,17 +80,17 @@ def draw_residual_panel(part, own: list) -> None:
     for ax, stage in zip(axes, stages, strict=True):
         names: dict[str, str] = {}
         for pair in own:
-            seeing = pair.before if stage == "base" else pair.after
-            if seeing is None:
+            result = pair.before if stage == "base" else pair.after
+            if result is None:
                 continue
-            r = seeing.view.recording
-            _draw_noise_band(ax, r.time, seeing)
+            r = result.view.recording
+            _draw_noise_band(ax, r.time, result)
             for j, name in enumerate(r.places.names[:MAX_POINTS_DRAWN]):
                 fresh = name not in names
                 colour = names.setdefault(name, POINT_COLOURS[len(names) % len(POINT_COLOURS)])
                 ax.plot(
-                    r.time, seeing.residual[:, 0, j], "o", color=colour, ms=2.4, mew=0.5,
-                    mfc="white" if seeing.view.held_out else colour, label=escape_dollars(name) if fresh else None,
+                    r.time, result.residual[:, 0, j], "o", color=colour, ms=2.4, mew=0.5,
+                    mfc="white" if result.view.held_out else colour, label=escape_mathematics(name) if fresh else None,
                 )  # fmt: skip
         ax.axhline(0.0, color=theme.AMBIENT_COLOUR, lw=0.5)
         ax.set(xlabel="time (s), open dots: left out of the fit", title=stage)
@@ -98,27 +98,27 @@ def draw_residual_panel(part, own: list) -> None:
     axes[-1].legend()
 
 
-def _draw_noise_band(ax, time: np.ndarray, seeing) -> None:
+def _draw_noise_band(ax, time: np.ndarray, result) -> None:
     """Two standard deviations of one reading."""
-    half = BAND_SIGMA * float(np.hypot(seeing.noise.white, seeing.noise.pattern))
+    half = BAND_SIGMA * float(np.hypot(result.noise.white, result.noise.pattern))
     ax.fill_between([time[0], time[-1]], -half, half, color=BAND_COLOUR, lw=0, zorder=0)
 
 
-def draw_profile(seeing, chosen: dict[int, str]) -> Figure:
+def draw_profile(result, chosen: dict[int, str]) -> Figure:
     """A profile: curves in degC above their difference in K with the noise of one pixel, against x in mm."""
-    r, shown = seeing.view.recording, list(chosen)
-    x, noise = 1e3 * r.u, np.hypot(seeing.noise.white, seeing.noise.pattern)
-    fig = make_recording_figure(seeing.view, POINT_FIGURE_WIDTH_IN if len(shown) > 1 else theme.NARROW_FIGURE_IN, 4.4)
+    r, shown = result.view.recording, list(chosen)
+    x, noise = 1e3 * r.u, np.hypot(result.noise.white, result.noise.pattern)
+    fig = make_recording_figure(result.view, POINT_FIGURE_WIDTH_IN if len(shown) > 1 else theme.NARROW_FIGURE_IN, 4.4)
     axes = fig.subplots(2, len(shown), sharex=True, sharey="row", squeeze=False, height_ratios=[1.6, 1.0])
     for k, above, below in zip(shown, *axes, strict=True):
-        seen = np.where(np.isfinite(seeing.residual[k, 0]), r.temperature[k, 0], np.nan)
+        seen = np.where(np.isfinite(result.residual[k, 0]), r.temperature[k, 0], np.nan)
         above.plot(x, seen, "o", color=MEASURED_COLOUR, ms=2.2, mew=0, label="measured")
-        above.plot(x, seeing.predicted[k, 0], color=COMPUTED_COLOUR, label="computed")
+        above.plot(x, result.predicted[k, 0], color=COMPUTED_COLOUR, label="computed")
         words = chosen[k].replace("\n", " ")
         above.set_title(f"repetition {r.repetition[k]}, t = {theme.format_decimal(r.time[k])} s\n{words}")
-        draw_residuals(below, x, seeing.residual[k, 0], np.full(len(x), BAND_SIGMA * noise))
+        draw_residuals(below, x, result.residual[k, 0], np.full(len(x), BAND_SIGMA * noise))
         below.set_xlabel("x (mm)")
-    off = seeing.residual[shown]
+    off = result.residual[shown]
     axes[1, 0].set_ylim(theme.padded_limits(off, [-BAND_SIGMA * noise, BAND_SIGMA * noise], least=1e-6, margin=0.08))
     axes[0, 0].set_ylabel(f"temperature ({theme.CELSIUS})")
     axes[0, 0].legend()

@@ -7,7 +7,7 @@ from matplotlib.colors import ListedColormap, Normalize, to_rgba
 from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
-from flashtemp.viz.measurement.residual_plots import escape_dollars
+from flashtemp.viz.literal_text import escape_mathematics
 
 IMAGES_PER_ROW, CHARTS_HEIGHT_IN = 3, 2.1  # images in a row; inches of what stands below
 OUT_OF_RANGE_COLOUR, DEAD_PIXEL_COLOUR = (
@@ -23,7 +23,7 @@ def draw(look) -> Figure:
     columns, rows = min(n, IMAGES_PER_ROW), -(-n // IMAGES_PER_ROW)
     tall = rows * (np.clip(high / wide, 0.2, 1.4) * theme.WIDE_FIGURE_IN / max(columns, 1.6) + 0.35) + 0.3
     fig = Figure(figsize=(theme.WIDE_FIGURE_IN, 0.4 + tall + CHARTS_HEIGHT_IN), layout="constrained", facecolor="white")
-    fig.suptitle(escape_dollars(str(look).splitlines()[0]), x=0.01, ha="left")
+    fig.suptitle(escape_mathematics(str(look).splitlines()[0]), x=0.01, ha="left")
     above, below = fig.subfigures(2, 1, height_ratios=[tall, CHARTS_HEIGHT_IN], squeeze=False)[:, 0]
     plain_range = look.difference or look.counted
     norm = Normalize(*theme.padded_limits(look.images, least=1e-3, margin=0.0)) if plain_range else None

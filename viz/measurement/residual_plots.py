@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
-from flashtemp.viz.key_labels import describe_key
+from flashtemp.viz.key_labels import describe_condition
+from flashtemp.viz.literal_text import escape_mathematics
 
 FigureLayout = Literal["constrained", "compressed", "tight"]
 MEASURED_COLOUR, COMPUTED_COLOUR = "#2B2B2B", "#0072B2"
@@ -23,21 +24,6 @@ VIEW_LABELS = {
 }
 
 
-# --- words ------------------------------------------------------------------------------------------
-def describe_condition(overrides: dict) -> str:
-    """The overrides of an entry for people, with units.
-
-    >>> describe_condition({"contact.pressure": 1.5e5, "schedule.speed": 0.1}), describe_condition({})
-    ('contact pressure 0.15 MPa, speed 0.1 m/s', 'as in the case')
-    """
-    return ", ".join(describe_key(key).describe_value(value) for key, value in overrides.items()) or "as in the case"
-
-
-def escape_dollars(text: str) -> str:
-    """Text in which matplotlib sees no mathematics."""
-    return str(text).replace("$", r"\$")
-
-
 def make_recording_figure(
     entry, width: float, height: float, layout: Literal["constrained", "compressed", "tight"] = "constrained"
 ) -> Figure:
@@ -45,7 +31,7 @@ def make_recording_figure(
     fig = Figure(figsize=(width, height), layout=layout, facecolor="white")
     what = VIEW_LABELS[entry.recording.view] if hasattr(entry, "recording") else "friction"
     lines = textwrap.wrap(f"{entry.file}: {what}, {describe_condition(entry.given)}", round(11 * width), max_lines=2)
-    fig.suptitle(escape_dollars("\n".join(lines)), x=0.01, ha="left")
+    fig.suptitle(escape_mathematics("\n".join(lines)), x=0.01, ha="left")
     return fig
 
 

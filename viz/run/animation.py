@@ -18,6 +18,7 @@ from flashtemp.viz import theme
 from flashtemp.viz.run import run_views
 from flashtemp.viz.run.animation_frame import ANIMATION_DPI, ANIMATION_SIZE_IN, AnimationFigure, reduced_temperature_map
 
+ANIMATION = "run_in"
 MAX_ANIMATION_FRAMES = 80  # frames
 ANIMATION_LENGTH_S = 14.0  # of the whole animation, about
 MIN_FRAME_MS, MAX_FRAME_MS, LAST_FRAME_MS = 80, 400, 1500  # ms of a frame, and of the last one

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from flashtemp.viz import theme
 from flashtemp.viz.time_axis import repetition_axis
 
+PICTURE = "budget"
 PART_COLOURS = {
     "block": theme.BLOCK_COLOUR,
     "holder": theme.HOLDER_COLOUR,

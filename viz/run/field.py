@@ -11,6 +11,7 @@ from flashtemp.physics.interpolation import interpolate_linear
 from flashtemp.viz import theme
 from flashtemp.viz.time_axis import repetition_axis, sliding_ends
 
+PICTURE = "field"
 ROAD_SHOWN_M = 3e-3  # m of road drawn to scale
 MAX_BLOCK_NEAR_M, MAX_ROAD_NEAR_M = 2e-3, 1e-3  # m of the stretched panels at most
 MIN_RISE_FRACTION = 0.1  # ... which end where the rise falls below this share of its maximum

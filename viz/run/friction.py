@@ -9,6 +9,7 @@ from matplotlib.ticker import MaxNLocator
 
 from flashtemp.viz import theme
 
+PICTURE = "friction"
 MIN_FRICTION_SPAN = 0.02  # smallest range of the axis of mu, so that rounding is not drawn as a trend
 MAX_LABELLED_REPETITIONS = 6  # repetitions; more are told apart by a colour bar
 

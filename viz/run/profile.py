@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from flashtemp.viz import theme
 from flashtemp.viz.time_axis import sliding_ends
 
+PICTURE = "profile"
 MAX_EARLIER_CURVES = 4  # faint curves at most
 
 
@@ -21,7 +22,7 @@ def draw(run, road: bool | None = None, bands=None) -> Figure:
     """
     fig = theme.make_figure(run.title, theme.NARROW_FIGURE_IN, 4.0)
     ax = fig.add_subplot()
-    x, k = 1e3 * run.x, run.last
+    x, k = 1e3 * run.x, run.last_sliding_index
     earlier = sliding_ends(run)[:-1]
     earlier = earlier[theme.spread_indices(len(earlier), MAX_EARLIER_CURVES)]
     for i in earlier:
@@ -47,7 +48,7 @@ def draw(run, road: bool | None = None, bands=None) -> Figure:
     fig.legend(loc="outside lower left", ncols=2)
     when = f"t = {theme.format_decimal(run.time[k])} s, slid {theme.format_decimal(run.slid[k])} m"
     ax.set_title(f"end of repetition {run.repetition[k]}: {when}", pad=20)
-    _mark_edges(ax, run.leads(k) != 0)
+    _mark_edges(ax, run.leading_line_index(k) != 0)
     return fig
 
 

@@ -11,6 +11,7 @@ from flashtemp.viz import theme
 from flashtemp.viz.run import run_views
 from flashtemp.viz.time_axis import sliding_ends
 
+PICTURE = "run_in"
 MAX_PANELS = 12  # panels
 PANEL_COLUMNS = 2  # of panels, read downwards, so that the hot spot is seen to move along x
 PANEL_WIDTH_IN = 2.75  # inches wide, about
@@ -92,5 +93,5 @@ def _run_in_caption(run, frames: list[int]) -> str:
         words.append(f"{surface}, {theme.format_decimal(shown, 3)} mm {side} the block.")
     if any(np.isnan(run_views.contact_strip(run, i)).any() for i in frames):
         words.append("White: no contact.")
-    ways = {"left" if run.leads(k) == 0 else "right" for k in run.frames[frames]}
+    ways = {"left" if run.leading_line_index(k) == 0 else "right" for k in run.frames[frames]}
     return " ".join([*words, f"The block slides to the {' or the '.join(sorted(ways))}."])

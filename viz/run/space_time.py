@@ -9,6 +9,7 @@ from flashtemp.physics.interpolation import interpolate_linear
 from flashtemp.viz import theme
 from flashtemp.viz.time_axis import RepetitionAxis, interval_means, repetition_axis
 
+PICTURE = "map"
 MAX_THICK_REPETITIONS = 16  # repetitions; more are drawn with thinner lines
 MAP_COLUMNS, MAP_ROWS = 1200, 300  # of the map: finer than its pixels at 160 dpi
 

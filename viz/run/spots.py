@@ -11,6 +11,8 @@ from matplotlib.figure import Figure
 from flashtemp.viz import theme
 from flashtemp.viz.run.animation import select_frames, write_gif
 
+PICTURE = "spots"
+ANIMATION = "spots"
 SPOT_FRAME_MS = 120  # ms of a frame
 SPOT_LAST_FRAME_MS = 1500  # ms of the last one
 

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from flashtemp.viz import theme
 from flashtemp.viz.time_axis import sliding_ends
 
+PICTURE = "worn"
 MAX_WEAR_CURVES = 4  # repetitions at most
 MIN_PRESSURE_CHANGE = 1e-3  # changes of p(x)/mean(p) that are none
 WORN_COLOUR, RUBBER_COLOUR = "#F7DDD6", "#EDEDED"

@@ -11,6 +11,7 @@ from flashtemp.physics.interpolation import interpolate_linear
 from flashtemp.viz import theme
 from flashtemp.viz.run.run_views import VIEW_COLUMNS, VIEW_ROWS, has_wake
 
+PICTURE = "width"
 PRESSURE_MAP = "cividis"
 EVEN_PRESSURE_FRACTION = 1e-3  # of the pressure: what differs less is one value
 
@@ -24,7 +25,7 @@ def applies(run) -> bool:
 def draw(run) -> Figure:
     """Maps at the end of the last sliding: contact and wake from above, pressure, wall y < 0, middle (degC, mm)."""
     mesh = run.mesh
-    frame = int(np.argmin(np.abs(run.frames - run.last)))
+    frame = int(np.argmin(np.abs(run.frames - run.last_sliding_index)))
     y, z = 1e3 * mesh.y[[0, -1]], 1e3 * mesh.height[[0, -1]]
     L, far = 1e3 * mesh.x[mesh.last], 1e3 * mesh.x[-1]
     contact = np.where(run.maps["pressure"][frame] > 0, run.maps["T_spot"][frame], np.nan)

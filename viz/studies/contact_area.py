@@ -15,7 +15,7 @@ def draw(study) -> Figure:
     ax.axvspan(study.linear_up_to, study.ratio[-1], color=theme.WAITING_COLOUR, alpha=0.45, lw=0)
     ax.plot(study.ratio, study.linear, color=theme.AMBIENT_COLOUR, lw=1.0, ls=(0, (4, 3)), label="linear law")
     ax.plot(study.ratio, study.area, color=theme.SPOT_COLOUR, lw=1.8, label="elastic contact")
-    area, _ = study.at(0.1)
+    area, _ = study.interpolate_area(0.1)
     ax.plot(0.1, area, "o", color=theme.SPOT_COLOUR, ms=5, mec="white", mew=0.8, zorder=4)
     ax.annotate(
         f"{theme.format_decimal(100 * area, 2)} % at p/E = 0.1", (0.1, area), (8, -9), textcoords="offset points"

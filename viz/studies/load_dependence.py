@@ -45,25 +45,25 @@ def draw(study) -> Figure:
 
 def _draw_curves(ax, study, i: int) -> None:
     p = study.pressure / 1e6
-    ax.plot(p, study.none[i], color="#B5B5B5", lw=2.4, label="none")
-    for name, mu in study.alone.items():
+    ax.plot(p, study.without_processes[i], color="#B5B5B5", lw=2.4, label="none")
+    for name, mu in study.one_process.items():
         style = "o-" if name in study.acting else "o:"  # dotted: not in the case
         ax.plot(p, mu[i], style, ms=2.5, lw=1.1, color=PROCESS_COLOURS[name], label=f"{name} alone")
-    ax.plot(p, study.every[i], "ko-", ms=3.5, lw=2.2, label="the case")
+    ax.plot(p, study.all_processes[i], "ko-", ms=3.5, lw=2.2, label="the case")
     ax.set(xscale="log", xlabel="nominal contact pressure (MPa)", title=f"{study.speed[i]:g} m/s")
     ax.set_xticks(p, [f"{v:g}" for v in p])
     ax.minorticks_off()
 
 
 def _draw_bars(ax, study) -> None:
-    shares, own = study.shares(), study.own()
+    shares, own = study.shapley_shares(), study.lone_changes()
     width = 0.8 / len(shares)
     for k, (name, share) in enumerate(shares.items()):
         at = np.arange(len(study.speed)) + (k - 0.5 * (len(shares) - 1)) * width
         fill = PROCESS_COLOURS[name] if name in study.acting else "white"  # hollow: not in the case
         ax.bar(at, 100 * np.expm1(share), 0.92 * width, color=fill, edgecolor=PROCESS_COLOURS[name], lw=0.8)
         ax.plot(at, 100 * np.expm1(own[name]), "D", ms=2.8, mfc="white", mec="black", mew=0.6)
-    total = 100 * np.expm1(study.change(study.every))
+    total = 100 * np.expm1(study.log_change(study.all_processes))
     ax.plot(np.arange(len(study.speed)), total, "k_", ms=34, mew=1.8)
     ax.annotate("the case", (0, total[0]), (-18, 3), textcoords="offset points", ha="left", fontsize=7.0)
     ax.axhline(0.0, color="black", lw=0.6)
@@ -73,7 +73,7 @@ def _draw_bars(ax, study) -> None:
 
 
 def _draw_local_slopes(ax, study) -> None:
-    local = study.local()
+    local = study.stepwise_shares()
     middle = np.sqrt(study.pressure[1:] * study.pressure[:-1]) / 1e6
     for name, share in local.items():
         style = "o-" if name in study.acting else "o:"

@@ -23,7 +23,7 @@ def draw(result) -> Figure:
 
     Beside them: first-order and total share of the variance, in per cent.
     """
-    shown = result.order[:MAX_INPUTS_DRAWN][::-1]
+    shown = result.ranked_inputs[:MAX_INPUTS_DRAWN][::-1]
     fig = theme.make_figure(f"Sensitivity of {result.case.title}", theme.WIDE_FIGURE_IN, 1.3 + 0.24 * len(shown))
     axes = fig.subplots(1, len(OUTPUT_PANELS), sharey=True)
     at = np.arange(len(shown))

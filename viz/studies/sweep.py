@@ -6,8 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
-from flashtemp.viz.key_labels import KeyLabel, describe_key
-from flashtemp.viz.measurement.residual_plots import describe_condition
+from flashtemp.viz.key_labels import KeyLabel, describe_condition, describe_key
 
 MAX_CURVES_DRAWN = 9  # curves
 MAX_NUMBERED_CELLS = 36  # cells of a map that hold their number

@@ -144,7 +144,7 @@ def _draw_depths(ax, curves) -> None:
     d = curves.depths
     for v, row, colour in zip(d.speed, d.deeper, theme.repetition_colours(len(d.speed)), strict=True):
         ax.plot(1e6 * d.depth, 100 * row, color=colour, lw=1.8, label=f"{theme.format_decimal(v, 2)} m/s")
-        ax.plot(1e6 * d.at(v)[1], 50, "o", color=colour, ms=4.5, mec="white", mew=0.6)
+        ax.plot(1e6 * d.depths_at_speed(v)[1], 50, "o", color=colour, ms=4.5, mec="white", mew=0.6)
     ax.set_xscale("log")
     ax.set(
         xlabel="depth (µm)",

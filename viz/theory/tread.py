@@ -37,7 +37,7 @@ def _draw_speeds(ax, rolling, colours) -> None:
     """Trajectories between the two stationary curves."""
     fastest = max(10.0 * MIN_SPEED_DRAWN_M_S, 1.35 * max(float(p.speed.max()) for p, _ in rolling.kernel))
     v = np.geomspace(MIN_SPEED_DRAWN_M_S, fastest, 300)
-    cold, hot = rolling.law.ends(v)
+    cold, hot = rolling.law.branch_friction(v)
     ax.fill_between(v, hot, cold, color=theme.WAITING_COLOUR, alpha=0.45, lw=0)
     ax.plot(v, cold, color=COLD_COLOUR, lw=1.6)
     ax.plot(v, hot, color=HOT_COLOUR, lw=1.6)
@@ -72,7 +72,7 @@ def _draw_distances(ax, rolling, colours) -> None:
         on, thin = _is_moving(path, 0), _is_moving(rolling.path, j)
         ax.plot(path.slid[on, 0] / rolling.spots.diameter, path.mu[on, 0], color=colour, lw=2.2)
         ax.plot(rolling.path.slid[thin, j] / rolling.spots.diameter, rolling.path.mu[thin, j], color="#222222", lw=0.5)
-    memory = float(rolling.law.reach(rolling.tread.speed * rolling.best.at)) / rolling.spots.diameter
+    memory = float(rolling.law.memory_distance(rolling.tread.speed * rolling.peak.at)) / rolling.spots.diameter
     ax.axvline(memory, color=theme.AMBIENT_COLOUR, lw=0.7, ls=(0, (4, 3)))
     ax.annotate(
         f"r₀ = {theme.format_decimal(memory, 2)} D", (memory, 0.04), (3, 0), xycoords=("data", "axes fraction"),
@@ -97,10 +97,10 @@ def _draw_slips(ax, rolling, colours) -> None:
         "D/l", (ratio, 0.04), (3, 0), xycoords=("data", "axes fraction"), textcoords="offset points",
         color=theme.AMBIENT_COLOUR,
     )  # fmt: skip
-    if not rolling.best.edge:
-        ax.plot(rolling.best.at, rolling.best.value, "v", color=theme.SPOT_COLOUR, ms=5, zorder=4)
+    if not rolling.peak.is_at_edge:
+        ax.plot(rolling.peak.at, rolling.peak.value, "v", color=theme.SPOT_COLOUR, ms=5, zorder=4)
         ax.annotate(
-            "maximum", (rolling.best.at, rolling.best.value), (0, 5), textcoords="offset points", ha="center",
+            "maximum", (rolling.peak.at, rolling.peak.value), (0, 5), textcoords="offset points", ha="center",
             color=theme.SPOT_COLOUR, fontsize=7.0,
         )  # fmt: skip
     ax.set_xscale("log")

@@ -44,7 +44,7 @@ def _describe_conditions(cornering) -> str:
     return (
         f"{theme.format_decimal(b.speed, 3)} m/s, {theme.format_decimal(b.pressure / 1e6, 3)} MPa at every load, "
         f"{theme.format_decimal(cornering.T0 - KELVIN, 3)} {theme.CELSIUS}, footprint {theme.format_decimal(1e3 * cornering.tyre.width, 3)} mm "
-        f"wide, r₀ = {cornering.law.said} mm; shear stiffness of the tread "
+        f"wide, r₀ = {cornering.law.memory_text} mm; shear stiffness of the tread "
         f"{theme.format_decimal(b.stiffness / 1e6, 3)} MPa/m.  Carcass rigid."
     )
 
@@ -93,7 +93,7 @@ def _draw_angles(ax, cornering, model: str, colours) -> None:
         cornering.curves[model, "law"], cornering.peaks[model, "law"], colours, strict=True
     ):
         ax.plot(cornering.angles, values, color=colour, lw=1.8, zorder=3)
-        ax.plot(best.at, best.value, ls="", zorder=4, clip_on=False, **_peak_marker(best.edge))
+        ax.plot(best.at, best.value, ls="", zorder=4, clip_on=False, **_peak_marker(best.is_at_edge))
     ax.set_xscale("log")
     first, last = cornering.angles[[0, -1]] if len(cornering.angles) > 1 else cornering.angles[0] * np.array([0.5, 2.0])
     ticks = [t for t in (0.01, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 45) if first <= t <= last]
@@ -105,17 +105,19 @@ def _draw_angles(ax, cornering, model: str, colours) -> None:
 def _draw_maxima(ax, cornering, model: str, colours) -> None:
     """Highest side force over load, relative to that at the lowest load, where there is one inside the angles."""
     kN = cornering.loads / 1e3
-    if not cornering.inside(model):
+    if not cornering.has_inner_peaks(model):
         words = (
             f"no maximum up to {theme.format_decimal(cornering.angles[-1], 3)} deg"
             if cornering.rising_up_to_deg(model)
             else "no maximum"
         )
         ax.annotate(words, (0.5, 0.5), xycoords="axes fraction", ha="center", va="center", color=theme.SPOT_COLOUR)
-        if not any(cornering.inside(model, n) for n in (*CONTROL_COLOURS, "law")):  # no range is made up for nothing
+        if not any(
+            cornering.has_inner_peaks(model, n) for n in (*CONTROL_COLOURS, "law")
+        ):  # no range is made up for nothing
             ax.set_axis_off()
             return
-    for name in (n for n in (*CONTROL_COLOURS, "law") if cornering.inside(model, n)):
+    for name in (n for n in (*CONTROL_COLOURS, "law") if cornering.has_inner_peaks(model, n)):
         best = np.array([p.value for p in cornering.peaks[model, name]])
         change = 100 * (best / best[0] - 1)
         if name == "law":

@@ -1,4 +1,4 @@
-"""What was gained: differences before and after, parameters that moved, and recordings that no fit has seen."""
+"""Gain of the extension: differences before and after, parameter changes, and T(x) of left-out recordings."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ RMSE_LABELS = (
     ("held_out_rmse_K", "held out"),
 )
 SIGMA_95 = 1.96
-MAX_SHIFTS_DRAWN = 16  # parameters
-TICK_ROOM_FRACTION = 0.13  # of an axis that a number takes
-MAX_HELD_OUT_DRAWN = 3  # recordings left out that are drawn
+MAX_SHIFTS_DRAWN = 16
+TICK_ROOM_FRACTION = 0.13  # of the axis length, for one tick label
+MAX_HELD_OUT_DRAWN = 3  # left-out recordings
 
 
 def rmse_pairs(verdict) -> list[tuple[str, float, float]]:
-    """What is compared in K, before and after, as far as both are known."""
+    """(label, base, extended) of the root mean square differences (K) that are known for both models."""
     if verdict.base is None or verdict.extended is None:
         return []
     found = [(words, getattr(verdict.base, key), getattr(verdict.extended, key)) for key, words in RMSE_LABELS]
@@ -35,31 +35,31 @@ def rmse_pairs(verdict) -> list[tuple[str, float, float]]:
 
 
 def parameter_shifts(verdict) -> list[tuple[str, float, float]]:
-    """Name, change and its standard error in % of the value before, largest first."""
+    """(name, change, standard error) of the free parameters, in % of the base value, largest change first."""
     found = [(n, 100 * (a - b) / abs(b), 100 * s / abs(b)) for n, b, a, s in verdict.shifts if b]
     return sorted(found, key=lambda f: -abs(f[1]))[:MAX_SHIFTS_DRAWN]
 
 
 def has_changes(verdict) -> bool:
-    """Whether there is something to compare."""
+    """Whether there are differences or parameters to compare."""
     return bool(rmse_pairs(verdict) or parameter_shifts(verdict))
 
 
 @theme.styled
 def draw(verdict) -> Figure:
-    """Differences (K) before and after, parameter shifts (%), and T(x) of recordings that were left out."""
+    """Differences (K) before and after, parameter changes (%), and T(x) of left-out recordings."""
     first, second = rmse_pairs(verdict), parameter_shifts(verdict)
     left_out = [
         p for g in plot_helpers.group_recordings(verdict) for p in g if p.before.view.held_out and p.after is not None
     ]
-    left_out = [p for p in left_out if p.recording.places is None]  # points are drawn over time
+    left_out = [p for p in left_out if p.recording.places is None]  # points have no T(x)
     left_out = sorted(left_out, key=lambda p: -plot_helpers.largest_difference(p))[:MAX_HELD_OUT_DRAWN]
     top = 0.7 + 0.24 * max(len(first), len(second), 4)
-    tall = [top, *([2.3] if left_out else [])]
+    heights = [top, *([2.3] if left_out else [])]
     fig = plot_helpers.make_verdict_figure(
-        verdict, plot_helpers.picture_heading(verdict, "gained"), plot_helpers.VERDICT_WIDTH_IN, 0.5 + sum(tall)
+        verdict, plot_helpers.picture_heading(verdict, "gained"), plot_helpers.VERDICT_WIDTH_IN, 0.5 + sum(heights)
     )
-    parts = fig.subfigures(len(tall), 1, height_ratios=tall, squeeze=False)[:, 0]
+    parts = fig.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
     panels = [(d, v) for d, v in ((_draw_dumbbells, first), (_draw_shifts, second)) if v]
     axes = parts[0].subplots(1, len(panels), squeeze=False)[0]
     for ax, (draw_one, values) in zip(axes, panels, strict=True):
@@ -70,7 +70,7 @@ def draw(verdict) -> Figure:
 
 
 def _draw_dumbbells(ax, values: list) -> None:
-    """Before and after of every size on a logarithmic axis, with the numbers."""
+    """Each difference before and after on a logarithmic axis, with its numbers."""
     for i, (_, before, after) in enumerate(values):
         ax.plot([before, after], [i, i], color=theme.WAITING_COLOUR, lw=3, zorder=1)
         ax.plot(before, i, "s", ms=5, color=BASE_COLOUR, label="base" if not i else None)
@@ -79,8 +79,8 @@ def _draw_dumbbells(ax, values: list) -> None:
         ax.annotate(words, (1.0, i), (4, 0), xycoords=("axes fraction", "data"), textcoords="offset points",
                     va="center", fontsize=7.0)  # fmt: skip
     ax.set_xscale("log")
-    some = np.array([v[1:] for v in values])
-    ax.set_xlim(some.min() / 1.4, some.max() * 1.4)
+    numbers = np.array([v[1:] for v in values])
+    ax.set_xlim(numbers.min() / 1.4, numbers.max() * 1.4)
     ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: theme.format_decimal(v, 3)))
     ax.set_xticks(_log_ticks(*ax.get_xlim()))
     ax.xaxis.set_minor_locator(NullLocator())
@@ -105,7 +105,7 @@ def _log_ticks(low: float, high: float) -> list[float]:
 
 
 def _draw_shifts(ax, values: list) -> None:
-    """How far parameters of the base moved once the cause was in the model."""
+    """Changes of the base parameters once the cause is in the model."""
     ax.axvline(0.0, color=theme.AMBIENT_COLOUR, lw=0.6)
     for i, (_, change, error) in enumerate(values):
         ax.errorbar(change, i, xerr=SIGMA_95 * error, fmt="o", ms=4, color=EXTENDED_COLOUR, lw=1.0, capsize=2)
@@ -113,12 +113,12 @@ def _draw_shifts(ax, values: list) -> None:
     ax.set_ylim(len(values) - 0.5, -0.7)
     reach = [v[1] + s * SIGMA_95 * v[2] for v in values for s in (1, -1)]
     ax.set_xlim(theme.padded_limits(reach, [0.0], least=1.0, margin=0.08))
-    ax.set_xlabel("parameter moved by (%), bars: 95 %")
+    ax.set_xlabel("parameter change (%), bars: 95 %")
 
 
 def _draw_held_out(part, left_out: list) -> None:
-    """T(x) of recordings that no fit has seen."""
-    part.suptitle("recordings that no fit has seen", x=0.01, ha="left", fontsize=8.5)
+    """T(x) of recordings that no fit has used."""
+    part.suptitle("recordings left out of the fit", x=0.01, ha="left", fontsize=8.5)
     axes = part.subplots(1, len(left_out), squeeze=False)[0]
     for ax, pair in zip(axes, left_out, strict=True):
         draw_profile_curves(ax, pair)

@@ -1,4 +1,4 @@
-"""Why this cause, and could it be something else: scores, amplitudes, signatures and nuisances."""
+"""Evidence for each candidate, and alternatives: scores, amplitudes, correlations and nuisance parameters."""
 
 from __future__ import annotations
 
@@ -9,28 +9,28 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLoca
 
 from flashtemp.discovery.hypotheses.piecewise_linear_law import LEARNED_LAW_NAME
 from flashtemp.viz import theme
-from flashtemp.viz.measurement.residual_plots import BAND_COLOUR, escape_dollars
+from flashtemp.viz.literal_text import escape_mathematics
+from flashtemp.viz.measurement.residual_plots import BAND_COLOUR
 from flashtemp.viz.verdict import plot_helpers
 
 LN_BAYES_ALARM = 8.0  # ln Bayes factor that noise alone exceeds in fewer than 1 of 200 campaigns
 LN_BAYES_LINEAR_AXIS = 10.0  # ln Bayes factor up to which the axis is linear
 ACCEPTED_COLOUR, AMBIGUOUS_COLOUR, REJECTED_COLOUR = theme.BLOCK_COLOUR, theme.HOLDER_COLOUR, "#B4B4B4"
 BAR_HEIGHT_IN = 0.185  # inches
-MIN_PRINTED_CORRELATION = 0.6  # correlation from which a number is printed
-MAX_NUISANCES_DRAWN = 24  # nuisances, or names that still have room for numbers
+MIN_PRINTED_CORRELATION = 0.6  # smaller correlations are drawn without a number
+MAX_NUISANCES_DRAWN = 24  # also: effects in the matrix whose cells still have room for numbers
 SIGMA_95 = 1.96
 COMMON_VALUE_COLOUR = "#0072B2"
 
 
 def ranked_scores(verdict) -> list[tuple[str, float, str, bool]]:
-    """Effect, ln Bayes factor, colour and whether it was refitted, of all that was tried, best first."""
-    taken = {c.effect for c in verdict.causes}
+    """(effect, ln Bayes factor, colour, whether refitted) of all candidates that were tried, best first."""
+    accepted = {c.effect for c in verdict.causes}
     out = [(c.effect, c.ln_bayes, ACCEPTED_COLOUR, True) for c in verdict.causes]
     for r in verdict.rivals:
-        if r.effect not in taken and (r.refitted or r.stderr > 0):  # else it was not tried
-            out.append(
-                (r.effect, r.score, AMBIGUOUS_COLOUR if r.effect in verdict.group else REJECTED_COLOUR, r.refitted)
-            )
+        if r.effect not in accepted and (r.refitted or r.stderr > 0):  # without an error it was not tried
+            colour = AMBIGUOUS_COLOUR if r.effect in verdict.group else REJECTED_COLOUR
+            out.append((r.effect, r.score, colour, r.refitted))
     return sorted((s for s in out if np.isfinite(s[1])), key=lambda s: -s[1])
 
 
@@ -38,24 +38,25 @@ def ranked_scores(verdict) -> list[tuple[str, float, str, bool]]:
 def draw_scores(verdict) -> Figure:
     """ln Bayes factors of all candidates, linear to 10 and logarithmic beyond, and amplitudes per condition."""
     bars = ranked_scores(verdict)
-    told = [c for c in verdict.causes if c.per_condition and c.parameters][:3]
-    lines = sum(len(c.per_condition) + 4 for c in told)
+    causes = [c for c in verdict.causes if c.per_condition and c.parameters][:3]
+    lines = sum(len(c.per_condition) + 4 for c in causes)
     height = 1.2 + max(BAR_HEIGHT_IN * len(bars), 0.2 * lines)
     fig = plot_helpers.make_verdict_figure(
         verdict, plot_helpers.picture_heading(verdict, "why"), plot_helpers.VERDICT_WIDTH_IN, max(height, 2.2)
     )
-    grid = fig.add_gridspec(1, 2 if told else 1, width_ratios=[1.25, 1.0] if told else None)
+    grid = fig.add_gridspec(1, 2 if causes else 1, width_ratios=[1.25, 1.0] if causes else None)
     _draw_bars(fig.add_subplot(grid[0, 0]), bars, verdict)
-    if told:
-        tall = [len(c.per_condition) + 2 for c in told]
-        inner = grid[0, 1].subgridspec(len(told) + 1, 1, height_ratios=[*tall, max(0.7 * len(bars) - sum(tall), 0.01)])
-        for i, cause in enumerate(told):
+    if causes:
+        heights = [len(c.per_condition) + 2 for c in causes]
+        spare = max(0.7 * len(bars) - sum(heights), 0.01)
+        inner = grid[0, 1].subgridspec(len(causes) + 1, 1, height_ratios=[*heights, spare])
+        for i, cause in enumerate(causes):
             _draw_amplitudes(fig.add_subplot(inner[i, 0]), cause)
     return fig
 
 
 def _draw_bars(ax, bars: list, verdict) -> None:
-    """One bar per candidate with its number; hatched where only its trace was scored."""
+    """One bar per candidate with its number; hatched where it was scored by its sensitivities alone."""
     values = np.array([v for _, v, _, _ in bars])
     at = np.arange(len(bars))
     low, high = min(values.min(), 0.0), max(values.max(), 2 * LN_BAYES_ALARM)
@@ -83,14 +84,14 @@ def _draw_bars(ax, bars: list, verdict) -> None:
         Patch(color=colour, label=label)
         for colour, label in (
             (ACCEPTED_COLOUR, "accepted"),
-            (AMBIGUOUS_COLOUR, "cannot be told apart"),
+            (AMBIGUOUS_COLOUR, "not distinguishable"),
             (REJECTED_COLOUR, "not accepted"),
         )
         if colour in kinds
     ]
     if not all(r for *_, r in bars):
         items.append(
-            Patch(fc="white", ec=theme.AMBIENT_COLOUR, hatch="//////", lw=0.6, label="scored by its trace only")
+            Patch(fc="white", ec=theme.AMBIENT_COLOUR, hatch="//////", lw=0.6, label="scored by sensitivities only")
         )
     items.append(ax.lines[-1])
     ax.lines[-1].set_label(f"alarm level {LN_BAYES_ALARM:g}")
@@ -98,43 +99,42 @@ def _draw_bars(ax, bars: list, verdict) -> None:
 
 
 def _padded_end(value: float) -> float:
-    """The end of the axis, with room for a number beside the bar."""
+    """The end of the axis, with room for a number next to the bar."""
     return value * 3.5 if value > LN_BAYES_LINEAR_AXIS else value + 6.0
 
 
 def _draw_amplitudes(ax, cause) -> None:
-    """The first parameter of a cause fitted to every condition alone, over the common value and its 95 % band; of a
-    learned law the factor by which each condition would have the law as a whole."""
-    common, told = cause.parameters[0], cause.per_condition
+    """The first parameter of a cause fitted to each condition alone, over the common value and its 95 % band.
+
+    Of a learned law: the factor that each condition alone would give the whole law.
+    """
+    common, estimates = cause.parameters[0], cause.per_condition
     is_law = cause.effect == LEARNED_LAW_NAME
-    at = np.arange(len(told))
+    at = np.arange(len(estimates))
     if not is_law:
         ax.axvspan(*common.ci95, color=BAND_COLOUR, lw=0)
     ax.axvline(1.0 if is_law else common.value, color=COMMON_VALUE_COLOUR, lw=1.0)
-    for i, own in enumerate(told):
+    for i, e in enumerate(estimates):
         ax.errorbar(
-            own.value, i, xerr=SIGMA_95 * own.stderr, fmt="o", ms=3.5, color=theme.SLIDING_COLOUR, lw=1.0, capsize=2
+            e.value, i, xerr=SIGMA_95 * e.stderr, fmt="o", ms=3.5, color=theme.SLIDING_COLOUR, lw=1.0, capsize=2
         )
     words = [
-        "\n".join(
-            plot_helpers.wrap_label(part, 26) for part in plot_helpers.reword_condition(own.condition).split(", ")
-        )
-        for own in told
+        "\n".join(plot_helpers.wrap_label(part, 26) for part in plot_helpers.reword_condition(e.condition).split(", "))
+        for e in estimates
     ]
     ax.set_yticks(at, words, fontsize=7.0)
-    ax.set_ylim(len(told) - 0.4, -0.6)
-    values = [own.value + s * SIGMA_95 * own.stderr for own in told for s in (1, -1)]
+    ax.set_ylim(len(estimates) - 0.4, -0.6)
+    values = [e.value + s * SIGMA_95 * e.stderr for e in estimates for s in (1, -1)]
     ax.set_xlim(theme.padded_limits(values, [1.0] if is_law else [*common.ci95], least=1e-12, margin=0.08))
-    unit = "–" if is_law or common.unit == "1" else escape_dollars(common.unit)
+    unit = "–" if is_law or common.unit == "1" else escape_mathematics(common.unit)
     ax.set_xlabel(f"{'factor on the whole law' if is_law else plot_helpers.plot_label(common.name)} ({unit})")
-    chance = f"so much scatter by chance: {100 * cause.consistent:.2g} %"
-    ax.set_title(f"each condition alone\n{chance}")
+    ax.set_title(f"each condition alone\nprobability of such scatter: {100 * cause.consistent:.2g} %")
 
 
-# --- could it be something else ---------------------------------------------------------------------
+# --- alternative explanations -----------------------------------------------------------------------
 @theme.styled
 def draw_alternatives(verdict) -> Figure:
-    """Correlations between projected signatures, and how far nuisances moved from what was known (sigma)."""
+    """Correlations between projected signatures, and deviations of nuisance parameters from their priors (sigma)."""
     both = verdict.separability is not None and bool(verdict.nuisance)
     names = verdict.separability[0] if verdict.separability is not None else ()
     pulls = sorted(verdict.nuisance, key=lambda p: -abs(p.pull))[:MAX_NUISANCES_DRAWN]
@@ -153,7 +153,7 @@ def draw_alternatives(verdict) -> Figure:
 
 
 def _draw_correlations(fig, ax, verdict) -> None:
-    """Half of the matrix; numbers from 0.6, accepted causes in bold."""
+    """The lower half of the matrix; numbers from 0.6, accepted causes in bold."""
     names, matrix = verdict.separability
     n = len(names)
     values = np.ma.masked_where(np.triu(np.ones((n, n), bool), 1), np.asarray(matrix, float))
@@ -162,21 +162,21 @@ def _draw_correlations(fig, ax, verdict) -> None:
     ax.set_yticks(range(n), [plot_helpers.plot_label(i) for i in names], fontsize=6.5)
     ax.tick_params(length=0)
     ax.spines[:].set_visible(False)
-    taken = {c.effect for c in verdict.causes} | set(verdict.group)
+    emphasised = {c.effect for c in verdict.causes} | set(verdict.group)
     for label, key in [*zip(ax.get_xticklabels(), names, strict=True), *zip(ax.get_yticklabels(), names, strict=True)]:
-        label.set_weight("bold" if key in taken else "normal")
+        label.set_weight("bold" if key in emphasised else "normal")
     if n <= MAX_NUISANCES_DRAWN:
         for i in range(n):
             for j in range(i):
                 if abs(matrix[i][j]) >= MIN_PRINTED_CORRELATION:
                     ax.text(j, i, f"{matrix[i][j]:.1f}".replace("-", "−"), ha="center", va="center", fontsize=5.5)
-    ax.set_title("how alike two effects look after calibration")
+    ax.set_title("similarity of two effects after calibration")
     bar = fig.colorbar(picture, ax=ax, label="correlation (–)", aspect=30, pad=0.01, fraction=0.03)
     bar.outline.set_linewidth(0.4)
 
 
 def _draw_deviations(ax, pulls: list, total: int) -> None:
-    """Nuisances in standard deviations of what was known beforehand."""
+    """Nuisance parameters in standard deviations of their priors."""
     at, values = np.arange(len(pulls)), np.array([p.pull for p in pulls])
     ax.axvspan(-1, 1, color=BAND_COLOUR, lw=0)
     for x in (-3, 3):
@@ -187,8 +187,8 @@ def _draw_deviations(ax, pulls: list, total: int) -> None:
     ax.plot(values[far], at[far], "D", ms=4.0, color=theme.SPOT_COLOUR)
     ax.set_yticks(at, [plot_helpers.plot_label(p.name) for p in pulls], fontsize=6.5)
     ax.set_ylim(len(pulls) - 0.4, -0.6)
-    most = 1.1 * max(3.6, float(np.abs(values).max()))
-    ax.set_xlim(-most, most)
-    ax.set_xlabel("pull (sigma)")
+    reach = 1.1 * max(3.6, float(np.abs(values).max()))
+    ax.set_xlim(-reach, reach)
+    ax.set_xlabel("deviation from the prior (sigma)")
     ax.xaxis.set_major_locator(MaxNLocator(7, integer=True))
-    ax.set_title(f"nuisances{f', {len(pulls)} of {total}' if total > len(pulls) else ''}")
+    ax.set_title(f"nuisance parameters{f', {len(pulls)} of {total}' if total > len(pulls) else ''}")

@@ -1,4 +1,4 @@
-"""What is missing: interface heat flux that the base lacks, and the pressure it stands for, along the contact."""
+"""Missing interface heat flux and the corresponding pressure along the contact, with 95 % bands."""
 
 from __future__ import annotations
 
@@ -8,28 +8,26 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
-from flashtemp.viz.measurement.residual_plots import escape_dollars
+from flashtemp.viz.literal_text import escape_mathematics
 from flashtemp.viz.verdict import plot_helpers
 from flashtemp.viz.verdict.residual_images import FIRST_REPETITION_COLOUR, LAST_REPETITION_COLOUR
 
-MIN_RESOLUTION = 0.2  # resolution below which nothing is claimed
-SIGMA_95 = 1.96  # standard errors of 95 %
+MIN_RESOLUTION = 0.2  # fraction of a local change that the data resolve; below it nothing is claimed
+SIGMA_95 = 1.96
 FLUX_ROW_IN = 2.0  # inches
 UNRESOLVED_COLOUR = "#DDDDDD"
 
 
 def select_conditions(verdict) -> list:
-    """At most four conditions, those in which the missing flux stands out most."""
+    """At most four conditions, those with the most significant missing flux."""
 
-    def most(m) -> float:
+    def significance(m) -> float:
         known = np.atleast_1d(m.resolution) >= MIN_RESOLUTION
         flux, sd = np.atleast_2d(m.flux)[:, known], np.atleast_2d(m.flux_sd)[:, known]
         return float(np.max(np.abs(flux) / np.maximum(sd, 1e-30), initial=0.0))
 
-    order = sorted(range(len(verdict.missing)), key=lambda i: -most(verdict.missing[i]))[
-        : plot_helpers.MAX_CONDITIONS_DRAWN
-    ]
-    return [verdict.missing[i] for i in sorted(order)]
+    order = sorted(range(len(verdict.missing)), key=lambda i: -significance(verdict.missing[i]))
+    return [verdict.missing[i] for i in sorted(order[: plot_helpers.MAX_CONDITIONS_DRAWN])]
 
 
 @theme.styled
@@ -38,20 +36,21 @@ def draw(verdict) -> Figure:
 
     Grey where the data resolve less than 0.2 of a local change.
     """
-    some = select_conditions(verdict)
+    conditions = select_conditions(verdict)
     fig = plot_helpers.make_verdict_figure(
         verdict,
         plot_helpers.picture_heading(verdict, "missing"),
         plot_helpers.VERDICT_WIDTH_IN,
-        0.8 + FLUX_ROW_IN * len(some),
+        0.8 + FLUX_ROW_IN * len(conditions),
     )
-    axes = fig.subplots(len(some), 2, squeeze=False, sharex="row")
-    for row, m in zip(axes, some, strict=True):
+    axes = fig.subplots(len(conditions), 2, squeeze=False, sharex="row")
+    for row, m in zip(axes, conditions, strict=True):
         x = 1e3 * np.asarray(m.x)
         _draw_bands(row[0], x, 1e-3 * m.flux, 1e-3 * m.flux_sd, m.repetition)
         row[0].axhline(0.0, color=theme.AMBIENT_COLOUR, lw=0.6)
         row[0].set_ylabel("missing flux q′ (kW/m²)")
-        row[0].set_title(escape_dollars(textwrap.fill(plot_helpers.reword_condition(m.condition), 60)), weight="bold")
+        condition = textwrap.fill(plot_helpers.reword_condition(m.condition), 60)
+        row[0].set_title(escape_mathematics(condition), weight="bold")
         _draw_bands(row[1], x, m.pressure, m.pressure_sd, m.repetition)
         row[1].axhline(1.0, color=theme.AMBIENT_COLOUR, lw=0.6)
         row[1].set_ylabel("pressure p(x)/p (–)")
@@ -64,14 +63,14 @@ def draw(verdict) -> Figure:
         if ax.get_legend_handles_labels()[0]:
             ax.legend(loc="best")
     fig.supxlabel(
-        f"bands: 95 %; grey: less than {MIN_RESOLUTION:g} of a local change would be seen here, nothing is claimed",
+        f"bands: 95 %; grey: the data resolve less than {MIN_RESOLUTION:g} of a local change",
         fontsize=7.5,
     )
     return fig
 
 
 def _draw_bands(ax, x, values, error, repetition) -> None:
-    """The first and the last of some curves (n, x) with their bands; a single one alone."""
+    """The first and the last of the curves (n, x) with their 95 % bands, or the only one."""
     values, error = np.atleast_2d(values), np.atleast_2d(error)
     numbers = np.atleast_1d(repetition)
     several = len(values) > 1
@@ -89,7 +88,7 @@ def _draw_bands(ax, x, values, error, repetition) -> None:
 
 
 def _shade_unresolved(ax, x, resolution) -> None:
-    """Grey over what the data do not resolve."""
+    """Grey where the data do not resolve a local change."""
     unknown = resolution < MIN_RESOLUTION
     middles = 0.5 * (x[1:] + x[:-1])
     limits = np.concatenate([x[:1], middles, x[-1:]])

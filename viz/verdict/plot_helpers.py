@@ -1,4 +1,4 @@
-"""What the pictures of a verdict share: recordings before and after, which of them are drawn, and their words."""
+"""Shared by the pictures of a verdict: recordings before and after, their selection, labels and averages."""
 
 from __future__ import annotations
 
@@ -10,37 +10,32 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
-from flashtemp.viz.measurement.residual_plots import describe_condition, escape_dollars
+from flashtemp.viz.key_labels import describe_condition
+from flashtemp.viz.literal_text import escape_mathematics
 
 VERDICT_WIDTH_IN = 9.6  # inches
-MAX_CONDITIONS_DRAWN = 4  # conditions that are drawn
+MAX_CONDITIONS_DRAWN = 4
 OUTLIER_SIGMA = 3.0  # sigma
-MAX_NOISE_OUTLIER_FRACTION = 0.01  # share of pixels beyond it from which noise is not all; of noise alone it is 0.003
-RARE_TEST_P = 0.01  # share of noise-only data; the simulations of a test are too few to tell smaller ones
-STRUCTURE_P = 0.001  # chance of so many rare tests together from which structure is claimed
-MAX_NOISE_SIGMA = (
-    6.0  # sigma up to which the largest difference of a recording may be noise: among so many places it gets to 5
-)
+MAX_NOISE_OUTLIER_FRACTION = 0.01  # of pixels beyond OUTLIER_SIGMA; with noise alone the fraction is 0.003
+RARE_TEST_P = 0.01  # p of a rare test; the simulations of a test are too few to resolve smaller ones
+STRUCTURE_P = 0.001  # probability of so many rare tests in noise, below which structure is claimed
+MAX_NOISE_SIGMA = 6.0  # sigma of the largest difference that may be noise: among so many places noise reaches 5
 PROFILE_ROWS_M = 1e-3  # m from the contact, or from the centre line, over which T(x) is averaged
 PICTURE_HEADINGS = {
-    "what_is_wrong": "What is wrong",
-    "not_noise": "It is not noise",
-    "missing": "What is missing",
-    "why": "Why this cause",
-    "else": "Could it be something else",
-    "gained": "What we gained",
-}
-SOUND_HEADINGS = {
     "what_is_wrong": "Measured against computed",
-    "not_noise": "Is it noise",
-    "missing": "Is any heat missing",
+    "not_noise": "Structure in the residuals",
+    "missing": "Missing heat flux",
+    "why": "Evidence for each candidate",
+    "else": "Alternative explanations",
+    "gained": "Differences before and after the extension",
 }
+SOUND_HEADINGS = {"not_noise": "Residuals against noise", "missing": "Test for missing heat flux"}
 VIEW_ORDER = ("sidewall", "wake", "profile", "points")
 
 
 @dataclass(frozen=True)
 class BeforeAfter:
-    """A recording against the calibrated base and, if there is one, the extended model; `words` of its condition."""
+    """A recording compared with the calibrated base and the extended model (or None); `words`: its condition."""
 
     before: Any
     after: Any
@@ -48,21 +43,21 @@ class BeforeAfter:
 
     @property
     def recording(self):
-        """What was measured."""
+        """The measured recording."""
         return self.before.view.recording
 
 
 def group_recordings(verdict) -> list[list[BeforeAfter]]:
-    """All recordings, those of one condition together."""
+    """All recordings of a verdict, grouped by condition."""
     views = [s.view for s in verdict.before]
     if not views:
         return []
-    shared = {k for k in set().union(*(v.given for v in views)) if len({repr(v.given.get(k)) for v in views}) == 1}
+    common = {k for k in set().union(*(v.given for v in views)) if len({repr(v.given.get(k)) for v in views}) == 1}
     after = dict(enumerate(verdict.after)) if len(verdict.after) == len(verdict.before) else {}
     groups: dict[str, list[BeforeAfter]] = {}
     for i, s in enumerate(verdict.before):
-        own = {k: v for k, v in s.view.given.items() if k not in shared}
-        words = describe_condition(own or s.view.given)
+        distinctive = {k: v for k, v in s.view.given.items() if k not in common}
+        words = describe_condition(distinctive or s.view.given)
         groups.setdefault(repr(sorted(s.view.given.items(), key=lambda item: item[0])), []).append(
             BeforeAfter(s, after.get(i), words)
         )
@@ -70,32 +65,30 @@ def group_recordings(verdict) -> list[list[BeforeAfter]]:
 
 
 def largest_difference(pair: BeforeAfter) -> float:
-    """The largest structured difference (K) of a recording."""
-    at = pair.before.largest
-    value = abs(at.K) if at is not None else pair.before.rmse_K
+    """Magnitude of the largest structured difference (K) of a recording; its RMSE where there is none."""
+    peak = pair.before.largest
+    value = abs(peak.K) if peak is not None else pair.before.rmse_K
     return float(value) if np.isfinite(value) else 0.0
 
 
-def exceeds_noise(seeing) -> bool:
-    """Whether the largest structured difference of a recording is more than noise reaches among so many places."""
-    return seeing.largest is not None and abs(seeing.largest.sigma) > MAX_NOISE_SIGMA
+def exceeds_noise(result) -> bool:
+    """Whether the largest structured difference exceeds what noise reaches among so many places."""
+    return result.largest is not None and abs(result.largest.sigma) > MAX_NOISE_SIGMA
 
 
 def select_recordings(verdict) -> list[list[BeforeAfter]]:
-    """At most MAX_CONDITIONS_DRAWN conditions, those with the largest differences, with one recording of every view."""
+    """At most MAX_CONDITIONS_DRAWN conditions, those with the largest differences; one recording per view."""
     groups = group_recordings(verdict)
-    most = sorted(range(len(groups)), key=lambda i: -max(largest_difference(p) for p in groups[i]))[
-        :MAX_CONDITIONS_DRAWN
-    ]
+    ranked = sorted(range(len(groups)), key=lambda i: -max(largest_difference(p) for p in groups[i]))
     out = []
-    for i in sorted(most):
-        own = [[p for p in groups[i] if p.recording.view == view] for view in VIEW_ORDER]
-        out.append([max(some, key=largest_difference) for some in own if some])
+    for i in sorted(ranked[:MAX_CONDITIONS_DRAWN]):
+        by_view = [[p for p in groups[i] if p.recording.view == view] for view in VIEW_ORDER]
+        out.append([max(pairs, key=largest_difference) for pairs in by_view if pairs])
     return out
 
 
 def describe_selection(verdict) -> str:
-    """Which conditions are drawn, where that is not all of them; else nothing."""
+    """A sentence on which conditions are drawn; "" where all are."""
     groups, drawn = group_recordings(verdict), select_recordings(verdict)
     if len(groups) == len(drawn):
         return ""
@@ -104,30 +97,30 @@ def describe_selection(verdict) -> str:
 
 
 def group_by_view(groups: list[list[BeforeAfter]]) -> dict[str, list[BeforeAfter]]:
-    """The recordings of every view, in the order of the conditions."""
+    """{view: its recordings}, in the order of the conditions."""
     flat = [p for g in groups for p in g]
-    return {view: own for view in VIEW_ORDER if (own := [p for p in flat if p.recording.view == view])}
+    return {view: pairs for view in VIEW_ORDER if (pairs := [p for p in flat if p.recording.view == view])}
 
 
 # --- figures ----------------------------------------------------------------------------------------
 def picture_heading(verdict, name: str) -> str:
-    """The heading of a picture, which for a sound model claims no fault."""
+    """The heading of a picture; for an adequate model it claims no structure and no missing heat."""
     if name in SOUND_HEADINGS and (
         verdict.kind == "none_needed" or (name == "not_noise" and not has_structure(verdict))
     ):
         return SOUND_HEADINGS[name]
-    return "What was tried" if name == "why" and not verdict.causes else PICTURE_HEADINGS[name]
+    return PICTURE_HEADINGS[name]
 
 
 def has_structure(verdict) -> bool:
-    """Whether maps or tests show that what the base leaves is more than noise; true where neither was made."""
+    """Whether maps or tests show structure in the residuals of the base; True where neither was made."""
     maps = [outlier_fraction(p.before) for g in select_recordings(verdict) for p in g if p.recording.places is None]
     tests = [t for t in verdict.tests if t.stage == "before"]
     return not (maps or tests) or count_rare_tests(tests)[1] or max(maps, default=0.0) > MAX_NOISE_OUTLIER_FRACTION
 
 
 def count_rare_tests(tests: list) -> tuple[int, bool]:
-    """How many tests are as rare as RARE_TEST_P in noise alone, and whether so many cannot be chance."""
+    """How many tests have p <= RARE_TEST_P, and whether so many are improbable in noise (binomial test)."""
     from scipy.stats import binom
 
     count = sum(t.p <= RARE_TEST_P for t in tests)
@@ -135,15 +128,15 @@ def count_rare_tests(tests: list) -> tuple[int, bool]:
 
 
 def make_verdict_figure(verdict, words: str, width: float, height: float) -> Figure:
-    """An empty figure (inches) that says what it shows and of which campaign."""
+    """An empty figure (inches) titled by the campaign and by what is shown."""
     fig = Figure(figsize=(width, height), layout="constrained", facecolor="white")
-    text = textwrap.shorten(f"{words}: {verdict.title}", round(11 * width), placeholder=" ...")
-    fig.suptitle(escape_dollars(text), x=0.01, ha="left")
+    text = textwrap.shorten(f"{verdict.title}: {words[0].lower()}{words[1:]}", round(11 * width), placeholder=" ...")
+    fig.suptitle(escape_mathematics(text), x=0.01, ha="left")
     return fig
 
 
 def reword_condition(text: str) -> str:
-    """A condition as its overrides were written, in words with units; what is no such list stays as it is.
+    """A condition written as overrides, "key = value, ...", in words with units; other texts are unchanged.
 
     >>> reword_condition("contact.pressure = 150000, schedule.speed = 0.1"), reword_condition("the case")
     ('contact pressure 0.15 MPa, speed 0.1 m/s', 'the case')
@@ -162,12 +155,12 @@ def _parse_number(text: str) -> float | str:
 
 
 def wrap_label(text: str, width: int = 19) -> str:
-    """Text for the space beside a picture, broken into lines."""
-    return escape_dollars(textwrap.fill(text, width))
+    """Text wrapped for the space left of a picture."""
+    return escape_mathematics(textwrap.fill(text, width))
 
 
 def add_row_label(ax, text: str) -> None:
-    """Words at the left of a picture, clear of its numbers."""
+    """A label left of a picture, clear of its tick labels."""
     ax.annotate(
         text, (0.0, 0.5), (-40, 0), xycoords="axes fraction", textcoords="offset points", ha="right", va="center",
         fontsize=7.0,
@@ -175,66 +168,66 @@ def add_row_label(ax, text: str) -> None:
 
 
 def plot_label(key: str) -> str:
-    """An effect or a parameter for a label.
+    """The name of an effect or a parameter in words.
 
     >>> plot_label("third_body"), plot_label("friction.mu")
     ('third body', 'friction mu')
     """
-    return escape_dollars(key if " " in key else key.replace("_", " ").replace(".", " "))
+    return escape_mathematics(key if " " in key else key.replace("_", " ").replace(".", " "))
 
 
 # --- numbers ----------------------------------------------------------------------------------------
-def profile_rows(seeing) -> np.ndarray:
-    """Rows of an image that hold anything and are nearest the contact (side wall) or the centre line (wake)."""
-    seen = np.flatnonzero(np.isfinite(seeing.residual).any(axis=(0, 2)))
-    if not len(seen):
-        return np.arange(len(seeing.view.recording.v))
-    away = np.abs(seeing.view.recording.v[seen])
-    return seen[away <= away.min() + PROFILE_ROWS_M]
+def profile_rows(result) -> np.ndarray:
+    """Rows with compared pixels nearest the contact (side wall) or the centre line (wake)."""
+    rows = np.flatnonzero(np.isfinite(result.residual).any(axis=(0, 2)))
+    if not len(rows):
+        return np.arange(len(result.view.recording.v))
+    distance = np.abs(result.view.recording.v[rows])
+    return rows[distance <= distance.min() + PROFILE_ROWS_M]
 
 
-def describe_rows(seeing) -> str:
-    """The rows of T(x) in words."""
-    recording = seeing.view.recording
+def describe_rows(result) -> str:
+    """The rows over which T(x) is averaged, in words."""
+    recording = result.view.recording
     if recording.view == "profile":
         return "along the block"
-    v = 1e3 * recording.v[profile_rows(seeing)]
+    v = 1e3 * recording.v[profile_rows(result)]
     axis = "z" if recording.view == "sidewall" else "y"
     return f"mean of {axis} = {theme.format_decimal(v[0], 2)} to {theme.format_decimal(v[-1], 2)} mm".replace("-", "−")
 
 
-def row_mean_profile(seeing, values: np.ndarray, frame: int) -> np.ndarray:
-    """T(x) (nu,) in degC of one frame of images (frames, nv, nu): mean of `profile_rows`, NaN where nothing is compared."""
-    some = profile_rows(seeing)
-    good = np.isfinite(seeing.residual[frame, some])
+def row_mean_profile(result, values: np.ndarray, frame: int) -> np.ndarray:
+    """T(x) (nu,) in degC of one frame of `values` (frames, nv, nu): mean over `profile_rows`, NaN where masked."""
+    rows = profile_rows(result)
+    good = np.isfinite(result.residual[frame, rows])
     count = good.sum(axis=0)
-    total = np.where(good, values[frame, some], 0.0).sum(axis=0)
+    total = np.where(good, values[frame, rows], 0.0).sum(axis=0)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-def hottest_frame(seeing, frames: np.ndarray) -> int:
-    """The frame, of some, that is computed to be hottest."""
-    seen = np.isfinite(seeing.residual).any(axis=0)
-    heat = np.where(seen, seeing.predicted[frames], 0.0).sum(axis=(1, 2))
+def hottest_frame(result, frames: np.ndarray) -> int:
+    """The frame of `frames` with the highest computed sum over compared pixels."""
+    compared = np.isfinite(result.residual).any(axis=0)
+    heat = np.where(compared, result.predicted[frames], 0.0).sum(axis=(1, 2))
     return int(frames[np.argmax(heat)])
 
 
-def repetition_frames(seeing) -> dict[int, int]:
-    """The hottest frame of the first and of the last repetition, by the number of the repetition."""
-    told = seeing.view.recording.repetition
-    return {int(n): hottest_frame(seeing, np.flatnonzero(told == n)) for n in np.unique(told)[[0, -1]]}
+def repetition_frames(result) -> dict[int, int]:
+    """{repetition: its hottest frame}, for the first and the last repetition."""
+    repetition = result.view.recording.repetition
+    return {int(n): hottest_frame(result, np.flatnonzero(repetition == n)) for n in np.unique(repetition)[[0, -1]]}
 
 
-def whitened_means(seeing) -> np.ndarray:
-    """Means over frames (nv, nu) of the whitened differences, of unit variance where only noise is left."""
-    good = np.isfinite(seeing.sigmas)
+def whitened_means(result) -> np.ndarray:
+    """Means over frames (nv, nu) of the whitened differences, scaled to unit variance for pure noise."""
+    good = np.isfinite(result.sigmas)
     count = good.sum(axis=0)
-    total = np.where(good, seeing.sigmas, 0.0).sum(axis=0)
+    total = np.where(good, result.sigmas, 0.0).sum(axis=0)
     return np.where(count > 0, total / np.sqrt(np.maximum(count, 1)), np.nan)
 
 
-def outlier_fraction(seeing) -> float:
-    """The share of the pixels compared whose mean over frames is beyond 3 sigma; noise alone: 0.003."""
-    values = whitened_means(seeing)
+def outlier_fraction(result) -> float:
+    """Fraction of the compared pixels whose mean over frames is beyond 3 sigma; 0.003 for pure noise."""
+    values = whitened_means(result)
     good = values[np.isfinite(values)]
     return float(np.mean(np.abs(good) > OUTLIER_SIGMA)) if len(good) else 0.0

@@ -1,4 +1,4 @@
-"""Which effects planned measurements can tell apart: correlation of their signatures, and what is left of each."""
+"""Which effects planned measurements can distinguish: correlation of signatures, and remaining signal."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
 
-MAX_EFFECTS_DRAWN = 28  # effects in the picture
+MAX_EFFECTS_DRAWN = 28
 SEPARABLE_COLOUR, MIN_SEPARABLE_SIGMA = "#1FA37A", 5.0
 
 
 @theme.styled
 def draw(report) -> Figure:
-    """Matrix of correlations beside bars of the signal to noise that is left beside all rivals."""
+    """Matrix of correlations, and bars of the signal-to-noise ratio that remains beside all other effects."""
     prospects = [p for p in report.prospects if p.z > 0.1][:MAX_EFFECTS_DRAWN]
     names = [p.effect for p in prospects]
     at = [report.separability.names.index(n) for n in names]
     rho = report.separability.rho[np.ix_(at, at)]
     size = 1.6 + 0.2 * len(names)
     fig = Figure(figsize=(size + 4.2, size + 0.6), layout="constrained", facecolor="white")
-    fig.suptitle(f"What can be told apart: {report.title}", x=0.01, ha="left", parse_math=False)
+    fig.suptitle(f"{report.title}: effects that can be distinguished", x=0.01, ha="left", parse_math=False)
     left, right = fig.subplots(1, 2, width_ratios=[size, 2.4])
     shown = left.imshow(rho, cmap="RdBu_r", vmin=-1, vmax=1, interpolation="nearest")
     left.set_xticks(range(len(names)), [_effect_label(n) for n in names], rotation=90)
@@ -36,8 +36,8 @@ def draw(report) -> Figure:
     right.set_xlim(0.1, 2.0 * max([*z, MIN_SEPARABLE_SIGMA]))
     right.set_ylim(len(names) - 0.5, -0.5)
     right.set_yticks([])
-    right.set_title("sigma left beside all rivals")
-    right.set_xlabel("typical strength; from 5 on, told apart")
+    right.set_title("signal beside all other effects (sigma)")
+    right.set_xlabel("typical strength; distinguishable from 5")
     return fig
 
 

@@ -1,4 +1,4 @@
-"""The six pictures of a verdict: what is wrong, not noise, missing, why, what else, gained; and a law, if learned."""
+"""The six pictures of a verdict, their captions and the reasons for absent ones; a learned law adds a seventh."""
 
 from __future__ import annotations
 
@@ -18,35 +18,34 @@ from flashtemp.viz.verdict import (
 
 PICTURE_CAPTIONS = {
     "what_is_wrong": (
-        "Left to right: what the camera measured, what the calibrated base computes in the same colours, and "
-        "measured minus computed at the moment of the largest difference, or the hottest where none stands out from "
-        "noise (red: measured hotter; the black line "
-        "encloses what differs by more than 3 sigma, of which noise alone draws a few specks); at the right T(x), "
-        "where dots off the dashed line show what the base misses and the drawn line, if any, what the extended "
-        "model makes of it."
+        "Left to right: measured by the camera, computed by the calibrated base in the same colours, and measured "
+        "minus computed (red: measured hotter). The frame is that of the largest difference, or the hottest frame "
+        "where no difference exceeds the noise. The black line encloses differences beyond 3 sigma; noise alone gives "
+        "a few specks. Right: T(x). Dots off the dashed line show the misfit of the base, and the solid line, where "
+        "there is one, is the extended model."
     ),
     "not_noise": (
-        "Each map is the mean over all frames in units of its noise: noise alone looks like pepper and salt with "
-        "0.3 % of the pixels beyond ±3, a patch of one colour is something that the model does not reproduce."
+        "Each map is the mean over all frames in units of its noise. Noise alone is random from pixel to pixel, with "
+        "0.3 % of the pixels beyond ±3. A patch of one colour is something that the model does not reproduce."
     ),
     "missing": (
-        "The heat flux that would have to be added at the contact (left) and the pressure that it stands for "
-        "(right), found without any list of causes: where a band excludes the thin line (0 or 1) something is "
-        "missing, and grey hides what these data cannot resolve."
+        "The heat flux that would have to be added at the contact (left) and the corresponding pressure (right), "
+        "estimated without any list of causes. Heat is missing where a band excludes the thin line (0 or 1). Grey "
+        "marks regions that these data cannot resolve."
     ),
     "why": (
-        "Each bar shows how much more probable the data become with that one effect; noise alone hardly ever exceeds "
-        "the dashed line. At the right, where it is drawn, points of all conditions must agree with the band if the "
-        "cause is the same everywhere."
+        "Each bar shows how much more probable the data become with that one effect; noise alone rarely exceeds the "
+        "dashed line. Right, where drawn: the amplitude in each condition. If the cause is the same everywhere, all "
+        "points agree with the band."
     ),
     "else": (
         "Dark squares are pairs of effects with the same signature in these data, so that one can be mistaken for the "
-        "other. Points are calibrated parameters, in standard deviations from prior knowledge; beyond ±3 they are not "
-        "plausible."
+        "other. Points are calibrated parameters, in standard deviations from prior knowledge; beyond ±3 they are "
+        "implausible."
     ),
     "gained": (
-        "Squares to dots: how the differences shrink once the cause is in the model. Bars away from zero show which "
-        "calibrated parameters were biased without it. Below, where data were left out, their prediction."
+        "Squares (base) and dots (extended): the root mean square differences. Bars away from zero mark calibrated "
+        "parameters that were biased without the cause. Below, where data were left out: their prediction."
     ),
 }
 ABSENCE_REASONS = {
@@ -60,20 +59,20 @@ ABSENCE_REASONS = {
 
 
 def draw_figures(verdict) -> dict[str, Figure]:
-    """The pictures that apply to a verdict, by name, in the order in which they are read."""
-    if verdict.kind == "no_verdict" and verdict.base is None:  # nothing was calibrated
+    """{name: figure} of the pictures that apply to a verdict, in reading order; none where nothing was calibrated."""
+    if verdict.kind == "no_verdict" and verdict.base is None:
         return {}
-    alike = verdict.separability is not None and len(verdict.separability[0]) > 0
-    drawn = {
+    has_correlations = verdict.separability is not None and len(verdict.separability[0]) > 0
+    pictures = {
         "law": (learned_law.draw, verdict.law is not None),
         "what_is_wrong": (residual_images.draw, bool(verdict.before)),
         "not_noise": (whitened_maps.draw, bool(whitened_maps.select_imaged(verdict))),
         "missing": (missing_heat.draw, bool(verdict.missing)),
         "why": (candidate_scores.draw_scores, bool(candidate_scores.ranked_scores(verdict))),
-        "else": (candidate_scores.draw_alternatives, alike or bool(verdict.nuisance)),
+        "else": (candidate_scores.draw_alternatives, has_correlations or bool(verdict.nuisance)),
         "gained": (before_after.draw, before_after.has_changes(verdict)),
     }
-    return {name: draw(verdict) for name, (draw, applies) in drawn.items() if applies}
+    return {name: draw(verdict) for name, (draw, applies) in pictures.items() if applies}
 
 
 def draw_all(verdict, folder) -> list[Path]:

@@ -175,7 +175,11 @@ def _stored_answers(stored: StoredSearch) -> Iterator[None]:
     with ExitStack() as stack:
         for module, name, answer in (
             (engine, "run_adequacy_tests", adequacy_tests),
-            (adequacy_module, "estimate_effect_by_condition", lambda p, fit, e, every: probabilities(p, fit.fit, e, every)),
+            (
+                adequacy_module,
+                "estimate_effect_by_condition",
+                lambda p, fit, e, every: probabilities(p, fit.fit, e, every),
+            ),
             (adequacy_module, "unnamed_heat_evidence", lambda problem, fit: fit.value("heat")),
             (adequacy_module, "pressure_mode_chi2", lambda fit: fit.value("pressure")),
             (adequacy_module, "normalised_deviations", _deviations),

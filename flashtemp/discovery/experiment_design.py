@@ -159,8 +159,8 @@ def rank_sensor_positions(problem: Problem, fit: LinearisedFit, effects: list[st
     if not views or not effects:
         return ()
     task = PredictionTask(
-        problem.case, problem.conditions[0].given, problem.mesh_overrides[0], replace(fit.model, shifts={}), tuple(views), (),
-        _all_derivatives(problem),
+        problem.case, problem.conditions[0].given, problem.mesh_overrides[0], replace(fit.model, shifts={}),
+        tuple(views), (), _all_derivatives(problem),
     )  # fmt: skip
     [prediction] = problem.predict([task])
     now, out = _remaining_z(problem, fit, effects), []

@@ -42,10 +42,10 @@ USUAL_CAMERA_ERRORS: Mapping[Kind, float] = dict.fromkeys(CAMERA_ERROR_SCALES, 1
 def camera_columns(
     r: Recording, predicted: Observable, residual: Array, speed: Array | None = None
 ) -> dict[ParameterId, Single]:
-    """Columns (frames, pixels inside) K of all camera errors of a recording as predicted; none of points.
+    """Columns (frames, valid pixels) K of all camera errors of a recording; none for points.
 
-    `residual` (frames, nv, nu) K is what a first fit leaves, in which jumps of the offset show; `speed` (frames,) m/s is
-    that of sliding.
+    `residual` (frames, nv, nu) K: residual of a first fit, in which jumps of the offset show.  `speed` (frames,) m/s:
+    sliding speed.
     """
     if r.places is not None:
         return {}

@@ -25,13 +25,11 @@ from flashtemp.errors import FlashtempError, SolverFailure
 
 MAX_ALIGNMENTS = 8  # images predicted again per simulation; two or three as a rule
 NEGLIGIBLE_ALIGNMENT_GAIN = 0.1  # ln evidence: no decision turns on less
-FIXED_STEP_SD = (
-    1e-6  # of what stands still in a solution of all unknowns, relative: nothing moves it, nothing overflows
-)
-# Scale of a step of each kind: the contrast at an edge bends over a pixel, fields are kept within LAG of a frame
+FIXED_STEP_SD = 1e-6  # relative prior width of a fixed parameter: small enough to fix it, large enough not to overflow
+# Scale of a step of each kind: the image is linear over less than a pixel at an edge, fields are stored near each frame
 IMAGE_STEP_SCALES = {
-    Kind.SHIFT_U: 0.5, Kind.SHIFT_V: 0.5, Kind.SCALE: 0.01, Kind.TURN: 0.01, Kind.CLOCK: 0.5 * CLOCK_STEP_S, Kind.PLACE: 2.5e-4,
-    Kind.LAG: 0.25,
+    Kind.SHIFT_U: 0.5, Kind.SHIFT_V: 0.5, Kind.SCALE: 0.01, Kind.TURN: 0.01, Kind.CLOCK: 0.5 * CLOCK_STEP_S,
+    Kind.PLACE: 2.5e-4, Kind.LAG: 0.25,
 }  # fmt: skip
 
 
@@ -58,7 +56,7 @@ def image_parameters(system: LinearSystem) -> tuple[ParameterId, ...]:
 def align_images(
     problem: Problem, data: WhitenedData, start: Linearisation, hyper: Hyperparameters, fixed: frozenset[ParameterId]
 ) -> Linearisation:
-    """Images where the data want them with the physics (`fixed` parameters) as it is.  Raises SolverFailure."""
+    """Align images with the data, with the physics (`fixed` parameters) unchanged.  Raises SolverFailure."""
     marched, region = start.model, TrustRegion()
     value = profile_objective(problem, start, hyper, fixed, with_heldout=True)
     for _ in range(MAX_ALIGNMENTS):
@@ -231,8 +229,9 @@ def _predict_images(problem: Problem, data: WhitenedData, at: Linearisation, mod
 
 
 def _has_moved(file: str, before: ModelPoint, after: ModelPoint) -> bool:
-    """Whether an image lies elsewhere, or any sensor does: sensors carry names that several recordings share."""
+    """Whether the placement of an image, or of any sensor, differs; several recordings may share a sensor."""
     return (
-        before.image_shift(file) != after.image_shift(file) or before.image_placement(file) != after.image_placement(file)
+        before.image_shift(file) != after.image_shift(file)
+        or before.image_placement(file) != after.image_placement(file)
         or before.bead_offsets != after.bead_offsets
-    )  # fmt: skip
+    )

@@ -117,7 +117,9 @@ LEARNABLE_QUANTITIES = (
     LearnableQuantity(
         "walls", "what cools the walls of the block", "film", WALL_SITES, ("speed", "time", "wall"), 20.0, "W/m2K",
     ),
-    LearnableQuantity("holder", "what the holder takes", "film", HOLDER_SITES, ("speed", "time", "wall"), 50.0, "W/m2K"),
+    LearnableQuantity(
+        "holder", "what the holder takes", "film", HOLDER_SITES, ("speed", "time", "wall"), 50.0, "W/m2K",
+    ),
 )  # fmt: skip
 MATERIAL_TARGETS = {  # of the block, and what a law of one of its layers is called
     "block.conductivity": ("conductivity", "the thermal conductivity"),

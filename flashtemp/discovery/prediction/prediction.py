@@ -1,6 +1,6 @@
-"""One condition predicted at one point: what cameras and load cells would show, and what every parameter would change.
+"""Prediction of one condition at one point: values of cameras and load cells, with derivatives by every parameter.
 
-A `PredictionTask` is all that a worker needs; a `Prediction` is what comes back.  Nothing here knows the measured values.
+A worker receives a `PredictionTask` and returns a `Prediction`.  Measured values are not used here.
 """
 
 from __future__ import annotations
@@ -63,11 +63,11 @@ MIN_CAMERA_SIGNAL_K = 5e-3  # K: a trace in the camera below it is taken again w
 
 @dataclass(frozen=True)
 class DerivativeRequest:
-    """Which to compute: by the model's `model_parameters` parameters, by `scatter` of friction per repetition, by pressure
-    `modes` (and their `trends`), by strengths of `candidates`, by the camera's `optics` and clock, by the
-    `block_sizes`: sizes of the block, by stated `inputs` of case and cameras.
+    """Which derivatives to compute: by `model_parameters`, by friction `scatter` of each repetition, by pressure
+    `modes` (and their `trends`), by strengths of `candidates`, by the camera's `optics` and clock, by `block_sizes`,
+    and by stated `inputs` of case and cameras.
 
-    Columns by inputs are per ln of the value, or per unit of one whose kind is absolute (K, emissivity)."""
+    Columns of inputs are per ln of the value, or per unit for absolute kinds (K, emissivity)."""
 
     model_parameters: tuple[ParameterId, ...] = ()
     scatter: bool = False
@@ -323,11 +323,14 @@ def _run_separate_scenes(
     return out
 
 
-# --- what instruments show ------------------------------------------------------------------------------------
+# --- predicted recordings --------------------------------------------------------------------------------------
 def _predict_recording(
-    point: EvaluationPoint, view: RecordingEntry, near: RunWithSensitivities[ParameterId], moves: dict[ParameterId, Perturbation],
+    point: EvaluationPoint,
+    view: RecordingEntry,
+    near: RunWithSensitivities[ParameterId],
+    moves: dict[ParameterId, Perturbation],
     other: Mapping[ParameterId, SeparateRun] = MappingProxyType({}),
-) -> Observable:  # fmt: skip
+) -> Observable:
     recording = sensor_parameters.place_sensors(view, point.task.model)
     scene, asked = point.scene, point.task.derivatives
     shift, place = point.task.model.image_shift(view.file), point.task.model.image_placement(view.file)

@@ -37,9 +37,9 @@ from flashtemp.errors import BadInput, FlashtempError
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Weights = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Single]  # lower, upper index, weight of the upper
-MIN_COMMON_FRACTION = 0.25  # of the stated data that a hypothesis must predict too, to be compared at all
-FRICTION_LAW_SD = 0.3  # ln of friction between conditions, by laws of load and speed that a case may lack
-TIME_TOLERANCE = 1e-4  # relative: frames of two recordings that are of the same moments
+MIN_COMMON_FRACTION = 0.25  # of the data that a hypothesis must predict, to be compared with the recording as stated
+FRICTION_LAW_SD = 0.3  # ln of friction between conditions, for laws of load and speed that a case may lack
+TIME_TOLERANCE = 1e-4  # relative difference of frame times that count as equal
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class RecordingHypothesis:
 
 
 def is_adequate(chi2_per_datum: float, count: int) -> bool:
-    """Whether chi2 per datum of so many data may be noise of the stated size, as well as that is known."""
+    """Whether chi2 per datum of a number of data is compatible with noise of the stated size and its uncertainty."""
     tolerance = CRITERIA.adequacy_standard_errors * np.sqrt(2.0 / max(count, 1))
     return bool(chi2_per_datum <= (1.0 + CRITERIA.noise_sd_uncertainty) ** 2 + tolerance)
 
@@ -92,7 +92,7 @@ class RecordingFit:
 
     @property
     def chi2_per_datum(self) -> float:
-        """Sum of squares that the best calibration leaves over the number of data, in stated variances."""
+        """chi2 per datum after the best calibration, in stated variances."""
         return float(self.linearisation.system.block_chi2(self.maximum.solution)[0]) / max(self.block.count, 1)
 
     @property
@@ -117,7 +117,7 @@ class RecordingFit:
         return is_adequate(self.chi2_per_datum, self.block.count)
 
     def with_aligned_image(self) -> RecordingFit:
-        """The fit with its image where the data want it.  Raises SolverFailure."""
+        """The fit with its image aligned with the data.  Raises SolverFailure."""
         if self.hypothesis.view.recording.places is not None:
             return self
         at = align_images(self.problem, self.data, self.linearisation, self.maximum.hyper, frozenset())
@@ -156,7 +156,7 @@ def fit_recording(
         return stated
     try:
         registered = fit_at_pose(problem, task, prediction, hypothesis, pose, stated.noise)
-    except FlashtempError:  # a pose in which the image shows nothing of the block
+    except FlashtempError:  # in this pose the image shows no part of the block
         return stated
     return max(stated, registered, key=lambda fit: fit.ln_evidence)
 
@@ -179,7 +179,9 @@ def fit_at_pose(
         observable = replace(moved, columns=observable.columns | moved.columns)
     shown = replace(prediction, observables={view.file: observable})
     data = WhitenedData.from_predictions(alone, [shown], noises=None if noise is None else {view.file: noise})
-    block = replace(data.make_blocks([shown])[0], held_out=False)  # where a camera stood is no claim about heat
+    block = replace(
+        data.make_blocks([shown])[0], held_out=False
+    )  # its image placement is fitted even if its temperatures are held out
     at = Linearisation(model, (task,), (shown,), LinearSystem([block]))
     known = np.zeros(observable.values.shape, bool)
     known[:, observable.inside] = data.is_compared[view.file]
@@ -209,12 +211,12 @@ class HypothesisEvidence:
 
     @property
     def is_adequate(self) -> bool:
-        """Whether what the hypothesis leaves may be noise; so of one that nothing else can stand for."""
+        """Whether the residuals under the hypothesis may be noise; True if the recording as stated is impossible."""
         return not np.isfinite(self.ln_bayes) or is_adequate(self.chi2_corrected, self.count)
 
     @property
     def is_excess_halved(self) -> bool:
-        """Whether the hypothesis leaves at most half of the excess chi2, or none.
+        """Whether at most half of the excess chi2 remains under the hypothesis.
 
         Misfit of a model that lacks something is smooth, and the number of pixels overstates its evidence: a
         hypothesis that misfits nearly as much is no better, whatever the evidence.
@@ -248,7 +250,7 @@ def compare_fits(
     problem: Problem, stated: Sequence[RecordingFit], other: Sequence[RecordingFit],
     companions: Companions = NO_COMPANIONS,
 ) -> HypothesisEvidence:  # fmt: skip
-    """Evidence of fits of recordings together against fits as stated, by those data that both predict."""
+    """Joint evidence of fits of recordings against fits as stated, from the data that both predict."""
     before, after = [], []
     for a, b in zip(stated, other, strict=True):
         common = a.known_in_file & b.known_in_file
@@ -285,7 +287,7 @@ def _joint_fit(problem: Problem, fits: Sequence[RecordingFit], companions: Compa
 
 
 def fit_traces(problem: Problem, prediction: Prediction, number: int) -> tuple[DataBlock, ...]:
-    """Load-cell traces of one condition as whitened blocks."""
+    """Load-cell records of one condition as whitened blocks."""
     condition = replace(problem.conditions[number], views=())
     if not condition.forces:
         return ()
@@ -303,7 +305,7 @@ def number_block(block: DataBlock, condition: int) -> DataBlock:
     return replace(block, condition=condition, names=names)
 
 
-# --- predictions of a recording that is seen otherwise -----------------------------------------------------------
+# --- predictions of a recording under a hypothesis ---------------------------------------------------------------
 def flip_recording(r: Recording, axes: tuple[int, ...], length: float) -> list[Recording]:
     """A recording with the order of its pixels reversed along some axes: 1 up, 2 along.
 
@@ -392,7 +394,7 @@ def _interpolate_axis(images: Single, weights: Weights, axis: int) -> Single:
 
 
 def has_same_moments(first: RecordingEntry, second: RecordingEntry) -> bool:
-    """Whether two recordings show the same moments, frame by frame."""
+    """Whether the frames of two recordings are at the same times."""
     a, b = first.recording, second.recording
     if len(a.time) != len(b.time) or first.means != second.means:
         return False

@@ -1,4 +1,4 @@
-"""Long recordings condensed: frames between which hardly anything changes become one that says as much."""
+"""Averaging of frames in long recordings, where hardly anything changes between neighbouring frames."""
 
 from __future__ import annotations
 

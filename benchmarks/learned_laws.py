@@ -22,12 +22,12 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 DRAWS = 10_000  # of noise and nuisances on the traces of one campaign
-TRIED = ("pressure_tilt",)  # the catalogue is not asked
+TRIED = ("pressure_tilt",)  # in place of the whole catalogue
 
 
 @dataclass(frozen=True)
 class LawSignatures:
-    """What nuisances leave of the traces of laws: `information` (k, k), and of every law the columns and its size."""
+    """Projected sensitivities of laws: `information` (k, k), and the columns and typical size of every law."""
 
     information: np.ndarray
     laws: tuple[tuple[np.ndarray, float], ...]
@@ -53,7 +53,7 @@ class LawSignatures:
 
 
 def law_signatures(calibrated, laws) -> LawSignatures:
-    """Of all laws at the calibrated base."""
+    """The projected sensitivities of all laws at the calibrated base."""
     from flashtemp.discovery import law_identification
     from flashtemp.discovery.parameters import ParameterId
 
@@ -72,7 +72,7 @@ def law_signatures(calibrated, laws) -> LawSignatures:
 
 
 def run_seed(seed: int) -> dict:
-    """A null: the best law by its traces, and how many draws of noise would have had one."""
+    """A null campaign: its best law by sensitivities, and how many draws of noise give a law."""
     from truth import laboratory
 
     from flashtemp.comparison import campaign

@@ -25,7 +25,7 @@ MAX_MAP_ORDER = 4  # total order of Legendre products: vignetting by the fourth 
 MAX_GROWING_MAP_ORDER = 2  # order of maps that a warming lens makes grow with time
 MAX_WIENER_MODES = 16  # of the offset between shutter events
 MIN_JUMP_PIXEL_FRACTION = (
-    0.5  # fraction of pixels of a residual that must share a jump: what is left of heat covers the others
+    0.5  # fraction of pixels of a residual that must show a jump; residual heat may hide it in the others
 )
 HALO_WIDTH_FRACTIONS = (0.05, 0.2)  # fractions of an image over which light goes astray
 UNTRACKED_MOTION_FRACTIONS = (0.1, 0.3)  # fractions of the motion that a camera which follows the body may miss

@@ -98,7 +98,7 @@ def profile_objective(
 ) -> float:
     """Half of chi2 of data and priors at a point, with physics and images fixed and all else at its optimum.
 
-    Priors of `fixed` parameters of the physics are not counted.  `with_heldout` datum counts, or those that are fitted.
+    Priors of `fixed` parameters of the physics are not included.  `with_heldout`: include held-out data.
     """
     images = image_parameters(at.system)
     free = _nuisance_priors(problem, at, hyper, fixed)
@@ -113,7 +113,7 @@ def step_beyond_fields(
 ) -> tuple[float, float, dict[ParameterId, float]]:
     """Predicted gain of images with fields at any time, predicted gain of a step within a region, and that step.
 
-    Alignment has clocks no farther than LAG from those of the run: beyond that the campaign is simulated anew.
+    Fields are stored within LAG of the clock of the simulation; for larger steps the campaign must be simulated again.
     """
     names, model = _quadratic_model(problem, at, hyper, fixed)
     step = region.limited_step(model, step_scales(names))
@@ -173,7 +173,7 @@ def predict_image_steps(
 ) -> dict[ParameterId, float]:  # fmt: skip
     """Predicted steps of images by the linearised model if the physics takes given `steps`.
 
-    Images of data that are held out stay: data that are fitted would have them where they are stated to lie.
+    Images of held-out data are not moved, because fitted data contain no information on them.
     """
     fixed = {p: (step, FIXED_STEP_SD * max(abs(step), FIXED_STEP_SD)) for p, step in steps.items()}
     found = system.solve(nuisances_there | fixed, system.normal_equations(variances=hyper.variances))

@@ -47,14 +47,14 @@ NUISANCE_SD = {  # standard deviations, by the kind of nuisance
 UNSTATED_OPTICS_SD = 0.4  # relative, of the width of the optics if a recording does not state it
 PRESSURE_MODE_SD = 0.01  # of the first pressure mode; the n-th has an n-th of it
 GAIN_MAP_HALF_WAVES = ((1, 0), (2, 0), (0, 1), (1, 1), (0, 2))
-PIVOT_SD_FRACTION = 3.0**-0.5  # of half an image: standard deviation of the point in it about which it is turned
+PIVOT_SD_FRACTION = 3.0**-0.5  # of half an image: standard deviation of the point about which it is rotated
 USUAL_SCALE_FRACTION = (
     0.5  # of a usual scale: from where the point about which it is off is not the one that was marked
 )
-SCALED_KINDS = (Kind.SCATTER, Kind.MAP, Kind.WALL)  # than said where deviations of unknown shape are, up to MOST times
+SCALED_KINDS = (Kind.SCATTER, Kind.MAP, Kind.WALL)  # widened with pressure shapes, up to MAX_SCALED_FACTOR
 MAX_SCALED_FACTOR = 3.0
-HEAT_MODE_SD = 0.05  # of the local heat: standard deviation of modes that have no name
-RIGID_KINDS = frozenset(  # what everybody would calibrate
+HEAT_MODE_SD = 0.05  # of the local heat: standard deviation of modes of additional heat
+RIGID_KINDS = frozenset(  # kinds that a model without flexible terms calibrates too
     {
         Kind.KEY,
         *SHIFT_KINDS,
@@ -109,10 +109,11 @@ def _camera_error_sd(recording: Recording, p: ParameterId) -> float:
 
 
 def position_sd_px(recording: Recording, place: ImagePlacement, axis: int) -> float:
-    """Standard deviation (px along u, 0, or v, 1) of where an image with a `place` stands.
+    """Standard deviation (px along u, 0, or v, 1) of the position of an image with a `place`.
 
-    Nobody notes about which point a camera was turned: any that the image shows, alike; nor about which a scale is off
-    beyond what is usual; added to how well its origin is known.  A wake begins at the edge that it is lined up with.
+    The point about which a camera was rotated is unknown: any point of the image is equally likely.  The same holds for
+    a scale error beyond the usual size.  Both are added to the uncertainty of the origin.  A wake is aligned with the
+    edge where it begins and has neither.
     """
     if recording.view != "sidewall":
         return recording.registration_sigma_px or 0.0
@@ -126,7 +127,7 @@ def position_sd_px(recording: Recording, place: ImagePlacement, axis: int) -> fl
 
 
 def prior_scale_factors(scale: float) -> dict[Kind, float]:
-    """Times as wide as said: priors of what is small and unknown in shape, at a `scale`."""
+    """Factors on the prior widths of pressure shapes and friction scatter at a `scale`."""
     return {Kind.MODE: scale, Kind.TREND: scale, **dict.fromkeys(SCALED_KINDS, min(scale, MAX_SCALED_FACTOR))}
 
 

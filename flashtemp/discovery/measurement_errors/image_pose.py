@@ -1,9 +1,9 @@
-"""Images that lie far from where they are stated to lie, registered with the predicted picture before any fit.
+"""Registration of images that are far from their stated positions, with the predicted mean image, before any fit.
 
-A pixel that crosses the edge of the block changes by kelvins, so Gauss-Newton steps do not lead back from an image that
-was turned by two degrees about its far corner.  The predicted mean picture, moved and turned as a whole, does.  A
-registered position is a second starting point of the same fit; it is taken where the evidence of the recording alone
-is clearly larger there.
+A pixel that crosses the edge of the block changes by kelvins, so Gauss-Newton steps cannot correct an image that was
+rotated by two degrees about its far corner.  Shifting and rotating the predicted mean image as a whole can.  The
+registered pose is a second starting point of the same fit; it is used if the evidence of the recording alone is clearly
+larger there.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def with_poses(problem: Problem, poses: dict[str, ImagePose]) -> Problem:
 def register_image(problem: Problem, recording: Recording, predicted: Observable) -> ImagePose | None:
     """The pose in which the predicted mean image fits a side wall best.
 
-    None where the image shows no edge to register by, or lies so near that the alignment of every fit finds it.
+    None if the image shows no edge, or if it is so near that the alignment of every fit finds its position.
     """
     from scipy.optimize import least_squares
 

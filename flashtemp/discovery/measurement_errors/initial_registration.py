@@ -31,8 +31,8 @@ from flashtemp.errors import FlashtempError
 def register_images(problem: Problem, predictions: Sequence[Prediction]) -> Problem:
     """The problem with another starting pose for images whose data clearly require it.
 
-    `predictions`: at the start of the problem, with all nuisances and with fields.  They have to be made anew where the
-    problem that comes back is not the one given.
+    `predictions`: of the stated model, with all nuisances and fields.  They must be computed again if another problem
+    is returned.
     """
     poses = {}
     tasks = problem.make_tasks(problem.stated_model, replace(all_derivatives(problem), fields=True))

@@ -1,8 +1,8 @@
-"""One recording by itself under one hypothesis of what it shows: its ln evidence with all freedom of a calibration.
+"""The fit of one recording alone under one hypothesis: its ln evidence with all freedom of a calibration.
 
-Free keys, friction of each repetition, free pressure shapes, errors of the camera and the pose of the image may all
-move, and the variance of the noise is what the residual asks for, at least the stated one (Birge's ratio).  A
-hypothesis that misfits by chi2 over n data therefore costs n/2 ln(chi2/n), whatever the model itself lacks.
+Free keys, friction of each repetition, free pressure shapes, camera errors and the pose of the image are all estimated.
+The noise variance is estimated from the residual and is at least the stated one (Birge's ratio).  A hypothesis with a
+misfit chi2 over n data therefore costs n/2 ln(chi2/n), whatever the model itself lacks.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ TIME_TOLERANCE = 1e-4  # relative difference of frame times that count as equal
 
 @dataclass(frozen=True)
 class RecordingHypothesis:
-    """What a recording may show: `view` with its images put right, under the condition of number `condition`.
+    """A hypothesis about a recording: the corrected recording `view`, under the condition number `condition`.
 
     `flipped`: axes of its images (1 up, 2 along) whose order is reversed against the file.
     """
@@ -70,9 +70,9 @@ def is_adequate(chi2_per_datum: float, count: int) -> bool:
 
 @dataclass(frozen=True)
 class RecordingFit:
-    """A recording fitted by itself, `linearisation` a linearised point of its image, with what was `maximum` there.
+    """The fit of one recording alone: a `linearisation` at a position of its image, and the evidence `maximum` there.
 
-    `problem` and `data` of this recording alone; `known` (frames, nv, nu) which of its pixels are compared.
+    `problem` and `data`: of this recording alone.  `known` (frames, nv, nu): the pixels that are compared.
     """
 
     hypothesis: RecordingHypothesis
@@ -201,8 +201,8 @@ def single_recording_problem(problem: Problem, hypothesis: RecordingHypothesis) 
 # --- comparisons on the same data -----------------------------------------------------------------------------
 @dataclass(frozen=True)
 class HypothesisEvidence:
-    """`ln_bayes` of a hypothesis against the recordings as stated, infinite where these cannot be; chi2 per datum of
-    what the best calibration of `count` data leaves, `chi2_stated` and `chi2_corrected`, NaN if unknown."""
+    """Evidence of a hypothesis: `ln_bayes` against the recordings as stated, infinite if these are impossible; chi2 per
+    datum after the best calibration of `count` data, `chi2_stated` and `chi2_corrected`, NaN if unknown."""
 
     ln_bayes: float
     chi2_stated: float = np.nan
@@ -218,16 +218,16 @@ class HypothesisEvidence:
     def is_excess_halved(self) -> bool:
         """Whether at most half of the excess chi2 remains under the hypothesis.
 
-        Misfit of a model that lacks something is smooth, and the number of pixels overstates its evidence: a
-        hypothesis that misfits nearly as much is no better, whatever the evidence.
+        The misfit of an incomplete model is smooth, so the number of pixels overstates its evidence.  A hypothesis with
+        nearly the same misfit is therefore no better, whatever its ln Bayes factor.
         """
         before, after = (max(chi2 - 1.0, 0.0) for chi2 in (self.chi2_stated, self.chi2_corrected))
         return after <= CRITERIA.law_excess_left * before
 
     def is_clear(self, hypotheses: int) -> bool:
-        """Whether one of so many hypotheses about a recording is accepted against the stated one.
+        """Whether one of a number of hypotheses about a recording is accepted against the stated one.
 
-        Very strong evidence, after the prior odds of any handling error and of this one among those that were tried.
+        The evidence must be very strong after the prior odds of a handling error and the number of hypotheses.
         """
         odds = CRITERIA.ln_odds_handling_error + float(np.log(max(hypotheses, 1)))
         needed = CRITERIA.ln_bayes_distinct + odds
@@ -236,8 +236,8 @@ class HypothesisEvidence:
 
 @dataclass(frozen=True)
 class Companions:
-    """What was measured beside recordings that may belong to other conditions: `fits` of recordings and `traces`
-    (blocks) of load cells of the conditions concerned, as stated under every hypothesis."""
+    """The other data of the conditions between which recordings may be moved: `fits` of recordings and `traces`
+    (blocks) of load cells, which are as stated under every hypothesis."""
 
     fits: tuple[RecordingFit, ...] = ()
     traces: tuple[DataBlock, ...] = ()
@@ -267,8 +267,8 @@ def compare_fits(
 def _joint_fit(problem: Problem, fits: Sequence[RecordingFit], companions: Companions) -> tuple[float, float, int]:
     """ln evidence, chi2 per datum and number of data of recordings and their companions together.
 
-    The friction of every condition may be its own, as by any law that the case lacks: the size of a rise alone does not
-    tell to which condition a recording belongs, but one friction has to explain all that was measured together.
+    Each condition has its own friction, because the case may lack a law.  The size of a temperature rise alone then
+    does not show the condition of a recording, but one friction must explain all data of a condition.
     """
     if len(fits) == 1 and companions == NO_COMPANIONS:
         return fits[0].ln_evidence, fits[0].chi2_per_datum, fits[0].block.count
@@ -309,8 +309,8 @@ def number_block(block: DataBlock, condition: int) -> DataBlock:
 def flip_recording(r: Recording, axes: tuple[int, ...], length: float) -> list[Recording]:
     """A recording with the order of its pixels reversed along some axes: 1 up, 2 along.
 
-    Pixels keep their places, as where a file was written in another order; or the block of a `length` (m) keeps its
-    ends, as where they were marked in the images as they are.
+    Two versions along the block: pixels keep their positions (the file was written in another order), or the block of a
+    `length` (m) keeps its ends (they were marked in the flipped images).
     """
     flipped = replace(r, temperature=np.ascontiguousarray(np.flip(r.temperature, axes)))
     if 2 not in axes:
@@ -328,10 +328,10 @@ def predict_hypothesis(
     source: RecordingEntry,
     hypothesis: RecordingHypothesis,
 ) -> tuple[RecordingHypothesis, Prediction]:
-    """A recording predicted from fields that exist, with its pixels left out where sensitivities are not known.
+    """Predict a recording under a hypothesis from existing fields, without pixels that have no sensitivities.
 
-    Its images are predicted exactly; sensitivities to the physics are interpolated from those of `source`, a recording
-    of the same condition, view and moments.  Raises BadInput, SolverFailure.
+    Its images are predicted exactly.  Sensitivities to the physics are interpolated from those of `source`, a recording
+    of the same condition, view and frame times.  Raises BadInput, SolverFailure.
     """
     assert prediction.full_run is not None
     view = hypothesis.view
@@ -343,7 +343,7 @@ def predict_hypothesis(
             columns[p] = values
             valid &= np.isfinite(values).all(axis=0)
     if not valid.any():
-        raise BadInput(f"{view.file}: nothing of it would be seen")
+        raise BadInput(f"{view.file}: no pixel of it would be valid")
     masked = np.where(valid, view.recording.temperature, np.nan)
     view = replace(view, recording=replace(view.recording, temperature=masked))
     own = {p: flatten_valid_pixels(np.nan_to_num(values), seen.inside) for p, values in columns.items()}
@@ -363,9 +363,9 @@ def _interpolate_columns(
 
 
 def resample_images(observable: Observable, source: RecordingEntry, wanted: RecordingEntry) -> Array:
-    """Predicted images (frames, nv, nu) at the moments and pixels of another recording, NaN where not predicted.
+    """Predicted images (frames, nv, nu) at the times and pixels of another recording, NaN where not predicted.
 
-    Linear between frames and pixels: good enough to see which pictures are alike.
+    Interpolation is linear between frames and pixels, which is accurate enough to compare images.
     """
     a, b = source.recording, wanted.recording
     images = np.where(observable.inside, observable.values, np.nan).astype(np.float32)

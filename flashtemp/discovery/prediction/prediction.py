@@ -82,9 +82,9 @@ class DerivativeRequest:
 
 @dataclass(frozen=True)
 class PredictionTask:
-    """One condition at one point: the `case` with overrides `given` and `mesh_overrides` of the mesh.
+    """One condition at one point: the `case` with overrides `given` and `mesh_overrides`.
 
-    The case brings the effect files that were read with it: no process reads or judges them again.
+    The case contains the effect files that were read with it, so that no worker reads or checks them again.
     """
 
     case: Case
@@ -98,9 +98,9 @@ class PredictionTask:
 
 @dataclass(frozen=True)
 class Observable:
-    """A recording or trace as predicted: `values` (frames, nv, nu) or (n,), `inside` what may be compared.
+    """A predicted recording or load-cell record: `values` (frames, nv, nu) or (n,), and the valid ones, `inside`.
 
-    `columns` change per unit of each parameter, of the pixels inside (frames, pixels) or (n,).
+    `columns`: derivatives by each parameter, (frames, valid pixels) or (n,).
     """
 
     values: Array
@@ -110,8 +110,8 @@ class Observable:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What a condition shows at a point: `observables` by file; `run` without its fields, for pictures and audits, and
-    the `full_run` one where fields are asked for."""
+    """The prediction of a condition at a point: `observables` by file, the `run` without its fields, and the
+    `full_run` with fields if they were requested."""
 
     observables: dict[str, Observable]
     run: Run

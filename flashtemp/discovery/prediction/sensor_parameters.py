@@ -19,7 +19,7 @@ SENSOR_STEP_FRACTION = 0.25  # of what is known of a place, or a time constant: 
 
 
 def sensor_columns(predict_images: Callable[..., Array], recording: Recording, rise: Array) -> dict[ParameterId, Array]:
-    """Derivatives by positions (K/m), time constants (K/s) and gains (K); `rise` (frames, 1, points) K of the points."""
+    """Derivatives by positions (K/m), time constants (K/s) and gains (K); `rise` (frames, 1, points) K."""
     out: dict[ParameterId, Array] = {}
     places = recording.places
     assert places is not None

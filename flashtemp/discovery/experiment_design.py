@@ -100,7 +100,7 @@ class DesignReport(DisplayMixin):
         }
 
     def to_table(self) -> DisplayTable:
-        head = ("effect", "z", "z left", "told", "5 sigma at", "unit", "nearest rival", "correlation")
+        head = ("effect", "z", "z left", "distinct", "5 sigma at", "unit", "nearest rival", "correlation")
         rows = [
             (p.effect, p.z, p.z_left, p.is_separable, p.detectable, p.unit, p.nearest, p.rho) for p in self.prospects
         ]  # fmt: skip
@@ -111,7 +111,7 @@ class DesignReport(DisplayMixin):
 
     def _heading(self) -> str:
         good = sum(p.is_separable for p in self.prospects)
-        return f"Plan '{self.title}': {good} of {len(self.prospects)} effects can be told from all others"
+        return f"Plan '{self.title}': {good} of {len(self.prospects)} effects can be distinguished from all others"
 
     def __str__(self) -> str:
         lines = [self._heading()]
@@ -130,13 +130,13 @@ class DesignReport(DisplayMixin):
 def _describe_sensor(e: ProposedExperiment) -> str:
     """A position for an additional thermocouple, and `z_left` of every effect with it."""
     left = ", ".join(f"{name} {z:.1f}" for name, z in sorted(e.z_left.items(), key=lambda item: item[1]))
-    return f"next thermocouple {e.words}: sigma left beside all rivals {left}"
+    return f"next thermocouple {e.words}: signal-to-noise ratio left with all rivals free: {left}"
 
 
 def assess_design(problem: Problem, watch: ProgressCallback = lambda text: None) -> DesignReport:
     """The design report of a campaign, whose recordings may be empty.  Raises BadInput, SolverFailure."""
     model, began = problem.stated_model, time.monotonic()
-    watch(f"traces of all candidates under {len(problem.conditions)} conditions")
+    watch(f"sensitivities of all candidates under {len(problem.conditions)} conditions")
     predictions = problem.predict(problem.make_tasks(model, _all_derivatives(problem)))
     fit = _blank_fit(problem, model, predictions)
     separable = compute_separability(fit, problem.candidates)

@@ -14,13 +14,13 @@ from flashtemp.errors import BadInput
 from flashtemp.model.case import Case
 from flashtemp.physics.effect import Effect, Param
 
-KEY_PRIOR_SD = {  # relative standard deviation: how well a laboratory knows what it may calibrate
+KEY_PRIOR_SD = {  # relative prior standard deviation of keys that are usually calibrated
     "friction.mu": 0.1,
     "contact.spot_fraction": 0.1,
     "ambient.convection": 0.3,
 }
 DEFAULT_KEY_PRIOR_SD = 0.2
-STRENGTH_STEP_FRACTION = 0.01  # of an effect's typical strength: the step of its trace
+STRENGTH_STEP_FRACTION = 0.01  # of an effect's typical strength: the step of its derivative
 
 
 def prior_sd_of_key(key: str) -> float:
@@ -74,11 +74,11 @@ class ModelPoint:
         return out
 
     def effect_value(self, p: ParameterId) -> float:
-        """Where a parameter of one of the effects stands."""
+        """The value of an effect parameter."""
         return self.effects[p.effect][p.name]
 
     def image_shift(self, file: str) -> tuple[float, float]:
-        """Where the image of a recording stands, px along u and v."""
+        """The shift (px along u and v) of the image of a recording."""
         return self.shifts.get(file, (0.0, 0.0))
 
     def image_placement(self, file: str) -> ImagePlacement:
@@ -86,7 +86,7 @@ class ModelPoint:
         return self.placements.get(file, STATED_PLACEMENT)
 
     def setup_value(self, p: ParameterId) -> float:
-        """Where scale, turn or clock of a recording, or a size, stands; 0 for all else that only adds a column."""
+        """The value of scale, rotation or clock of a recording, or of a block size; 0 for other kinds."""
         if p.kind is Kind.SIZE:
             return self.sizes.get(p.name, 0.0)
         return (
@@ -94,7 +94,7 @@ class ModelPoint:
         )
 
     def with_step(self, p: ParameterId, step: float) -> ModelPoint:
-        """The same with a free key, the place of an image, or a parameter of one of the effects, moved."""
+        """The point with a step of a free key, of an image placement, of a block size or of an effect parameter."""
         if p.kind in BEAD_KINDS:
             return replace(self, bead_offsets=self.bead_offsets | {p: self.bead_offsets.get(p, 0.0) + step})
         if p.kind is Kind.SIZE:
@@ -107,7 +107,7 @@ class ModelPoint:
         return self.with_effect(p.effect, self.effects[p.effect] | {p.name: self.effect_value(p) + step})
 
     def with_effect(self, effect: str, values: dict[str, float]) -> ModelPoint:
-        """The same with an effect added or changed."""
+        """The point with an effect added or its values replaced."""
         return replace(self, effects=self.effects | {effect: values})
 
 
@@ -185,7 +185,7 @@ def _exclusion_reason(case: Case, name: str, effect: type[Effect], is_requested:
     if not effect.candidate and not is_requested:
         return "its file does not declare it a candidate; name it in candidates to try it too"
     if effect.alike and not is_requested:
-        return f"looks like {effect.alike}, which is tried; name it in candidates to try it too"
+        return f"resembles {effect.alike}, which is tried; name it in candidates to try it too"
     try:
         case.with_values({"effects": [*case.effects, name]})
     except BadInput as fault:

@@ -143,7 +143,7 @@ class EvaluationPoint:
         return self.case.known_effects[p.effect].params()[p.name]
 
     def step_size(self, p: ParameterId) -> float:
-        """Of a parameter of an effect that the model holds already, away from the nearer bound."""
+        """The step of a parameter of an effect in the model, away from the nearer bound."""
         param, now = self.effect_parameter(p), self.task.model.effect_value(p)
         size = abs(param.value - param.off) if param.off is not None else abs(now)
         step = STRENGTH_STEP_FRACTION * float(size or 1.0)
@@ -193,7 +193,7 @@ def predict_again(task: PredictionTask, run: Run, view: RecordingEntry, model: M
     return _predict_recording(point, view, RunWithSensitivities[ParameterId](run, None, {}, {}), {}, {})
 
 
-# --- neighbouring scenes: everything that is asked for and acts on heat ---------------------------------------
+# --- neighbouring scenes for derivatives by everything that acts on heat --------------------------------------
 def _iter_perturbations(point: EvaluationPoint) -> Iterator[tuple[ParameterId, Perturbation]]:
     asked = point.task.derivatives
     yield from (pair for p in asked.model_parameters for pair in _perturb_model(point, p))
@@ -210,7 +210,7 @@ def _iter_perturbations(point: EvaluationPoint) -> Iterator[tuple[ParameterId, P
 
 
 def _perturb_model(point: EvaluationPoint, p: ParameterId) -> Iterator[tuple[ParameterId, Perturbation]]:
-    """A free key, or a parameter of an effect that the model holds already."""
+    """Scenes with a step of a free key or of a parameter of an effect in the model."""
     model = point.task.model
     if p.kind is Kind.KEY:
         now = model.case_overrides(point.case).get(p.name, point.case[p.name])

@@ -3,9 +3,9 @@
     python benchmarks/campaigns.py run FOLDER RESULTS.jsonl --store STORE
     python benchmarks/criteria_replay.py STORE [STORE ...] --out benchmarks/results/criteria_replay.json
 
-The choice of causes among the stored full fits and `decide` are those of the engine; nothing is simulated.  A fit that
-a criterion would have asked for and that was not made cannot be replayed: such campaigns are counted as `not_fitted`,
-and their verdict is that of the fits that are known.  At the present values a replay must give the stored verdict.
+The selection among the stored full fits and `decide` are those of the engine; nothing is simulated.  If a criterion
+requires a fit that was not made, the campaign is counted as `not_fitted`, and its verdict is that of the stored fits.
+At the present values a replay must give the stored verdict.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""Null controls of learned laws: how often would one be learned where there is nothing to learn?
+"""Null controls of learned laws: how often is a law learned from data without one?
 
     python benchmarks/learned_laws.py 7000 7010 nulls.jsonl    one campaign per seed; those in the file are skipped
     python benchmarks/learned_laws.py table nulls.jsonl
 
 Every seed is a campaign of the independent laboratory in tests/truth, all its errors at their usual size and nothing
-hidden.  Its laws are scored by their traces although no verdict asks for one: `best` is what the campaign itself gives.
-`beyond` counts draws of noise and of all nuisances, on the same traces, whose best law would be fitted in full.
+hidden.  Its laws are scored by their sensitivities although no verdict requires one: `best` is the best law of the
+campaign itself.  `beyond` counts draws of noise and all nuisances whose best law would be fitted in full.
 """
 
 from __future__ import annotations

@@ -119,7 +119,7 @@ def input_kind(key: str, unit: str) -> InputKind:
 def exemption_reason(case: Case, key: str) -> str:
     """Why a key of a case is not a measured input; empty if it is one.
 
-    `case` has its ready materials written out (`model.priors.with_materials`).
+    `case` has its ready materials written out (`model.priors.expand_materials`).
     """
     table, name = key.rsplit(".", 1)
     value, param = case.values[table][name], case.declared_params(table)[name]

@@ -1,8 +1,8 @@
 """Evidence of a finished discovery, stored so that its verdict can be decided again with other criteria.
 
 A file has, for every full fit of the search, the numbers that the selection of effects and `decide` compare: a few
-kilobytes for each campaign in place of 100 MB of sensitivities.  Fits that another criterion would require and that were
-not made are not in it; `criteria_replay.py` counts them.
+kilobytes for each campaign in place of 100 MB of sensitivities.  Fits that another criterion would require but that
+were not made are not in it; `criteria_replay.py` counts them.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ TIME_UNITS = (("s", 1.0, 1800.0), ("min", 60.0, 4 * 3600.0), ("h", 3600.0, np.in
 
 @dataclass(frozen=True)
 class RepetitionAxis:
-    """Numbers (r,) of the repetitions, `start` and `end` (r,) of their sliding (s), and `stop`, the end of the run (s)."""
+    """`repetition` numbers (r,), `start` and `end` (r,) of their sliding (s), and `stop`, the end of the run (s)."""
 
     repetition: np.ndarray
     start: np.ndarray

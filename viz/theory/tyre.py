@@ -45,7 +45,8 @@ def _describe_conditions(cornering) -> str:
         f"{theme.format_decimal(b.speed, 3)} m/s, {theme.format_decimal(b.pressure / 1e6, 3)} MPa at every load, "
         f"{theme.format_decimal(cornering.T0 - KELVIN, 3)} {theme.CELSIUS}, "
         f"footprint {theme.format_decimal(1e3 * cornering.tyre.width, 3)} mm wide, "
-        f"r₀ = {cornering.law.memory_text} mm; shear stiffness of the tread {theme.format_decimal(b.stiffness / 1e6, 3)} MPa/m.  Carcass rigid."
+        f"r₀ = {cornering.law.memory_text} mm; "
+        f"shear stiffness of the tread {theme.format_decimal(b.stiffness / 1e6, 3)} MPa/m.  Carcass rigid."
     )
 
 

@@ -174,17 +174,17 @@ def _stored_answers(stored: StoredSearch) -> Iterator[None]:
 
     with ExitStack() as stack:
         for module, name, answer in (
-            (engine, "adequacy_tests", adequacy_tests),
-            (adequacy_module, "estimates_per_condition", lambda p, fit, e, every: probabilities(p, fit.fit, e, every)),
+            (engine, "run_adequacy_tests", adequacy_tests),
+            (adequacy_module, "estimate_effect_by_condition", lambda p, fit, e, every: probabilities(p, fit.fit, e, every)),
             (adequacy_module, "unnamed_heat_evidence", lambda problem, fit: fit.value("heat")),
             (adequacy_module, "pressure_mode_chi2", lambda fit: fit.value("pressure")),
             (adequacy_module, "normalised_deviations", _deviations),
             (adequacy_module, "refit_all_data", lambda fit: fit),
-            (forward_selection, "estimates_per_condition", probabilities),
-            (forward_selection, "pairs", lambda *args: [stored.pair]),
-            (setup_module, "_reduced", reduced),
+            (forward_selection, "estimate_effect_by_condition", probabilities),
+            (forward_selection, "score_pairs", lambda *args: [stored.pair]),
+            (setup_module, "_reduce_fit", reduced),
             (setup_module, "_visible_fraction", visible_fraction),
-            (setup_module, "describe_error", lambda *args: ""),
+            (setup_module, "describe_setup_error", lambda *args: ""),
         ):
             stack.enter_context(patch.object(module, name, answer))
         yield
@@ -199,7 +199,7 @@ def _for_adequacy(fit: StoredFit) -> Any:
     misfits = [chi2 for chi2, _ in fit.misfits]
     return SimpleNamespace(
         fit=fit, value=value, model=fit.model, solution=None,
-        system=SimpleNamespace(seen=frozenset(), left=lambda solution: misfits),
+        system=SimpleNamespace(fitted_columns=frozenset(), block_chi2=lambda solution: misfits),
         blocks=[SimpleNamespace(count=count, held_out=False) for _, count in fit.misfits],
     )  # fmt: skip
 

@@ -271,10 +271,10 @@ def store_fit(search: EffectSearch, fit: LinearisedFit, with_inputs: LinearSyste
             tuple(s.probability for s in estimate_effect_by_condition(problem, fit, e, every=every_datum))
             for every_datum in (False, True)
         )
-        for e in fit.model.effect_priors
+        for e in fit.model.effects
     }
     return StoredFit(
-        model=StoredModel(dict.fromkeys(fit.model.effect_priors)),
+        model=StoredModel(dict.fromkeys(fit.model.effects)),
         status=fit.status,
         ln_evidence=float(fit.ln_evidence),
         promise=float(fit.promise),
@@ -290,7 +290,7 @@ def store_fit(search: EffectSearch, fit: LinearisedFit, with_inputs: LinearSyste
         misfits=tuple(misfits),
         heldout=tuple(map(float, left_out.density)),
         is_held_out=left_out.is_held_out,
-        size=_with_whole_mesh_error(change.size) if fit.model.effect_priors else None,
+        size=_with_whole_mesh_error(change.size) if fit.model.effects else None,
         setup=_store_setup(search, fit, LinearSystem(blocks), inputs),
     )
 

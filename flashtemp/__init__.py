@@ -1,4 +1,7 @@
-"""flashtemp: where the heat of a sliding rubber block goes, and what your model of it is missing."""
+"""flashtemp: where the heat of a sliding rubber block goes, and what your model of it is missing.
+
+Names are imported from their modules on first use, so that `import flashtemp` stays fast.
+"""
 
 from __future__ import annotations
 
@@ -23,14 +26,14 @@ _PUBLIC = {
 }
 _HOME = {name: module for module, names in _PUBLIC.items() for name in names}
 __all__ = [
-    "BadInput", "Campaign", "Case", "Run", "SolverFailure", "Verdict", "compute_contact_area", "check", "check_effect", "compare",
-    "converge", "discover", "draw", "effects", "friction", "import_recording", "load", "loads", "inspect_files", "new",
-    "open_campaign",
-    "open_fields", "physics", "plan", "recording_template", "repetitions", "resume", "sensitivity", "simulate",
-    "spectrum", "spots", "sweep", "tread", "twin", "tyre", "view", "wait",
+    "BadInput", "Campaign", "Case", "Run", "SolverFailure", "Verdict", "check", "check_effect", "compare",
+    "compute_contact_area", "converge", "discover", "draw", "effects", "friction", "import_recording",
+    "inspect_files", "load", "loads", "new", "open_campaign", "open_fields", "physics", "plan", "recording_template",
+    "repetitions", "resume", "sensitivity", "simulate", "spectrum", "spots", "sweep", "tread", "twin", "tyre", "view",
+    "wait",
 ]  # fmt: skip
 
-if TYPE_CHECKING:  # for editors and type checkers, which run nothing
+if TYPE_CHECKING:  # editors and type checkers do not run `__getattr__` below
     from flashtemp import physics
     from flashtemp.api.camera import import_recording, inspect_files, recording_template
     from flashtemp.api.campaigns import compare, discover, open_campaign, plan, twin
@@ -48,7 +51,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which run nothing
     from flashtemp.solver.run import Run
 
 
-RENAMED = {"area": "compute_contact_area", "look": "inspect_files"}  # still answered to
+RENAMED = {"area": "compute_contact_area", "look": "inspect_files"}  # earlier names, which still work
 
 
 def __getattr__(name: str) -> Any:

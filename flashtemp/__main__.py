@@ -1,8 +1,9 @@
-"""The command line: `flashtemp COMMAND`.  What takes time to load is loaded inside `main`, where Ctrl-C is answered.
+"""The command line: `flashtemp COMMAND`.
 
-`python -m flashtemp` searches the current folder first, where a stranger's files may lie; from here on it does not.
+Slow imports happen inside `main`, where Ctrl-C is already handled.  `python -m flashtemp` would import from the
+current folder first, which may contain somebody else's files; the lines above the imports prevent that.
 """
-# ruff: noqa: E402  what stands before the imports keeps them from the current folder
+# ruff: noqa: E402  the current folder must leave the search path before anything is imported
 
 import os
 import sys
@@ -19,42 +20,42 @@ from flashtemp.runs.results.current_folder import exclude_current_folder
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run one command and return its exit code (contract 5.1); with --debug a fault shows where it arose.
+    """Run one command and return its exit code (see `cli.exit_codes`).
 
-    With --log FILE everything that is said goes to the end of that file too.
+    `argv`: the words of the command line, those of the process when not given.  With --debug an error prints its
+    traceback; with --log FILE all output is also appended to that file.
     """
     if argv is None:
         exclude_current_folder()
-        # small products: threads that wait for each other take 5 to 200 times as long on a shared machine
+        # matrices are small: on a shared machine, BLAS threads waiting for each other cost a factor of 5 to 200
         for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
             os.environ.setdefault(name, "1")
-        for stream in (sys.stdout, sys.stderr):  # a title may hold letters that the terminal's code page has not
+        for stream in (sys.stdout, sys.stderr):  # the terminal's encoding may lack characters of a title
             if hasattr(stream, "reconfigure"):
                 stream.reconfigure(errors="backslashreplace")
     try:
-        asked, log = split_log_option(list(sys.argv[1:] if argv is None else argv))
-        with log_to_file(log, asked):
-            return _ended(asked, argv is None)
-    except (BadInput, OSError) as fault:  # of the log itself
+        words, log = split_log_option(list(sys.argv[1:] if argv is None else argv))
+        with log_to_file(log, words):
+            return _run_and_handle_errors(words, argv is None)
+    except (BadInput, OSError) as fault:  # the log file cannot be written
         return report_fault(fault)
 
 
-def _ended(asked: list[str], last: bool) -> int:
-    """One command from its first moment to its exit code."""
-    debug = "--debug" in asked
+def _run_and_handle_errors(words: list[str], last: bool) -> int:
+    """Run one command, print any error, and return the exit code; `last`: the process ends afterwards."""
+    debug = "--debug" in words
     try:
         with answer_interrupts(last) as interrupts:
             try:
                 if last:
                     _ignore_local_settings()
-                return _run([word for word in asked if word != "--debug"], debug)
+                return _run([word for word in words if word != "--debug"], debug)
             except Exception as fault:
-                if interrupts.is_requested and not isinstance(
-                    fault, FlashtempError
-                ):  # an interrupt in another's clothes
+                # a library may turn the KeyboardInterrupt of a signal into an exception of its own
+                if interrupts.is_requested and not isinstance(fault, FlashtempError):
                     raise KeyboardInterrupt from fault
                 raise
-    except BrokenPipeError:  # the reader of stdout has gone, as in `| head`
+    except BrokenPipeError:  # the reader of stdout has closed it, as in `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_DONE
     except (Exception, KeyboardInterrupt) as fault:
@@ -77,7 +78,7 @@ def _run(words: list[str], debug: bool) -> int:
     from flashtemp.cli.commands import CANONICAL_NAMES, COMMAND_NAMES, CycloptsError, app, strip_units
     from flashtemp.cli.table_notes import table_notes
 
-    if not debug:  # what becomes of it is told where it matters
+    if not debug:  # overflow and 0/0 are checked where the result matters
         warnings.simplefilter("ignore", RuntimeWarning)
     try:
         with table_notes():

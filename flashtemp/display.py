@@ -1,4 +1,4 @@
-"""Results as text, as an HTML table in a notebook, and as JSON that is valid everywhere."""
+"""Display and storage of results: text, HTML tables for notebooks, standard JSON, atomic file writes."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ NOTE_STYLE = "margin: .2em 0"
 
 
 class DisplayMixin:
-    """A result that shows itself: its `repr` is its text, and a notebook draws its `to_table`.
+    """Base of results: `repr` is the text of `__str__`, and a notebook shows `to_table` as HTML.
 
-    A subclass writes `__str__` and, where that text is a table, `to_table`.
+    A subclass defines `__str__` and, if that text is a table, `to_table`.
     """
 
     def __repr__(self) -> str:
@@ -33,7 +33,7 @@ class DisplayMixin:
         return self.to_table().to_html()
 
     def to_table(self) -> DisplayTable:
-        """The text, its first line as the title."""
+        """The text of `__str__` with its first line as the title."""
         title, *notes = str(self).splitlines()
         return DisplayTable(title, notes=tuple(note.strip() for note in notes))
 
@@ -42,7 +42,7 @@ class DisplayMixin:
 
 @dataclass(frozen=True)
 class DisplayTable:
-    """What a notebook shows: a title, `rows` of cells below a `head`, `notes`, and `parts` that can be unfolded.
+    """Contents of a notebook table: title, `rows` of cells below a `head`, `notes`, and `parts` that unfold.
 
     >>> DisplayTable("a < b", rows=[("mu", 0.25, "1")]).to_html().count("&lt;")
     1
@@ -67,7 +67,7 @@ class DisplayTable:
 
 
 def _html_table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    """Rows as an HTML table, the first MAX_TABLE_ROWS of them; numbers to four digits."""
+    """The first MAX_TABLE_ROWS rows as an HTML table; numbers to four digits."""
     if not rows:
         return ""
     top = f"<thead>{_html_row('th', head)}</thead>" if head else ""
@@ -81,7 +81,7 @@ def _html_row(tag: str, cells: Iterable[str]) -> str:
 
 
 def format_value(value: Any) -> str:
-    """A value for people.
+    """A value as text: numbers to four digits, yes or no, lists with commas, nothing for None.
 
     >>> format_value(0.123456), format_value(None), format_value((1, 2.0)), format_value(True)
     ('0.1235', '', '1, 2', 'yes')
@@ -96,7 +96,7 @@ def format_value(value: Any) -> str:
 
 
 def make_json_safe(data: Any) -> Any:
-    """Data with infinite and undefined numbers as text or null, so that the JSON is valid everywhere.
+    """Data with infinite numbers as text and NaN as null, which standard JSON requires.
 
     >>> make_json_safe({"a": [float("nan"), float("-inf")]})
     {'a': [None, '-inf']}
@@ -113,18 +113,18 @@ def make_json_safe(data: Any) -> Any:
 
 
 def to_json(data: Any) -> str:
-    """Plain data as JSON text for people and programs."""
+    """Plain data as indented JSON text."""
     return json.dumps(make_json_safe(data), indent=2, default=float)
 
 
 def write_json(data: Any, file: Path) -> None:
-    """Write plain data into a JSON file, whole or not at all."""
+    """Write plain data to a JSON file atomically."""
     with atomic_write(file) as fresh:
         fresh.write_text(to_json(data) + "\n", encoding="utf-8")
 
 
 def format_count(count: int, thing: str) -> str:
-    """A number of things in words.
+    """A count with its noun in singular or plural.
 
     >>> format_count(1, "frame"), format_count(2, "frame")
     ('1 frame', '2 frames')
@@ -137,16 +137,19 @@ PARTIAL_FILE_NAME = re.compile(r"\.[0-9a-f]{16}(\.[A-Za-z0-9]+)?")  # names of f
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
-    """A new name beside `path` to write to, which becomes `path` when all is on disk; a failure changes nothing."""
+    """Yield a temporary path in the folder of `path`; it replaces `path` when all is on disk.
+
+    A failure leaves an existing `path` unchanged.  Raises OSError with the name of `path`.
+    """
     fresh = path.with_name(f".{secrets.token_hex(8)}{path.suffix}")
     try:
         yield fresh
-        with fresh.open("r+b") as file:  # Windows puts on disk only what can be written
+        with fresh.open("r+b") as file:  # Windows syncs only files opened for writing
             os.fsync(file.fileno())
         fresh.replace(path)
     except OSError as fault:
         if str(fault.filename) != str(fresh):
             raise
-        raise OSError(fault.errno, fault.strerror, str(path)) from fault  # the name that somebody gave
+        raise OSError(fault.errno, fault.strerror, str(path)) from fault  # report the name that the user gave
     finally:
         fresh.unlink(missing_ok=True)

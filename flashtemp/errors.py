@@ -1,4 +1,4 @@
-"""The ways a computation can end early, each with a sentence for people, and names of earlier releases."""
+"""Exceptions that flashtemp raises, texts of error messages, and warnings for names of earlier releases."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-LONG_WORD = re.compile(r"[^\s/]{256,}|\S{1000,}")  # longer than the name of any file, and than a path that is read
-MAX_LISTED_NAMES = 16  # names in a message
+LONG_WORD = re.compile(r"[^\s/]{256,}|\S{1000,}")  # longer than any file name or readable path
+MAX_LISTED_NAMES = 16  # names listed in one message
 
 
 class FlashtempError(Exception):
-    """Base of all errors that flashtemp raises on purpose."""
+    """Base class of all errors that flashtemp raises on purpose."""
 
 
 class BadInput(FlashtempError):
-    """Input that cannot be used: one line naming file, key, value and what would be right.
+    """Input that cannot be used: one line with file, key, value and remedy.
 
-    Several faults found together stand in `lines`, one each.
+    Several errors found together are in `lines`, one each.
 
     >>> str(BadInput("case.toml: friction.mu: -1 is negative; give a number >= 0"))
     'case.toml: friction.mu: -1 is negative; give a number >= 0'
@@ -33,27 +33,27 @@ class BadInput(FlashtempError):
 
 
 class SolverFailure(FlashtempError):
-    """The time integration stopped: says at what time, in which cell and under which effect."""
+    """The time integration failed; the message gives the time, the cell and the effect."""
 
 
 class EnergyBalanceError(SolverFailure):
-    """The march ended, but its books do not balance; `run` is what it gave, to be looked at and not believed."""
+    """The run finished, but its energy balance does not close; `run` is the result, for diagnosis only."""
 
-    def __init__(self, said: str, run: Any):
-        super().__init__(said)
+    def __init__(self, text: str, run: Any):
+        super().__init__(text)
         self.run = run
 
 
 class UserInterrupt(FlashtempError):
-    """The user stopped the work; what goes on from it is `left` in `path`, and `how` to."""
+    """The user interrupted the work; `path` contains what was `saved`, and the command `how` continues from it."""
 
-    def __init__(self, path: Path, how: str, left: str = "checkpoint"):
-        super().__init__(f"interrupted; {left} left in {path}; go on with: {how}")
+    def __init__(self, path: Path, how: str, saved: str = "checkpoint"):
+        super().__init__(f"interrupted; {saved} saved in {path}; continue with: {how}")
         self.path = path
 
 
 def shorten_text(text: str) -> str:
-    """A text for a message, cut where nobody would read on.
+    """A text for a message, cut to its first 160 characters where it is longer than 200.
 
     >>> shorten_text("7" * 500)[-20:]
     '... (500 characters)'
@@ -62,15 +62,17 @@ def shorten_text(text: str) -> str:
 
 
 class SystemFailure(FlashtempError):
-    """The machine stopped the work, as by a full disk; what goes on from it is left in `path`, and `how` to."""
+    """The machine stopped the work, e.g. a full disk; `path` contains a checkpoint, and `how` continues from it."""
 
     def __init__(self, fault: BaseException, path: Path, how: str):
-        super().__init__(f"{describe_exception(fault)}; checkpoint left in {path}; mend that and go on with: {how}")
+        super().__init__(
+            f"{describe_exception(fault)}; checkpoint saved in {path}; solve the problem and continue with: {how}"
+        )
         self.path = path
 
 
 class IncompleteResult(FlashtempError):
-    """A `result` is there, but not all that should lie beside it: says what is missing and how to get it."""
+    """The `result` is complete, but a file that belongs to it is missing; the message says how to make it."""
 
     def __init__(self, text: str, result: Any):
         super().__init__(text)
@@ -78,19 +80,19 @@ class IncompleteResult(FlashtempError):
 
 
 def describe_exception(fault: BaseException) -> str:
-    """Why something failed, in one line.
+    """The message of an exception in one line.
 
     >>> describe_exception(OSError(28, "No space left on device", "run.nc")), describe_exception(ValueError())
     ('No space left on device: run.nc', 'ValueError')
     """
     if isinstance(fault, OSError) and fault.strerror:
         return f"{fault.strerror}: {fault.filename}" if fault.filename else fault.strerror
-    said, kind = shorten_text(" ".join(str(fault).split())), type(fault).__name__
-    return said if isinstance(fault, FlashtempError) else f"{kind}: {said}" if said else kind
+    text, kind = shorten_text(" ".join(str(fault).split())), type(fault).__name__
+    return text if isinstance(fault, FlashtempError) else f"{kind}: {text}" if text else kind
 
 
 def suggest_name(name: str, known: Iterable[str]) -> str:
-    """What would be right instead of an unknown name, as half a sentence: the nearest or all known.
+    """The end of an error message for an unknown name: the nearest of the `known` names, or all of them.
 
     >>> suggest_name("frction", ["friction", "contact"])
     "; did you mean 'friction'?"
@@ -100,23 +102,25 @@ def suggest_name(name: str, known: Iterable[str]) -> str:
     if match:
         return f"; did you mean '{match[0]}'?"
     if not known:
-        return "; nothing can stand here"
+        return "; no name is allowed here"
     more = f" and {len(known) - MAX_LISTED_NAMES} more" if len(known) > MAX_LISTED_NAMES else ""
     return f"; known are {', '.join(known[:MAX_LISTED_NAMES])}{more}"
 
 
-REPORTED_NAMES: set[str] = set()  # of this process
+REPORTED_NAMES: set[str] = set()  # old names that this process has warned of
 
 
 def warn_renamed(old: str, new: str) -> None:
-    """Warn the caller's caller, once in a process, that a name has changed."""
+    """Warn, once per process, that a name has changed; the warning points to the caller's caller."""
     if old not in REPORTED_NAMES:
         REPORTED_NAMES.add(old)
-        warnings.warn(f"{old} is now {new}; the old name will go in a later release", FutureWarning, stacklevel=3)
+        warnings.warn(
+            f"{old} is now {new}; the old name will be removed in a later release", FutureWarning, stacklevel=3
+        )
 
 
 class RenamedAttribute:
-    """An attribute or method of a class under its old name.
+    """Descriptor: an attribute or method of a class under its name of an earlier release.
 
     >>> class Case:
     ...     known_effects = ("wear",)
@@ -139,7 +143,7 @@ class RenamedAttribute:
 
 
 def renamed_names(module: str, names: Mapping[str, str]) -> Callable[[str], Any]:
-    """The `__getattr__` of a module that still answers to `names` {old: new}."""
+    """A `__getattr__` for a module whose earlier `names` {old: new} keep working."""
 
     def find_attribute(name: str) -> Any:
         if name not in names:

@@ -189,7 +189,7 @@ def test_what_a_turn_takes_along_is_continuous(lab):
     """Block, road in the lanes, worn depth just before and just after a slow turn."""
     speed, distance = shuttle(0.15, 0.05, ramp=0.25)
     given = {"effects": ["edge_pressure", "wear"], "schedule.speed": speed, "schedule.distance": distance}
-    made = lab.assemble({}, given | {"numerics.mesh": 0.4}, lab.Places("none"), lab.Path(), "")
+    made = lab.assemble_case({}, given | {"numerics.mesh": 0.4}, lab.KeyLocations("none"), lab.Path(), "")
     [turn] = made.scene.schedule.turns
     run = lab.march(made.scene, replace(made.settings, rtol=1e-6, times=(turn + 1e-4,)))
     k = int(np.flatnonzero(run.direction > 0)[-1])
@@ -258,7 +258,7 @@ def test_a_run_goes_on_across_a_turn(lab, tmp_path, share):
         if progress.t > share * end:
             os.kill(os.getpid(), signal.SIGINT)
 
-    with pytest.raises(flashtemp.errors.Interrupted):
+    with pytest.raises(flashtemp.errors.UserInterrupt):
         simulate(made, out=out, watch=stop)
     run = resume(out)
     rise = np.abs(whole.T_block - 20.0).max()
@@ -281,8 +281,8 @@ def camera(u, time):
 
 
 def test_cameras_see_the_wake_on_the_side_where_it_is(lab):
-    made = [lab.assemble({}, {k.replace("__", "."): v for k, v in (SMALL | {"schedule__speed": w}).items()},
-                         lab.Places("none"), lab.Path(), "") for w in (V, -V)]  # fmt: skip
+    made = [lab.assemble_case({}, {k.replace("__", "."): v for k, v in (SMALL | {"schedule__speed": w}).items()},
+                         lab.KeyLocations("none"), lab.Path(), "") for w in (V, -V)]  # fmt: skip
     forward, back = (lab.march(m.scene, m.settings) for m in made)
     u, time = np.linspace(0.0265, 0.0335, 15), [1.0, 3.0]
     seen = observe(forward, made[0].scene, camera(u, time)).temperature

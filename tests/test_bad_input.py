@@ -335,4 +335,4 @@ def test_a_folder_or_file_of_something_else_is_told(tmp_path, capsys):
     assert "no campaign.toml in it, but case.toml; give" in capsys.readouterr().err
     (tmp_path / "side.nc").write_bytes(b"\x89HDF\r\n")
     assert main(["compare", str(tmp_path / "side.nc")]) == 2
-    assert "side.nc: no text in UTF-8, so no TOML; give a .toml file" in capsys.readouterr().err
+    assert "side.nc: not UTF-8 text, so not TOML; give a .toml file" in capsys.readouterr().err

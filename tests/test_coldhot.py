@@ -74,7 +74,7 @@ def test_splines_between_speeds_change_nothing(monkeypatch):
     """Over a road the hot branch is computed at every third speed."""
     spots, laws = ContactSpots(0.01, 0.2, RoadSide(LIBRARY["asphalt"])), []
     for every in (3, 1):
-        monkeypatch.setattr(cold_hot_law, "SPARSE", every)
+        monkeypatch.setattr(cold_hot_law, "ROAD_SPEED_STRIDE", every)
         laws.append(cold_hot_law.derive_law(THEORY, RUBBER, spots, 353.15, 3e5, 1.0))
     np.testing.assert_allclose(laws[0].hot.mu, laws[1].hot.mu, rtol=1e-3)
     np.testing.assert_array_equal(laws[0].cold.mu, laws[1].cold.mu)

@@ -48,7 +48,7 @@ def block_on_road(height=2e-3, levels=6, finest=2e-6):
 def sides(lab, effect, speed=0.1):
     """What an effect adds to the rubber's side and to the road's, m2 K/W, by the laws alone."""
     scene = lab.scene(block_on_road(), effect, speed=speed)
-    laws, now = HeatBalance(scene).laws, scene.moment(scene.schedule.phases[0], scene.schedule.end)
+    laws, now = HeatBalance(scene).laws, scene.law_context(scene.schedule.phases[0], scene.schedule.end_time)
     now = now._replace(x=np.zeros(1), local_pressure=np.full(1, 1e5))
     return tuple(laws(f"contact.{name}", 0.0, None, now) for name in ("micro_resistance", "resistance"))
 
@@ -60,7 +60,7 @@ def at_the_end(lab, scene):
     state = MarchState(t=0.0, phase=0, y=y, removed_heat=-np.array(balance.stored_heat(y)))
     assert march(scene, SolverSettings(choose_binding(None), 1e-7, profiles=4), state=state).energy_imbalance < lab.LEAK
     system = PhaseSystem(balance, scene.schedule.phases[-1])
-    return system.solve_contact(system.moment(scene.schedule.end), state.y).flux, balance.worn_depth(state.y)
+    return system.solve_contact(system.moment(scene.schedule.end_time), state.y).flux, balance.worn_depth(state.y)
 
 
 # --- what is asked once ------------------------------------------------------------------------------

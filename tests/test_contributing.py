@@ -59,7 +59,8 @@ def test_every_test_file_stands_in_one_area():
 def test_what_is_named_inside_files_is_there():
     """Names that the steps tell to look for."""
     for file, names in {
-        "flashtemp/camera/importing/readers.py": ("_by_magic",), "flashtemp/camera/importing/formats/tiff.py": ("MAGIC", "def read("),
+        "flashtemp/camera/importing/formats/tiff.py": ("MAGIC", "def read(file: CameraFile) -> Iterator[RawFrames]"),
+        "flashtemp/camera/importing/formats/camera_file.py": ("class CameraFile", "def read_all"),
         "viz/__init__.py": ("PICTURE", "ANIMATION", "applies"), "viz/theme.py": ("def styled",), "tests/test_formats.py": ("KINDS",),
         "tests/conftest.py": ("def lab",), "tests/test_cases.py": ("FLASHTEMP_FULL",), "CHANGELOG.md": ("Unreleased",),
     }.items():  # fmt: skip

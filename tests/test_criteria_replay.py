@@ -29,7 +29,7 @@ def search(discovery_benchmark):
         free = {ParameterId.of_effect(e, "a"): (0.0, 1.0) for e in effects}
         return s.StoredFit(
             model=s.StoredModel(dict.fromkeys(effects)), status=FitStatus.CONVERGED, ln_evidence=-50.0 + gain, promise=0.0,
-            chi2=chi2, count=100, effects=free, bound=frozenset(),
+            chi2=chi2, count=100, effect_priors=free, bound=frozenset(),
             largest={frozenset(): -50.0, frozenset(free): -50.0 + gain},
             probabilities={e: ((probability,), (probability,)) for e in effects},
             adequacy=dict.fromkeys(TESTS, 0.0) | (away or {}), misfits=((100.0 * (1.0 + misfit), 100),),
@@ -155,7 +155,7 @@ def test_a_replay_that_is_not_the_stored_verdict_is_reported(discovery_benchmark
     good = search.made(search.fit("wear", gain=12.0))
     bad = replace(good, record=good.record | {"verdict": "weak"})
     discovery_benchmark.stored.write_evidence(bad, tmp_path / "bad.pkl.xz")
-    [line] = discovery_benchmark.replay.not_reproduced(
+    [line] = discovery_benchmark.replay.list_not_reproduced(
         [good, discovery_benchmark.stored.read_evidence(tmp_path / "bad.pkl.xz")]
     )
     assert "weak wear" in line

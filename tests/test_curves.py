@@ -267,7 +267,7 @@ def test_bad_wishes_are_told_in_one_line(argv, says, tmp_path, capsys):
 @pytest.mark.parametrize("wrong", [np.nan, -1e-6])
 def test_friction_that_is_no_number_is_refused(wrong, tmp_path, capsys, monkeypatch, concrete):
     spoilt = replace(concrete, mu=np.where(np.arange(40) == 7, wrong, concrete.mu))
-    monkeypatch.setattr(friction_curves, "curves", lambda *a: spoilt)
+    monkeypatch.setattr(friction_curves, "compute_curves", lambda *a: spoilt)
     assert main(["friction", str(SLOPE), "--out", str(tmp_path / "out")]) == 2
     assert "around 8 degC; check" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

@@ -73,7 +73,7 @@ def test_what_is_no_effect_has_its_verdict(change, kind):
 
 def test_a_verdict_that_is_not_certain_says_why():
     reasons = decide(replace(CAUSE, ln_bayes=7.0)).reasons
-    assert reasons == ("the ln Bayes factor of pressure_tilt is 7.0; 8 names it",)
+    assert reasons == ("the ln Bayes factor of pressure_tilt is 7.0; a cause needs 8",)
 
 
 def test_members_of_a_group_are_the_accepted_and_the_other():
@@ -94,7 +94,7 @@ def test_an_error_of_the_camera_is_as_large_as_what_it_shows_however_well_others
     names = ((offset.strength_column("offset"), 0), (tilt.strength_column("a"), 0))
     block = SimpleNamespace(label="a", names=names, C=np.full((4, 1), 20.0))  # 1 K in units of the noise
     data = SimpleNamespace(
-        known={"a": np.ones((2, 2), bool)}, sigmas={}, kelvin=lambda label, c: 0.05 * c.reshape(2, 2)
+        is_compared={"a": np.ones((2, 2), bool)}, sigmas={}, to_kelvin=lambda label, c: 0.05 * c.reshape(2, 2)
     )
     seen = SimpleNamespace(observables={"a": SimpleNamespace(values=warm, inside=np.ones((1, 2), bool))})
     base = SimpleNamespace(predictions=[seen], system=SimpleNamespace(blocks=[block]))

@@ -419,7 +419,7 @@ def test_what_only_has_one_sign_is_not_found_with_the_other(found):
     assert "internal_heat" not in {*now.names, *now.group}
     for c in now.candidates:
         if c["effect"] == "internal_heat":
-            assert "below what is possible" in c["reason"]
+            assert "below its bound" in c["reason"]
 
 
 def test_recordings_with_the_conditions_of_others_are_the_cause(found):
@@ -592,8 +592,8 @@ def test_a_broken_engine_does_not(tiny, calibrate, monkeypatch, name):
 
 def test_a_fit_that_ran_out_of_simulations_gives_no_verdict(tiny, monkeypatch, tmp_path):
     """No cause is given then, the verdict says why, and there is no case to extend."""
-    monkeypatch.setattr(fitting, "MAX_EVALUATIONS", 0)
-    monkeypatch.setattr(fitting, "NEGLIGIBLE_GAIN", 0.0)
+    monkeypatch.setattr(fitting, "MAX_FIT_EVALUATIONS", 0)
+    monkeypatch.setattr(fitting, "NEGLIGIBLE_STEP_GAIN", 0.0)
     verdict, search = engine.discover(replace(tiny[0], candidates=FEW[:1]), workers=1)
     told = make_json_safe(verdict.as_dict())
     assert (told["verdict"], told["causes"]) == ("no_verdict", [])

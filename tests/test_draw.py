@@ -164,11 +164,11 @@ def test_a_sweep_is_drawn_again(case, tmp_path):
 @pytest.mark.parametrize(
     ("spoil", "words", "says"),
     [
-        (None, ["--format", "bmp"], "--format: 'bmp'; give some of png, svg, pdf"),
+        (None, ["--format", "bmp"], "--format: 'bmp'; give one or more of png, svg, pdf"),
         ("run.nc", [], "damaged"),
         ("summary.json", [], "damaged"),
         ("fields.vtkhdf", [], "fields"),
-        ("", [], "no result of flashtemp run"),
+        ("", [], "not a result of flashtemp run"),
     ],
 )
 def test_what_cannot_be_drawn_is_told_in_one_line(case, tmp_path, capsys, spoil, words, says):

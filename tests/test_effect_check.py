@@ -152,7 +152,7 @@ def test_the_example_of_the_docs_passes(tmp_path, capsys):
     (tmp_path / "dust.py").write_text(text)
     assert main(["effects", "--check", str(tmp_path / "dust.py")]) == 0
     told = capsys.readouterr()
-    assert told.out.endswith("all holds\n")
+    assert told.out.endswith("all checks pass\n")
     shown = DOCS.read_text().split("flashtemp effects --check dust.py", 1)[1].split("```")[0]
     for line in shown.strip().splitlines()[1:]:  # what the docs show is what is said
         assert re.sub(r"[\d.]+(e-\d+)?", "#", line) in re.sub(r"[\d.]+(e-\d+)?", "#", told.out), line
@@ -174,8 +174,8 @@ def test_exit_code_and_table(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        (SOUND + SOUND[SOUND.index("\nclass") :].replace("Own", "Other"), "holds 2 effects.*a file of its own"),
-        ("x = 1\n", "holds no effect"),
+        (SOUND + SOUND[SOUND.index("\nclass") :].replace("Own", "Other"), "contains 2 effects.*a file of its own"),
+        ("x = 1\n", "contains no effect"),
         ("from flashtemp import nosuch\n", "own.py:1: does not run"),
         ("def law(:\n", "own.py:1: "),
     ],

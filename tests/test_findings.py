@@ -28,7 +28,6 @@ from flashtemp.discovery.diagnostics.verdict_sentences import (
     describe_verdict,
     explain_uncertainty,
 )
-from flashtemp.discovery.engine import _rule_result
 from flashtemp.discovery.verdict import (
     VERDICT_KINDS,
     CandidateReport,
@@ -46,6 +45,7 @@ from flashtemp.discovery.verdict import (
     StructureTest,
     Verdict,
 )  # fmt: skip
+from flashtemp.discovery.verdict_assembly import _rule_result
 from flashtemp.physics.effect import catalogue
 from flashtemp.viz import theme
 from flashtemp.viz.html import page as html_parts

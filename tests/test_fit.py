@@ -197,7 +197,7 @@ def test_a_turned_image_is_aligned_whatever_its_columns_promise(two):
     back before anything is concluded."""
     best, file = two.base.model, next(v.file for v in two.problem.campaign.views if v.recording.view == "sidewall")
     place, p = best.image_placement(file), ParameterId(Kind.TURN, file=file)
-    turned = replace(best, places=best.placements | {file: replace(place, turn=place.turn + 0.006)})
+    turned = replace(best, placements=best.placements | {file: replace(place, turn=place.turn + 0.006)})
     found, _ = fitted(two, Hypothesis(two.problem, two.data, turned))
     assert abs(found.model.setup_value(p) - best.setup_value(p)) < 0.001
     assert found.ln_evidence == pytest.approx(two.base.ln_evidence, abs=0.5 * NUMERICAL_NOISE_GAIN)
@@ -288,8 +288,8 @@ def test_scale_and_floor_are_chosen_together():
     mode, floor = ParameterId(Kind.MODE, (1,)), ParameterId(Kind.FLOOR, (0,), file="condition1_sidewall.nc")
     priors = {mode: (0.0, PRESSURE_MODE_SD), floor: (0.0, LEAST_DISCREPANCY)}
     system = SimpleNamespace(
-        known=lambda priors: (mode, floor),
-        evidence=lambda priors, equations: lambda sd: known.get((round(sd[0] / PRESSURE_MODE_SD, 6), sd[1]), -99.0),
+        known_columns=lambda priors: (mode, floor),
+        evidence_function=lambda priors, equations: lambda sd: known.get((round(sd[0] / PRESSURE_MODE_SD, 6), sd[1]), -99.0),
     )
     found = prior_widths.find_likeliest_widths(system, priors, {}, object(), (LARGEST_DISCREPANCY, LEAST_DISCREPANCY))
     assert (found.scale, found.floor) == (1.0, LEAST_DISCREPANCY)

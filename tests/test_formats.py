@@ -14,6 +14,7 @@ import pytest
 import scipy.io
 import tifffile
 
+from flashtemp.camera.importing import formats
 from flashtemp.camera.importing.formats import fast_text
 from flashtemp.camera.importing.formats.cell_parsing import count_numeric, parse_cells
 from flashtemp.camera.importing.formats.text_layout import read_layout
@@ -166,7 +167,7 @@ def test_fff(given, order, raw_order, kind):
     assert np.array_equal(frames.counts[0], COUNTS)
     assert np.abs(frames.temperature[0] - SCENE).max() < STEP
     assert frames.parameters.emissivity == 0.95
-    assert frames.said["reflected"] == 22.0
+    assert frames.stated_parameters["reflected"] == 22.0
     assert frames.camera == "TestCam1"
     assert frames.clock[0] == CLOCK + 3600.25
     assert frames.fps == 30
@@ -192,7 +193,7 @@ def test_sequence(given, kind):
     assert np.diff(frames.clock) == pytest.approx(0.25)
     assert "parameters change" in frames.notes[0]
     assert frames.temperature[1, 4, 9] > frames.temperature[0, 4, 9] + 1
-    assert frames.every(2).temperature.shape[0] == 1
+    assert frames.take_every(2).temperature.shape[0] == 1
 
 
 def test_given_parameters_go_before_the_files(given):
@@ -243,7 +244,7 @@ def test_cut_off_anywhere(given):
 def test_irb(given):
     frames = given(irb(images=2))
     assert np.abs(frames.temperature - SCENE).max() < 150 / 255 / 256
-    assert frames.said == {"emissivity": 0.95, "distance": 0.8, "reflected": 25.0}
+    assert frames.stated_parameters == {"emissivity": 0.95, "distance": 0.8, "reflected": 25.0}
     assert frames.clock[0] == 19000.5 * 86400 + 0.25
     check_refused(given, irb(compressed=1), "compressed.*ASCII")
     check_refused(given, irb(depth=4), "4 bytes per pixel.*ASCII")
@@ -289,7 +290,7 @@ def test_text_matrices(given, data):
 def test_text_says_its_parameters(given):
     head = "Date: 2024-05-31 12:00:03.25\nEmissivity; 0,93\nReflected temperature; 18,5 °C\nHumidity; 45 %\n"
     frames = given(text(separator=";", decimal=",", header=head))
-    assert frames.said == {"emissivity": 0.93, "reflected": 18.5, "humidity": 0.45}
+    assert frames.stated_parameters == {"emissivity": 0.93, "reflected": 18.5, "humidity": 0.45}
     assert frames.clock[0] == pytest.approx(1717156803.25)
     assert "decimal commas" in frames.notes[0]
 
@@ -480,6 +481,35 @@ def test_formats_that_are_refused_say_what_to_export(given, name, data, says):
         given(data, name)
     assert "give" in str(fault.value)
     assert len(fault.value.lines) == 1
+
+
+NEW_FORMAT = """
+import numpy as np
+from flashtemp.camera.importing.formats.raw_frames import RawFrames
+
+MAGIC = (b"NEWCAM",)
+
+def read(file):
+    T = np.frombuffer(file.read_all()[6:], "<f4").reshape(-1, 4, 5)
+    yield RawFrames("new camera", T, time=np.arange(len(T)) / 10.0).take_every(file.options.every)
+"""
+
+
+def test_a_new_format_is_one_new_module(given, tmp_path, monkeypatch):
+    """The module is found on the path of the package, recognised by its first bytes, and gets the reader's options."""
+    data = b"NEWCAM" + np.linspace(20.0, 30.0, 60).astype("<f4").tobytes()
+    with pytest.raises(BadInput, match="no text"):
+        given(data)
+    (tmp_path / "more").mkdir()
+    (tmp_path / "more" / "new_camera.py").write_text(NEW_FORMAT)
+    monkeypatch.setattr(formats, "__path__", [*formats.__path__, str(tmp_path / "more")])
+    frames = given(data, every=2)
+    assert frames.format == "new camera"
+    assert frames.temperature[1, 3, 4] == pytest.approx(30.0)
+    assert frames.time == pytest.approx([0.0, 0.2])
+    with pytest.raises(BadInput, match="read at once"):
+        given(data, limit=1e-9)
+    assert given(fff()).format == "FLIR FFF"
 
 
 KINDS = {

@@ -97,8 +97,8 @@ def test_where_nothing_slides_no_heat_of_any_shape_is_asked_for():
         ([flux], [flux]),
         ([flux], []),
     ):  # felt by none, or by data held out
-        system = SimpleNamespace(names=names, seen=frozenset(seen))
-        fit = SimpleNamespace(solved=solved, effects={}, bound=(), equations=None, system=system)
+        system = SimpleNamespace(names=names, fitted_columns=frozenset(seen))
+        fit = SimpleNamespace(solve_with=solved, effect_priors={}, bound=(), equations=None, system=system)
         assert abs(unnamed_heat_evidence(None, fit)) < 1e-9
     assert [*asked[-1]] == [flux]
     assert len(asked) == 2

@@ -96,7 +96,7 @@ def identified(tmp_path_factory):
             some = [
                 w for w in list_possible_laws(search) if w.quantity.name == "friction" and w.regressor.name in ARGUMENTS
             ]
-            patch.setattr(law_identification, "laws_of", lambda search: some)
+            patch.setattr(law_identification, "list_possible_laws", lambda search: some)
             return search, some, identify_law(search, quiet)
 
     return made

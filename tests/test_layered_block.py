@@ -296,11 +296,11 @@ def test_the_sketch_shows_the_layers(tmp_path):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"block.height": 0.02}, "block.height (command line): 0.02 m, but the layers are 0.0082 m together"),
-        ({"block.material": "granite"}, "block.material (command line): 'granite' beside layers; leave it out"),
+        ({"block.height": 0.02}, "block.height (command line): 0.02 m, but the layers add up to 0.0082 m"),
+        ({"block.material": "granite"}, "block.material (command line): 'granite' in addition to layers; leave it out"),
         (
             {"layers.board.contact_resistance": 1e-3},
-            "no layer is above 'board'; give 0, or what is behind as another layer",
+            "no layer is above 'board'; give 0, or add the body behind it as a layer",
         ),
         (
             {"layers.glue.material": "glu"},
@@ -310,14 +310,14 @@ def test_the_sketch_shows_the_layers(tmp_path):
         ({"layers.glue.thicknes": 1e-4}, "layers.glue.thicknes (command line): unknown key; did you mean 'thickness'"),
         ({"layers.top.material": "glue"}, "thickness is missing; give it in m"),
         ({"layers": 3}, "layers (command line): 3; write [layers.NAME] and its keys below it"),
-        ({"layers.board.thickness": 1.0}, "1.0022 m together; give 0.0001 to 1 m in all"),
+        ({"layers.board.thickness": 1.0}, "add up to 1.0022 m; give 0.0001 to 1 m in total"),
         (
             {"effects": ["internal_heat"]},
-            "'internal_heat' takes the block for one material; leave it out, or the layers",
+            "'internal_heat' assumes a block of one material; leave it out, or the layers",
         ),
         (
             {"effects": ["conductivity_slope"], "conductivity_slope.layer": "bord"},
-            "conductivity_slope.layer (command line): 'bord' is no layer of the block; did you mean 'board'",
+            "conductivity_slope.layer (command line): the block has no layer 'bord'; did you mean 'board'",
         ),
     ],
 )

@@ -124,7 +124,7 @@ def searched(*conditions, held=()):
     runs = [march(c.scene, c.settings) for c in (case.with_values(given) for given in conditions)]
     entries = [[SimpleNamespace(held_out=n in held)] for n in range(len(conditions))]
     told = [SimpleNamespace(given=g, entries=e) for g, e in zip(conditions, entries, strict=True)]
-    problem = SimpleNamespace(case=case, conditions=told, pins=[{} for _ in conditions])
+    problem = SimpleNamespace(case=case, conditions=told, mesh_overrides=[{} for _ in conditions])
     return SimpleNamespace(base=SimpleNamespace(predictions=[SimpleNamespace(run=r) for r in runs]), problem=problem)
 
 
@@ -165,12 +165,12 @@ def test_a_law_counts_only_where_it_explains_more_than_the_catalogue_does(monkey
     found = law(*pair("walls", "speed"))
     scored = law_identification.ScoredLaw(found, 1.0, 300.0, found.values)
     fitted = SimpleNamespace(law=found, fit=SimpleNamespace(ln_evidence=300.0))
-    monkeypatch.setattr(law_identification, "laws_of", lambda search: [found])
+    monkeypatch.setattr(law_identification, "list_possible_laws", lambda search: [found])
     monkeypatch.setattr(law_identification, "score_laws", lambda search, laws: (scored,))
     monkeypatch.setattr(law_identification, "_fit_laws", lambda search, likely, watch: [fitted])
     monkeypatch.setattr(law_identification, "_refine_nodes", lambda search, best, watch: best)
-    monkeypatch.setattr(law_identification, "_finalise", lambda search, best, scored, watch: best)
-    base, other = SimpleNamespace(ln_evidence=0.0, usable=True), SimpleNamespace(ln_evidence=known, usable=True)
+    monkeypatch.setattr(law_identification, "_finish_law", lambda search, best, scored, watch: best)
+    base, other = SimpleNamespace(ln_evidence=0.0, is_comparable=True), SimpleNamespace(ln_evidence=known, is_comparable=True)
     problem = SimpleNamespace(case=SimpleNamespace(effects=()))
     search = EffectSearch(problem, None, base, base, {frozenset(): base, frozenset({"side_cooling"}): other})
     assert (law_identification.identify_law(search, lambda text: None) is not None) is goes_on
@@ -353,9 +353,9 @@ def test_gains_of_laws_are_ratios_of_evidence(benchmark):
     rng = np.random.default_rng(2)
     C, size = rng.normal(size=(12, 3)), 0.4
     r = C @ np.array([0.5, -0.3, 0.0]) + rng.normal(size=12)
-    found = benchmark.Traces(C.T @ C, ((np.array([0, 2]), size),))
+    found = benchmark.LawSignatures(C.T @ C, ((np.array([0, 2]), size),))
     widths = (0.5, 2.0)
-    said = found.gains((C.T @ r)[:, None], widths)[0, 0]
+    said = found.best_gains((C.T @ r)[:, None], widths)[0, 0]
     both = C[:, [0, 2]]
     wanted = [multivariate_normal(cov=np.eye(12) + (w * size) ** 2 * both @ both.T).logpdf(r) for w in widths]
     assert said == pytest.approx(max(wanted) - multivariate_normal(cov=np.eye(12)).logpdf(r) - np.log(2), abs=1e-9)
@@ -365,10 +365,10 @@ def test_noise_alone_seldom_speaks_for_a_law(benchmark):
     """Markov: of data without a law at most one in e^8 gives one of 20 laws a Bayes factor of 20 e^8 (mean 1 each)."""
     rng = np.random.default_rng(5)
     root = rng.normal(size=(100, 200))
-    found = benchmark.Traces(root @ root.T, tuple((np.arange(k, k + 5), 0.3) for k in range(0, 100, 5)))
-    u = found.drawn(np.random.default_rng(6), 20_000)
+    found = benchmark.LawSignatures(root @ root.T, tuple((np.arange(k, k + 5), 0.3) for k in range(0, 100, 5)))
+    u = found.draw_scores(np.random.default_rng(6), 20_000)
     np.testing.assert_allclose(np.cov(u)[:5, :5], found.information[:5, :5], atol=0.05 * found.information[0, 0])
-    gains = found.gains(u, law_identification.RELATIVE_WIDTHS)
+    gains = found.best_gains(u, law_identification.RELATIVE_WIDTHS)
     assert np.mean(gains.max(axis=0) > CRITERIA.ln_bayes_named + np.log(20)) < 0.005
     assert gains.max() > 0.0
 
@@ -376,7 +376,7 @@ def test_noise_alone_seldom_speaks_for_a_law(benchmark):
 @pytest.mark.long
 def test_nothing_speaks_for_a_law_where_nothing_is_hidden(benchmark):
     """An independent laboratory with all its errors; about 100 CPU seconds."""
-    found = benchmark.one(7000)
+    found = benchmark.run_seed(7000)
     assert found["converged"]
     assert found["laws"] > 15
     assert found["best"][1] < found["threshold"]

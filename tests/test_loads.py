@@ -43,7 +43,7 @@ COARSE = {
 def coarse_tables():
     """Tables of friction that take a sixth of the time: these tests are about who changes what, not about digits."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(friction_table, "NODES", 16)
+        patch.setattr(friction_table, "TEMPERATURE_NODES", 16)
         yield
 
 
@@ -70,7 +70,7 @@ def test_heating_makes_friction_fall_the_more_the_faster(found):
     change = found.change(found.alone[HEATING])
     assert np.all(change < 0)
     assert change[1] < 2 * change[0]
-    assert found.leading == HEATING
+    assert found.leading_process == HEATING
     assert np.all(found.change(found.other) < change)  # fixed spots: more heat per spot under load
 
 

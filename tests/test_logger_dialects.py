@@ -337,14 +337,14 @@ def image_text(T, separator=";"):
 
 def test_units_of_an_image_may_stand_behind_the_word_temperature():
     for line in ("Units,Temperature F", "Unit: Temperature (Fahrenheit)", "Temperature [?F]"):
-        found = text_images.read((line + "\n\n" + image_text(1.8 * IMAGE + 32, ",")).encode())
+        found = text_images.read_text((line + "\n\n" + image_text(1.8 * IMAGE + 32, ",")).encode())
         assert found.temperature[0] == pytest.approx(IMAGE, abs=0.006)
 
 
 def test_pixels_at_absolute_zero_are_missing():
     T = IMAGE.copy()
     T[3, 4] = T[3, 5] = -273.15
-    found = text_images.read(image_text(T).encode())
+    found = text_images.read_text(image_text(T).encode())
     assert np.isnan(found.temperature[0]).sum() == 2
     assert "2 pixels at absolute zero left out" in found.notes
 
@@ -352,7 +352,7 @@ def test_pixels_at_absolute_zero_are_missing():
 def test_separator_and_comma_of_irbis_are_found_where_the_header_does_not_say_them():
     head = "[Settings]\nImageWidth=80\nImageHeight=60\nTempUnit=°C\n\n[Data]\n"
     for body in (image_text(IMAGE, "\t").replace(".", ","), image_text(IMAGE), image_text(IMAGE, " ")):
-        assert text_images.read((head + body).encode("cp1252")).temperature[0] == pytest.approx(IMAGE, abs=1e-9)
+        assert text_images.read_text((head + body).encode("cp1252")).temperature[0] == pytest.approx(IMAGE, abs=1e-9)
 
 
 def test_a_line_scan_may_have_units_behind_blanks_and_a_path_length(tmp_path):

@@ -7,8 +7,11 @@ import pytest
 
 from flashtemp.discovery.diagnostics import mesh_resolution
 from flashtemp.discovery.diagnostics.extended_case import correct_input, describe_correction
-from flashtemp.discovery.diagnostics.mesh_resolution import lateral_resolution_warnings, unconverged_fit_warnings
-from flashtemp.discovery.engine import COARSER_CELL_FACTORS
+from flashtemp.discovery.diagnostics.mesh_resolution import (
+    COARSER_CELL_FACTORS,
+    lateral_resolution_warnings,
+    unconverged_fit_warnings,
+)
 from flashtemp.discovery.estimation.linearised_fit import FitStatus
 from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY
 from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD
@@ -31,7 +34,7 @@ def predicted(change_fraction, number=ACROSS):
     fixed = SimpleNamespace(names=(ParameterId(Kind.MESH, (number,)),), F=column)
     case = {"numerics.across": 8, "numerics.first_y": 5e-4}
     data = SimpleNamespace(
-        fixed={WALL: fixed}, kelvin=lambda file, whitened: whitened, problem=SimpleNamespace(case=case)
+        fixed={WALL: fixed}, to_kelvin=lambda file, whitened: whitened, problem=SimpleNamespace(case=case)
     )
     observable = SimpleNamespace(values=rise, inside=inside)
     return data, [SimpleNamespace(observables={WALL: observable})]
@@ -59,7 +62,7 @@ def test_a_mesh_in_2d_is_not_judged_across():
 def test_a_mesh_that_keeps_a_fit_from_its_best_point_is_told(monkeypatch, status, deviation, count):
     found = {ParameterId(Kind.MESH, (0,), condition=0): -deviation, ParameterId(Kind.GAIN, file=WALL): 99.0}
     monkeypatch.setattr(mesh_resolution, "normalised_deviations", lambda fit: found)
-    fit = SimpleNamespace(status=status, usable=status in (FitStatus.CONVERGED, FitStatus.STALLED))
+    fit = SimpleNamespace(status=status, is_comparable=status in (FitStatus.CONVERGED, FitStatus.STALLED))
     lines = unconverged_fit_warnings({frozenset({"track_memory"}): fit}, 0.5)
     assert len(lines) == count
     for line in lines:

@@ -198,7 +198,7 @@ def test_third_body_grows_by_the_distance_slid(lab):
     scene = lab.scene(mesh(), layer, wait=1.0)
     law = HeatBalance(scene).laws
     grown = [
-        law("contact.resistance", 0.0, None, scene.moment(p, t))
+        law("contact.resistance", 0.0, None, scene.law_context(p, t))
         for p in scene.schedule.phases
         for t in (p.begin, p.end)
     ]

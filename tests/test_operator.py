@@ -60,7 +60,7 @@ STANDING = {"ambient_degC": 20.0, "sliding": np.array([False]), "energy": {"into
 @pytest.fixture(scope="module")
 def slid(lab):
     """A short slide with its scene, fields kept at 1 s."""
-    case = lab.assemble({}, {"schedule.distance": 0.1, "ambient.convection": 0.0}, lab.Places("none"), lab.Path(), "x")
+    case = lab.assemble_case({}, {"schedule.distance": 0.1, "ambient.convection": 0.0}, lab.KeyLocations("none"), lab.Path(), "x")
     scene = case.scene
     return scene, march(scene, replace(case.settings, times=(0.5, 1.0)))
 
@@ -289,7 +289,7 @@ def test_many_frames_are_seen_a_few_at_a_time_and_alike(slid, monkeypatch, view)
 def test_the_wake_holds_the_heat_of_lanes_and_gaps(lab):
     """Averaged across y the wake carries phi times the rise of a lane that keeps its width."""
     given = {"schedule.distance": 0.5, "contact.lane_widening": 0.0}
-    case = lab.assemble({}, given, lab.Places("none"), lab.Path(), "x")
+    case = lab.assemble_case({}, given, lab.KeyLocations("none"), lab.Path(), "x")
     scene = case.scene
     run = march(scene, case.settings)
     k, mesh = len(run.frames) - 1, run.mesh

@@ -166,7 +166,7 @@ def test_listed_and_shown(case, capsys):
 # --- files that cannot be used -----------------------------------------------------------------------
 FAULTS = {
     "two effects": ({"text": DUST + "\n\nclass More(Effect):\n    pass\n"}, r"dust.py:22: holds 2 effects", "file of its own"),
-    "no effect": ({"text": "x = 1\n"}, r"dust.py:1: holds no effect", "derived from Effect"),
+    "no effect": ({"text": "x = 1\n"}, r"dust.py:1: contains no effect", "derived from Effect"),
     "does not import": ({"text": "\nimport nonsense\n"}, r"dust.py:2: does not run.*nonsense", "import from"),
     "does not run": ({"text": "\n\n1 / 0\n"}, r"dust.py:3: does not run: ZeroDivisionError", "repair"),
     "ends the program": ({"text": "raise SystemExit\n"}, r"dust.py:1: does not run: SystemExit", "repair"),
@@ -254,7 +254,9 @@ def test_a_file_of_the_catalogue_with_two_effects_is_an_error(monkeypatch):
     monkeypatch.setattr(wear, "More", more, raising=False)
     effect.catalogue.cache_clear()
     try:
-        with pytest.raises(BadInput, match=r"wear.py:\d+: holds 2 effects, Wear and More; give each a file of its own"):
+        with pytest.raises(
+            BadInput, match=r"wear.py:\d+: contains 2 effects, Wear and More; give each a file of its own"
+        ):
             effect.catalogue()
     finally:
         monkeypatch.undo()
@@ -381,9 +383,9 @@ def test_an_installed_package_adds_its_effect(package, tmp_path, capsys, value):
     [
         ({"wear": "dusty:Dust"}, r"dusty:Dust takes the name 'wear' of .*the catalogue of flashtemp"),
         ({"dust": "nowhere:Dust"}, "nowhere:Dust does not load.*repair or remove"),
-        ({"dust": "empty"}, "empty.py:1: holds no effect"),
-        ({"dust": "empty:nothing"}, "empty:nothing is no effect; name a subclass of Effect"),
-        ({"Dust-1": "dusty"}, "'Dust-1' of dusty: give small letters"),
+        ({"dust": "empty"}, "empty.py:1: contains no effect"),
+        ({"dust": "empty:nothing"}, "empty:nothing is not an effect; name a subclass of Effect"),
+        ({"Dust-1": "dusty"}, "'Dust-1' of dusty: use lower-case letters"),
     ],
     ids=str,
 )

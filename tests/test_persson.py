@@ -343,7 +343,7 @@ def test_table_is_the_theory_within_its_error(looked_up, face, spot, load):
 
 def test_table_of_a_folder_is_taken_up(looked_up, tmp_path, monkeypatch):
     looked_up.save(tmp_path)
-    monkeypatch.setattr(friction_table, "_friction", None)  # nothing can be computed
+    monkeypatch.setattr(friction_table, "_theory_friction", None)  # nothing can be computed
     again = tabulated(folder=tmp_path)
     np.testing.assert_array_equal(again.values, looked_up.values)
     assert (again.error, again.made_of) == (looked_up.error, looked_up.made_of)
@@ -365,7 +365,7 @@ def test_repeated_run_takes_its_table_up(tmp_path, monkeypatch, capsys):
     assert main(["run", str(tmp_path), "--out", str(out)]) == 0
     assert (out / friction_table.TABLE_FILE_NAME).is_file()
     made, computed = [], friction_table._theory_friction
-    monkeypatch.setattr(friction_table, "_friction", lambda *a: made.append(1) or computed(*a))
+    monkeypatch.setattr(friction_table, "_theory_friction", lambda *a: made.append(1) or computed(*a))
     friction_table._cached_table.cache_clear()
     assert main(["run", str(out), "--out", str(tmp_path / "again")]) == 0
     assert not made
@@ -502,13 +502,13 @@ def test_speed_from_rest_has_the_friction_of_every_speed(tmp_path):
 
 def test_table_of_another_making_is_not_taken_up(tmp_path, monkeypatch):
     """Other axes, or other equations behind the same axes: made anew; a file with other shapes too."""
-    monkeypatch.setattr(friction_table, "ABOVE", 120.0)
+    monkeypatch.setattr(friction_table, "NODES_K_ABOVE", 120.0)
     tabulated().save(tmp_path)
     monkeypatch.undo()
     fresh, again = tabulated(), tabulated(folder=tmp_path)
     assert np.array_equal(again.values, fresh.values)
     again.save(tmp_path)
-    monkeypatch.setattr(friction_table, "EQUATIONS", friction_table.TABLE_VERSION + 1)
+    monkeypatch.setattr(friction_table, "TABLE_VERSION", friction_table.TABLE_VERSION + 1)
     assert tabulated(folder=tmp_path).made_of != fresh.made_of
 
 

@@ -84,7 +84,7 @@ def test_one_condition_cannot_tell_load_from_speed(outlooks):
     for name, other in zip(ALIKE, ALIKE[::-1], strict=True):
         assert one[name].z > DETECTION_Z  # it is seen
         assert not one[name].is_separable
-        assert (one[name].nearest_rival, abs(one[name].rho)) == (other, pytest.approx(1.0, abs=1e-6))
+        assert (one[name].nearest, abs(one[name].rho)) == (other, pytest.approx(1.0, abs=1e-6))
 
 
 def test_what_is_never_seen_is_like_nothing():
@@ -143,7 +143,7 @@ def test_an_experiment_is_found_where_a_trace_failed(written, monkeypatch):
         asked.append(effects)
         return left
 
-    monkeypatch.setattr(experiment_design, "_left", without)
+    monkeypatch.setattr(experiment_design, "_remaining_z", without)
     found = outlook(campaign.load(written(planned("{}")), planned=True)).experiments
     assert found
     assert all(ALIKE[0] not in e.z_left and ALIKE[0] not in e.helps for e in found)

@@ -190,7 +190,7 @@ def test_two_recordings_that_bear_the_view_of_each_other_are_told_apart(plain):
     problem, _ = plain
     condition = problem.conditions[0]
     alone = replace(
-        problem, conditions=(condition,), pins=problem.mesh_overrides[:1],
+        problem, conditions=(condition,), mesh_overrides=problem.mesh_overrides[:1],
         campaign=replace(problem.campaign, views=condition.views, forces=condition.forces),
     )  # fmt: skip
     alone = cropped(alone, {"sidewall": (0, 16, 40), "wake": (0, 16, 40)})

@@ -197,7 +197,7 @@ def test_legs_are_counted_through_repetitions_and_waits(lab):
             assert leg - before in (0, 1)
             if part.sliding:
                 for t in (part.begin, part.end):
-                    passed = scene.moment(part, t).passed
+                    passed = scene.law_context(part, t).passed
                     assert leg * way - 1e-9 <= passed <= (leg + 1) * way + 1e-9
             before = leg
 
@@ -223,7 +223,7 @@ def test_a_march_goes_on_where_it_was_cut_off(lab, small):
     whole, state = march(small, settings), MarchState()
 
     def enough(now):
-        return now.t > 0.6 * small.schedule.end
+        return now.t > 0.6 * small.schedule.end_time
 
     with pytest.raises(KeyboardInterrupt):
         march(small, settings, state=state, watch=enough)

@@ -39,7 +39,7 @@ def test_integral_is_that_of_the_line(s, t):
 def test_reach_inverts_the_integral(s, share):
     end = s.time[-1] + 1.0
     area = share * s.integral(end)
-    t = s.reach(area)
+    t = s.time_at_integral(area)
     assert 0.0 <= t <= end * (1 + 1e-6) or s.integral(end) == 0.0
     if math.isfinite(t):
         assert s.integral(t) == pytest.approx(area, rel=1e-9, abs=1e-9)
@@ -50,14 +50,14 @@ def test_reach_inverts_the_integral(s, share):
 def test_reach_is_the_first_time(s):
     """At every knot: the time found is not later, though the line may rest or end at zero there."""
     for t in s.time:
-        assert s.reach(s.integral(t)) <= t * (1 + 1e-6) + 1e-6
+        assert s.time_at_integral(s.integral(t)) <= t * (1 + 1e-6) + 1e-6
 
 
 @steady
 @given(series())
 def test_reach_beyond_a_stop_is_never(s):
     end = s.time[-1]
-    beyond = s.reach(s.integral(end) + 1.0)
+    beyond = s.time_at_integral(s.integral(end) + 1.0)
     if s.value[-1] == 0.0:
         assert beyond == math.inf
     else:
@@ -104,7 +104,7 @@ def test_phases_fill_the_time(s):
         assert a.end == b.begin
     assert all(p.end - p.begin > 1e-9 for p in s.phases)
     total = s.repetitions * s.slide_time + (s.repetitions - 1) * s.wait
-    assert s.end == pytest.approx(total)
+    assert s.end_time == pytest.approx(total)
 
 
 @steady
@@ -117,7 +117,7 @@ def test_repetition_begins_at_its_start(s):
         assert sliding[0].begin == sliding[0].start
         assert {p.start for p in sliding} == {sliding[0].start}
         assert {p.slid_before for p in sliding} == {(r - 1) * s.distance}
-        assert s.slid(sliding[-1], sliding[-1].end) == pytest.approx(s.distance)
+        assert s.slid_distance(sliding[-1], sliding[-1].end) == pytest.approx(s.distance)
     waits = [p for p in s.phases if not p.sliding]
     assert len(waits) == (s.repetitions - 1 if s.wait > 0 else 0)
 
@@ -130,7 +130,7 @@ def test_laps_and_corners_are_events(s):
     if s.lap:
         for n in range(1, int(s.repetitions * s.distance / s.lap * (1 - 1e-9)) + 1):
             before = int(n * s.lap / s.distance * (1 - 1e-12)) * s.distance
-            into = s.speed.reach(n * s.lap - before)
+            into = s.speed.time_at_integral(n * s.lap - before)
             assert any(abs(end - start - into) < 1e-6 for start, end in ends)
     for corner in (1.0, 4.0) if len(s.speed.value) > 1 else ():
         if corner < s.slide_time - 1e-6:

@@ -54,14 +54,14 @@ def score(c: CandidateEffect, amplitude: float):
 
     fit = SimpleNamespace(
         system=system,
-        nuisances={MU: PRIOR_MU},
-        effects={},
+        free_priors={MU: PRIOR_MU},
+        effect_priors={},
         bound=(),
         model=SimpleNamespace(effects={}),
-        solved=solved,
+        solve_with=solved,
         equations=system.normal_equations(),
     )
-    [found] = score_candidates(cast("Problem", SimpleNamespace(free=())), cast("LinearisedFit", fit), [c])
+    [found] = score_candidates(cast("Problem", SimpleNamespace(free_keys=())), cast("LinearisedFit", fit), [c])
 
     def density(columns, sd):
         A = F[:, columns] * np.asarray(sd)
@@ -89,5 +89,5 @@ def test_an_amplitude_that_cannot_be_is_no_evidence():
     found, ratio = score(candidate(low=0.0, spread=1.0), -0.4)
     assert ratio > 10.0
     assert found.amplitude[0] < -0.3
-    assert found.reason == "would need B below what is possible"
+    assert found.reason == "would need B below its bound"
     assert found.ln_bayes <= 0.0

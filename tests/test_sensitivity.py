@@ -258,10 +258,10 @@ def test_what_cannot_be_stated_is_told_in_one_line(tmp_path, capsys, text, said)
 @pytest.mark.parametrize(
     ("keys", "said"),
     [
-        (["friction.nu"], "friction.nu (command line): no number of this case; did you mean 'friction.mu'?"),
-        (["friction.mu", "friction.mu"], "named twice"),
-        (["schedule.distance"], "nobody says how sure it is; give schedule.distance='{ value ="),
-        (["block.material"], "no number of this case"),
+        (["friction.nu"], "friction.nu (command line): not a number of this case; did you mean 'friction.mu'?"),
+        (["friction.mu", "friction.mu"], "listed twice"),
+        (["schedule.distance"], "has no standard deviation; give schedule.distance='{ value ="),
+        (["block.material"], "not a number of this case"),
         (["friction.mu", "--samples", "3"], "--samples: 3; give at least 8 for 1 inputs"),
         (["friction.mu", "--samples", "30", "--linear"], "contradicts --linear"),
     ],
@@ -281,7 +281,7 @@ def test_ready_materials_are_inputs_too():
     assert "materials.tread_rubber.conductivity" in keys
     assert "materials.asphalt.density" in keys
     assert "contact.spot_exponent" in left
-    with pytest.raises(BadInput, match="no number of this case"):
+    with pytest.raises(BadInput, match="not a number of this case"):
         find_uncertain_inputs(case(), ("materials.granite.density",))
 
 
@@ -332,7 +332,7 @@ def test_an_interrupted_sample_goes_on(tmp_path):
             signal.raise_signal(signal.SIGINT)
 
     asked = {"keys": ("friction.mu", "contact.pressure"), "samples": 12, "workers": 1}
-    with pytest.raises(UserInterrupt, match="go on with: the same command"):
+    with pytest.raises(UserInterrupt, match="continue with: the same command"):
         flashtemp.sensitivity(case(), **asked, out=out, watch=stop)
     with pytest.raises(BadInput, match="interrupted sensitivity"):
         flashtemp.sensitivity(case(), **asked | {"samples": 13}, out=out)

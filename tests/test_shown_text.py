@@ -67,7 +67,7 @@ def test_mathematics_of_users_is_no_mathematics(tmp_path):
 def test_a_title_with_control_characters_is_refused_before_anything_is_computed(tmp_path, capsys):
     (tmp_path / "case.toml").write_text('title = "a\\u0000b"\n', encoding="utf-8")
     assert main(["run", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
-    assert "title: 'a\\x00b' holds a control character; leave it out" in capsys.readouterr().err
+    assert "title: 'a\\x00b' contains a control character; leave it out" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("x", [[0.1, 0.1, 0.1], [0.1], [0.1, 0.2]])

@@ -168,8 +168,8 @@ def test_flattened_tops_lower_friction_as_they_are_lowered(worn):
 
     The argument of skewness.py, mu ~ 1/R, holds where only tops touch and not beyond.
     """
-    ratio = worn.against("mu", "worn", "plain")
-    print(ratio, worn.against("area", "worn", "plain"), worn.friction_area_product)
+    ratio = worn.mean_ratio("mu", "worn", "plain")
+    print(ratio, worn.mean_ratio("area", "worn", "plain"), worn.friction_area_product)
     np.testing.assert_allclose(ratio, 0.6, rtol=0.08)
     assert worn.friction_area_product[0] == pytest.approx(1.0, abs=0.08)
     assert worn.friction_area_product[1] < 0.93
@@ -177,9 +177,9 @@ def test_flattened_tops_lower_friction_as_they_are_lowered(worn):
 
 def test_the_twin_with_the_same_spectrum_rubs_more(worn):
     """Turned over, the same road has tops as the plain one: more friction, less area, though C(q) is the same."""
-    assert np.all(worn.against("mu", "worn", "turned") < 0.75)
-    assert np.all(worn.against("area", "worn", "turned") > 1.15)
-    np.testing.assert_allclose(worn.against("mu", "turned", "plain"), 1.0, atol=0.1)
+    assert np.all(worn.mean_ratio("mu", "worn", "turned") < 0.75)
+    assert np.all(worn.mean_ratio("area", "worn", "turned") > 1.15)
+    np.testing.assert_allclose(worn.mean_ratio("mu", "turned", "plain"), 1.0, atol=0.1)
 
 
 def test_tops_of_long_waves_are_flattened_alone():

@@ -13,7 +13,7 @@ import pytest
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
 from flashtemp.comparison.synthetic_campaign import SyntheticPlan, make_synthetic_campaign
-from flashtemp.discovery import engine
+from flashtemp.discovery import assessment
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.diagnostics.effect_size import change_per_unit
 from flashtemp.discovery.diagnostics.input_checks import InputVerdict, check_inputs, group_inputs
@@ -228,8 +228,8 @@ def columns(made):
     problem = made.prepare()
     asked = DerivativeRequest(inputs=tuple(ParameterId.of_input(key) for key in COMPARED))
     [task] = problem.make_tasks(problem.stated_model, asked)
-    task = replace(task, pins=task.mesh_overrides | {"numerics.mesh": 0.4})
-    fine = replace(task, pins=task.mesh_overrides | {"numerics.rtol": 1e-6}, derivatives=DerivativeRequest())
+    task = replace(task, mesh_overrides=task.mesh_overrides | {"numerics.mesh": 0.4})
+    fine = replace(task, mesh_overrides=task.mesh_overrides | {"numerics.rtol": 1e-6}, derivatives=DerivativeRequest())
     return SimpleNamespace(seen=predict_condition(task), fine=fine, still=predict_condition(fine))
 
 
@@ -336,13 +336,13 @@ def test_inputs_that_data_contradict_are_asked_again_on_the_mesh_of_the_data(mon
     def question(search, final, inputs, predictions):
         shown.append(predictions[0].observables["a"].columns)
         checks = tuple(SimpleNamespace(input=key, is_contradicted=key in contradicted) for key in inputs)
-        return engine.InputAssessment(checks, (), None)
+        return assessment.InputAssessment(checks, (), None)
 
-    for name, answer in (("stated_inputs", lambda problem: tuple(keys)), ("add_input_columns", add)):
-        monkeypatch.setattr(engine, name, answer)
-    monkeypatch.setattr(engine, "_questioned", question)
+    for name, answer in (("list_stated_inputs", lambda problem: tuple(keys)), ("add_input_columns", add)):
+        monkeypatch.setattr(assessment, name, answer)
+    monkeypatch.setattr(assessment, "_assess_inputs", question)
     final = SimpleNamespace(model=None, predictions=())
-    engine.question_inputs(SimpleNamespace(problem=None), final, lambda text: None)
+    assessment.question_inputs(SimpleNamespace(problem=None), final, lambda text: None)
     assert asked == list(zip((tuple(keys), contradicted), meshes, strict=False))
     assert shown[0][height].tolist() == shown[-1][mu].tolist() == [1.0, 1.0]
     assert shown[-1][height].tolist() == ([0.0, 0.0] if contradicted else [1.0, 1.0])
@@ -383,8 +383,8 @@ def test_one_error_of_the_set_up_is_preferred_to_two_that_do_the_same():
 def test_alternatives_of_a_set_up_error_are_the_best_and_the_fewest(monkeypatch):
     from flashtemp.discovery.diagnostics import setup_errors
 
-    monkeypatch.setattr(setup_errors, "_called", lambda problem, known, p, value: (p.name, p.name))
-    monkeypatch.setattr(setup_errors, "MAX_ALTERNATIVES", 1)
+    monkeypatch.setattr(setup_errors, "_name_and_words", lambda problem, known, p, value: (p.name, p.name))
+    monkeypatch.setattr(setup_errors, "MAX_LISTED_ALTERNATIVES", 1)
     others = [(0, 3), (0,), (3,), (2,)]  # the best first; the last has nothing in place of it
     found = setup_errors._list_alternatives(None, {}, _reduced_set(), (2,), others)
     assert found == (("key.0", "key.0"),)

@@ -92,7 +92,7 @@ def test_an_interrupted_sweep_goes_on(case, tmp_path, monkeypatch):
         carried(case, out, *AXES, workers=1, watch=stop)
     assert not out.exists()
     whole = sweep.compute_point
-    monkeypatch.setattr(sweep, "point", lambda c: (marched.append(c), whole(c))[1])
+    monkeypatch.setattr(sweep, "compute_point", lambda c: (marched.append(c), whole(c))[1])
     found, failed = carried(case, out, *AXES, workers=1)
     assert len(marched) == 4
     assert failed == {}
@@ -154,7 +154,7 @@ def test_another_sweep_does_not_touch_what_is_there(case, tmp_path, capsys):
         carried(case, out, *AXES, workers=1, watch=stop)
     before = sorted(tmp_path.rglob("*"))
     assert main(["sweep", str(case), "friction.mu=0.5,0.6", "--out", str(out)]) == 2
-    assert "holds an interrupted sweep; go on with 'the same command'" in capsys.readouterr().err
+    assert "holds an interrupted sweep; continue with 'the same command'" in capsys.readouterr().err
     assert main(["run", str(case), "--out", str(out)]) == 2
     assert "holds an interrupted sweep" in capsys.readouterr().err
     assert sorted(tmp_path.rglob("*")) == before
@@ -236,7 +236,7 @@ def test_ctrl_c_leaves_points_to_go_on_from(case, tmp_path):
         assert process.wait(60) == 130
         said = process.stderr.read().strip()
     assert said.startswith("interrupted; ")
-    assert said.endswith("go on with: the same command")
+    assert said.endswith("continue with: the same command")
     assert not out.exists()
     before = len(list(points.glob("*.npz")))
     assert 0 < before < 60

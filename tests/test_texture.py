@@ -233,7 +233,7 @@ def test_the_numbers_of_a_law_carry_their_units():
 def test_no_file_is_overwritten(taken, tmp_path, capsys, monkeypatch):
     """Told before anything is read or computed."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(measured_roughness, "without_spikes", lambda heights: pytest.fail("computed"))
+    monkeypatch.setattr(measured_roughness, "remove_spikes", lambda heights: pytest.fail("computed"))
     np.save("road.npy", np.zeros((32, 32)))
     Path(taken).write_text("mine")
     assert main(["spectrum", "road.npy", "--pixel", "1e-4", "--out", "a.csv"]) == 2

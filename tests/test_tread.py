@@ -233,7 +233,7 @@ CHATTERS = ["persson_friction.shear_stress=4e6", "ambient.temperature=5", "tread
 @pytest.mark.long
 def test_stick_slip_is_told_and_both_theories_take_the_same_steps(tmp_path, capsys, monkeypatch):
     """Shear stress falls with speed at 5 degC; at 1 % slip the block hardly slides."""
-    monkeypatch.setattr(tread_block, "MOST", 400)  # 800 are taken without
+    monkeypatch.setattr(tread_block, "MAX_KERNEL_STEPS", 400)  # 800 are taken without
     out = tmp_path / "found"
     assert main(["tread", str(CASE), *CHATTERS, "--out", str(out)]) == 0
     said, told = capsys.readouterr().out, json.loads((out / "tread.json").read_text())
@@ -253,7 +253,7 @@ def test_stick_slip_is_told_and_both_theories_take_the_same_steps(tmp_path, caps
 
 @pytest.mark.long
 def test_too_few_steps_for_stick_slip_are_told(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(tread_block, "MOST", 200)
+    monkeypatch.setattr(tread_block, "MAX_KERNEL_STEPS", 200)
     out = tmp_path / "found"
     assert main(["tread", str(CASE), *CHATTERS, "--out", str(out)]) == 0
     moved = json.loads((out / "tread.json").read_text())["moved_by_twice_the_steps"]
@@ -283,7 +283,7 @@ def test_a_block_that_only_sticks_is_drawn(tmp_path, capsys, given):
 
 @pytest.mark.parametrize("command", ["tread", "tyre"])
 def test_a_folder_that_exists_is_refused_before_anything_is_computed(tmp_path, capsys, monkeypatch, command):
-    monkeypatch.setattr(cold_hot_law, "law", lambda *a: pytest.fail("computed"))
+    monkeypatch.setattr(cold_hot_law, "derive_law", lambda *a: pytest.fail("computed"))
     (tmp_path / "mine").write_text("kept")
     assert main([command, str(CASE), "--out", str(tmp_path)]) == 2
     assert "exists; choose another folder" in capsys.readouterr().err
@@ -295,7 +295,7 @@ def stop(*args):
 
 
 def test_an_interrupt_is_told_and_leaves_nothing(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(cold_hot_law, "law", stop)
+    monkeypatch.setattr(cold_hot_law, "derive_law", stop)
     assert main(["tread", str(CASE), "--out", str(tmp_path / "found")]) == 130
     assert capsys.readouterr().err == "interrupted\n"
     assert list(tmp_path.iterdir()) == []
@@ -354,5 +354,5 @@ def test_only_cases_that_name_them_have_these_tables():
     plain = load_case(CASE.parent / "uniform_pressure")
     assert {"tread", "tyre"} & set(plain.values) == set()
     assert load_case(CASE)["tread.slip"][0] == 0.005
-    with pytest.raises(BadInput, match="tread.mass. is no number of the physics"):
+    with pytest.raises(BadInput, match="tread.mass. is not a physical parameter"):
         load_case(CASE, {"free": ["tread.mass"]})

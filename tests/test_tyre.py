@@ -144,11 +144,11 @@ def test_brush_maxima_of_set_a(corner, D, k, maxima):
 def test_controls_do_not_fall(corner):
     """C28 (c): cold .651 -> .665 rises, in the reference."""
     found = corner(20.0, 0.01)
-    assert all(map(found.sound, tyre.TYRE_MODELS))
+    assert all(map(found.has_flat_controls, tyre.TYRE_MODELS))
     for control in tyre.CONTROL_LAWS:
-        assert found._lost("rigid", control) == pytest.approx(0.0, abs=1e-12)
-        assert found._lost("brush", control) < 0
-    assert [corner(80.0, 0.01).sound(model) for model in tyre.TYRE_MODELS] == [None, None]
+        assert found._control_fall("rigid", control) == pytest.approx(0.0, abs=1e-12)
+        assert found._control_fall("brush", control) < 0
+    assert [corner(80.0, 0.01).has_flat_controls(model) for model in tyre.TYRE_MODELS] == [None, None]
     cold = [p.value for p in corner(20.0, 0.01).peaks["brush", "cold"]]
     assert (cold[0], cold[-1]) == pytest.approx((0.651, 0.665), abs=0.003)
 

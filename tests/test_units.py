@@ -69,9 +69,9 @@ def test_a_number_with_its_unit_is_the_number(case, key, text, value):
 @pytest.mark.parametrize(
     ("key", "text", "said"),
     [
-        ("contact.pressure", "3 mm", "'3 mm' is no quantity in Pa"),
+        ("contact.pressure", "3 mm", "'3 mm' is not a quantity in Pa"),
         ("block.length", "3 furlings", "the unit 'furlings' is not known; give a number in m"),
-        ("contact.spot_fraction", "3 Pa", "is no quantity without a unit"),
+        ("contact.spot_fraction", "3 Pa", "is not a quantity without a unit"),
         ("block.length", "30 m", "30.0; give a number >= 0.0001 and <= 1 (m)"),
         ("schedule.repetitions", "3 s", "give a whole number"),
         ("block.material", "3 mm", "no material '3 mm'"),
@@ -111,7 +111,7 @@ def test_a_sweep_has_plain_axes(case):
 
 def test_points_and_templates_take_units(tmp_path):
     assert positions_from_rows([{"x": "10 mm", "z": "2 mm", "lag_s": "500 ms"}]).as_rows()[0]["lag_s"] == 0.5
-    with pytest.raises(BadInput, match="point 1: z: '2 s' is no quantity in m"):
+    with pytest.raises(BadInput, match="point 1: z: '2 s' is not a quantity in m"):
         positions_from_rows([{"z": "2 s"}])
     (tmp_path / "t.toml").write_text(
         'files = ["a.csv"]\nreflected = "293.15 K"\nfps = "30 Hz"\nblock = ["2.5 cm", 7]\n'
@@ -128,7 +128,7 @@ def test_a_file_is_no_quantity(case):
 def test_the_command_line_takes_units(case, capsys):
     assert main(["check", str(case), "contact.pressure=0.3MPa", "block.length=30 mm"]) == 0
     assert main(["check", str(case), "contact.pressure=0.3 m"]) == 2
-    assert "contact.pressure (command line): '0.3 m' is no quantity in Pa" in capsys.readouterr().err
+    assert "contact.pressure (command line): '0.3 m' is not a quantity in Pa" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -149,7 +149,7 @@ def test_options_of_commands_take_units(words, plain):
 
 def test_an_option_in_another_unit_is_told(capsys):
     assert main(["spots", "--synthetic", "--cutoff", "1 s", "--out", "a.npz"]) == 2
-    assert capsys.readouterr().err == "cutoff: '1 s' is no quantity in m; give one that can be turned into it\n"
+    assert capsys.readouterr().err == "cutoff: '1 s' is not a quantity in m; give a unit that converts to it\n"
     assert main(["spots"]) == 2
     assert "See flashtemp spots --help." in capsys.readouterr().err
 

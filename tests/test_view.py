@@ -93,7 +93,7 @@ def test_parts_are_the_field(folders):
         (["--time", "99", "--screenshot", "a.png"], "--time"),
         (["--screenshot", "nowhere/a.png"], "a folder that exists"),
         (["--screenshot", "a.gif"], ".png"),
-        ([], "no screen here"),
+        ([], "no screen is available"),
     ],
 )
 def test_bad_wishes_are_told_in_one_line(folders, more, says, capsys, monkeypatch, tmp_path):

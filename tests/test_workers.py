@@ -282,7 +282,7 @@ def test_a_scheduler_that_is_killed_is_said_in_one_line(tmp_path):
             client.stdout.readline()
             scheduler.kill()
             said = client.communicate(timeout=60)[1].strip()
-    assert said == f"the scheduler at {address} has gone; give the address of one that runs"
+    assert said == f"the scheduler at {address} has stopped; give the address of a running one"
 
 
 @pytest.mark.long

@@ -1,4 +1,4 @@
-"""Measured against computed: compare a campaign, find what the model lacks, plan one, make a synthetic one."""
+"""Campaigns of measurements: compare with the simulation, discover missing effects, plan, make synthetic data."""
 
 from __future__ import annotations
 
@@ -28,22 +28,22 @@ from flashtemp.runs.results.worker_pool import open_worker_pool
 def open_campaign(
     campaign: str | Path, planned: bool = False, *, trust: bool = False, limit: float | None = None
 ) -> Campaign:
-    """Read a campaign: a folder with a campaign.toml, or a .toml file, and everything that it names.
+    """Read a campaign, from a folder with a campaign.toml or from a .toml file, with its case and recordings.
 
-    With `planned` a recording may give a view instead of a file, as before measuring; `trust` lets effect files of its
-    case run whose ever they are; `limit`: GB of memory that reading one recording may take, 1 when not given.
-    Raises BadInput.
+    With `planned` a recording may give a view instead of a file, as before measuring.  `trust` runs effect files of
+    the case even if another user may have written them.  `limit` is the memory in GB for reading one recording, 1 when
+    not given.  Raises BadInput.
     """
     return reading.load(campaign, planned, trust, limit)
 
 
 def resolve_campaign(campaign: str | Path | Campaign, planned: bool = False) -> Campaign:
-    """A campaign from its path, or one that is open.  Raises BadInput."""
+    """The campaign itself, or the one read from a path.  Raises BadInput."""
     return campaign if isinstance(campaign, Campaign) else open_campaign(campaign, planned)
 
 
 def compare(campaign: str | Path | Campaign, *, out: str | Path | None = None, say: Say = ignore_message) -> Comparison:
-    """Simulate what the cameras of a campaign saw and subtract.
+    """Simulate every recording of a campaign and compute the residuals, measured minus simulated.
 
     `out`: folder for compare.json and report.html.  Raises BadInput, SolverFailure.
     """
@@ -68,9 +68,10 @@ def discover(
     scheduler: str | None = None,
     say: Say = ignore_message,
 ) -> Verdict:
-    """Find what the simulation of a campaign gets wrong, name the cause, extend the model and measure the gain.
+    """Find which effect the model of a campaign lacks, extend the model by it and measure the improvement.
 
-    `out`: folder for verdict.json, report.html, pictures and the extended case.  Raises BadInput, SolverFailure.
+    `out`: folder for verdict.json, report.html, pictures and the extended case.  `workers`: number of processes, one
+    per core when not given; `scheduler`: address of a Dask scheduler to use instead.  Raises BadInput, SolverFailure.
     """
     loaded = resolve_campaign(campaign)
     with optional_folder(out) as work:
@@ -96,38 +97,39 @@ def plan(
     scheduler: str | None = None,
     say: Say = ignore_message,
 ) -> DesignReport:
-    """Before measuring: which effects the views and conditions of a campaign can tell apart, and what to add.
+    """Before measuring, find which effects a campaign can distinguish, and which experiment to add.
 
-    `out`: folder for plan.json and the picture of the separability matrix.  Raises BadInput, SolverFailure.
+    `out`: folder for plan.json and the picture of the separability matrix; `workers` and `scheduler` as in `discover`.
+    Raises BadInput, SolverFailure.
     """
     loaded = resolve_campaign(campaign, planned=True)
     with optional_folder(out) as work:
         with open_worker_pool(predict_condition, workers, scheduler) as run:
-            outlook = experiment_design.assess_design(prepare_problem(loaded, run), say)
+            design = experiment_design.assess_design(prepare_problem(loaded, run), say)
         if work is not None:
-            write_json(outlook.as_dict(), work / "plan.json")
-            with report_drawing_faults(outlook, out or work, "separability.png", RERUN_ELSEWHERE_HINT):
+            write_json(design.as_dict(), work / "plan.json")
+            with report_drawing_faults(design, out or work, "separability.png", RERUN_ELSEWHERE_HINT):
                 from flashtemp.viz import theme
                 from flashtemp.viz.verdict import separability as picture
 
-                theme.save_figure(picture.draw(outlook), work / "separability.png")
-    return outlook
+                theme.save_figure(picture.draw(design), work / "separability.png")
+    return design
 
 
 @dataclass(frozen=True, repr=False)
 class SyntheticCampaign(DisplayMixin):
-    """A synthetic campaign in a folder; what was hidden lies sealed there."""
+    """A synthetic campaign in a folder, which also contains the hidden truth in a sealed file."""
 
     folder: Path
     seed: int
     conditions: int
 
     def as_dict(self) -> dict[str, Any]:
-        """For --json."""
+        """Folder, seed and number of conditions as plain data."""
         return {"out": str(self.folder), "seed": self.seed, "conditions": self.conditions}
 
     def campaign(self) -> Campaign:
-        """The campaign, as a laboratory would hand it over."""
+        """The campaign, opened like a measured one."""
         return open_campaign(self.folder)
 
     def __str__(self) -> str:
@@ -148,15 +150,15 @@ def twin(
     camera: str = "ideal",
     say: Say = ignore_message,
 ) -> SyntheticCampaign:
-    """A synthetic campaign in the new folder `out`, with effects that are hidden from the case that is believed.
+    """Make a synthetic campaign in the new folder `out`, with effects that its case does not contain.
 
-    `hide` names of effects, `views` some of sidewall, wake, profile and points, `points` tables of x, z (m), lag_s and
-    place_sigma_m of thermocouples, `nuisance` scales all that is drawn within what a laboratory knows.  The
-    `camera` is ideal, or it has errors of uncooled or cooled cameras.  Raises BadInput, SolverFailure.
+    `hide`: names of these effects; `views`: some of sidewall, wake, profile and points; `points`: tables of x, z (m),
+    lag_s and place_sigma_m of thermocouples.  `nuisance` scales all random measurement errors, 0 leaves noise only.
+    `camera`: "ideal", or with the errors of an "uncooled" or "cooled" camera.  Raises BadInput, SolverFailure.
     """
-    asked = twins.SyntheticPlan(
+    synthetic_plan = twins.SyntheticPlan(
         tuple(hide), seed, conditions, tuple(views), nuisance=nuisance, points=tuple(points), camera=camera
     )
     return SyntheticCampaign(
-        twins.make_synthetic_campaign(resolve_case(case, overrides), asked, Path(out), say), seed, conditions
+        twins.make_synthetic_campaign(resolve_case(case, overrides), synthetic_plan, Path(out), say), seed, conditions
     )

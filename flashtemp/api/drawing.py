@@ -1,4 +1,4 @@
-"""Pictures again from a result that is finished."""
+"""Draw the pictures of a finished run or sweep again."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from flashtemp.runs.results import vtk
 from flashtemp.solver.run import Run
 
 PICTURE_FORMATS = ("png", "svg", "pdf")
-NO_FIELDS_REASON = "no fields are kept, as output.vtk = false says"
+NO_FIELDS_REASON = "the run kept no fields, because output.vtk = false"
 
 
 @dataclass(frozen=True, repr=False)
 class PlotResult(DisplayMixin):
-    """What `draw` has drawn: `files` in the result's `folder`."""
+    """The result of `draw`: the `files` drawn in the result `folder`."""
 
     folder: Path
     files: tuple[Path, ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """For --json."""
+        """Folder and file names as plain data."""
         return {"out": str(self.folder), "files": [str(f.relative_to(self.folder)) for f in self.files]}
 
     def __str__(self) -> str:
@@ -45,28 +45,28 @@ def draw(
     trust: bool = False,
     say: Say = ignore_message,
 ) -> PlotResult:
-    """The pictures of a finished run or sweep again, into its folder, as png, svg or pdf (several: "png,svg").
+    """Draw the pictures of a finished run or sweep again into its folder, as png, svg or pdf (several: "png,svg").
 
-    `pvd` adds a series for older ParaView; `trust` as in `load`.  Raises BadInput, Incomplete where a picture
-    cannot be drawn.
+    `pvd` adds a series for older ParaView; `trust` as in `load`.  Raises BadInput, and IncompleteResult where a
+    picture cannot be drawn.
     """
-    place, kinds = Path(folder), _parse_formats(format)
-    if (place / "sweep.nc").is_file():
-        made, missing = _draw_sweep(place, kinds)
+    path, kinds = Path(folder), _parse_formats(format)
+    if (path / "sweep.nc").is_file():
+        made, missing = _draw_sweep(path, kinds)
     else:
-        case, run = open_run(place, trust)
-        made, missing = _draw_run(run, place, kinds, case["output.animation"], pvd, say)
-    drawn = PlotResult(place, tuple(made))
+        case, run = open_run(path, trust)
+        made, missing = _draw_run(run, path, kinds, case["output.animation"], pvd, say)
+    result = PlotResult(path, tuple(made))
     if missing:
-        raise IncompleteResult(describe_missing_files(place, missing), drawn)
-    return drawn
+        raise IncompleteResult(describe_missing_files(path, missing), result)
+    return result
 
 
-def _parse_formats(given: str | Sequence[str]) -> list[str]:
-    kinds = [k.strip().lower() for k in (given.split(",") if isinstance(given, str) else given)]
+def _parse_formats(format: str | Sequence[str]) -> list[str]:
+    kinds = [k.strip().lower() for k in (format.split(",") if isinstance(format, str) else format)]
     for kind in kinds or [""]:
         if kind not in PICTURE_FORMATS:
-            raise BadInput(f"--format: {kind!r}; give some of {', '.join(PICTURE_FORMATS)}")
+            raise BadInput(f"--format: {kind!r}; give one or more of {', '.join(PICTURE_FORMATS)}")
     return kinds
 
 
@@ -82,7 +82,7 @@ def _draw_run(
 
 
 def _write_pvd(run: Run, folder: Path) -> Path:
-    """The series for older ParaView, whole or not at all."""
+    """Write the .pvd series for older ParaView; a failure leaves no folder behind."""
     target = folder / "pvd"
     if os.path.lexists(target):
         raise BadInput(f"--pvd: {target} exists; remove it to write it again")

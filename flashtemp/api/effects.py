@@ -1,4 +1,4 @@
-"""The catalogue of effects, and whether an effect of one's own is sound."""
+"""The catalogue of effects, and a check of a user-defined effect."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class EffectCatalogue(DisplayMixin):
-    """Effects with their cause in words, parameters, units and bounds; `full` tells source and signs too."""
+    """Effects with cause, parameters, units and bounds; `full` adds the source and the signature of each."""
 
     entries: tuple[dict[str, Any], ...]
     full: bool = False
@@ -31,7 +31,7 @@ class EffectCatalogue(DisplayMixin):
             lines.append(f"{e['name']}{' (always acts)' if e['always'] else ''}: {e['cause']}")
             lines += [f"    {format_parameter(p)}" for p in e["parameters"]]
             if self.full:
-                lines.append(f"    source: {e['source']}\n    tells: {'; '.join(e['tells'])}")
+                lines.append(f"    source: {e['source']}\n    signature: {'; '.join(e['tells'])}")
         return "\n".join(lines)
 
     def to_table(self) -> DisplayTable:
@@ -40,21 +40,21 @@ class EffectCatalogue(DisplayMixin):
         for e in self.entries:
             rows = [tuple(p[k] for k in ("key", "default", "unit", "about", "low", "high", "off"))
                     for p in e["parameters"]]  # fmt: skip
-            told = [f"source: {e['source']}", f"tells: {'; '.join(e['tells'])}"]
-            parts.append(DisplayTable(f"{e['name']}: {e['cause']}", rows, head, told))
+            notes = [f"source: {e['source']}", f"signature: {'; '.join(e['tells'])}"]
+            parts.append(DisplayTable(f"{e['name']}: {e['cause']}", rows, head, notes))
         return parts[0] if self.full else DisplayTable(f"Catalogue of {len(parts)} effects", parts=parts)
 
 
 @dataclass(frozen=True, repr=False)
 class EffectCheckReport(DisplayMixin):
-    """What was found in an effect: `findings`, each with a name, whether all is well, and a sentence."""
+    """Results of the checks of an effect: `findings`, each with a name, a pass flag and a sentence."""
 
     name: str
     findings: tuple[Finding, ...]
 
     @property
     def ok(self) -> bool:
-        """Whether the effect keeps all that the catalogue keeps."""
+        """Whether the effect passes every check that the catalogue passes."""
         return all(f.ok for f in self.findings)
 
     def as_dict(self) -> dict[str, Any]:
@@ -72,12 +72,12 @@ class EffectCheckReport(DisplayMixin):
 
     def _closing_line(self) -> str:
         failed = sum(not f.ok for f in self.findings)
-        mend = f"{failed} of {len(self.findings)} fail; what is not listed waits until they are mended"
-        return mend if failed else "all holds"
+        text = f"{failed} of {len(self.findings)} checks fail; the remaining checks run once these pass"
+        return text if failed else "all checks pass"
 
 
 def effects(name: str | None = None) -> EffectCatalogue:
-    """The catalogue: every effect with its cause in words, parameters, units and source, or one of them.
+    """The catalogue of effects with cause, parameters, units and source, or one effect.
 
     `name` may be a Python file with an effect, which is executed.  Raises BadInput for an unknown name.
     """
@@ -86,10 +86,10 @@ def effects(name: str | None = None) -> EffectCatalogue:
 
 
 def check_effect(name: str | Path, overrides: Mapping[str, Any] | Iterable[str] | None = None) -> EffectCheckReport:
-    """Hold an effect to all that the catalogue is held to: a name, or a Python file, which is executed.
+    """Run every check of the catalogue on one effect, given by name or as a Python file, which is executed.
 
-    `overrides` {"table.key": value} are keys of the small case in which it is tried.  Raises BadInput where there
-    is no such effect or file, and for values that it cannot have.
+    `overrides` {"table.key": value} change the small case in which the effect is checked.  Raises BadInput for an
+    unknown effect or file, and for invalid values.
     """
     from flashtemp.runs.checks.effect_check.findings import Finding
     from flashtemp.runs.checks.effect_check.fixtures import EffectUnderTest, SceneCache
@@ -112,7 +112,7 @@ def _is_file(name: str) -> bool:
 
 
 def _find_effect(name: str) -> tuple[str, type[Effect]]:
-    """Name and class of an effect: of the catalogue, of an installed package, or of a file.  Raises BadInput."""
+    """Name and class of an effect from the catalogue, an installed package or a file.  Raises BadInput."""
     if _is_file(name):
         return Path(name).stem, read_effect(Path(name))
     return name, find_installed_effects().get(name) or find_effect(name)
@@ -139,7 +139,7 @@ def describe_effect(name: str, effect: type[Effect]) -> dict[str, Any]:
 
 
 def format_parameter(p: dict[str, Any]) -> str:
-    """One parameter in words."""
+    """One parameter as a line of text: key, default, unit, meaning, bounds and neutral value."""
     limits = f" [{p['low']:g}, {p['high']:g}]" if p["low"] > -math.inf or p["high"] < math.inf else ""
     off = "" if p["off"] is None else f", off = {p['off']:g}"
     unit = "" if p["unit"] == "1" else f" {p['unit']}"

@@ -1,4 +1,4 @@
-"""Friction from spectrum and master curve: over speed, over load, in a tread block, under a tyre; and roads for it."""
+"""Friction theory from power spectrum and master curve: speed, load, tread block, tyre; and road surfaces."""
 
 from __future__ import annotations
 
@@ -32,9 +32,10 @@ def friction(
     fastest: float = 10.0,
     out: str | Path | None = None,
 ) -> FrictionStudy:
-    """Friction over speed (m/s) and temperature from a master curve and a power spectrum.
+    """Compute friction over speed and temperature from a master curve and a power spectrum (Persson's theory).
 
-    `out`: folder for the case, curves, numbers and a picture.  Raises BadInput, SolverFailure.
+    `slowest`, `fastest`: range of sliding speed, m/s.  `out`: folder for the case, curves, numbers and a picture.
+    Raises BadInput, SolverFailure.
     """
     friction_study.refuse_speeds(slowest, fastest)
     loaded = resolve_case(case, overrides)
@@ -53,7 +54,7 @@ def friction(
 def compute_contact_area(
     case: str | Path | Case, overrides: Overrides | None = None, *, out: str | Path | None = None
 ) -> AreaStudy:
-    """The area in contact over nominal pressure on a road: elastic A(p/E), its linear law, where it saturates.
+    """Compute the contact area over nominal pressure on a road: elastic A(p/E), its linear law, and saturation.
 
     `out`: folder for the case, curve, numbers and a picture.  Raises BadInput.
     """
@@ -79,10 +80,11 @@ def loads(
     workers: int | None = None,
     watch: Count = ignore_progress,
 ) -> LoadDependence:
-    """Which process makes friction depend on the load: saturation, softening, skewness, adhesion or heating.
+    """Find which process makes friction depend on load: saturation, softening, skewness, adhesion or heating.
 
-    Nominal `pressures` in Pa and `speeds` in m/s, both rising.  `skewness_cutoff`: shortest wave (m) that skewness
-    flattens, 0 all waves; the case's own if not given.  `out`: folder for the case, curves, numbers and a picture.
+    `pressures` (nominal, Pa) and `speeds` (m/s) are in ascending order.  `skewness_cutoff`: shortest wavelength (m)
+    that skewness flattens, 0 for all wavelengths, the value of the case when not given.  `out`: folder for the case,
+    curves, numbers and a picture.  `watch(done, total)` is called with the progress.
     Raises BadInput, SolverFailure.
     """
     loaded = resolve_case(case, overrides)
@@ -92,10 +94,8 @@ def loads(
     load_dependence.refuse_values("--speeds", speeds, 1)
     with optional_folder(out) as work:
         found = load_dependence.attribute_load_dependence(loaded, pressures, speeds, workers, watch)
-        turns = [
-            s for s in friction_trends.find_trends(loaded, priors.find_uncertain_inputs(loaded)[0]) if s.over in "Tp"
-        ]
-        found = replace(found, signs=tuple(turns))
+        trends = friction_trends.find_trends(loaded, priors.find_uncertain_inputs(loaded)[0])
+        found = replace(found, signs=tuple(trend for trend in trends if trend.over in "Tp"))
         if work is not None:
             (work / "case.toml").write_text(loaded.toml(loaded.copy_files(work)), encoding="utf-8")
             write_json(found.as_dict(), work / "loads.json")
@@ -115,21 +115,22 @@ def tread(
     out: str | Path | None = None,
     watch: Count = ignore_progress,
 ) -> TreadPassage:
-    """One tread block through its footprint: friction on its way from the cold to the hot branch, at several slips.
+    """Compute the friction of one tread block along its footprint, from the cold to the hot branch, at several slips.
 
-    `out`: folder for the case, paths, numbers and a picture.  Raises BadInput, SolverFailure.
+    `out`: folder for the case, friction paths, numbers and a picture.  `watch(done, total)` is called with the
+    progress.  Raises BadInput, SolverFailure.
     """
-    asked = rolling.TreadPassageInput.from_case(resolve_case(case, overrides))
+    passage = rolling.TreadPassageInput.from_case(resolve_case(case, overrides))
     with optional_folder(out) as work:
-        answer = asked.pass_footprint(watch)
+        result = passage.pass_footprint(watch)
         if work is not None and out is not None:
-            answer.save(work, Path(out))
-            with report_drawing_faults(answer, out or work, "tread.png", RERUN_ELSEWHERE_HINT):
+            result.save(work, Path(out))
+            with report_drawing_faults(result, out or work, "tread.png", RERUN_ELSEWHERE_HINT):
                 from flashtemp.viz import theme
                 from flashtemp.viz.theory import tread as picture
 
-                theme.save_figure(picture.draw(answer.result, asked.setup.case.title), work / "tread.png")
-    return answer
+                theme.save_figure(picture.draw(result.result, passage.setup.case.title), work / "tread.png")
+    return result
 
 
 def tyre(
@@ -139,21 +140,22 @@ def tyre(
     out: str | Path | None = None,
     watch: Count = ignore_progress,
 ) -> TyreForces:
-    """Side force of a tyre over slip angle at several loads, with the cold-hot law and with its controls.
+    """Compute the side force of a tyre over slip angle at several loads, with the cold-hot law and its controls.
 
-    `out`: folder for the case, curves, numbers and a picture.  Raises BadInput, SolverFailure.
+    `out`: folder for the case, curves, numbers and a picture.  `watch(done, total)` is called with the progress.
+    Raises BadInput, SolverFailure.
     """
-    asked = rolling.TyreForcesInput.from_case(resolve_case(case, overrides))
+    forces = rolling.TyreForcesInput.from_case(resolve_case(case, overrides))
     with optional_folder(out) as work:
-        answer = asked.compute_side_forces(watch)
+        result = forces.compute_side_forces(watch)
         if work is not None and out is not None:
-            answer.save(work, Path(out))
-            with report_drawing_faults(answer, out or work, "tyre.png", RERUN_ELSEWHERE_HINT):
+            result.save(work, Path(out))
+            with report_drawing_faults(result, out or work, "tyre.png", RERUN_ELSEWHERE_HINT):
                 from flashtemp.viz import theme
                 from flashtemp.viz.theory import tyre as picture
 
-                theme.save_figure(picture.draw(answer.result, asked.setup.case.title), work / "tyre.png")
-    return answer
+                theme.save_figure(picture.draw(result.result, forces.setup.case.title), work / "tyre.png")
+    return result
 
 
 def spots(
@@ -171,12 +173,12 @@ def spots(
     seed: int = 1,
     out: str | Path | None = None,
 ) -> SolvedContactMap:
-    """Which macroasperity regions of a road touch under a nominal `pressure`: a contact map.
+    """Compute which macroasperity regions of a road touch under a nominal `pressure` (Pa): a contact map.
 
-    `cutoff` (m) is the shortest wavelength that counts, `modulus` E/(1 - nu^2) of the rubber, Pa.  `file` holds
-    heights, with `length` and `width` (m) where it does not state them; without one a self-affine road is made of
-    `pixel`, Hurst exponent, `rms` height, wavelength of `rolloff` (m) and `seed`.
-    `out`: a .npz for resolved_spots.contact_map.  Raises BadInput.
+    `cutoff`: shortest wavelength included, m; `modulus`: E/(1 - nu^2) of the rubber, Pa.  `file` contains heights,
+    with `length` and `width` (m) where it does not state them.  Without a file, a self-affine road is generated from
+    `pixel` (m), `hurst` exponent, `rms` height (m), `rolloff` wavelength (m) and `seed`.
+    `out`: a .npz file for resolved_spots.contact_map.  Raises BadInput.
     """
     if out is not None:
         _check_file_path(Path(out), ".npz")
@@ -197,10 +199,11 @@ def spectrum(
     pixel: float | None = None,
     out: str | Path | None = None,
 ) -> RoadSpectrum:
-    """The power spectrum C(q) of a measured road: a height map, or a line where `profile` is set or the file says so.
+    """Compute the power spectrum C(q), m^4, of a measured road from a height map or a line profile.
 
-    `highpass`: longest wavelength that counts, m; `pixel`: distance of bare heights, m.  `out`: a .csv for
-    persson_friction.spectrum, with a picture beside it.  Raises BadInput.
+    `profile`: the file is a line profile; not needed where its header states so.  `highpass`: longest wavelength
+    included, m.  `pixel`: spacing of the heights (m) of a file without coordinates.  `out`: a .csv file for
+    persson_friction.spectrum; a picture is written next to it.  Raises BadInput.
     """
     if out is not None:
         _check_file_path(Path(out), ".csv")
@@ -220,6 +223,6 @@ def spectrum(
 
 
 def _check_file_path(out: Path, suffix: str) -> None:
-    """BadInput where a file cannot go."""
+    """Raise BadInput where a file with this suffix cannot be written."""
     if out.suffix != suffix or not out.absolute().parent.is_dir():
         raise BadInput(f"--out: {out}; give a {suffix} file in a folder that exists")

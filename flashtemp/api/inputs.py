@@ -1,4 +1,4 @@
-"""What every public call accepts: a path or what was loaded from it, and listeners."""
+"""Arguments that all public functions accept: cases or their paths, and progress callbacks."""
 
 from __future__ import annotations
 
@@ -12,46 +12,46 @@ from flashtemp.model.case import Case
 from flashtemp.model.case_file import KeyLocations, parse_toml
 
 Overrides = Mapping[str, Any]
-Say = Callable[[str], Any]  # told in words what is being done
-Count = Callable[[float, float], Any]  # told (done, total)
+Say = Callable[[str], Any]  # called with progress messages
+Count = Callable[[float, float], Any]  # called with (done, total)
 
 
 def ignore_message(text: str) -> None:
-    """Says nothing."""
+    """The default of `say`: does nothing."""
 
 
 def ignore_progress(done: float, total: float) -> None:
-    """Counts nothing."""
+    """The default of `watch`: does nothing."""
 
 
 def load(case: str | Path, overrides: Overrides | Iterable[str] | None = None, *, trust: bool = False) -> Case:
-    """Read a case: a folder with a case.toml, or a .toml file; `overrides` {"table.key": value}.
+    """Read a case from a folder with a case.toml or from a .toml file; `overrides` {"table.key": value} change it.
 
-    `trust` lets effect files of the case run whose ever they are.  Raises BadInput with all faults at once, one line
-    each.
+    `trust` runs effect files of the case even if another user may have written them.  Raises BadInput with all errors
+    at once, one line each.
     """
     return cases.load_case(case, overrides, trust=trust)
 
 
 def parse_case(text: str, file: Path) -> Case:
-    """The case that a text means as the content of `file`, which need not exist.  Raises BadInput with all faults."""
+    """The case that `text` describes as the content of `file`, which need not exist.  Raises BadInput."""
     try:
         raw = parse_toml(text)
     except (ValueError, RecursionError) as fault:
-        raise BadInput(f"{file}: not valid TOML: {str(fault).split(chr(10))[0]}; repair that place") from fault
+        raise BadInput(f"{file}: not valid TOML: {str(fault).split(chr(10))[0]}; repair that line") from fault
     name = file.parent.name if file.name == "case.toml" else file.stem
     return cases.assemble_case(raw, {}, KeyLocations(str(file), text), file.parent, name)
 
 
 def resolve_case(case: str | Path | Case, overrides: Overrides | None = None) -> Case:
-    """A case from its path, or one that is loaded, with overrides.  Raises BadInput."""
+    """The case itself, or the one read from a path, with overrides.  Raises BadInput."""
     if not isinstance(case, Case):
         return load(case, overrides)
     return case.with_values(overrides) if overrides else case
 
 
 def parse_points(text: str) -> list[dict[str, Any]]:
-    """Places of thermocouples as typed, `x=0.01,z=0.002;z=0.004`, as tables.  Raises BadInput.
+    """Thermocouple positions from a command line, `x=0.01,z=0.002;z=0.004`, as tables.  Raises BadInput.
 
     >>> parse_points("x=0.01, z=0.002; z=4e-3"), parse_points("")
     ([{'x': 0.01, 'z': 0.002}, {'z': 0.004}], [])
@@ -64,7 +64,7 @@ def parse_points(text: str) -> list[dict[str, Any]]:
             try:
                 row[key] = value if key == "name" else float(value)
             except ValueError:
-                said = "write x=0.01,z=0.002 in m, ; between points"
-                raise BadInput(f"--points: {item.strip()!r}; {said}") from None
+                remedy = "write x=0.01,z=0.002 in m, with ; between points"
+                raise BadInput(f"--points: {item.strip()!r}; {remedy}") from None
         out.append(row)
     return out

@@ -1,4 +1,4 @@
-"""Pictures beside a result that is saved already: a fault among them costs the picture, never the result."""
+"""Errors while drawing: a picture that cannot be drawn never costs the result, which is already saved."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ RERUN_ELSEWHERE_HINT = "the same command into another folder"
 
 @contextmanager
 def report_drawing_faults(result: Any, out: str | Path, what: str, again: str) -> Iterator[None]:
-    """Draw `what` of a result whose numbers are in its folder, `out` at the end; `again` says how to draw it later.
+    """Context for drawing `what` of a result that is already saved in `out`; `again` is the command to draw it later.
 
-    Raises Incomplete with the result where it cannot be drawn, Interrupted after Ctrl-C.
+    Raises IncompleteResult with the result where it cannot be drawn, UserInterrupt after Ctrl-C.
     """
     try:
         yield
@@ -24,5 +24,5 @@ def report_drawing_faults(result: Any, out: str | Path, what: str, again: str) -
         raise UserInterrupt(Path(out), again, f"the result without {what}") from None
     except Exception as fault:
         raise IncompleteResult(
-            f"missing in {out}: {what} ({describe_exception(fault)}); for it: {again}", result
+            f"missing in {out}: {what} ({describe_exception(fault)}); draw again with: {again}", result
         ) from fault

@@ -1,4 +1,4 @@
-"""Simulate a case, with its pictures; look at it in space; check it beforehand."""
+"""Check a case, simulate it with its pictures, and view the temperature field in 3D."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Watch = Callable[[MarchState, float], Any]
 
 
 def check(case: str | Path | Case, overrides: Overrides | None = None) -> Case:
-    """A case with everything that a run needs of it tried: numerics, mesh and effects.  Raises BadInput."""
+    """Check that a case can run: values, numerics, mesh and effects; returns the case.  Raises BadInput."""
     return resolve_case(case, overrides)
 
 
@@ -36,35 +36,38 @@ def simulate(
     watch: Watch | None = None,
     say: Say = ignore_message,
 ) -> Run:
-    """March a case and, with `out`, leave a whole result folder with pictures there.
+    """Integrate the heat balance of a case in time; with `out`, write a result folder with pictures.
 
-    `watch(progress, end)` is told about every step; `pvd` adds a series for older ParaView.  Raises BadInput, also
-    when `out` exists, Interrupted after Ctrl-C with a checkpoint in `out`.partial, SolverFailure.
+    `watch(state, end)` is called at every time step; `pvd` adds a series for older ParaView.  Raises BadInput, also
+    when `out` exists, SolverFailure, and UserInterrupt after Ctrl-C with a checkpoint in `out`.partial.
     """
-    given, folder = resolve_case(case, overrides), None if out is None else Path(out)
-    with _open_painter(watch, say, folder is not None and given["output.pictures"]) as (told, draw):
-        return job.simulate(given, folder, overwrite, pvd, told, say, draw)
+    loaded, folder = resolve_case(case, overrides), None if out is None else Path(out)
+    with _open_painter(watch, say, folder is not None and loaded["output.pictures"]) as (watch_steps, draw):
+        return job.simulate(loaded, folder, overwrite, pvd, watch_steps, say, draw)
 
 
 def resume(
     folder: str | Path, *, pvd: bool = False, watch: Watch | None = None, say: Say = ignore_message, trust: bool = False
 ) -> Run:
-    """Go on with an interrupted run from its checkpoint; `trust` as in `load`.
+    """Continue an interrupted run from its checkpoint; `trust` as in `load`.
 
-    Raises BadInput, Interrupted, SolverFailure.
+    Raises BadInput, UserInterrupt, SolverFailure.
     """
-    with _open_painter(watch, say) as (told, draw):
-        return job.resume(Path(folder), pvd, told, say, draw, trust)
+    with _open_painter(watch, say) as (watch_steps, draw):
+        return job.resume(Path(folder), pvd, watch_steps, say, draw, trust)
 
 
 def find_resumed_folder(folder: str | Path) -> Path:
-    """The result folder that an interrupted run will become.  Raises BadInput where there is none."""
+    """The result folder that an interrupted run will be written to.  Raises BadInput where there is no such run."""
     return job.find_interrupted_run(Path(folder))[1]
 
 
 @contextmanager
 def _open_painter(watch: Watch | None, say: Say, wanted: bool = True) -> Iterator[tuple[Watch, job.DrawPictures]]:
-    """What is told of the march, and what draws the pictures after it, by two processes where the march takes time."""
+    """Yield the hook for time steps and the function that draws the pictures at the end.
+
+    For a long run the painter starts its drawing processes during the time integration.
+    """
     from flashtemp.viz.drawing_process import PictureDrawer
 
     with PictureDrawer(wanted) as painter:
@@ -83,14 +86,14 @@ def open_fields(folder: str | Path) -> RunFields:
 
 @dataclass(frozen=True, repr=False)
 class ViewResult(DisplayMixin):
-    """What `view` has shown: a moment in s, in a `screenshot` or a window, by VTK or without it."""
+    """The result of `view`: the `time` (s), the `screenshot` file if any, and whether VTK drew it."""
 
     screenshot: Path | None
     time: float
     vtk: bool
 
     def as_dict(self) -> dict[str, Any]:
-        """For --json."""
+        """File, time and drawing method as plain data."""
         return {"screenshot": str(self.screenshot), "time": self.time, "vtk": self.vtk}
 
     def __str__(self) -> str:
@@ -104,14 +107,14 @@ def view(
     time: float | None = None,
     say: Say = ignore_message,
 ) -> ViewResult:
-    """Block and road of a result folder in space, in a window or drawn into a .png file.
+    """Show the temperature of block and road of a result folder in 3D, in a window or as a .png file.
 
-    `time` in s, the last kept one when not given.  Raises BadInput.
+    `time` in s, the last saved one when not given.  Raises BadInput.
     """
     fields = folder if isinstance(folder, RunFields) else open_fields(folder)
     t = float(fields.times[-1]) if time is None else time
     if not fields.times[0] <= t <= fields.times[-1]:
-        raise BadInput(f"--time: {t:g} s; give a moment from {fields.times[0]:g} to {fields.times[-1]:g} s")
+        raise BadInput(f"--time: {t:g} s; give a time from {fields.times[0]:g} to {fields.times[-1]:g} s")
     if screenshot is None:
         return _show_window(fields, t)
     file = Path(screenshot)
@@ -124,7 +127,7 @@ def _show_window(fields: RunFields, t: float) -> ViewResult:
     from flashtemp.viz.run import vtk_window
 
     if not vtk_window.has_screen():
-        raise BadInput("view: there is no screen here; draw into a file with --screenshot FILE.png")
+        raise BadInput("view: no screen is available; draw into a file with --screenshot FILE.png")
     from flashtemp.viz.run import view_3d
 
     view_3d.open_window(fields, t)
@@ -134,14 +137,14 @@ def _show_window(fields: RunFields, t: float) -> ViewResult:
 def _save_screenshot(fields: RunFields, t: float, file: Path, say: Say) -> ViewResult:
     from flashtemp.viz.run import vtk_window
 
-    able = vtk_window.prepare_off_screen()
+    has_vtk = vtk_window.prepare_off_screen()
     from flashtemp.viz.run import view_3d
 
-    if able:
+    if has_vtk:
         view_3d.save_screenshot(fields, t, file)
     else:
         from flashtemp.viz import theme
 
-        say(f"drawn without VTK, which finds no window here: install {vtk_window.MISSING_LIBRARIES}")
+        say(f"drawn without VTK, which cannot open a window here; install {vtk_window.MISSING_LIBRARIES}")
         theme.save_figure(view_3d.draw_without_vtk(fields, t), file)
-    return ViewResult(file, t, able)
+    return ViewResult(file, t, has_vtk)

@@ -1,4 +1,4 @@
-"""Studies that march a case more than once: sweep, converge, repetitions, wait, sensitivity."""
+"""Studies of a case by several runs: sweep, convergence, running-in, minimum wait, sensitivity."""
 
 from __future__ import annotations
 
@@ -29,16 +29,17 @@ def sweep(
     scheduler: str | None = None,
     watch: Count = ignore_progress,
 ) -> SweepResult:
-    """A case over several values of its keys, every combination: one dataset with the keys as dimensions.
+    """Simulate every combination of several values of a case's keys; one dataset has the keys as dimensions.
 
-    `axes` {"table.key": values}; `out` keeps every point, so that the same call goes on with an interrupted sweep.
-    Raises BadInput, SolverFailure.
+    `axes` {"table.key": values}.  `out` saves every finished point, so that the same call continues an interrupted
+    sweep.  `workers`: number of processes, one per core when not given; `scheduler`: address of a Dask scheduler to use
+    instead.  `watch(done, total)` is called with the progress.  Raises BadInput, SolverFailure.
     """
-    asked = case if isinstance(case, SweepPlan) else sweeps.plan_sweep(case, axes or {}, overrides)
+    sweep_plan = case if isinstance(case, SweepPlan) else sweeps.plan_sweep(case, axes or {}, overrides)
     if out is None:
-        return sweeps.run_sweep(asked, None, workers, scheduler, watch)
-    with sweeps.open_sweep_folder(Path(out), asked) as work:
-        found = sweeps.run_sweep(asked, work, workers, scheduler, watch)
+        return sweeps.run_sweep(sweep_plan, None, workers, scheduler, watch)
+    with sweeps.open_sweep_folder(Path(out), sweep_plan) as work:
+        found = sweeps.run_sweep(sweep_plan, work, workers, scheduler, watch)
         found.save(work)
         with report_drawing_faults(found, out, "sweep.png", f"flashtemp draw {out}"):
             from flashtemp.viz import theme
@@ -49,7 +50,10 @@ def sweep(
 
 
 def converge(case: str | Path | Case, overrides: Overrides | None = None, *, say: Say = ignore_message) -> Convergence:
-    """Observed order of accuracy and error estimate of a case, by refining it.  Raises BadInput, SolverFailure."""
+    """Estimate the order of accuracy and the numerical error of a case from a sequence of refined meshes.
+
+    Raises BadInput, SolverFailure.
+    """
     return convergence.estimate_convergence(resolve_case(case, overrides), say)
 
 
@@ -60,10 +64,11 @@ def repetitions(
     distance: float | None = None,
     of: Literal["friction", "pressure"] = "friction",
 ) -> RunningInResult:
-    """How many repetitions until data are reproducible: relaxation over the distance slid, with its uncertainty.
+    """Estimate how many repetitions pass until data are reproducible, by a relaxation over the distance slid.
 
-    `source`: a result folder, or a CSV file with `distance` m per repetition; `within` is what may remain of the
-    change, as a share of the final value.  Raises BadInput.
+    `source`: a result folder, or a CSV file with `distance` (m) per repetition.  `within`: the change that may
+    remain, as a fraction of the final value.  `of`: the friction, or the unevenness of the pressure (result folder
+    only).  Raises BadInput.
     """
     return running_in.analyse_running_in(source, within, distance, of)
 
@@ -76,9 +81,9 @@ def wait(
     of: Literal["block", "spot"] = "block",
     say: Say = ignore_message,
 ) -> WaitResult:
-    """The shortest wait between repetitions that keeps the block, or its spots, below a temperature in degC.
+    """Find the shortest wait between repetitions that keeps the block, or its contact spots, `below` a temperature.
 
-    Raises BadInput, SolverFailure.
+    `below` in degC.  Raises BadInput, SolverFailure.
     """
     return wait_time.find_minimum_wait(resolve_case(case, overrides), below, of, say)
 
@@ -96,20 +101,21 @@ def sensitivity(
     watch: Count = ignore_progress,
     say: Say = ignore_message,
 ) -> SensitivityResult:
-    """What every input does to a prediction, and how sure it is: shares of the variance, 95 % bands, signs.
+    """Propagate the uncertainty of the inputs to the prediction: variance fractions, 95 % bands and signs.
 
-    `keys`: inputs of which a standard deviation is stated or usual, all of them when not given.  `samples`: runs of a
-    Latin hypercube, without it only where the linear part does not hold; `linear`: traces alone, untried.
-    `out`: folder for the case, numbers, run.nc and profile.png with bands; runs of a sample are kept, so that the same
-    call goes on with an interrupted one.  Raises BadInput, SolverFailure.
+    `keys`: uncertain inputs with a stated or default standard deviation; all of them when not given.  `samples`:
+    number of runs of a Latin hypercube; when not given, sampling is used only where linear propagation is inaccurate.
+    `linear`: linear propagation by sensitivities only, without a check of its accuracy.  `out`: folder for the case,
+    numbers, run.nc and profile.png with bands; finished runs are saved, so that the same call continues an interrupted
+    study.  Raises BadInput, SolverFailure.
     """
     loaded = resolve_case(case, overrides)
-    place = (
+    folder = (
         uncertainty_propagation.open_study_folder(Path(out), loaded, keys, samples, linear)
         if out is not None
         else nullcontext()
     )
-    with place as work:
+    with folder as work:
         found = uncertainty_propagation.study_uncertainty(
             loaded, keys, samples, linear, workers, scheduler, watch, say, work
         )

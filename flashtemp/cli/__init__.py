@@ -1,1 +1,1 @@
-"""The commands of flashtemp, one file per group of commands."""
+"""The commands of flashtemp, one module per group of commands."""

@@ -1,4 +1,4 @@
-"""The command on what a camera saw: import, from its files to one recording."""
+"""The command `import`: camera files to one recording."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ def import_(
     facts: Annotated[ImportOptions, Parameter(name="*", negative=(), consume_multiple=True)] = ImportOptions(),  # noqa: B008 (frozen)
     json: Json = False,
 ) -> int:
-    """Camera files -> one recording (NetCDF), and a picture beside it that shows where the block lies.
+    """Import camera files as one recording (NetCDF), with a picture that shows the block in the image.
 
     Parameters
     ----------
     files
         Camera files, a folder of them, patterns in quotes, or one recording template (.toml).
     out
-        The recording to write, .nc; of --look the picture, .png.
+        Recording to write, .nc; with --look the picture, .png.
     look
-        Only draw what is in the files, with pixels, clock, object parameters and ranges; nothing need be known.
+        Only preview the files: draw them, and print pixels, clock, object parameters and ranges.
     template
         Print a commented recording template.
     overwrite
-        Replace a file that exists.
+        Replace an existing file.
     """
     from flashtemp.api import camera
     from flashtemp.camera.importing.import_request import expand_patterns
@@ -44,17 +44,17 @@ def import_(
     if template:
         print(camera.recording_template())
         return EXIT_DONE
-    asked = ImportRequest.from_files(files, facts, out)
+    request = ImportRequest.from_files(files, facts, out)
     if look:
-        picture = out or Path(f"{Path(asked.files[0]).name if asked.files else 'files'}.look.png")
-        seen = camera.inspect_files(asked, out=picture, overwrite=overwrite, say=print_message)
-        print_result(seen.as_dict(), json, str(seen))
+        picture = out or Path(f"{Path(request.files[0]).name if request.files else 'files'}.look.png")
+        preview = camera.inspect_files(request, out=picture, overwrite=overwrite, say=print_message)
+        print_result(preview.as_dict(), json, str(preview))
         return EXIT_DONE
-    if asked.out is None:
+    if request.out is None:
         raise BadInput(
-            "out: missing; give --out RECORDING.nc", *missing_options(expand_patterns(asked.files), asked.facts)
+            "out: missing; give --out RECORDING.nc", *missing_options(expand_patterns(request.files), request.facts)
         )
-    result = camera.import_recording(asked, overwrite=overwrite, say=print_message)
+    result = camera.import_recording(request, overwrite=overwrite, say=print_message)
     for note in result.notes:
         print_message(note)
     print_result(result.as_dict(), json, str(result))

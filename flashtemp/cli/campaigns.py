@@ -1,4 +1,4 @@
-"""Commands on campaigns: compare, discover, plan, and twin, which makes one."""
+"""Commands for campaigns: compare, discover, plan, and twin, which makes a synthetic campaign."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from flashtemp.cli.terminal import (
 def compare(
     campaign: Path, /, *, out: Path | None = None, limit: Limit = None, trust: Trust = False, json: Json = False
 ) -> int:
-    """Simulate what the cameras of a campaign saw, subtract, draw: one HTML report and one JSON.
+    """Simulate the recordings of a campaign and report the residuals, as one HTML report and one JSON file.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def discover(
     trust: Trust = False,
     json: Json = False,
 ) -> int:
-    """Find what the simulation gets wrong, name the cause, extend the model and measure the gain.
+    """Find which effect the model lacks, extend the model by it and measure the improvement.
 
     Parameters
     ----------
@@ -58,9 +58,9 @@ def discover(
     out
         Result folder; results/NAME-discover when not given.
     workers
-        Processes that share the simulations; as many as there are cores when not given.
+        Number of processes; one per core when not given.
     scheduler
-        Address of a running Dask scheduler whose workers share them instead.
+        Address of a running Dask scheduler, whose workers run the simulations instead.
     """
     from flashtemp.api import campaigns
 
@@ -83,7 +83,7 @@ def plan(
     trust: Trust = False,
     json: Json = False,
 ) -> int:
-    """Before measuring: which effects these views and conditions can tell apart, and which experiment to add.
+    """Predict before measuring which effects a campaign can distinguish, and which experiment to add.
 
     Parameters
     ----------
@@ -91,17 +91,17 @@ def plan(
         A folder with a campaign.toml, or a .toml file; a recording may give view = "sidewall", "wake" or "profile"
         instead of a file.
     out
-        Folder for plan.json and the picture of the separability matrix; nothing is written when not given.
+        Folder for plan.json and a picture of the separability matrix; nothing is written when not given.
     workers
-        Processes that share the simulations; as many as there are cores when not given.
+        Number of processes; one per core when not given.
     scheduler
-        Address of a running Dask scheduler whose workers share them instead.
+        Address of a running Dask scheduler, whose workers run the simulations instead.
     """
     from flashtemp.api import campaigns
 
     loaded = campaigns.open_campaign(campaign, planned=True, trust=trust, limit=limit)
-    outlook = campaigns.plan(loaded, out=out, workers=workers, scheduler=scheduler, say=message_printer(json))
-    print_result(outlook.as_dict(), json, str(outlook))
+    design = campaigns.plan(loaded, out=out, workers=workers, scheduler=scheduler, say=message_printer(json))
+    print_result(design.as_dict(), json, str(design))
     return EXIT_DONE
 
 
@@ -120,31 +120,31 @@ def twin(
     trust: Trust = False,
     json: Json = False,
 ) -> int:
-    """A synthetic campaign with a hidden effect, as a laboratory would hand it over; the truth is sealed.
+    """Make a synthetic campaign with a hidden effect; the truth is in a sealed file.
 
     Parameters
     ----------
     case
-        A case folder or a .toml file: the model that is believed, without what is hidden.
+        A case folder or a .toml file: the assumed model, without the hidden effects.
     overrides
         Keys of the case to change, as table.key=value.
     hide
         Effects to hide, separated by commas; "none" hides nothing.
     seed
-        Number from which everything random is drawn.
+        Seed of all random numbers.
     out
         Folder of the campaign.
     conditions
-        How many of the four conditions (two pressures, two speeds) are measured.
+        Number of conditions to measure, of the four combinations of two pressures and two speeds.
     views
-        What is seen: some of sidewall, wake, profile, points.
+        Views to record, separated by commas: sidewall, wake, profile, points.
     nuisance
-        Scale of all that is drawn within what a laboratory knows; 0 leaves noise only.
+        Factor on the random measurement errors of calibration, position and conditions; 0 leaves noise only.
     points
-        Thermocouples of the view of points, as x=0.01,z=0.002,lag_s=0.5,place_sigma_m=0.0005, with ; between them.
+        Thermocouples of the view points, as x=0.01,z=0.002,lag_s=0.5,place_sigma_m=0.0005, separated by ;.
     camera
         Errors of the cameras: ideal (noise and dead pixels only), uncooled (shutter, drift, mirror images, vignetting,
-        stray light, lag, rows and columns, bad pixels that hold a value) or cooled (the same, smaller).
+        stray light, lag, row and column noise, bad pixels with a constant value) or cooled (the same, smaller).
     """
     from flashtemp.api import campaigns, inputs
 

@@ -1,4 +1,4 @@
-"""All commands put together: `app`, which parses a command line and calls the command's function."""
+"""The command-line application: `app` parses a command line and calls the function of the command."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ app = App(
     name="flashtemp",
     group_commands=OPTIONS_GROUP,
     help="Where the heat of a sliding rubber block goes, and what your model of it is missing.",
-    help_epilogue="Any command with --debug shows where in the program a fault arose; with --log FILE everything that"
-    " it says goes to that file too.",
-    suppress_keyboard_interrupt=False,  # told below
+    help_epilogue="With --debug, any command prints the traceback of an error; with --log FILE, its output is also"
+    " appended to that file.",
+    suppress_keyboard_interrupt=False,  # `__main__` handles Ctrl-C
 )
-COMMAND_GROUPS: dict[str, tuple[Any, ...]] = {  # as the help shows them: by task, in the order of use
+COMMAND_GROUPS: dict[str, tuple[Any, ...]] = {  # groups and order of the help: by task, in the order of use
     "Simulate": (templates.new, simulate.check, simulate.run, simulate.view, simulate.draw, web_app.lab),
     "Study a case": (
         studies.sweep, studies.converge, studies.sensitivity, studies.repetitions, studies.wait, effects.effects,
@@ -35,14 +35,14 @@ COMMAND_GROUPS: dict[str, tuple[Any, ...]] = {  # as the help shows them: by tas
     "Rubber and road": (friction.friction, friction.loads, road.spots, road.spectrum, tyre.tread, tyre.tyre),
 }  # fmt: skip
 COMMAND_FUNCTIONS: tuple[Any, ...] = tuple(command for commands in COMMAND_GROUPS.values() for command in commands)
-SECOND_SPELLINGS = {  # the standard term of the field, where the name of a command is another
+SECOND_SPELLINGS = {  # an alias with the standard term of the field
     "wait": "min-wait",
     "loads": "load-dependence",
     "spots": "contact-map",
     "spectrum": "power-spectrum",
     "twin": "synthetic-campaign",
 }
-OPTION_UNITS: dict[str, Mapping[str, str]] = {  # of a command's options
+OPTION_UNITS: dict[str, Mapping[str, str]] = {  # units of the options of a command
     "import": import_options.IMPORT_OPTION_UNITS,
     "view": {"time": "s"},
     "wait": {"below": "degC"},
@@ -64,7 +64,7 @@ for _number, (_title, _commands) in enumerate(COMMAND_GROUPS.items()):
 
 
 def strip_units(words: list[str]) -> list[str]:
-    """A command line as it is parsed: numbers of options without their units.  Raises BadInput."""
+    """The words of a command line with the units of option values converted and removed.  Raises BadInput."""
     refuse_odd_words(words)
     return (
         words[:1] + units.convert_options(words[1:], OPTION_UNITS.get(CANONICAL_NAMES.get(words[0], words[0]), {}))

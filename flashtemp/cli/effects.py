@@ -1,4 +1,4 @@
-"""The command on effects: the catalogue, one effect, and whether an effect of one's own is sound."""
+"""The command `effects`: the catalogue, one effect, and the check of a user-defined effect."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from flashtemp.errors import BadInput
 
 
 def effects(name: str | None = None, *values: str, check: Annotated[bool, Switch] = False, json: Json = False) -> int:
-    """The catalogue: every effect with its cause in words, parameters, units and source.
+    """Show the catalogue of effects with cause, parameters, units and source, or check one effect.
 
     Parameters
     ----------
     name
-        Show this effect only: a name of the catalogue, or a Python file with an effect, which is executed.
+        Show only this effect: a name of the catalogue, or a Python file with an effect, which is executed.
     values
-        With --check: keys of the small case that it is tried in, as table.key=value.
+        With --check: keys to change in the small case used for the check, as table.key=value.
     check
-        Try the effect out as the whole catalogue is: exit code 0 when all holds, 2 when something does not.
+        Run the checks of the catalogue on this effect: exit code 0 when all pass, 2 when one fails.
     """
     from flashtemp.api import effects as api
 

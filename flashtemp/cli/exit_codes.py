@@ -1,4 +1,7 @@
-"""How a command ends: exit codes (contract 5.1), and one line for every fault."""
+"""Exit codes of a command, and one line on stderr for every error.
+
+0: done; 1: the computation or the program failed; 2: invalid input; 130: interrupted.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ import sys
 from flashtemp.errors import BadInput, FlashtempError, UserInterrupt, shorten_text
 
 EXIT_DONE, EXIT_FAILED, EXIT_BAD_INPUT, EXIT_STOPPED = 0, 1, 2, 130
-# what an operating system says of a path that a user gave
+# errors of the operating system that mean an unusable path, so invalid input
 PATH_ERRNOS = (
     errno.ENAMETOOLONG,
     errno.ENOENT,
@@ -22,7 +25,7 @@ PATH_ERRNOS = (
 
 
 def escape_controls(text: str) -> str:
-    r"""A text in which nothing moves a terminal's cursor, colours or title, or turns the order of letters.
+    r"""A text with control and bidirectional characters escaped, so that a terminal cannot act on them.
 
     >>> escape_controls("a\x1b[2Jb\n\u202ec")
     'a\\x1b[2Jb\n\\u202ec'
@@ -31,27 +34,26 @@ def escape_controls(text: str) -> str:
 
 
 def print_message(text: str) -> None:
-    """A message for the person at the terminal."""
+    """Print a message on stderr."""
     print(escape_controls(text), file=sys.stderr)
 
 
 def report_fault(fault: BaseException) -> int:
-    """Say in words how a command came to its end; its exit code."""
+    """Print the message of an exception on stderr; returns the exit code."""
     if isinstance(fault, BadInput):
-        for line in fault.lines:  # a name or value in it may hold ends of lines
+        for line in fault.lines:  # a name or value may contain line ends
             print_message(line.replace("\n", "\\n").replace("\r", "\\r"))
         return EXIT_BAD_INPUT
     if isinstance(fault, UserInterrupt | KeyboardInterrupt):
         print_message(str(fault) or "interrupted")
         return EXIT_STOPPED
-    said = " ".join(str(fault).split())
+    text = " ".join(str(fault).split())
     if isinstance(fault, OSError) and fault.errno in PATH_ERRNOS:
-        print_message(f"{shorten_text(str(fault.filename))}: {fault.strerror}; give a path that can be used")
+        print_message(f"{shorten_text(str(fault.filename))}: {fault.strerror}; give a usable path")
         return EXIT_BAD_INPUT
     if isinstance(fault, FlashtempError | OSError):
-        print_message(f"the computation failed: {fault if isinstance(fault, FlashtempError) else said}")
+        print_message(f"the computation failed: {fault if isinstance(fault, FlashtempError) else text}")
     else:
-        print_message(
-            f"the program failed: {type(fault).__name__}: {shorten_text(said)}; the same command with --debug shows where"
-        )
+        cause = f"{type(fault).__name__}: {shorten_text(text)}"
+        print_message(f"the program failed: {cause}; the same command with --debug shows where")
     return EXIT_FAILED

@@ -1,4 +1,4 @@
-"""Commands on friction by theory: friction, over speed and temperature; loads, why it depends on the load."""
+"""Commands for friction theory: friction over speed and temperature, and loads, the causes of load dependence."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ def friction(
     trust: Trust = False,
     json: Json = False,
 ) -> int:
-    """Friction over speed and temperature from a master curve and a power spectrum, and what a slope tester reaches.
+    """Compute friction over speed and temperature from a master curve and a power spectrum.
+
+    The result also states the part of the curve that a slope tester reaches.
 
     Parameters
     ----------
@@ -34,7 +36,7 @@ def friction(
     fastest
         Highest sliding speed, m/s.
     area
-        The area in contact over nominal pressure instead: A/A0 against p/E, and where it saturates.
+        Compute the contact area over nominal pressure instead: A/A0 against p/E, and where it saturates.
     """
     from flashtemp.api import friction as api
     from flashtemp.api import inputs
@@ -63,9 +65,10 @@ def loads(
     trust: Trust = False,
     json: Json = False,
 ) -> int:
-    """Which process makes friction depend on the load: saturation, softening, skewness, adhesion or heating.
+    """Find which process makes friction depend on load: saturation, softening, skewness, adhesion or heating.
 
-    Each is simulated alone, and with all others but it; curves, shares by load and speed, and a picture.
+    Each process is simulated alone, and all processes without it.  The result is curves, the fraction of each process
+    by load and speed, and a picture.
 
     Parameters
     ----------
@@ -74,15 +77,15 @@ def loads(
     overrides
         Keys of the case to change, as table.key=value.
     pressures
-        Nominal contact pressures, Pa, rising.
+        Nominal contact pressures, Pa, in ascending order.
     speeds
         Sliding speeds, m/s.
     skewness_cutoff
-        Shortest wave that skewness flattens, m; 0 all waves, persson_friction.skewness_cutoff when not given.
+        Shortest wavelength that skewness flattens, m; 0 for all, persson_friction.skewness_cutoff when not given.
     out
         Result folder; results/CASE-loads when not given.
     workers
-        Processes that share the runs; as many as there are cores when not given.
+        Number of processes; one per core when not given.
     """
     from flashtemp.api import friction as api
     from flashtemp.api import inputs
@@ -99,12 +102,12 @@ def loads(
 
 
 def _parse_numbers(option: str, text: str, fewest: int) -> tuple[float, ...]:
-    """Rising positive numbers between commas."""
+    """Positive numbers in ascending order, separated by commas.  Raises BadInput."""
     from flashtemp.runs.studies.load_dependence import refuse_values
 
     try:
         values = tuple(float(v) for v in text.split(","))
     except ValueError as fault:
-        raise BadInput(f"{option}: {text}; give numbers between commas") from fault
+        raise BadInput(f"{option}: {text}; give numbers separated by commas") from fault
     refuse_values(option, values, fewest, text)
     return values

@@ -1,7 +1,7 @@
-"""Ctrl-C and SIGTERM at any moment: the work ends cleanly, with one line.
+"""Handling of Ctrl-C and SIGTERM: the command ends cleanly at any moment, with one line.
 
-While modules are being loaded an exception from a signal handler ends in their hands, not in ours: it turns into
-another one, is printed and dropped, or leaves half a module.  There the signal waits until they are loaded.
+An exception raised by a signal handler during an import may be converted, swallowed, or leave a module half imported.
+The signal is therefore delayed until the import has finished.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from typing import Any
 
 from flashtemp.runs.results.processes import STOP_SIGNALS
 
-RETRY_DELAY_S = 0.02  # s until a signal that has to wait is looked at again
+RETRY_DELAY_S = 0.02  # s until a delayed signal is raised again
 ALARM = getattr(signal, "SIGALRM", None)  # Windows has none
 
 
 class Interrupts:
-    """Whether a signal has asked for the end: what fails afterwards fails for that reason."""
+    """State of the signal handling: after a signal `is_requested` is True, and later exceptions follow from it."""
 
     def __init__(self) -> None:
         self.is_requested, self.pending_signal = False, signal.SIGINT
 
     def handle_signal(self, number: int, frame: FrameType | None) -> None:
-        """Raise KeyboardInterrupt, or wait while a module is being loaded."""
+        """Raise KeyboardInterrupt, or delay the signal during an import."""
         self.is_requested, self.pending_signal = True, signal.Signals(number)
         if _is_loading(frame):
             self._repeat_later()
@@ -35,7 +35,7 @@ class Interrupts:
             raise KeyboardInterrupt
 
     def repeat_signal(self, number: int, frame: FrameType | None) -> None:
-        """A signal that had to wait, for whoever answers Ctrl-C by now."""
+        """Raise a delayed signal again, for the handler that is installed by now."""
         signal.raise_signal(self.pending_signal)
 
     def _repeat_later(self) -> None:
@@ -45,7 +45,7 @@ class Interrupts:
             threading.Timer(RETRY_DELAY_S, signal.raise_signal, (self.pending_signal,)).start()
 
     def handle_unraisable(self, what: Any) -> None:
-        """An exception that Python could not raise; Ctrl-C among them comes again."""
+        """Replace `sys.unraisablehook`: repeat a KeyboardInterrupt that Python swallowed, e.g. in a destructor."""
         if what.exc_type is KeyboardInterrupt:
             self._repeat_later()
         else:
@@ -62,9 +62,9 @@ def _is_loading(frame: FrameType | None) -> bool:
 
 @contextmanager
 def answer_interrupts(last: bool = False) -> Iterator[Interrupts]:
-    """Ctrl-C and SIGTERM raise KeyboardInterrupt where it arrives; as before afterwards.
+    """Within this context Ctrl-C and SIGTERM raise KeyboardInterrupt; earlier handlers are restored at its end.
 
-    After the `last` that a process does they are let pass: its exit code is known, and Python ends within moments.
+    `last`: the process ends afterwards, so both signals are then ignored: its exit code is decided already.
     """
     state = Interrupts()
     if threading.current_thread() is not threading.main_thread():

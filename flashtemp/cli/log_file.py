@@ -1,4 +1,4 @@
-"""`--log FILE`: everything that a command says goes to a file too, with the command line above it."""
+"""The option `--log FILE`: append all output of a command to a file, below its command line."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ LOG_OPTION = "--log"
 
 
 class TeeStream:
-    """A stream that writes into two; no terminal, so that progress comes as lines."""
+    """A stream that writes to two streams.  It is not a terminal, so that progress is printed as lines."""
 
     def __init__(self, first: Any, log: IO[str]):
         self.first, self.log = first, log
 
     def write(self, text: str) -> int:
-        """Into both."""
+        """Write to both streams."""
         self.log.write(text)
         return int(self.first.write(text))
 
     def flush(self) -> None:
-        """Both."""
+        """Flush both streams."""
         self.log.flush()
         self.first.flush()
 
     def isatty(self) -> bool:
-        """Never."""
+        """Always False."""
         return False
 
     def __getattr__(self, name: str) -> Any:
@@ -40,10 +40,12 @@ class TeeStream:
 
 
 def split_log_option(words: list[str]) -> tuple[list[str], str | None]:
-    """The words without `--log FILE`, and the file.  Raises BadInput.
+    """The words without `--log FILE`, and the file, None without the option.  Raises BadInput.
 
-    >>> split_log_option(["run", "case", "--log", "a.log"]), split_log_option(["run", "--log=a.log"]), split_log_option(["run"])
-    ((['run', 'case'], 'a.log'), (['run'], 'a.log'), (['run'], None))
+    >>> split_log_option(["run", "case", "--log", "a.log"]), split_log_option(["run", "--log=a.log"])
+    ((['run', 'case'], 'a.log'), (['run'], 'a.log'))
+    >>> split_log_option(["run"])
+    (['run'], None)
     """
     for k, word in enumerate(words):
         if word.startswith(f"{LOG_OPTION}="):
@@ -57,7 +59,7 @@ def split_log_option(words: list[str]) -> tuple[list[str], str | None]:
 
 @contextmanager
 def log_to_file(file: str | None, words: list[str]) -> Iterator[None]:
-    """While it lasts, stdout and stderr go to the end of a file as well.  Raises BadInput and OSError."""
+    """Within this context stdout and stderr are also appended to `file`.  Raises BadInput and OSError."""
     if file is None:
         yield
         return

@@ -1,4 +1,4 @@
-"""The commands on the road: spots, from a topography to a contact map; spectrum, from heights to C(q)."""
+"""Commands for road surfaces: spots, the contact map of a topography, and spectrum, its power spectrum C(q)."""
 
 from __future__ import annotations
 
@@ -27,27 +27,37 @@ def spots(
     seed: int = 1,
     json: Json = False,
 ) -> int:
-    """Which macroasperity regions of a road touch: a contact map for resolved_spots.contact_map.
+    """Compute which macroasperity regions of a road touch: a contact map for resolved_spots.contact_map.
 
     Parameters
     ----------
     file
-        Height map of an instrument, or a text matrix of heights in m with blanks between (any format of
-        SurfaceTopography); x, the columns of a matrix, along the direction of sliding.
+        Height map of an instrument (any format of SurfaceTopography), or a text matrix of heights in m separated by
+        blanks; x, along the columns of the matrix, is the direction of sliding.
     out
-        The contact map, a .npz file.
+        Contact map to write, a .npz file.
     cutoff
-        Shortest wavelength of the road that counts, m: the magnification of the macroasperities.
+        Shortest wavelength of the road to include, m; it sets the magnification of the macroasperities.
     pressure
         Nominal contact pressure, Pa.
     modulus
         Contact modulus E/(1 - nu^2) of the rubber, Pa.
     synthetic
-        A self-affine road instead of a file, of this length, width, pixel, hurst exponent, rms height and rolloff (m).
+        Generate a self-affine road instead of reading a file.
     length
-        Of the road along x, m: 0.05 where it is synthetic; of a file only where that does not state it, with its width.
+        Length of the road along x, m; 0.05 if synthetic.  For a file only where it does not state its size.
     width
-        Of the road across, m: 0.02 where it is synthetic.
+        Width of the road, m; 0.02 if synthetic.  For a file only where it does not state its size.
+    pixel
+        Pixel size of the synthetic road, m.
+    hurst
+        Hurst exponent of the synthetic road.
+    rms
+        Root mean square height of the synthetic road, m.
+    rolloff
+        Roll-off wavelength of the synthetic road, m.
+    seed
+        Seed of the synthetic road.
     """
     from flashtemp.api import friction
 
@@ -71,21 +81,20 @@ def spectrum(
     pixel: float | None = None,
     json: Json = False,
 ) -> int:
-    """The power spectrum C(q) of a measured road, for persson_friction.spectrum, and a picture of it.
+    """Compute the power spectrum C(q) of a measured road for persson_friction.spectrum, with a picture.
 
     Parameters
     ----------
     file
-        Height map of an instrument (any format of SurfaceTopography), or a profile.
+        Height map of an instrument (any format of SurfaceTopography), or a line profile.
     out
-        The spectrum, a new .csv file (q in 1/m, C in m^4); the picture stands beside it as .png.
+        Spectrum to write, a new .csv file (q in 1/m, C in m^4); the picture is the .png file of the same name.
     profile
-        The file is one line: columns of distance and height.  A file whose header states the units of both needs
-        no --profile.
+        The file is a line profile with columns of distance and height; not needed where a header states both units.
     highpass
-        Longest wavelength that counts, m; all that fit twice into the measurement if none is given.
+        Longest wavelength to include, m; half the length of the measurement when not given.
     pixel
-        The file holds nothing but heights in m (.npy or text, one row per line) at this distance, m.
+        Pixel size in m of a file that contains only heights in m (.npy or text, one row per line).
     """
     from flashtemp.api import friction
 

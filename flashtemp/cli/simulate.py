@@ -1,4 +1,4 @@
-"""Commands on one case: run, draw, view, check."""
+"""Commands for one case: run, draw, view, check."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ def run(
     trust: Trust = False,
     json: Json = False,
 ) -> int:
-    """Simulate a case: T(x, t), pictures and VTK in a result folder.
+    """Simulate a case and write T(x, t), pictures and VTK files into a result folder.
 
     Parameters
     ----------
     overrides
-        Keys of the case to change, as table.key=value; files are looked up beside the case.
+        Keys of the case to change, as table.key=value; file names are relative to the folder of the case.
     out
         Result folder; results/CASE when not given.
     resume
-        Go on with the interrupted run of this result folder.
+        Continue the interrupted run of this result folder.
     overwrite
         Replace an existing result folder.
     pvd
@@ -51,12 +51,12 @@ def run(
     from flashtemp.api import inputs, simulation
 
     if (case is None) == (resume is None):
-        raise BadInput("run: give one CASE, or --resume DIR to go on with an interrupted run")
+        raise BadInput("run: give one CASE, or --resume DIR to continue an interrupted run")
     say = message_printer(json)
     if resume is not None:
-        for given, what in ((overrides, "key=value"), (out, "--out: it ends in the folder it was begun for")):
-            if given:
-                raise BadInput(f"--resume: an interrupted run goes on as it was; leave out {what}")
+        for value, what in ((overrides, "key=value"), (out, "--out: the result folder stays the same")):
+            if value:
+                raise BadInput(f"--resume: an interrupted run continues unchanged; leave out {what}")
         folder = simulation.find_resumed_folder(resume)
         with progress_bar("resuming") as watch:
             result, code = run_and_report(lambda: simulation.resume(resume, pvd=pvd, watch=watch, say=say, trust=trust))
@@ -71,21 +71,21 @@ def run(
 
 
 def view(folder: Path, /, *, screenshot: Path | None = None, time: float | None = None, json: Json = False) -> int:
-    """Block and road in space with their temperature, cut open; a slider shows the kept times.
+    """Show the temperature of block and road in 3D, cut open, with a slider over the saved times.
 
     Parameters
     ----------
     folder
         A result folder of run.
     screenshot
-        Draw into this PNG file instead of a window; needs no screen.
+        Draw into this PNG file instead of opening a window; works without a screen.
     time
-        Moment to begin with, in s; the last one when not given.
+        Time to show first, s; the last one when not given.
     """
     from flashtemp.api import simulation
 
-    seen = simulation.view(folder, screenshot=screenshot, time=time, say=print_message)
-    print_result(seen.as_dict(), json, str(seen))
+    shown = simulation.view(folder, screenshot=screenshot, time=time, say=print_message)
+    print_result(shown.as_dict(), json, str(shown))
     return EXIT_DONE
 
 
@@ -98,14 +98,14 @@ def draw(
     trust: Trust = False,
     json: Json = False,
 ) -> int:
-    """The pictures of a finished run or sweep again, into its folder.
+    """Draw the pictures of a finished run or sweep again, into its folder.
 
     Parameters
     ----------
     folder
         A result folder of run or sweep.
     format
-        png, svg or pdf; several as png,svg.
+        png, svg or pdf; several separated by commas, as png,svg.
     pvd
         Also write a .pvd series for older ParaView.
     """
@@ -119,7 +119,7 @@ def draw(
 
 
 def check(file: Path, /, *overrides: str, trust: Trust = False, json: Json = False) -> int:
-    """Validate a case with exactly the code of run, and print what it would simulate.
+    """Validate a case with the same code as run, and print what it would simulate.
 
     Parameters
     ----------
@@ -132,10 +132,8 @@ def check(file: Path, /, *overrides: str, trust: Trust = False, json: Json = Fal
     from flashtemp.runs.checks import inactive_effects, mesh_error
 
     case = simulation.check(inputs.load(file, list(overrides), trust=trust))
-    cells, remarks = (
-        case.scene.mesh.n_cells,
-        inactive_effects.describe_inactive_effects(case) + mesh_error.warn_of_coarse_mesh(case),
-    )
+    cells = case.scene.mesh.n_cells
+    remarks = inactive_effects.describe_inactive_effects(case) + mesh_error.warn_of_coarse_mesh(case)
     answer = {"ok": True, "case": case.name, "effects": list(case.effects), "cells": cells, "remarks": remarks}
     print_result(answer, json, "\n".join([str(case), *(f"  {remark}" for remark in remarks), "ok"]))
     return EXIT_DONE

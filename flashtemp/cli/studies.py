@@ -1,4 +1,4 @@
-"""Commands that march a case more than once: sweep, converge, repetitions, wait, sensitivity."""
+"""Commands for studies of a case by several runs: sweep, converge, repetitions, wait, sensitivity."""
 
 from __future__ import annotations
 
@@ -29,37 +29,37 @@ def sweep(
     trust: Trust = False,
     json: Json = False,
 ) -> int:
-    """A case over several values of its keys, every combination: one dataset with the keys as dimensions.
+    """Simulate every combination of several values of a case's keys; one dataset has the keys as dimensions.
 
-    The same command again goes on where an interrupted sweep stopped.
+    The same command again continues an interrupted sweep.
 
     Parameters
     ----------
     case
         A case folder or a .toml file.
     values
-        What is swept, as table.key=v1,v2,...; keys with one value are overrides.
+        Keys to sweep, as table.key=v1,v2,...; a key with one value is an override.
     out
         Result folder; results/CASE-sweep when not given.
     workers
-        Processes that share the runs; as many as there are cores when not given.
+        Number of processes; one per core when not given.
     scheduler
-        Address of a running Dask scheduler whose workers share them instead.
+        Address of a running Dask scheduler, whose workers run the simulations instead.
     """
     from flashtemp.api import studies
     from flashtemp.runs.studies import sweep as sweeps
 
-    asked = sweeps.plan_sweep(case, *sweeps.parse_axes(list(values)), trust)
-    folder = out or Path("results") / f"{asked.case.name}-sweep"
-    with progress_counter(asked.case.name) as watch:
+    plan = sweeps.plan_sweep(case, *sweeps.parse_axes(list(values)), trust)
+    folder = out or Path("results") / f"{plan.case.name}-sweep"
+    with progress_counter(plan.case.name) as watch:
         how: dict[str, Any] = {"out": folder, "workers": workers, "scheduler": scheduler, "watch": watch}
-        found, code = run_and_report(lambda: studies.sweep(asked, **how))
+        found, code = run_and_report(lambda: studies.sweep(plan, **how))
     print_result({"out": str(folder), **found.as_dict()}, json, f"{found}\n  results in {folder}/")
     return EXIT_FAILED if found.failed else code
 
 
 def converge(case: str, /, *overrides: str, trust: Trust = False, json: Json = False) -> int:
-    """Observed order of accuracy and error estimate of a case, by refining it.
+    """Estimate the order of accuracy and the numerical error of a case from refined meshes.
 
     Parameters
     ----------
@@ -84,18 +84,20 @@ def repetitions(
     of: Literal["friction", "pressure"] = "friction",
     json: Json = False,
 ) -> int:
-    """How many repetitions until data are reproducible: relaxation over the distance slid, with its uncertainty.
+    """Estimate how many repetitions pass until data are reproducible, with the uncertainty of that number.
+
+    The data are fitted by an exponential relaxation over the distance slid.
 
     Parameters
     ----------
     source
         A result folder, or a CSV file with a header: repetition,mu[,sigma] or slid_m,mu[,sigma].
     within
-        What may remain of the change, as a share of the final value.
+        Change that may remain, as a fraction of the final value.
     distance
-        Metres slid in one repetition, for a CSV file.
+        Distance slid in one repetition, m, for a CSV file.
     of
-        What settles: friction, or how uneven the pressure is (result folder only).
+        Quantity to analyse: friction, or the unevenness of the pressure (result folder only).
     """
     from flashtemp.api import studies
 
@@ -113,7 +115,7 @@ def wait(
     trust: Trust = False,
     json: Json = False,
 ) -> int:
-    """The shortest wait between repetitions that keeps the block below a temperature.
+    """Find the shortest wait between repetitions that keeps the block below a temperature.
 
     Parameters
     ----------
@@ -122,9 +124,9 @@ def wait(
     overrides
         Keys of the case to change, as table.key=value.
     below
-        Highest temperature allowed, degC, anywhere under the block and at any time.
+        Highest temperature allowed, degC, anywhere on the block face and at any time.
     of
-        Which temperature: the block's surface (T_block) or its macroasperity contact regions (T_spot).
+        Temperature to limit: that of the block surface (T_block) or of its macroasperity contact regions (T_spot).
     """
     from flashtemp.api import inputs, studies
 
@@ -147,32 +149,32 @@ def sensitivity(
     trust: Trust = False,
     json: Json = False,
 ) -> int:
-    """What every input does to T(x), T_spot, friction and the split of the heat, and how sure the prediction is.
+    """Propagate the uncertainty of the inputs to T(x), T_spot, friction and the split of the heat.
 
-    An input is known as the case says (key = { value = ..., sd = ... }), or as is usual.
+    The standard deviation of an input is that of the case (key = { value = ..., sd = ... }), or a default.
 
     Parameters
     ----------
     case
         A case folder or a .toml file.
     keys
-        Inputs that are uncertain, all with a standard deviation when not given; table.key=value changes the case.
+        Uncertain inputs; all with a standard deviation when not given.  table.key=value changes the case.
     out
         Result folder; results/CASE-sensitivity when not given.
     samples
-        Runs of a Latin hypercube; when not given it is drawn only where the linear part does not hold.
+        Number of runs of a Latin hypercube; when not given, only where linear propagation is inaccurate.
     linear
-        Traces alone: the linear part is not tried, and nothing is sampled.
+        Linear propagation only: its accuracy is not checked, and nothing is sampled.
     workers
-        Processes that share the runs; as many as there are cores when not given.
+        Number of processes; one per core when not given.
     scheduler
-        Address of a running Dask scheduler whose workers share them instead.
+        Address of a running Dask scheduler, whose workers run the simulations instead.
     """
     from flashtemp.api import inputs, studies
 
     changes, chosen = [k for k in keys if "=" in k], [k for k in keys if "=" not in k]
     loaded = inputs.load(case, changes, trust=trust)
-    folder = result_folder(out, f"{loaded.name}-sensitivity", go_on=True)
+    folder = result_folder(out, f"{loaded.name}-sensitivity", resumable=True)
     with progress_counter(loaded.name) as watch:
         found = studies.sensitivity(
             loaded, chosen or None, samples=samples, linear=linear, out=folder, workers=workers, scheduler=scheduler,

@@ -1,4 +1,4 @@
-"""What was left out of or assumed in tables that a case names, told once on stderr at the end of a command."""
+"""Notes on the tables that a case names (rows skipped, units assumed), printed on stderr at the end of a command."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from flashtemp.physics.interpolation import TABLE_LOGGER
 
 
 class _Collector(logging.Handler):
-    """A handler that keeps every message once, in their order."""
+    """A logging handler that collects every different message once, in order."""
 
     def __init__(self) -> None:
         super().__init__(logging.INFO)
         self.messages: dict[str, None] = {}
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Keep a message that is new."""
+        """Collect the message of a record."""
         self.messages[record.getMessage()] = None
 
 
 @contextmanager
 def table_notes() -> Iterator[None]:
-    """Notes on the tables read while it lasts, on stderr at its end; none where the input is refused."""
+    """Within this context collect notes on tables; print them on stderr at its end, unless the input is refused."""
     logger = logging.getLogger(TABLE_LOGGER)
     handler, level = _Collector(), logger.level
     logger.addHandler(handler)

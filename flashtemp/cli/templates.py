@@ -1,4 +1,4 @@
-"""The command that writes a file to begin with."""
+"""The command `new`: write a commented template file."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from flashtemp.cli.terminal import EXIT_DONE, Json, print_result
 
 
 def new(kind: str, file: Path | None = None, /, *, json: Json = False) -> int:
-    """A commented case, campaign or recording template to begin with.
+    """Write a commented case, campaign or recording template.
 
     Parameters
     ----------
     kind
-        case, campaign or recording.
+        Kind of template: case, campaign or recording.
     file
-        Where to write it; case.toml, campaign.toml or recording.toml when not given.
+        File to write; case.toml, campaign.toml or recording.toml when not given.
     """
     from flashtemp.api import templates
 

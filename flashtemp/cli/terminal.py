@@ -1,4 +1,4 @@
-"""What every command shares: results and --json on stdout, messages and progress on stderr, exit codes."""
+"""Common parts of all commands: results and --json on stdout, messages and progress on stderr, exit codes."""
 
 from __future__ import annotations
 
@@ -16,33 +16,33 @@ from flashtemp.cli.exit_codes import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAILED, esc
 from flashtemp.display import to_json
 from flashtemp.errors import IncompleteResult
 
-__all__ = ["EXIT_BAD_INPUT", "EXIT_DONE", "EXIT_FAILED", "escape_controls", "print_message"]  # and what stands below
+__all__ = ["EXIT_BAD_INPUT", "EXIT_DONE", "EXIT_FAILED", "escape_controls", "print_message"]  # re-exported
 
-LINE_PERIOD_S, FIRST_LINE_FRACTION = 60.0, 0.1  # s between lines of progress; of it until the first
-SAMPLES_GROW = 1.05  # from one sample of progress to the next, in time: a hundred say what happened in an hour
-MAX_LEFT_RATIO = 1e5  # of time left over time so far: beyond it all that was done is the first, tiny steps
-SPEED_PERIOD_S = 300.0  # s over which a bar takes the pace: one step of a large 3D problem may last half a minute
+LINE_PERIOD_S, FIRST_LINE_FRACTION = 60.0, 0.1  # s between progress lines; fraction of it before the first line
+SAMPLES_GROW = 1.05  # ratio of the times of two successive samples: about a hundred samples per hour
+MAX_LEFT_RATIO = 1e5  # time left over elapsed time; above it only the first, tiny steps are done: print no estimate
+SPEED_PERIOD_S = 300.0  # s over which a bar averages its speed: one step of a large 3D problem may last 30 s
 
 Json = Annotated[
-    bool, Parameter(name="--json", negative=(), help="Print the result as JSON on stdout, nothing else there.")
+    bool, Parameter(name="--json", negative=(), help="Print the result as JSON on stdout, and nothing else there.")
 ]
 Switch = Parameter(negative=())
-Limit = Annotated[float | None, Parameter(help="GB of memory that reading one recording may take; 1 when not given.")]
+Limit = Annotated[float | None, Parameter(help="Memory limit for reading one recording, GB; 1 when not given.")]
 Trust = Annotated[
     bool,
     Parameter(
-        name="--trust", negative=(), help="Let effect files of the case run though they are not known to be yours."
+        name="--trust", negative=(), help="Run effect files of the case even if another user may have written them."
     ),
 ]
 
 
 def message_printer(as_json: bool) -> Callable[[str], None]:
-    """Who is told what is being done: the person, or nobody beside JSON."""
+    """The function that prints progress messages; it prints nothing with --json."""
     return (lambda text: None) if as_json else print_message
 
 
 def run_and_report(call: Callable[[], Any]) -> tuple[Any, int]:
-    """What a call returns and the exit code; where something is missing beside a result, that is told."""
+    """The result of a call and the exit code; prints what is missing where the result is incomplete."""
     try:
         return call(), EXIT_DONE
     except IncompleteResult as fault:
@@ -52,23 +52,26 @@ def run_and_report(call: Callable[[], Any]) -> tuple[Any, int]:
         return fault.result, EXIT_FAILED
 
 
-def result_folder(out: Path | None, name: str, go_on: bool = False) -> Path:
-    """The folder asked for, or a free one of that name in results/; one that was begun only to `go_on`."""
+def result_folder(out: Path | None, name: str, resumable: bool = False) -> Path:
+    """`out`, or a free folder `name` in results/; an interrupted one of that name if the study is `resumable`."""
     from flashtemp.runs.results.result_folder import find_free_name
 
-    return out or find_free_name(Path("results") / name, go_on)
+    return out or find_free_name(Path("results") / name, resumable)
 
 
 @contextmanager
 def progress_bar(label: str):
-    """Progress with time left on stderr, told watch(march, end)."""
+    """Progress of a time integration on stderr: yields the function watch(state, end) to call at every step."""
     with progress_counter(label) as bar:
         yield lambda now, end: bar(now.t, end)
 
 
 @contextmanager
 def progress_counter(label: str):
-    """Progress with time left on stderr, told watch(done, total): a bar, or lines where stderr is no terminal."""
+    """Progress with time left on stderr: yields the function watch(done, total) to call.
+
+    It is a bar in a terminal and lines otherwise.
+    """
     from rich.console import Console
     from rich.markup import escape
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -98,37 +101,37 @@ def progress_counter(label: str):
 
 
 class ProgressLines:
-    """Progress as lines for a log: told (done, total), one after six seconds, then one a minute.
+    """Progress as lines for a log file: called with (done, total), prints after six seconds and then every minute.
 
-    Time left follows from the pace of the second half of the time so far: the first steps of an integration are short.
+    The time left is estimated from the second half of the elapsed time, because the first time steps are short.
     """
 
     def __init__(self, label: str):
-        self.label, self.began, self.told = label, time.monotonic(), 0
-        self.pace = float(os.environ.get("FLASHTEMP_PROGRESS", LINE_PERIOD_S))  # s; a page asks for more
-        self.samples = [(0.0, 0.0)]  # (s, done): the last before half of the time, and what came after it
+        self.label, self.began, self.n_printed = label, time.monotonic(), 0
+        self.period = float(os.environ.get("FLASHTEMP_PROGRESS", LINE_PERIOD_S))  # s; the web app sets a shorter one
+        self.samples = [(0.0, 0.0)]  # (s, done): the last one before half of the elapsed time, and all later ones
 
     def __call__(self, done: float, total: float) -> None:
-        gone = time.monotonic() - self.began
-        if gone > SAMPLES_GROW * self.samples[-1][0]:
-            self.samples.append((gone, done))
-        while len(self.samples) > 2 and self.samples[1][0] <= 0.5 * gone:
+        elapsed = time.monotonic() - self.began
+        if elapsed > SAMPLES_GROW * self.samples[-1][0]:
+            self.samples.append((elapsed, done))
+        while len(self.samples) > 2 and self.samples[1][0] <= 0.5 * elapsed:
             del self.samples[0]
-        if gone > self.pace * (self.told + FIRST_LINE_FRACTION) and 0 < done < total:
-            self.told = int(gone / self.pace) + 1
-            print_message(f"{self.label}: {100 * done / total:.0f} %{self._time_left(gone, done, total)}")
+        if elapsed > self.period * (self.n_printed + FIRST_LINE_FRACTION) and 0 < done < total:
+            self.n_printed = int(elapsed / self.period) + 1
+            print_message(f"{self.label}: {100 * done / total:.0f} %{self._time_left(elapsed, done, total)}")
 
-    def _time_left(self, gone: float, done: float, total: float) -> str:
-        """How long the rest takes, in words; nothing where little has moved lately."""
+    def _time_left(self, elapsed: float, done: float, total: float) -> str:
+        """The estimated time left as text; empty where nothing was done since the first sample."""
         since, before = self.samples[0]
         if done <= before:
             return ""
-        left = (gone - since) * (total - done) / (done - before)
-        return f", about {left:.0f} s left" if left < MAX_LEFT_RATIO * gone else ""
+        left = (elapsed - since) * (total - done) / (done - before)
+        return f", about {left:.0f} s left" if left < MAX_LEFT_RATIO * elapsed else ""
 
 
 def print_result(data: Any, as_json: bool, text: str) -> None:
-    """The result on stdout, once, in the form asked for."""
-    if as_json:  # the same characters are escaped, as JSON has it
+    """Print the result on stdout, as JSON or as text."""
+    if as_json:  # unprintable characters in the escapes of JSON
         text = "".join(c if c.isprintable() or c == "\n" else json.dumps(c)[1:-1] for c in to_json(data))
     print(text if as_json else escape_controls(text))

@@ -1,4 +1,4 @@
-"""Commands on rolling rubber: tread, one tread block through its footprint; tyre, side force over slip angle."""
+"""Commands for rolling rubber: tread, one tread block in its footprint; tyre, side force over slip angle."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from flashtemp.cli.terminal import EXIT_DONE, Json, Trust, print_result, progres
 
 
 def tread(case: str, /, *overrides: str, out: Path | None = None, trust: Trust = False, json: Json = False) -> int:
-    """One tread block through its footprint: friction on its way from the cold to the hot branch, at several slips.
+    """Compute the friction of one tread block along its footprint, from the cold to the hot branch, at several slips.
 
     Parameters
     ----------
     case
-        A case folder or a .toml file; its table [tread] describes block and footprint.
+        A case folder or a .toml file; its table [tread] describes the block and the footprint.
     overrides
         Keys of the case to change, as table.key=value.
     out
@@ -30,12 +30,12 @@ def tread(case: str, /, *overrides: str, out: Path | None = None, trust: Trust =
 
 
 def tyre(case: str, /, *overrides: str, out: Path | None = None, trust: Trust = False, json: Json = False) -> int:
-    """Side force of a tyre over slip angle at several loads, with the cold-hot law and with its controls.
+    """Compute the side force of a tyre over slip angle at several loads, with the cold-hot law and its controls.
 
     Parameters
     ----------
     case
-        A case folder or a .toml file; its table [tyre] describes footprint and bristles.
+        A case folder or a .toml file; its table [tyre] describes the footprint and the bristles.
     overrides
         Keys of the case to change, as table.key=value.
     out

@@ -1,4 +1,4 @@
-"""The command that serves the laboratory's page."""
+"""The command `lab`: serve the web app."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ def lab(
     *,
     browser: Annotated[bool, Parameter(negative="--no-browser", help="Open the page in the browser.")] = True,
 ) -> int:
-    """The laboratory's page in the browser: camera files, cases, runs and verdicts of a folder.
+    """Open the web app in the browser: camera files, cases, runs and verdicts of a folder.
 
     Parameters
     ----------
     folder
-        Where your files are; the present folder when not given.
+        Folder with your files; the current folder when not given.
     """
     from flashtemp.lab.server import serve
 
     def print_address(address: str) -> None:
-        print_message("Ctrl-C ends it; whatever runs then leaves what it has")
+        print_message("stop with Ctrl-C; running commands save a checkpoint first")
         print(address, flush=True)
 
     serve(folder, browser, print_address)

@@ -1,7 +1,8 @@
 """The verdict: one function, `decide`, that turns evidence into a kind of verdict and the rules that led to it.
 
-Nothing else in the package decides what a verdict is called.  Rules are asked in the order in which they stand; each
-notes what it compared, so that a report can say why a verdict is what it is, and why it is not more certain.
+No other function chooses the kind of a verdict.  The rules are evaluated in order, and each one records the value and
+the limit that it compared.  A report can therefore say why the verdict is what it is, and why it is not more certain.
+The limits are the fields of `criteria.Criteria`.
 """
 
 from __future__ import annotations
@@ -14,8 +15,11 @@ from flashtemp.discovery.criteria import CRITERIA, Criteria
 
 @dataclass(frozen=True)
 class AlternativeCause:
-    """Another explanation of the same size: its `effects`, the ln Bayes factor by which the accepted one exceeds it,
-    and whether its fit came to its best point."""
+    """A fitted model with as many effects as the accepted one, of which one differs.
+
+    `effects`: all effects of that model.  `deficit`: ln Bayes factor of the accepted model against it.
+    `is_converged`: whether its fit reached its best point.
+    """
 
     effects: frozenset[str]
     deficit: float
@@ -24,12 +28,14 @@ class AlternativeCause:
 
 @dataclass(frozen=True)
 class EffectSize:
-    """What an extension changes once both models are calibrated: largest fraction of the rise of a recording, of the
-    friction of a trace, and how many kelvin (rms) that is against the error that the mesh may leave there.
+    """How much an extension changes the predicted data once base and extended model are both calibrated.
 
-    `camera_fraction` of the rise that errors of a camera alone change by themselves, calibration apart: a camera that
-    reads wrongly is a fact of the test, whatever else the fit could take in its place.  0 for what changes heat, which
-    needs no place in a model where calibration does as well.
+    `rise_fraction`: largest rms change of a recording, as a fraction of its rms temperature rise; `change_K` is the
+    same change in kelvin and `mesh_error_K` the rms error that the mesh may leave in that recording.
+    `friction_fraction`: largest rms change of a load-cell record, as a fraction of its friction.
+    `camera_fraction`: fraction of the rise that a camera error changes by itself, with nothing calibrated again.  A
+    camera that reads wrongly is a fact of the test, even if other unknowns could absorb its error in the fit.  The
+    value is 0 for effects on heat, because a model needs no effect that calibration can replace.
     """
 
     rise_fraction: float
@@ -41,7 +47,7 @@ class EffectSize:
 
 @dataclass(frozen=True)
 class AdequacyTest:
-    """One test of the final model: `value` beyond `limit` means that something is missing that has no name."""
+    """One test of the final model: with a `value` above `limit`, it lacks something outside the catalogue."""
 
     name: str
     value: float
@@ -54,15 +60,20 @@ class AdequacyTest:
 
 @dataclass(frozen=True)
 class VerdictEvidence:
-    """All that a verdict rests on.
+    """All numbers and names from which `decide` derives the verdict.
 
-    `causes` that were accepted or, where `is_hint`, the best one that was not, with `ln_bayes` of all of them against
-    the calibrated base and `ln_bayes_discrepancy`, the same where the model's own error is as large as it may be;
-    `heldout_gain` in ln probability of left-out data (None where there are none).  `alternatives` of the same number of
-    effects; `unresolved` {effects: ln Bayes factor} that scores speak for and no full fit judged, or whose fits did not
-    end and yet explain more.  `setup_errors`, `recording_errors` and the `contradicted_input` by
-    name, with `setup_alternatives` that explain as much as the first of them.  Of a learned
-    law the fraction of the excess misfit of left-out data that it leaves.
+    `is_converged`: the fit of the final model converged.  `base_certainly_misfits`: chi2 per datum of the calibrated
+    base exceeds `certain_misfit_chi2`.
+    `causes`: accepted effects or, with `is_hint`, the best effect that was not accepted.
+    `ln_bayes`: ln Bayes factor of all causes together against the calibrated base; `ln_bayes_discrepancy` is the same
+    with the model discrepancy as large as it may be.
+    `heldout_gain`: change of the ln probability of left-out data; None if no data were left out.
+    `alternatives`: models with as many effects.  `unresolved` {effects: ln Bayes factor}: effects that could not be
+    simulated, or whose fits did not converge and still explain more than the final model.
+    `setup_errors`, `recording_errors`, `contradicted_input`: names of errors of the measurement;
+    `setup_alternatives`: names of others that explain as much as the first set-up error.
+    `learned_law`: description of a law outside the catalogue; `law_excess_left`: fraction of the excess misfit of
+    left-out data that remains with it.
     """
 
     is_converged: bool
@@ -86,8 +97,8 @@ class VerdictEvidence:
 
 @dataclass(frozen=True)
 class VerdictRule:
-    """One comparison on the way to a verdict: what was asked, `value` against `limit`, whether it `passed`, and what
-    follows where it did not."""
+    """One comparison that led to a verdict: its `name`, `value` against `limit`, whether it `passed`, and in words the
+    `consequence` of failing it."""
 
     name: str
     value: float
@@ -98,7 +109,8 @@ class VerdictRule:
 
 @dataclass(frozen=True)
 class Decision:
-    """A `kind` of verdict with all `rules` that were asked; `group` of effects that cannot be told apart."""
+    """The `kind` of a verdict (one of `verdict.VERDICT_KINDS`), all `rules` that were evaluated, and the `group` of
+    causes that the data cannot distinguish."""
 
     kind: str
     rules: tuple[VerdictRule, ...]
@@ -111,16 +123,18 @@ class Decision:
 
 
 def decide(evidence: VerdictEvidence, criteria: Criteria = CRITERIA) -> Decision:
-    """The verdict on some evidence.
+    """The verdict that the evidence supports.
 
-    | asked in this order                                              | if not                          |
-    |------------------------------------------------------------------|---------------------------------|
-    | did the fit of the final model converge?                         | no_verdict, or unexplained      |
-    | is the final model adequate?                                     | unexplained                     |
-    | was everything judged that speaks for itself?                    | no_verdict                      |
-    | is a cause accepted?                                             | none_needed, or what else is off |
-    | is it worth its parameters, visible, and not refuted?            | weak, or none_needed            |
-    | is it told apart from every alternative?                         | group                           |
+    | question, in this order                                           | verdict if the answer is no          |
+    |-------------------------------------------------------------------|--------------------------------------|
+    | If a law was learned: does it predict left-out data?              | unexplained (learned if yes)         |
+    | Did the fit of the final model converge?                          | no_verdict, or unexplained           |
+    | Does the final model pass all adequacy tests?                     | unexplained                          |
+    | Were all effects fitted that may explain more?                    | no_verdict                           |
+    | Is there a cause?                                                 | none_needed, named, held_key, group  |
+    | Is it strong, visible, resolved and not refuted (`_cause_rules`)? | weak, or as without a cause          |
+    | Is it distinguished from every alternative?                       | group                                |
+    | All answers are yes                                               | named                                |
     """
     rules: list[VerdictRule] = []
     law = _decide_law(evidence, criteria, rules)
@@ -141,38 +155,41 @@ def decide(evidence: VerdictEvidence, criteria: Criteria = CRITERIA) -> Decision
     for names, gain in evidence.unresolved.items():
         rules.append(
             VerdictRule(f"{names} was judged", gain, criteria.ln_bayes_named, False,
-                 f"{names} (ln Bayes factor {gain:.0f}) could not be fitted to an end")
+                 f"the fit of {names} (ln Bayes factor {gain:.0f}) could not be completed")
         )  # fmt: skip
     if evidence.unresolved:
         return Decision("no_verdict", tuple(rules))
-    found_otherwise = _kind_without_cause(evidence)
+    without_cause = _kind_without_cause(evidence)
     if not evidence.causes:
-        return _decide_setup(evidence, found_otherwise, rules)
+        return _decide_setup(evidence, without_cause, rules)
     rules += _cause_rules(evidence, criteria)
     if evidence.is_hint or not all(r.passed for r in rules):
-        small = evidence.size is not None and _largest_fraction(evidence.size) < criteria.hint_fraction
-        faint = evidence.ln_bayes_discrepancy < criteria.ln_bayes_hint * len(evidence.causes)
-        hidden = small or faint or found_otherwise != "none_needed"
-        return Decision(found_otherwise if hidden else "weak", tuple(rules))
+        # a hint is reported only if it is worth following up and no error of the measurement explains the misfit
+        is_small = evidence.size is not None and _largest_fraction(evidence.size) < criteria.hint_fraction
+        is_improbable = evidence.ln_bayes_discrepancy < criteria.ln_bayes_hint * len(evidence.causes)
+        is_dropped = is_small or is_improbable or without_cause != "none_needed"
+        return Decision(without_cause if is_dropped else "weak", tuple(rules))
     group = _indistinguishable_effects(evidence, criteria, rules)
     return Decision("group" if group else "named", tuple(rules), group)
 
 
 def _decide_law(evidence: VerdictEvidence, criteria: Criteria, rules: list[VerdictRule]) -> str:
-    """`learned` where a law was identified that predicts; empty where there is none, or it does not."""
+    """The verdict on a law outside the catalogue: `learned` if it predicts left-out data and the model with it is
+    adequate, else `unexplained`; empty if no law was identified."""
     if not evidence.learned_law or evidence.law_excess_left is None:
         return ""
     predicts = evidence.law_excess_left <= criteria.law_excess_left
     rules.append(
         VerdictRule("the law predicts left-out data", evidence.law_excess_left, criteria.law_excess_left, predicts,
-             f"the law leaves {100 * evidence.law_excess_left:.0f} % of the excess misfit of left-out data")
+             f"{100 * evidence.law_excess_left:.0f} % of the excess misfit of left-out data remains with the law")
     )  # fmt: skip
     sound = evidence.is_converged and all(t.passed for t in evidence.adequacy)
     return "learned" if predicts and sound else "unexplained"
 
 
 def _decide_setup(evidence: VerdictEvidence, kind: str, rules: list[VerdictRule]) -> Decision:
-    """The verdict where no effect is missing: errors of set-up or inputs that share an effect are told together."""
+    """The verdict if no effect is missing: a group where the data cannot distinguish one error of the set-up or of a
+    stated input from others, else `kind`."""
     first = (*evidence.setup_errors, *filter(None, (evidence.contradicted_input,)))[:1]
     others = tuple(name for name in evidence.setup_alternatives if name not in first)
     if kind in ("named", "held_key") and first and others and not evidence.recording_errors:
@@ -181,43 +198,45 @@ def _decide_setup(evidence: VerdictEvidence, kind: str, rules: list[VerdictRule]
 
 
 def _kind_without_cause(evidence: VerdictEvidence) -> str:
-    """What a verdict is where no effect is missing: errors of set-up and recordings are causes of their own."""
+    """The kind of verdict if no effect is missing: errors of the set-up and of recordings are named as causes."""
     if evidence.setup_errors or evidence.recording_errors:
         return "named"
     return "held_key" if evidence.contradicted_input else "none_needed"
 
 
 def _cause_rules(evidence: VerdictEvidence, criteria: Criteria) -> Iterator[VerdictRule]:
-    """What a cause must pass to be named."""
+    """The rules that a cause must pass to be named."""
     needed = criteria.ln_bayes_named * len(evidence.causes)
     names = " and ".join(evidence.causes)
     yield VerdictRule(
         "the evidence is strong", evidence.ln_bayes, needed, evidence.ln_bayes > needed,
-        f"the ln Bayes factor of {names} is {evidence.ln_bayes:.1f}; {needed:g} names it",
+        f"the ln Bayes factor of {names} is {evidence.ln_bayes:.1f}; a cause needs {needed:g}",
     )  # fmt: skip
     yield VerdictRule(
         "no smooth error of the model explains it as well", evidence.ln_bayes_discrepancy, needed,
         evidence.ln_bayes_discrepancy > needed,
-        f"a smooth error of the model would leave {names} a ln Bayes factor of {evidence.ln_bayes_discrepancy:.1f}",
+        f"with a smooth model discrepancy the ln Bayes factor of {names} is {evidence.ln_bayes_discrepancy:.1f}",
     )  # fmt: skip
     if evidence.heldout_gain is not None:
         yield VerdictRule(
             "left-out data do not speak against it", evidence.heldout_gain, criteria.heldout_against,
             evidence.heldout_gain > criteria.heldout_against,
-            f"left-out data are less probable with it (ln {evidence.heldout_gain:.1f})",
+            f"left-out data are less probable with it (change of ln probability {evidence.heldout_gain:.1f})",
         )  # fmt: skip
     if evidence.size is not None:
-        seen = _largest_fraction(evidence.size)
+        largest = _largest_fraction(evidence.size)
         yield VerdictRule(
-            "it can be seen", seen, criteria.visible_fraction, seen >= criteria.visible_fraction,
-            f"calibrated again it changes no recording by more than {100 * seen:.2g} % of the rise",
+            "it can be seen", largest, criteria.visible_fraction, largest >= criteria.visible_fraction,
+            f"after calibration it changes no recording by more than {100 * largest:.2g} % of its temperature rise",
         )  # fmt: skip
-        apart = max(evidence.size.friction_fraction, evidence.size.camera_fraction)  # of what no mesh has a say in
-        fine = evidence.size.change_K >= evidence.size.mesh_error_K or apart >= criteria.visible_fraction
+        # friction and camera errors do not depend on the mesh
+        mesh_free = max(evidence.size.friction_fraction, evidence.size.camera_fraction)
+        fine = evidence.size.change_K >= evidence.size.mesh_error_K or mesh_free >= criteria.visible_fraction
+        change_mK, mesh_error_mK = 1e3 * evidence.size.change_K, 1e3 * evidence.size.mesh_error_K
         yield VerdictRule(
             "the mesh resolves it", evidence.size.change_K, evidence.size.mesh_error_K, fine,
-            f"it changes {1e3 * evidence.size.change_K:.2g} mK rms, the mesh may err by {1e3 * evidence.size.mesh_error_K:.2g} mK: "
-            "take a finer one (numerics.mesh)",
+            f"it changes the temperature by {change_mK:.2g} mK rms and the mesh error may be {mesh_error_mK:.2g} mK: "
+            "use a finer mesh (numerics.mesh)",
         )  # fmt: skip
 
 
@@ -228,15 +247,18 @@ def _largest_fraction(size: EffectSize) -> float:
 def _indistinguishable_effects(
     evidence: VerdictEvidence, criteria: Criteria, rules: list[VerdictRule]
 ) -> tuple[str, ...]:
-    """Effects that explain the data as well as an accepted one; empty where there are none."""
+    """The accepted effects and the others that explain the data as well; empty if every alternative is rejected.
+
+    Adds one rule for each alternative to `rules`.
+    """
     accepted, out = frozenset(evidence.causes), list[str]()
     for a in evidence.alternatives:
-        apart = a.deficit > criteria.ln_bayes_distinct
+        is_distinct = a.deficit > criteria.ln_bayes_distinct
         other = " with ".join(sorted(a.effects))
         rules.append(
-            VerdictRule(f"it is told from {other}", a.deficit, criteria.ln_bayes_distinct, apart,
-                 f"{other} explains the data as well (ln Bayes factor {a.deficit:.1f} apart)")
+            VerdictRule(f"it is distinguished from {other}", a.deficit, criteria.ln_bayes_distinct, is_distinct,
+                 f"{other} explains the data as well (ln Bayes factor {a.deficit:.1f} less)")
         )  # fmt: skip
-        if not apart:
+        if not is_distinct:
             out += [*sorted(accepted - a.effects), *sorted(a.effects - accepted)]
     return tuple(dict.fromkeys(out))

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from flashtemp.camera.recording import VIEW_DESCRIPTIONS
 from flashtemp.comparison.compare import ForceComparison, RecordingComparison
 from flashtemp.display import DisplayMixin, DisplayTable
+from flashtemp.errors import RenamedAttribute
 
 Array = npt.NDArray[np.float64]
 VERDICT_SCHEMA = "flashtemp.verdict/1"
@@ -68,6 +69,8 @@ class Cause:
     def is_doubtful(self) -> bool:
         """Whether its law need not be the one of its name: conditions would have it rather different in strength."""
         return self.consistent < DOUBTFUL_PROBABILITY and bool(self.parameters)
+
+    doubted = RenamedAttribute("is_doubtful")
 
 
 @dataclass(frozen=True)
@@ -313,6 +316,8 @@ class Verdict(DisplayMixin):
     def has_extension(self) -> bool:
         """Whether there is an extended case: a cause that is physics, or a key to correct."""
         return any(not c.laboratory for c in self.causes) or self.corrected_key is not None
+
+    extends = RenamedAttribute("has_extension")
 
     def as_dict(self) -> dict[str, Any]:
         """The content of verdict.json."""

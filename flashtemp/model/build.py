@@ -1,4 +1,4 @@
-"""Checked values of a case -> Scene: materials, schedule, acting effects and the mesh that follows from them."""
+"""Build a Scene from the checked values of a case: materials, schedule, active effects, and the mesh they need."""
 
 from __future__ import annotations
 
@@ -27,45 +27,45 @@ from flashtemp.physics.material import Material
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.physics.tables.wanted import PRESSURE, SPEED, TIME
 
-MAX_ELASTIC_UNKNOWNS = 200_000  # displacements of an elastic block: 176,000 took 110 s and 4.2 GB
-FIRST_CELL_RATIO = 0.0285  # first cell over the depth to which heat gets: 3 um of road at 1 m/s
+MAX_ELASTIC_UNKNOWNS = 200_000  # displacements of an elastic block; 176,000 take 110 s and 4.2 GB
+FIRST_CELL_RATIO = 0.0285  # first cell over diffusion length: 3 um of road at 1 m/s
 
 Values = Mapping[str, Mapping[str, Any]]
 EffectsByName = Mapping[str, type[Effect]]
 
 
 def build_scene(values: Values, effects: EffectsByName, folder: Path) -> Scene:
-    """The scene of checked values {table: {key: value}} under the effects that act, by name.
+    """The scene of checked values {table: {key: value}} with the active `effects`, by name.
 
-    `folder` is where file names are looked up.  Raises BadInput for values that do not go together.
+    File names are relative to `folder`.  Raises BadInput for inconsistent values.
     """
     v = SimpleNamespace(**{t: SimpleNamespace(**d) for t, d in values.items() if t in CASE_TABLES})
     acting = _make_active_effects(values, effects, folder)
-    course, pressure = _read_speed_profile(values, folder), _read_series(values, "contact.pressure", folder)
+    profile, pressure = _read_speed_profile(values, folder), _read_series(values, "contact.pressure", folder)
     plan = Schedule(
-        course.speed, pressure, v.schedule.distance, v.schedule.repetitions, v.schedule.wait, v.schedule.lifted,
-        heading=course.heading, turns=course.turns, turn=v.schedule.turn,
+        profile.speed, pressure, v.schedule.distance, v.schedule.repetitions, v.schedule.wait, v.schedule.lifted,
+        heading=profile.heading, turns=profile.turns, turn=v.schedule.turn,
         alone=v.schedule.alone or 0.0,
     )  # fmt: skip
     outline = _make_outline(values, v, plan)
-    said = [(part, a.p) for a in acting for part in a.contributions(outline)]
-    depths = _deposit_depths([part for part, _ in said if isinstance(part, Deposit)])
-    remembers = _has_track_memory(said)
+    contributions = [(part, a.p) for a in acting for part in a.contributions(outline)]
+    depths = _deposit_depths([part for part, _ in contributions if isinstance(part, Deposit)])
+    remembers = _has_track_memory(contributions)
     schedule = _add_lap_events(plan, v, remembers)
-    mesh = _build_mesh(v, outline, schedule, remembers, depths, _has_resolved_spots(said))
+    mesh = _build_mesh(v, outline, schedule, remembers, depths, _has_resolved_spots(contributions))
     if remembers and v.road.track_length <= mesh.x[-1] - mesh.x[0]:
         raise BadInput(
             f"road.track_length: {v.road.track_length:g} m is shorter than the road around the block "
             f"({mesh.x[-1] - mesh.x[0]:g} m); give a longer track"
         )
-    kept = {f.name: getattr(outline, f.name) for f in fields(Scene) if hasattr(outline, f.name)}
-    built = Scene(**kept | {"mesh": mesh, "schedule": schedule, "acting": acting})
+    common = {f.name: getattr(outline, f.name) for f in fields(Scene) if hasattr(outline, f.name)}
+    built = Scene(**common | {"mesh": mesh, "schedule": schedule, "acting": acting})
     _check_scene(built)
     return built
 
 
 def _make_outline(values: Values, v: Any, plan: Schedule) -> SceneOutline:
-    """What the mesh is made for."""
+    """The scene without its mesh, from the values by table and as attributes `v`."""
     materials = {side: layers.find_material(values, f"{side}.material") for side in ("block", "road")}
     return SceneOutline(
         **materials,
@@ -88,7 +88,7 @@ def _make_outline(values: Values, v: Any, plan: Schedule) -> SceneOutline:
 
 
 class TheoryCase(Protocol):
-    """What `find_theory` asks of a case."""
+    """The part of a case that `find_theory` needs."""
 
     @property
     def scene(self) -> Scene: ...
@@ -101,18 +101,20 @@ class TheoryCase(Protocol):
 
 
 def find_theory(case: TheoryCase) -> tuple[Scene, ActiveEffect]:
-    """The scene of a case, and the effect of it whose `p.theory` computes friction.  Raises BadInput without one."""
+    """The scene of a case and its active effect with a friction theory `p.theory`.  Raises BadInput if none."""
     for acting in case.scene.acting:
         if hasattr(acting.p, "theory"):
             return case.scene, acting
-    able = " or ".join(f'"{name}"' for name, effect in case.known_effects.items() if "master_curve" in effect.params())
-    said = f"{case.name}: effects: {list(case.effects)}; none computes friction from a spectrum and a master curve"
-    raise BadInput(f"{said}, add {able}")
+    remedy = " or ".join(
+        f'"{name}"' for name, effect in case.known_effects.items() if "master_curve" in effect.params()
+    )
+    error = f"{case.name}: effects: {list(case.effects)}; none computes friction from a spectrum and a master curve"
+    raise BadInput(f"{error}, add {remedy}")
 
 
 # --- effects -----------------------------------------------------------------------------------------
 def _make_active_effects(values: Values, effects: EffectsByName, folder: Path) -> tuple[ActiveEffect, ...]:
-    """Every effect with its parameters, tables read; what it yields on the camera is checked."""
+    """Every active effect with its parameters and tables; its contributions to the camera are checked."""
     acting = []
     for name, effect in effects.items():
         section = values[str(effect.section) if effect.base else name]
@@ -123,31 +125,32 @@ def _make_active_effects(values: Values, effects: EffectsByName, folder: Path) -
 
 
 def _deposit_depths(deposits: list[Deposit]) -> list[float]:
-    """Depths (m) at which heat is released; BadInput when it is more than there is."""
+    """Depths (m) at which heat is released.  Raises BadInput where the fractions add up to more than 1."""
     total = sum(d.share for d in deposits)
     if total > 1 + 1e-12:
         raise BadInput(
-            f"friction.volumetric_share: all shares released inside the rubber sum to {total:g}; give at most 1 in all"
+            f"friction.volumetric_share: the fractions of heat released inside the rubber add up to {total:g};"
+            " give at most 1 in total"
         )
     return [d.depth for d in deposits if d.share > 0]
 
 
 def _has_track_memory(contributions: list[tuple[Any, Any]]) -> bool:
-    """Whether any effect lets heat on the track come round: tried with one kelvin."""
+    """Whether any effect returns heat after a lap of the track, tested with a temperature rise of 1 K."""
     probe = SimpleNamespace(carried=1.0)
     inflow = [(part, p) for part, p in contributions if isinstance(part, Term) and part.target == "road.inflow"]
     return any(part.law(None, probe, p) != 0 for part, p in inflow)
 
 
 def _has_resolved_spots(contributions: list[Any]) -> bool:
-    """Whether any effect resolves spots that move with the road."""
+    """Whether any effect resolves contact spots that move with the road."""
     terms = [(part, p) for part, p in contributions if isinstance(part, Term) and part.target == "contact.resolved"]
     return any(part.law(None, None, p) > 0 for part, p in terms)
 
 
 # --- schedule -------------------------------------------------------------------------------------------
 def _read_series(values: Values, key: str, folder: Path) -> TimeSeries:
-    """A number, or a file of time against value, as a function of time."""
+    """A quantity over time from a number, or from a file of time and value."""
     x, y = _read_time_rows(values, key, folder, 0.0)
     if max(y) <= 0:
         raise BadInput(f"{key}: is zero throughout; give values > 0")
@@ -159,25 +162,25 @@ def _read_speed_profile(values: Values, folder: Path) -> SpeedProfile:
     key = "schedule.speed"
     x, y = _read_time_rows(values, key, folder, -CASE_TABLES["schedule"]["speed"].high)
     if not any(y):
-        raise BadInput(f"{key}: is zero throughout; give values > 0, or < 0 for sliding back")
+        raise BadInput(f"{key}: is zero throughout; give values > 0, or < 0 for backward sliding")
     return SpeedProfile.from_signed_speeds(x, y)
 
 
 def _read_time_rows(values: Values, key: str, folder: Path, low: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """A number as one row, or the rows of a file of time against value."""
+    """Times and values: one row for a number, or the rows of a file of time and value."""
     table, last = key.split(".")
     value = values[table][last]
     if isinstance(value, (int, float)):
         return (0.0,), (float(value),)
-    wanted = SPEED if key == "schedule.speed" else PRESSURE
-    x, y = read_xy_pairs(value, folder, key, low, CASE_TABLES[table][last].high, (TIME, wanted))
+    quantity = SPEED if key == "schedule.speed" else PRESSURE
+    x, y = read_xy_pairs(value, folder, key, low, CASE_TABLES[table][last].high, (TIME, quantity))
     if x[0] < 0:
         raise BadInput(f"{key}: time starts at {x[0]:g} s; count from the start of the repetition, t >= 0")
     return x, y
 
 
 def _add_lap_events(plan: Schedule, v: Any, remembers: bool) -> Schedule:
-    """The schedule, whose laps are events where the track is remembered; BadInput when its distance is never slid."""
+    """The schedule with laps as events if the track has memory.  Raises BadInput when its distance is never reached."""
     schedule = replace(plan, lap=v.road.track_length if remembers else None)
     if not math.isfinite(schedule.slide_time):
         raise BadInput(
@@ -191,9 +194,9 @@ def _add_lap_events(plan: Schedule, v: Any, remembers: bool) -> Schedule:
 def _build_mesh(
     v: Any, outline: SceneOutline, schedule: Schedule, remembers: bool, depths: list[float], uniform_along: bool
 ) -> Mesh:
-    """The mesh, fine enough for the shallowest of the `depths` (m) at which heat is released, and for the speed.
+    """The mesh, fine enough for the smallest of the `depths` (m) at which heat is released, and for the speed.
 
-    `uniform_along`: along the road all cells are as long.
+    `uniform_along`: all cells along the road have the same length.
     """
     level, block, road = refinement_factor(v.numerics.mesh), outline.block, outline.road
     refine = tuple(level * f for f in v.numerics.finer)
@@ -225,13 +228,13 @@ def _build_mesh(
 
 
 def first_cells(built: Scene, numerics: Mapping[str, Any]) -> dict[str, Any]:
-    """First cells (m) of block and road at mesh = 1, as keys of a case: given by its `numerics`, or by the rules.
+    """First cells (m) of block and road and cells of every layer at mesh = 1, as keys of a case.
 
-    Keys so pinned keep the mesh of a scene while what the rules look at moves: speed, diffusivity, depth of heat;
-    with them the cells of every layer.
+    A case with these keys keeps its mesh when speed, diffusivity or source depth change, on which the default first
+    cells depend.  Derivatives by finite differences need such a fixed mesh.
     """
-    said = [part for acting in built.acting for part in acting.contributions(built)]
-    depths = _deposit_depths([part for part in said if isinstance(part, Deposit)])
+    contributions = [part for acting in built.acting for part in acting.contributions(built)]
+    depths = _deposit_depths([part for part in contributions if isinstance(part, Deposit)])
     return {
         "numerics.first_block": _first_block_cell(numerics["first_block"], built.block, built.schedule, depths),
         "numerics.first_road": _first_road_cell(numerics["first_road"], built.road, built.length, built.schedule),
@@ -239,7 +242,7 @@ def first_cells(built: Scene, numerics: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _first_block_cell(given: float | None, block: Material, schedule: Schedule, depths: list[float]) -> float:
-    """First cell (m) of the block at the interface; where not given, within the depths and the heated layer."""
+    """First cell (m) of the block at the interface; default: resolves the source depths and the heated layer."""
     if given is not None:
         return given
     layer = FIRST_CELL_RATIO * math.sqrt(block.diffusivity * schedule.slide_time)
@@ -247,18 +250,18 @@ def _first_block_cell(given: float | None, block: Material, schedule: Schedule, 
 
 
 def _first_road_cell(given: float | None, road: Material, length: float, schedule: Schedule) -> float:
-    """First cell (m) of the road at the interface; where not given, within the layer heated during a passage."""
+    """First cell (m) of the road at the interface; default: resolves the layer heated during one passage."""
     if given is not None:
         return given
     return float(min(3e-6, FIRST_CELL_RATIO * math.sqrt(road.diffusivity * length / max(schedule.speed.value))))
 
 
 def _check_first_cell(v: Any, refine: float, depths: list[float], first: float) -> float:
-    """The first cell (m) of the block at the interface, if it is fine enough for the depths and the block."""
+    """The first cell (m) of the block at the interface.  Raises BadInput where it is too coarse."""
     if depths and first / max(refine, 1e-9) > 4 * min(depths):
         raise BadInput(
             f"numerics.first_block: first cell of {first / refine:.3g} m is too coarse for a source depth of "
-            f"{min(depths):.3g} m; give <= {2 * min(depths):.3g} m or count that share as interfacial"
+            f"{min(depths):.3g} m; give <= {2 * min(depths):.3g} m or release that fraction at the interface"
         )
     if first > v.block.height / 4:
         raise BadInput(
@@ -268,7 +271,7 @@ def _check_first_cell(v: Any, refine: float, depths: list[float], first: float) 
 
 
 def _check_cell_counts(v: Any, level: float, refine: tuple[float, ...]) -> None:
-    """BadInput for more cells than a run can have, and for end cells that do not fit."""
+    """Raise BadInput for too many cells, and for end cells that do not fit."""
     along, up, down = (n * f for n, f in zip(v.numerics.cells, refine, strict=True))
     across = 1 if v.numerics.across == 1 else v.numerics.across * level
     cells = along * (up + v.numerics.above * refine[1] + down) * across
@@ -285,7 +288,7 @@ def _check_cell_counts(v: Any, level: float, refine: tuple[float, ...]) -> None:
 
 
 def _road_depth(v: Any, road: Material, schedule: Schedule, remembers: bool, first: float) -> float:
-    """Depth (m) of road simulated: six diffusion lengths of the time that it has, where not given."""
+    """Depth (m) of road simulated; default: six diffusion lengths of the heating and cooling time."""
     depth = v.road.depth
     if depth is None:
         v0 = min(s for s in schedule.speed.value if s > 0)
@@ -300,21 +303,23 @@ def _road_depth(v: Any, road: Material, schedule: Schedule, remembers: bool, fir
 
 
 def _check_elastic_block(built: Scene) -> None:
-    """BadInput for an elastic block that needs too many elements."""
+    """Raise BadInput for an elastic block with too many unknowns."""
     mesh, whole = built.mesh, built.elastic_3d and built.resolved
     unknowns = count_unknowns(mesh.x[mesh.first : mesh.last + 1], mesh.height, mesh.y if whole else None)
     if unknowns > MAX_ELASTIC_UNKNOWNS:
         key = "numerics.elastic_3d: this block" if whole else "block.height: a block of these proportions"
-        remedy = "leave it out: then each plane is in plane strain" if whole else "give block.stiffness for springs"
-        raise BadInput(f"{key} needs {unknowns} displacements, at most {MAX_ELASTIC_UNKNOWNS} are solved for; {remedy}")
+        remedy = (
+            "leave it out for plane strain in each plane" if whole else "give block.stiffness for independent springs"
+        )
+        raise BadInput(f"{key} needs {unknowns} displacements, at most {MAX_ELASTIC_UNKNOWNS} are possible; {remedy}")
 
 
-# --- what only the whole scene can tell --------------------------------------------------------------
+# --- checks of the whole scene -----------------------------------------------------------------------
 def _check_scene(built: Scene) -> None:
-    """BadInput where block, spots and pressure of a scene cannot be."""
+    """Raise BadInput where block, effects, spots and pressure of a scene are inconsistent."""
     for acting in built.acting if built.layers else ():
         if acting.effect.uniform:
-            raise BadInput(f"effects: '{acting.name}' takes the block for one material; leave it out, or the layers")
+            raise BadInput(f"effects: '{acting.name}' assumes a block of one material; leave it out, or the layers")
     laws, now, mesh = EffectLaws(built), built.law_context(built.schedule.phases[0], 0.0), built.mesh
     worn = mean_over_columns(laws, "block.worn", mesh, now, 0.0, has_kinks=True).max()
     key, most = ("block.height", built.height)
@@ -328,8 +333,8 @@ def _check_scene(built: Scene) -> None:
         _check_elastic_block(built)
     for target in ("contact.flat_face", "contact.shear_traction") if built.stiffness is not None else ():
         for _, _, name in laws.terms.get(target, ()):
-            raise BadInput(f"block.stiffness: a block on springs knows nothing of '{name}'; leave out one of the two")
-    laws("contact.cover", 0.0, None, now)  # where spots cannot be placed, say so before anything runs
+            raise BadInput(f"block.stiffness: '{name}' needs an elastic block, not springs; leave out one of the two")
+    laws("contact.cover", 0.0, None, now)  # raises BadInput now, and not during the run, where spots cannot be placed
     mean = mean_over_columns(laws, "contact.pressure", mesh, now) @ mesh.column_area / built.length
     if not mean > 0:
         raise BadInput(

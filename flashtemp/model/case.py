@@ -1,4 +1,4 @@
-"""case.toml -> Case: checked values with every default, and the scene that they describe."""
+"""A validated case: values with all defaults, read from case.toml, and the scene that they describe."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from flashtemp.physics import user_effects
 from flashtemp.physics.effect import Effect, Param, catalogue
 from flashtemp.physics.user_effects import UserEffect, find_installed_effects
 
-# for questions about block and schedule alone
+# overrides for callers that need only block and schedule
 NO_EFFECTS: dict[str, Any] = {"effects": [], "candidates": [], "free": []}
 
 
 @dataclass(frozen=True, repr=False)
 class Case(DisplayMixin):
-    """A validated case: `values` {table: {key: value}} with every default, and where it came from.
+    """A validated case: `values` {table: {key: value}} with all defaults, active `effects`, and its origin.
 
-    `folder` is where relative file names are looked up; `own` are effects from files of the case's own, and `trust`
-    says whether the user lets any such file run.  `priors` are the standard deviations that the case states, by key.
+    Relative file names refer to `folder`.  `own` are the effects defined by files of the case; `trust` tells whether
+    the user allows any such file to run.  `priors` are the standard deviations stated in the case, by key.
     """
 
     title: str
@@ -45,42 +45,42 @@ class Case(DisplayMixin):
 
     @cached_property
     def known_effects(self) -> Mapping[str, type[Effect]]:
-        """Effects by name that this case may use, whether it does or not: catalogue, installed packages, own files."""
+        """All effects that this case may use, by name: catalogue, installed packages and its own files."""
         return collect_effects(self.own)
 
     @cached_property
     def scene(self) -> Scene:
-        """Mesh, materials, schedule and acting effects.  Raises BadInput for values that do not go together."""
+        """Mesh, materials, schedule and active effects.  Raises BadInput for inconsistent values."""
         acting = {n: effect for n, effect in self.known_effects.items() if effect.base or n in self.effects}
         return build.build_scene(self.values, acting, self.folder)
 
     @property
     def settings(self) -> SolverSettings:
-        """Numerics; BadInput when the CVODE binding is not installed."""
+        """Numerical settings.  Raises BadInput when the CVODE binding is not installed."""
         return numerics.read_settings(self.values)
 
     def __getstate__(self) -> dict[str, Any]:
-        """What another process needs: the scene is built there anew."""
+        """Fields for another process, which builds the scene again."""
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
     def __getitem__(self, dotted: str) -> Any:
-        """Value of "table.key"."""
+        """The value of "table.key"."""
         table, key = dotted.rsplit(".", 1)
         return self.values[table][key]
 
     def declared_params(self, table: str) -> dict[str, Param]:
-        """All keys that a table may have, with their declarations."""
+        """All keys of a table with their declarations."""
         return schema.declared_params(table, self.known_effects)
 
     def with_values(self, changed: Mapping[str, Any]) -> Case:
-        """The case with other values {"table.key": value} of some keys, checked anew.  Raises BadInput."""
+        """A validated copy of the case with changed values {"table.key": value}.  Raises BadInput."""
         given = case_file.flatten_tables(changed)
         return assemble_case(
             self._to_tables(), given, KeyLocations(self.name), self.folder, self.name, self.trust, self.own
         )
 
     def named_files(self) -> dict[str, str]:
-        """Dotted keys whose value is the name of a file, with that name."""
+        """File names in the case, by dotted key."""
         return {
             f"{t}.{k}": v
             for t, table in self.values.items()
@@ -89,9 +89,9 @@ class Case(DisplayMixin):
         }
 
     def copy_files(self, folder: Path) -> dict[str, str]:
-        """Copy the files that the case names into a folder's inputs/; returns their new names by key.
+        """Copy the files that the case names into inputs/ of a folder; returns their new names by key.
 
-        Effect files keep their names, which are the effects', and are written as they were read.
+        Effect files keep their names, because those name the effects, and are written as they were read.
         """
         renamed: dict[str, str] = {}
         for key, name in self.named_files().items():
@@ -105,21 +105,21 @@ class Case(DisplayMixin):
         return renamed
 
     def own_effects(self) -> dict[str, dict[str, str]]:
-        """Where a result keeps each effect file of the case, and the digest of its content."""
+        """Path within a result folder and SHA-256 digest of each effect file of the case."""
         return {o.name: {"file": f"inputs/{o.name}.py", "sha256": o.sha256} for o in self._listed_effects()}
 
     def _listed_effects(self) -> list[UserEffect]:
-        """Own effects that the case lists."""
+        """User-defined effects listed in `effects` or `candidates`."""
         return [o for o in self.own if o.name in (*self.effects, *(self.candidates or ()))]
 
     def toml(self, rename: Mapping[str, str] | None = None) -> str:
-        """The effective case as TOML that gives the same run again."""
+        """The complete case as TOML that reproduces the run; `rename` maps keys to new file names."""
         import tomli_w
 
         return tomli_w.dumps(self._to_tables(rename))
 
     def _to_tables(self, rename: Mapping[str, str] | None = None) -> dict[str, Any]:
-        """The effective case as the tables of a file, files under their new names."""
+        """The complete case as TOML tables, with files under their new names."""
         paths = {o.name: (rename or {}).get(o.name, o.path) for o in self.own}
         out: dict[str, Any] = {
             "title": self.title, "effects": [paths.get(n, n) for n in self.effects], "free": list(self.free),
@@ -140,11 +140,11 @@ class Case(DisplayMixin):
         return out
 
     def __str__(self) -> str:
-        return f"Case '{self.title}' ({self.name})\n  effects: {', '.join(self.effects) or 'bare base'}\n{self.scene}"
+        return f"Case '{self.title}' ({self.name})\n  effects: {', '.join(self.effects) or 'none added'}\n{self.scene}"
 
     def to_table(self) -> DisplayTable:
-        """For a notebook: effects and scene, with every table of the case to unfold."""
-        rows = [("effects", ", ".join(self.effects) or "bare base"), ("cells", self.scene.mesh.n_cells)]
+        """Effects and number of cells, with every table of the case as a part that unfolds."""
+        rows = [("effects", ", ".join(self.effects) or "none added"), ("cells", self.scene.mesh.n_cells)]
         parts = []
         for table, values in self.values.items():
             units = {k: p.unit for k, p in self.declared_params(table).items()}
@@ -157,7 +157,7 @@ class Case(DisplayMixin):
 
 
 def collect_effects(own: Iterable[UserEffect] = ()) -> dict[str, type[Effect]]:
-    """Effects by name: the catalogue, base effects first, those of installed packages, and a case's own."""
+    """Effects by name: the catalogue with base effects first, then installed packages, then user-defined effects."""
     return dict(catalogue()) | find_installed_effects() | {o.name: o.effect for o in own}
 
 
@@ -169,8 +169,8 @@ def load_case(
 ) -> Case:
     """Read a case folder or .toml file, with overrides {"table.key": value} or ["table.key=value"].
 
-    `trust` lets effect files of the case run whose ever they are.  Raises BadInput with all faults at once, one line
-    each; `by` says there where overrides come from.
+    `trust` runs effect files of the case even if another user may have written them.  Raises BadInput with all errors
+    at once, one line each; `by` is the origin of the overrides in these messages.
     """
     path = Path(path)
     file = path / "case.toml" if path.is_dir() else path
@@ -195,18 +195,18 @@ def assemble_case(
 ) -> Case:
     """Check raw tables and overrides against the declared keys, fill in the defaults and build the scene.
 
-    `effects_read` are effect files that are read already.  Raises BadInput with all faults.
+    `effects_read` are effects whose files have been read before.  Raises BadInput with all errors.
     """
-    before, raw = case_file.list_effect_files(raw), case_file.merge_overrides(raw, overrides, locations.by)
+    files_before, raw = case_file.list_effect_files(raw), case_file.merge_overrides(raw, overrides, locations.by)
     own = _read_user_effects(raw, locations, folder, trust, effects_read)
-    able = collect_effects(own)
-    reader = CaseReader(able, locations)
-    effects = reader.read_effect_names(raw, "effects", [n for n, e in able.items() if not e.base]) or ()
-    candidates = reader.read_effect_names(raw, "candidates", able)
-    # effects chosen on the command line: the file's tables of other effects rest
-    asked = {g.split(".")[0] for g in overrides if "." in g}
-    resting = {*able, *(Path(f).stem for f in before)} - asked if "effects" in overrides else set()
-    values = reader.read_values(raw, effects, resting)
+    known = collect_effects(own)
+    reader = CaseReader(known, locations)
+    effects = reader.read_effect_names(raw, "effects", [n for n, e in known.items() if not e.base]) or ()
+    candidates = reader.read_effect_names(raw, "candidates", known)
+    # where an override sets `effects`, tables of other effects in the file are ignored instead of refused
+    overridden = {key.split(".")[0] for key in overrides if "." in key}
+    unused = {*known, *(Path(f).stem for f in files_before)} - overridden if "effects" in overrides else set()
+    values = reader.read_values(raw, effects, unused)
     free, title = reader.read_free_keys(raw, values), reader.read_title(raw, name)
     if reader.faults:
         raise BadInput(*reader.faults)
@@ -221,7 +221,7 @@ def assemble_case(
 def _read_user_effects(
     raw: dict[str, Any], locations: KeyLocations, folder: Path, trust: bool, effects_read: tuple[UserEffect, ...]
 ) -> tuple[UserEffect, ...]:
-    """Effects of the files that a case lists, after those that are read already.  Raises BadInput."""
+    """The user-defined effects of a case; files in `effects_read` are not read again.  Raises BadInput."""
     found, faults = {o.path: o for o in effects_read}, []
     for path in case_file.list_effect_files(raw):
         if path in found:

@@ -1,4 +1,4 @@
-"""A case file as text: TOML, where each key stands, overrides; unknown keys and wrong values are told from here."""
+"""Read a case file: TOML, line numbers of keys, overrides, and errors for unknown keys and invalid values."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ from flashtemp.physics.effect import Effect, Param
 
 Table = dict[str, Any]
 EffectsByName = Mapping[str, type[Effect]]
-TOML_ERRORS = (ValueError, RecursionError)  # what `parse_toml` raises: also numbers and brackets beyond its limits
+TOML_ERRORS = (ValueError, RecursionError)  # raised by `parse_toml`, also for numbers and nesting beyond its limits
 OVERLONG_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){64}""")
 LARGEST_INTEGER = 2**63 - 1
-MAX_TOML_BYTES = 2 * 2**20  # the largest case of the gallery has 4 kB
-TOP_LEVEL_KEYS = ("title", "effects", "candidates", "free")  # keys that stand before the tables
+MAX_TOML_BYTES = 2 * 2**20  # far above any real file: the largest case of the gallery has 4 kB
+TOP_LEVEL_KEYS = ("title", "effects", "candidates", "free")  # keys before the first table
 
 
 def _suggest_key(key: str, tables: Mapping[str, Mapping[str, Param]]) -> str:
-    """What would be right instead of an unknown key that stands in no table; keys whose table was left out first."""
+    """The end of an error for an unknown key without a table; the table may have been left out."""
     top, inside = [*tables, "title", "effects", "free"], dict[str, list[str]]()
     for table, keys in tables.items():
         for name in keys:
@@ -51,7 +51,7 @@ def _suggest_key(key: str, tables: Mapping[str, Mapping[str, Param]]) -> str:
 
 @dataclass(frozen=True)
 class KeyLocations:
-    """Where a key stands: file and line, or what overrode it."""
+    """Locations of keys for error messages: file and line, or the origin `by` of an override."""
 
     file: str
     text: str = ""
@@ -65,7 +65,7 @@ class KeyLocations:
         return f"{self.file}:{line}: {dotted}" if line else f"{self.file}: {dotted}"
 
     def find_line(self, dotted: str, nth: int = 1) -> int | None:
-        """1-based line of a dotted key, of tables of that name the `nth`, or None for one that is not written there."""
+        """1-based line of a dotted key (for a table, of its `nth` head); None where the text does not contain it."""
         for number, is_table in _index_lines(self.text).get(dotted, ()):
             nth -= is_table
             if not is_table or nth == 0:
@@ -73,32 +73,32 @@ class KeyLocations:
         return None
 
     def add_location(self, message: str) -> str:
-        """An error line that begins with its key, completed by where the key stands."""
+        """An error message that begins with a key, with the location of this key added."""
         key = message.split(":", 1)[0]
         return self(key) + message[len(key) :] if re.fullmatch(r"[\w.]+", key) else f"{self.file}: {message}"
 
 
 @lru_cache(maxsize=8)
 def _index_lines(text: str) -> dict[str, list[tuple[int, bool]]]:
-    """1-based lines of every dotted key of a TOML text, each with whether it is the head of a table.
+    """1-based lines of every dotted key of a TOML text, each with a flag for the head of a table.
 
     >>> _index_lines("title = 'a'\\n[block]\\nheight = 1")
     {'title': [(1, False)], 'block': [(2, True)], 'block.height': [(3, False)]}
     """
-    found: dict[str, list[tuple[int, bool]]] = {}
+    lines: dict[str, list[tuple[int, bool]]] = {}
     prefix = ""
     for number, raw in enumerate(text.splitlines(), 1):
         line = raw.split("#", 1)[0].strip()
         if header := re.fullmatch(r"\[+\s*([^\]]+?)\s*\]+", line):
             prefix = header[1] + "."
-            found.setdefault(header[1], []).append((number, True))
+            lines.setdefault(header[1], []).append((number, True))
         elif key := re.match(r"([\w\.\"'-]+)\s*=", line):
-            found.setdefault(prefix + key[1].strip("\"'"), []).append((number, False))
-    return found
+            lines.setdefault(prefix + key[1].strip("\"'"), []).append((number, False))
+    return lines
 
 
 def parse_toml(text: str) -> Table:
-    """Tables of a TOML text, integers of 64 bits at most as TOML 1.0 has them.  Raises ValueError, RecursionError.
+    """Tables of a TOML text, with integers of at most 64 bits as in TOML 1.0.  Raises ValueError, RecursionError.
 
     >>> parse_toml("cells = 0x10")
     {'cells': 16}
@@ -107,24 +107,24 @@ def parse_toml(text: str) -> Table:
         ...
     ValueError: an integer has more than 64 bits
     """
-    if OVERLONG_KEY.search(text):  # for which the library takes time as their square
+    if OVERLONG_KEY.search(text):  # tomllib takes time quadratic in the number of parts
         raise ValueError("a key has more than 64 parts")
     tables = tomllib.loads(text)
-    left: list[Any] = [tables]
-    while left:
-        value = left.pop()
+    pending: list[Any] = [tables]
+    while pending:
+        value = pending.pop()
         if isinstance(value, int) and not -LARGEST_INTEGER - 1 <= value <= LARGEST_INTEGER:
             raise ValueError("an integer has more than 64 bits")
-        left.extend(value.values() if isinstance(value, dict) else value if isinstance(value, list) else ())
+        pending.extend(value.values() if isinstance(value, dict) else value if isinstance(value, list) else ())
     return tables
 
 
 def read_toml(file: Path) -> tuple[str, Table]:
-    """Text and tables of a TOML file that exists.  Raises BadInput."""
+    """Text and tables of an existing TOML file.  Raises BadInput."""
     try:
         state = file.stat()
-        if not stat.S_ISREG(state.st_mode):  # a pipe would be waited for, a device has no end
-            raise BadInput(f"{file}: no ordinary file; give a .toml file")
+        if not stat.S_ISREG(state.st_mode):  # reading a pipe would block, a device may never end
+            raise BadInput(f"{file}: not a regular file; give a .toml file")
         if state.st_size > MAX_TOML_BYTES:
             raise BadInput(f"{file}: larger than {MAX_TOML_BYTES // 2**20} MiB; give a shorter .toml file")
         text = file.read_text(encoding="utf-8")
@@ -132,13 +132,13 @@ def read_toml(file: Path) -> tuple[str, Table]:
     except OSError as fault:
         raise BadInput(f"{file}: {fault.strerror}; give a file that can be read") from fault
     except UnicodeDecodeError as fault:
-        raise BadInput(f"{file}: no text in UTF-8, so no TOML; give a .toml file") from fault
+        raise BadInput(f"{file}: not UTF-8 text, so not TOML; give a .toml file") from fault
     except TOML_ERRORS as fault:
-        raise BadInput(f"{file}: not valid TOML: {_describe_parse_error(fault)}; repair that place") from fault
+        raise BadInput(f"{file}: not valid TOML: {_describe_parse_error(fault)}; repair that line") from fault
 
 
 def describe_missing_file(path: Path, kind: str) -> str:
-    """That there is no case or no campaign, and what is there instead."""
+    """The error for a missing case or campaign, with what the folder contains instead."""
     wanted = f"{kind}.toml"
     there = "in it" if path.is_dir() else ""
     other = next((n for n in ("case.toml", "campaign.toml") if there and n != wanted and (path / n).is_file()), "")
@@ -147,7 +147,7 @@ def describe_missing_file(path: Path, kind: str) -> str:
 
 
 def _describe_parse_error(fault: Exception) -> str:
-    """What was wrong with a text, without what only a programmer can do about it."""
+    """The message of a TOML error, without its advice for programmers."""
     return (
         "brackets are nested too deep"
         if isinstance(fault, RecursionError)
@@ -156,7 +156,7 @@ def _describe_parse_error(fault: Exception) -> str:
 
 
 def parse_overrides(overrides: Mapping[str, Any] | Iterable[str] | None) -> Table:
-    """["a.b=1"] or {"a.b": 1} -> {"a.b": 1}; values are TOML, bare words are text.  Raises BadInput."""
+    """Overrides ["a.b=1"] or {"a.b": 1} as {"a.b": 1}; values are TOML, bare words text.  Raises BadInput."""
     if not overrides:
         return {}
     if isinstance(overrides, Mapping):
@@ -180,7 +180,7 @@ def parse_overrides(overrides: Mapping[str, Any] | Iterable[str] | None) -> Tabl
 
 
 def flatten_tables(overrides: Mapping[str, Any]) -> Table:
-    """Overrides with whole tables as keys of their own, so that other keys of these tables stay.
+    """Overrides with tables split into dotted keys, so that the other keys of these tables are kept.
 
     >>> flatten_tables({"contact": {"pressure": 1e5}, "materials": {"a": {"density": {"value": 1e3, "sd": 9.0}}}})
     {'contact.pressure': 100000.0, 'materials.a.density': {'value': 1000.0, 'sd': 9.0}}
@@ -196,7 +196,7 @@ def flatten_tables(overrides: Mapping[str, Any]) -> Table:
 
 
 def merge_overrides(raw: Table, given: Table, by: str) -> Table:
-    """Overrides, given `by` somebody, laid over the tables of a file; neither is changed.  Raises BadInput."""
+    """A copy of the tables of a file with the overrides applied; `by` is their origin.  Raises BadInput."""
     out = {k: dict(v) if isinstance(v, dict) else v for k, v in raw.items()}
     for kind in NAMED_TABLES:
         if isinstance(out.get(kind), dict):
@@ -208,29 +208,30 @@ def merge_overrides(raw: Table, given: Table, by: str) -> Table:
             at = at.setdefault(step, {})
             if not isinstance(at, dict):
                 raise BadInput(f"{dotted} ({by}): '{step}' is not a table")
-        held = at.get(last)  # another value is known as well as the one that it replaces
+        before = at.get(last)
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        at[last] = (
-            held | {"value": value} if number and isinstance(held, dict) and priors.has_stated_sd(held) else value
-        )
+        if number and isinstance(before, dict) and priors.has_stated_sd(before):
+            at[last] = before | {"value": value}  # the new value keeps the stated sd
+        else:
+            at[last] = value
     return out
 
 
 def list_effect_files(raw: Table) -> list[str]:
-    """Names of the files that a case lists among its effects and candidates, each once.
+    """Effect files that a case lists in `effects` and `candidates`, each once.
 
     >>> list_effect_files({"effects": ["wear", "./fan.py"], "candidates": ["./fan.py"]})
     ['./fan.py']
     """
-    named = [v for key in ("effects", "candidates") for v in split_names(raw.get(key, [])) or ()]
-    return [v for v in dict.fromkeys(named) if v.endswith(".py")]
+    names = [v for key in ("effects", "candidates") for v in split_names(raw.get(key, [])) or ()]
+    return [v for v in dict.fromkeys(names) if v.endswith(".py")]
 
 
 @dataclass(frozen=True)
 class CaseReader:
-    """What a case is checked against: effects `known` by name, where keys stand, and the `faults` found so far.
+    """Reads and checks the tables of a case; collects errors in `faults` and stated standard deviations in `priors`.
 
-    `priors`: standard deviations that the case states, by key.
+    `known`: effects by name; `where`: locations of keys for messages.
     """
 
     known: EffectsByName
@@ -239,11 +240,11 @@ class CaseReader:
     priors: dict[str, float] = field(default_factory=dict)
 
     def add_fault(self, key: str, text: str) -> None:
-        """Note what is wrong with a key, after the place where it stands."""
+        """Add an error of a key, with its location."""
         self.faults.append(f"{self.where(key)}: {text}")
 
     def read_effect_names(self, raw: Table, key: str, allowed: Collection[str]) -> tuple[str, ...] | None:
-        """A list of effect names, each checked against those known; None when not given."""
+        """The effect names under `key`, each checked against `allowed`; None when the key is not given."""
         if key not in raw:
             return None
         value = split_names(raw[key])
@@ -261,7 +262,7 @@ class CaseReader:
         return tuple(v for v in value if v in allowed)
 
     def read_values(self, raw: Table, effects: Collection[str], unused_effects: Collection[str]) -> dict[str, Table]:
-        """Every table that this case may have, with its defaults; tables of `unused_effects` effects may stand unused."""
+        """All tables that this case may have, with defaults; tables of `unused_effects` are ignored."""
         raw, tables = self._declared_tables(raw, effects)
         for table in raw:
             if table in tables or table in TOP_LEVEL_KEYS or table in unused_effects:
@@ -271,25 +272,25 @@ class CaseReader:
             else:
                 self.add_fault(table, f"unknown key{_suggest_key(table, tables)}")
         values = {t: self._read_table(t, keys, raw.get(t, {})) for t, keys in tables.items()}
-        for key, said in layers.derive_block_keys(values, raw.get("block", {})):
-            self.add_fault(key, said)
+        for key, error in layers.derive_block_keys(values, raw.get("block", {})):
+            self.add_fault(key, error)
         return values
 
     def _declared_tables(self, raw: Table, effects: Collection[str]) -> tuple[Table, dict[str, dict[str, Param]]]:
-        """Raw tables with every material one of its own, and the declared keys of all that this case may have."""
+        """Raw tables with every material and layer as a table, and the declared keys of all possible tables."""
         flat, names = {k: v for k, v in raw.items() if k not in NAMED_TABLES}, []
         for kind in NAMED_TABLES:
-            own = raw.get(kind, {})
-            if not isinstance(own, dict):
-                self.add_fault(kind, f"{shorten_text(repr(own))}; write [{kind}.NAME] and its keys below it")
-                own = {}
-            names += [f"{kind}.{n}" for n in own]
-            flat |= {f"{kind}.{n}": v for n, v in own.items()}
-        apart = [t for t in COMMAND_TABLES if t in raw]
-        return flat, {t: declared_params(t, self.known) for t in [*CASE_TABLES, *apart, *names, *effects]}
+            tables = raw.get(kind, {})
+            if not isinstance(tables, dict):
+                self.add_fault(kind, f"{shorten_text(repr(tables))}; write [{kind}.NAME] and its keys below it")
+                tables = {}
+            names += [f"{kind}.{n}" for n in tables]
+            flat |= {f"{kind}.{n}": v for n, v in tables.items()}
+        of_commands = [t for t in COMMAND_TABLES if t in raw]
+        return flat, {t: declared_params(t, self.known) for t in [*CASE_TABLES, *of_commands, *names, *effects]}
 
     def _read_table(self, table: str, keys: dict[str, Param], given: Any) -> Table:
-        """Values of one table with its defaults."""
+        """The values of one table with its defaults."""
         if not isinstance(given, dict):
             self.add_fault(table, f"{given!r} is not a table; write [{table}] and its keys below it")
             return {}
@@ -306,25 +307,28 @@ class CaseReader:
             value = self._convert_unit(table, key, param, self._take_prior(table, key, param, given[key]))
             if value == "inf" and param.high == float("inf") and "number" in param.kinds:
                 value = float("inf")
-            if said := find_value_fault(param, value):
-                self.add_fault(f"{table}.{key}", f"{shorten_text(repr(value))}; {said}")
+            if error := find_value_fault(param, value):
+                self.add_fault(f"{table}.{key}", f"{shorten_text(repr(value))}; {error}")
             out[key] = value
         return out
 
     def _take_prior(self, table: str, key: str, param: Param, given: Any) -> Any:
-        """The value itself of what a case gives as { value, sd }, whose sd is noted."""
+        """The value of { value, sd }, whose sd is stored in `priors`; any other value unchanged."""
         if not priors.has_stated_sd(given):
             return given
         sd = self._convert_unit(table, key, param, given["sd"], difference=True)
         given = given | {"sd": sd, "value": self._convert_unit(table, key, param, given.get("value"))}
-        if said := priors.find_sd_fault(param, table, given):
-            self.add_fault(f"{table}.{key}", said)
+        if error := priors.find_sd_fault(param, table, given):
+            self.add_fault(f"{table}.{key}", error)
             return param.value
         self.priors[f"{table}.{key}"] = float(given["sd"])
         return given["value"]
 
     def _convert_unit(self, table: str, key: str, param: Param, value: Any, difference: bool = False) -> Any:
-        """A number of a text with its unit, and of all in a list; other values as they are."""
+        """The number of a text with a unit, also in a list; other values unchanged.
+
+        `difference`: the text is a difference of temperatures, so its zero is not shifted.
+        """
         if isinstance(value, list) and "amounts" in param.kinds:
             return [self._convert_unit(table, key, param, v) for v in value]
         if not units.looks_like_quantity(value) or not {"number", "amount", "amounts"} & set(param.kinds):
@@ -336,40 +340,40 @@ class CaseReader:
             return param.value
 
     def read_free_keys(self, raw: Table, values: Mapping[str, Table]) -> tuple[str, ...]:
-        """The keys that a fit may move; friction.mu where the case does not say."""
+        """The keys to fit; friction.mu when not given."""
         free = raw.get("free", ["friction.mu"])
         if not isinstance(free, list):
             self.add_fault("free", f'{free!r}; give a list, for example ["friction.mu"]')
             return ()
         for n, key in enumerate(free):
-            if said := find_free_key_fault(key, values, self.known):
-                self.add_fault("free", said)
+            if error := find_free_key_fault(key, values, self.known):
+                self.add_fault("free", error)
             elif key in free[:n]:
                 self.add_fault("free", f"'{key}' is listed twice; once is enough")
         return tuple(free)
 
     def read_title(self, raw: Table, default: str) -> str:
-        """The title, or what stands for it."""
+        """The title, or `default` when not given."""
         title = raw.get("title", default)
-        if said := find_title_fault(title):
-            self.add_fault("title", said)
+        if error := find_title_fault(title):
+            self.add_fault("title", error)
         return str(title)
 
 
 def find_title_fault(title: Any) -> str | None:
-    r"""What is wrong with a title or name, or None: neither files nor pictures hold control characters.
+    r"""The error of a title or name, or None; control characters are not allowed in files and pictures.
 
     >>> find_title_fault("run-in, 0.1 m/s"), find_title_fault("a\x00b")
-    (None, "'a\\x00b' holds a control character; leave it out")
+    (None, "'a\\x00b' contains a control character; leave it out")
     """
     if not isinstance(title, str):
         return f"{shorten_text(repr(title))}; give text in quotes"
     odd = any(not c.isprintable() and c not in "\n\t" and unicodedata.category(c) in ("Cc", "Cs") for c in title)
-    return f"{shorten_text(ascii(title))} holds a control character; leave it out" if odd else None
+    return f"{shorten_text(ascii(title))} contains a control character; leave it out" if odd else None
 
 
 def split_names(value: Any) -> list[str] | None:
-    """Names in a list, or in one text between commas; None for anything else.
+    """Names in a list, or in one text separated by commas; None for anything else.
 
     >>> split_names("wear, edge_pressure"), split_names(["wear"]), split_names(3)
     (['wear', 'edge_pressure'], ['wear'], None)

@@ -1,4 +1,4 @@
-"""A commented case to begin with: every key with default, unit, range and meaning, made from the declarations."""
+"""The commented template of a case, made from the declarations: every key with default, unit, range, meaning."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from flashtemp.physics.effect import Param
 
 CASE_TEMPLATE_HEAD = """\
 # A case of flashtemp: `flashtemp check FILE`, `flashtemp run FILE`.  SI units, temperatures in degC; or "25 mm".
-# Every key stands here with its default.  Take the # away to change one; what is not given keeps its default.
+# Every key is listed with its default.  Remove the # to change one; keys that are not given keep their defaults.
 title = "my case"
 
-# effects = ["track_memory", "friction_softening"]   # `flashtemp effects` tells all
-# free = ["friction.mu"]                             # what a fit to measured data may move
+# effects = ["track_memory", "friction_softening"]   # `flashtemp effects` lists all
+# free = ["friction.mu"]                             # parameters to fit to measured data
 """
-NAMED_TABLE_MEANINGS = {  # what tables of a name are, for people
-    "materials": "a material of your own",
-    "layers": "the block in layers, in this order from its face upwards",
+NAMED_TABLE_MEANINGS = {
+    "materials": "a user-defined material",
+    "layers": "a layer of the block; layers are listed from the face upwards",
 }
-RARE_TABLES = ("numerics", "output", "limits")  # tables that most do without
+RARE_TABLES = ("numerics", "output", "limits")  # listed last
 
 
 def case_text() -> str:
-    """The commented case."""
+    """The text of the commented case."""
     ordered = [t for t in CASE_TABLES if t not in RARE_TABLES] + [t for t in CASE_TABLES if t in RARE_TABLES]
     out = CASE_TEMPLATE_HEAD + "".join(f"\n[{table}]\n{_key_lines(declared_params(table))}" for table in ordered)
     return out + "".join(
@@ -39,7 +39,7 @@ def example_line(name: str, param: Param) -> str:
 
 
 def describe_param(param: Param) -> str:
-    """Meaning, unit and range of a key in words.
+    """Meaning, unit and range of a key as text.
 
     >>> describe_param(Param(0.02, "m", "length", low=1e-4, high=1.0))
     'length; m, 0.0001 to 1'

@@ -1,4 +1,4 @@
-"""The three kinds of TOML file that people write: told apart by their keys, so that one in another's place is told."""
+"""The three kinds of TOML input file, distinguished by their keys: case, campaign, recording template."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from flashtemp.errors import BadInput
 from flashtemp.model.schema import CASE_TABLES
 
 CASE_KIND, CAMPAIGN_KIND, TEMPLATE_KIND = "case", "campaign", "recording template"
-FILE_KIND_REMEDIES = {  # what was wanted, what is there: what to do
+FILE_KIND_REMEDIES = {  # (required kind, kind found): remedy
     (CASE_KIND, CAMPAIGN_KIND): "give flashtemp the case that it names, or use compare, discover or plan",
     (CASE_KIND, TEMPLATE_KIND): "use flashtemp import with it",
     (CAMPAIGN_KIND, CASE_KIND): 'give a campaign.toml with case = "{name}"',
     (CAMPAIGN_KIND, TEMPLATE_KIND): "import it first, and give a campaign.toml that names the recording",
-    (TEMPLATE_KIND, CASE_KIND): "give camera files, or a template as flashtemp new recording writes it",
-    (TEMPLATE_KIND, CAMPAIGN_KIND): "give camera files, or a template as flashtemp new recording writes it",
+    (TEMPLATE_KIND, CASE_KIND): "give camera files, or a template from flashtemp new recording",
+    (TEMPLATE_KIND, CAMPAIGN_KIND): "give camera files, or a template from flashtemp new recording",
 }
 
 
 def detect_kind(raw: dict[str, Any]) -> str:
-    """Whether tables are those of a case, a campaign or a recording template; "" where their keys do not tell."""
+    """The kind of file that the tables belong to; "" where their keys do not decide."""
     if "recording" in raw or "force" in raw:
         return CAMPAIGN_KIND
     if "files" in raw:
@@ -30,9 +30,9 @@ def detect_kind(raw: dict[str, Any]) -> str:
 
 
 def require_kind(wanted: str, raw: dict[str, Any], path: Any, name: str) -> None:
-    """BadInput where tables are those of another kind of file."""
-    there = detect_kind(raw)
-    if there and there != wanted:
+    """Raise BadInput where the tables belong to another kind of file."""
+    kind = detect_kind(raw)
+    if kind and kind != wanted:
         raise BadInput(
-            f"{path}: this is a {there}, not a {wanted}; {FILE_KIND_REMEDIES[wanted, there].format(name=name)}"
+            f"{path}: this is a {kind}, not a {wanted}; {FILE_KIND_REMEDIES[wanted, kind].format(name=name)}"
         )

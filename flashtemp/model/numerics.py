@@ -1,4 +1,4 @@
-"""Numerics of a run: CVODE's binding and tolerances, and how often what is kept."""
+"""Numerical settings of a run: CVODE binding, tolerances, and how many records are saved."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ BINDINGS = {"scikits-odes": "scikits_odes_sundials", "scikit-sundae": "sksundae"
 
 @dataclass(frozen=True)
 class SolverSettings:
-    """Numerics: CVODE `binding`, `rtol`, `atol` (K), BDF `order`; records per repetition and wait.
+    """CVODE `binding`, `rtol`, `atol` (K), BDF `order`; `profiles` and `fields` saved per repetition and wait.
 
-    `times` (s): moments at which profiles and fields are kept besides; `hottest` (K): hotter is a failure.
+    `times` (s): additional times at which profiles and fields are saved; `hottest` (K): a run that exceeds it fails.
     """
 
     binding: str
@@ -36,7 +36,7 @@ def installed_bindings() -> list[str]:
 
 
 def choose_binding(name: str | None) -> str:
-    """The binding to use; BadInput when the one asked for is not installed."""
+    """The binding to use.  Raises BadInput when `name`, or any binding, is not installed."""
     have = installed_bindings()
     if name in (None, "auto"):
         if not have:
@@ -49,7 +49,7 @@ def choose_binding(name: str | None) -> str:
 
 
 def read_settings(values: Mapping[str, Mapping[str, Any]]) -> SolverSettings:
-    """Numerics of a case's values {table: {key: value}}; BadInput when its CVODE binding is not installed."""
+    """Settings from the values {table: {key: value}} of a case.  Raises BadInput without its CVODE binding."""
     n, out = values["numerics"], values["output"]
     hottest = values["limits"]["temperature"] + KELVIN
     return SolverSettings(

@@ -1,4 +1,4 @@
-"""What is simulated: mesh, materials, schedule and the effects that act on them."""
+"""The scene of a simulation: mesh, materials, schedule and active effects."""
 
 from __future__ import annotations
 
@@ -20,61 +20,61 @@ GAUSS_RULE = np.polynomial.legendre.leggauss(3)
 
 
 class LawContext(NamedTuple):
-    """The moment at which laws are evaluated; SI units, temperatures in K, arrays along x."""
+    """State at which the laws of effects are evaluated: SI units, temperatures in K, arrays along x."""
 
     t: float  # s from the first start of sliding
     speed: float  # m/s
     pressure: float  # nominal contact pressure, mean over the block, Pa
-    slid: float  # m since this repetition started, whichever way
+    slid: float  # m since this repetition started, in either direction
     contact_time: float  # s since this repetition started
     waited: float  # s since sliding stopped, 0 while sliding
-    last_speed: float  # m/s before the stop, the speed itself while sliding
+    last_speed: float  # m/s before the stop; the present speed while sliding
     touching: bool  # False while the block is lifted
     ambient: float  # air and initial temperature, K
     repetition: int = 1
-    x: Any = None  # m from the edge that leads while the block slides forward
+    x: Any = None  # m from the edge that leads in forward sliding
     y: Any = 0.0  # m from the centre line
     local_pressure: Any = None  # Pa at x
     spot_fraction: Any = None  # macroasperity contact fraction at x
     covered: Any = None  # macroasperity contact fraction, mean over the block's length
     friction: Any = None  # friction coefficient at x
-    worn: Any = None  # m worn at x; None where nothing is abraded
-    face: Any = None  # temperature of the block's face averaged over the passage of spots, K; for laws of the contact
-    base: Any = None  # the quantity so far, for a law that bends it
-    carried: Any = None  # K, what earlier passes left in the road entering now, across y, by depth cell
+    worn: Any = None  # wear depth at x, m; None without wear
+    face: Any = None  # face temperature averaged over the passage of spots, K; for contact laws
+    base: Any = None  # value of the quantity so far, for a factor that depends on it
+    carried: Any = None  # K, temperature rise in the entering road from earlier passes, across y, by depth cell
     passed: float = 0.0  # m of road since the first start of all repetitions
-    lead: Any = None  # m from the edge that leads now: x, or while the block slides back, length - x
-    direction: int = 1  # -1 while the block slides back
-    low: Any = None  # m above the interface, lower and upper edges of cells, for laws of a zone
-    high: Any = None
-    leg: float = 0.0  # m since this repetition started or last turned round
+    lead: Any = None  # m from the edge that leads now: x, or length - x in backward sliding
+    direction: int = 1  # -1 in backward sliding
+    low: Any = None  # m above the interface, lower edges of cells; for laws of a zone
+    high: Any = None  # m above the interface, upper edges of cells
+    leg: float = 0.0  # m since the start of this repetition or its last reversal
 
-    def at_position(self, mesh: Mesh, lead: Value, y: Value, **seen: Any) -> LawContext:
-        """The moment as laws see it `lead` (m) behind the leading edge, with what else they see there."""
+    def at_position(self, mesh: Mesh, lead: Value, y: Value, **changed: Any) -> LawContext:
+        """The context at `lead` (m) behind the leading edge and at y (m), with other `changed` fields."""
         x = lead if self.direction > 0 else mesh.x[mesh.last] - lead
-        return self.with_fields(x=x, lead=lead, y=y, **seen)
+        return self.with_fields(x=x, lead=lead, y=y, **changed)
 
-    def with_fields(self, **seen: Any) -> LawContext:
-        """The moment as laws see it that see this besides: `_replace` at half the cost, since every step asks often."""
+    def with_fields(self, **changed: Any) -> LawContext:
+        """The context with `changed` fields; half the cost of `_replace`, because every time step calls it often."""
         fields = list(self)
-        for name, value in seen.items():
+        for name, value in changed.items():
             fields[LAW_CONTEXT_INDEX[name]] = value
         return LawContext._make(fields)
 
-    def under_block(self, mesh: Mesh, **seen: Any) -> LawContext:
-        """The moment as laws see it at all columns under the block."""
-        return self.at_position(mesh, mesh.column_x, mesh.column_y, **seen)
+    def under_block(self, mesh: Mesh, **changed: Any) -> LawContext:
+        """The context at all columns under the block, with other `changed` fields."""
+        return self.at_position(mesh, mesh.column_x, mesh.column_y, **changed)
 
 
-LAW_CONTEXT_INDEX = {name: i for i, name in enumerate(LawContext._fields)}  # where each stands in the tuple
+LAW_CONTEXT_INDEX = {name: i for i, name in enumerate(LawContext._fields)}  # position of each field in the tuple
 
 
 @dataclass(frozen=True)
 class SceneOutline:
-    """A scene before it has a mesh: what `heat()` is asked on first.
+    """A scene without its mesh, on which the `heat()` method of effects is called first.
 
-    The mesh follows from what effects say (how deep heat is released, whether the track is remembered), so effects are
-    asked twice: on this, and on the Scene.  It has all of a Scene that `heat()` may use.
+    The mesh depends on the effects (depth of heat release, memory of the track), so `heat()` is called twice: on this
+    outline, and on the Scene.  The outline has every attribute of a Scene that `heat()` may use.
     """
 
     block: Material
@@ -115,19 +115,19 @@ class ActiveEffect:
     p: SimpleNamespace
 
     def contributions(self, scene: Scene | SceneOutline) -> contribution_check.Contributions:
-        """What the effect yields on a scene.  Raises BadInput when it names what is not there."""
+        """The contributions of the effect to the heat balance of a scene.  Raises BadInput for an unknown target."""
         return contribution_check.check_balance_contributions(self.name, self.effect, scene, self.p)
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A block on a road: everything the balance needs, nothing about files or solvers.
+    """A block on a road: all data of the heat balance (theory.md, eqs. (8) to (12)), independent of files and solvers.
 
-    Lengths in m, `ambient` in K; `spot_diameter` of the macroasperity contact regions, which cover `spot_fraction`;
-    `modulus` (Young's, Pa), its relative slope with temperature (1/K) and `poisson` of the elastic block; with a
-    `stiffness`, Pa per m of compression, it stands on springs instead; `elastic_3d` whether its planes across are one
-    block in 3D, or each in plane strain.  `layers` of the block from the face
-    upwards, of which `block` is the first one's material; none where it is one material.
+    Lengths in m, `ambient` in K.  The macroasperity contact regions have the diameter `spot_diameter` and cover the
+    fraction `spot_fraction`.  The elastic block has Young's `modulus` (Pa), its relative slope with temperature (1/K)
+    and `poisson`; with a `stiffness` (Pa per m of compression) the block is on independent springs instead.
+    `elastic_3d`: one elastic block in 3D instead of plane strain in every plane.  `layers`: layers of the block from
+    the face upwards, the first of which has the material `block`; empty for a block of one material.
     """
 
     mesh: Mesh
@@ -165,25 +165,25 @@ class Scene:
 
     @property
     def resolved(self) -> bool:
-        """Whether there are cells across: 3D."""
+        """Whether the mesh has cells across the width (3D)."""
         return bool(self.mesh.n_across > 1)
 
     def block_property(self, name: str) -> Any:
-        """A property of the block's material by its name: a number, or with layers one for each cell (n_block,)."""
+        """A property of the block's material by name: a number, or with layers an array over cells (n_block,)."""
         if not self.layers:
             return getattr(self.block, name)
-        own = zip(self.layers, self.mesh.layers, strict=True)
-        return np.concatenate([np.full(s.stop - s.start, getattr(layer.material, name)) for layer, s in own])
+        pairs = zip(self.layers, self.mesh.layers, strict=True)
+        return np.concatenate([np.full(s.stop - s.start, getattr(layer.material, name)) for layer, s in pairs])
 
     def in_layer(self, name: str) -> Array:
-        """1 in the cells (n_block,) up the block that belong to a layer, 0 in the others."""
+        """Indicator (n_block,): 1 in the cells of the layer `name`, 0 elsewhere."""
         inside = np.zeros(self.mesh.n_block)
         for layer, cells in zip(self.layers, self.mesh.layers, strict=True):
             inside[cells] = layer.name == name
         return inside
 
     def law_context(self, phase: Phase, t: float) -> LawContext:
-        """The schedule at time t within a phase."""
+        """The context at time t (s) within a phase, before fields that depend on position."""
         s = self.schedule
         since, slid, passed = t - phase.start, s.slid_distance(phase, t), s.total_slid_distance(phase, t)
         if s.alone:
@@ -209,7 +209,7 @@ class Scene:
 
 
 def describe_layers(layers: tuple[Layer, ...]) -> list[str]:
-    """The layers of a block in words, one line each from the face upwards."""
+    """One line of text per layer of a block, from the face upwards."""
     last = len(layers) - 1
     return [
         f"layer '{a.name}', {1e3 * a.thickness:g} mm"
@@ -219,7 +219,7 @@ def describe_layers(layers: tuple[Layer, ...]) -> list[str]:
 
 
 def gauss_mean(law: Callable[..., Value], edges: Array, *args: Any) -> Array:
-    """Cell means of a pointwise law of x by three Gauss points per cell."""
+    """Cell means of a pointwise law of x, with three Gauss points per cell."""
     nodes, weights = GAUSS_RULE
     mid, half = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
     values = [np.asarray(law(mid + half * s, *args)) for s in nodes]

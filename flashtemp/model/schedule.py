@@ -1,4 +1,4 @@
-"""What the tester does: repetitions of sliding with waits between them, speed and pressure in time."""
+"""The schedule of a test: repetitions of sliding with waits between them, speed and pressure over time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from flashtemp.physics.arrays import Array, Value
 
 @dataclass(frozen=True)
 class TimeSeries:
-    """A quantity against time since the start of a repetition, linear between rows, held outside.
+    """A quantity over time since the start of a repetition: linear between rows, constant outside.
 
     >>> s = TimeSeries((0.0, 2.0), (1.0, 3.0))
     >>> s(1.0), s(9.0), s.integral(2.0)
@@ -26,14 +26,14 @@ class TimeSeries:
 
     @cached_property
     def _arrays(self) -> tuple[Array, Array, Array]:
-        """Times, values and the integral from 0 up to every row."""
+        """Times, values and the integral from 0 to every row."""
         t, v = np.asarray(self.time, dtype=float), np.asarray(self.value, dtype=float)
         steps = np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))
         return t, v, v[0] * t[0] + np.concatenate([[0.0], steps])
 
     @property
     def range(self) -> tuple[float, float]:
-        """Lowest value, a ten thousandth of the highest where it starts from or comes to rest, and highest."""
+        """Lowest and highest value; the lowest is at least 1e-4 of the highest, as a speed may start at 0."""
         return max(min(self.value), 1e-4 * max(self.value)), max(self.value)
 
     def __call__(self, t: float) -> float:
@@ -42,7 +42,7 @@ class TimeSeries:
         return float(np.interp(t, *self._arrays[:2]))
 
     def integral(self, t: float) -> float:
-        """Integral from 0 to t, exact for the broken line."""
+        """Integral from 0 to t, exact for the piecewise linear function."""
         if len(self.value) == 1 or t <= self.time[0]:
             return self.value[0] * t
         times, values, area = self._arrays
@@ -51,42 +51,43 @@ class TimeSeries:
 
     def time_at_integral(self, area: Value) -> Value:
         """Time at which the integral first equals `area` (number or array); inf when it never does."""
-        wanted = np.asarray(area, dtype=float)
+        target = np.asarray(area, dtype=float)
         t, v, sums = self._arrays
-        rounded = (wanted > sums[-1]) & (wanted <= sums[-1] * (1 + 1e-12))  # what comes to rest just at the end
-        wanted = np.where(rounded, sums[-1], wanted)
-        k = np.searchsorted(sums, wanted)
+        rounded = (target > sums[-1]) & (target <= sums[-1] * (1 + 1e-12))  # the block stops just at the end
+        target = np.where(rounded, sums[-1], target)
+        k = np.searchsorted(sums, target)
         last = np.maximum(k - 1, 0)
         t0, s0, v0 = np.where(k == 0, 0.0, t[last]), np.where(k == 0, 0.0, sums[last]), np.where(k == 0, v[0], v[last])
         inside = (k > 0) & (k < len(t))
         after = np.minimum(k, len(t) - 1)
         slope = np.where(inside, (v[after] - v0) / np.where(inside, t[after] - t0, 1.0), 0.0)
-        root = v0 * v0 + 2 * slope * (wanted - s0)
-        root = np.where(np.abs(root) < 1e-12 * v0 * v0, 0.0, root)  # comes to rest just there
+        # within a row v**2 = v0**2 + 2 slope (s - s0); the mean of v0 and v gives the time
+        root = v0 * v0 + 2 * slope * (target - s0)
+        root = np.where(np.abs(root) < 1e-12 * v0 * v0, 0.0, root)  # the block stops just there
         speed = v0 + np.sqrt(np.maximum(root, 0.0))
         possible = (root >= 0) & (speed > 0)
-        found = np.where(possible, t0 + 2 * (wanted - s0) / np.where(possible, speed, 1.0), np.inf)
-        found = np.where(wanted <= 0, 0.0, found)
-        return found if np.ndim(area) else float(found)
+        time = np.where(possible, t0 + 2 * (target - s0) / np.where(possible, speed, 1.0), np.inf)
+        time = np.where(target <= 0, 0.0, time)
+        return time if np.ndim(area) else float(time)
 
     def travel_time(self, t: float, x: Value) -> Value:
-        """How long before t the road now at x (m, number or array) was at 0; t for road not there yet."""
+        """Time (s) since the road now at x (m, number or array) passed x = 0; t if it was inside at the start."""
         if len(self.value) == 1:
             return np.minimum(x / self.value[0], t)
         return t - self.time_at_integral(self.integral(t) - x)
 
 
 def constant_series(value: float) -> TimeSeries:
-    """A quantity that does not change."""
+    """A constant quantity as a time series."""
     return TimeSeries((0.0,), (float(value),))
 
 
 @dataclass(frozen=True)
 class SpeedProfile:
-    """Sliding speed without its sign, which way the block slides at first (1, or -1: back), and when that turns (s).
+    """Magnitude of the sliding speed, initial direction (`heading` 1, or -1: back) and times of reversal (`turns`, s).
 
     >>> SpeedProfile.from_signed_speeds((0.0, 2.0, 4.0), (0.1, 0.1, -0.1))
-    Course(speed=Series(time=(0.0, 2.0, 3.0, 4.0), value=(0.1, 0.1, 0.0, 0.1)), heading=1, turns=(3.0,))
+    SpeedProfile(speed=TimeSeries(time=(0.0, 2.0, 3.0, 4.0), value=(0.1, 0.1, 0.0, 0.1)), heading=1, turns=(3.0,))
     """
 
     speed: TimeSeries
@@ -95,7 +96,7 @@ class SpeedProfile:
 
     @classmethod
     def from_signed_speeds(cls, time: Sequence[float], value: Sequence[float]) -> SpeedProfile:
-        """The course of signed speeds (m/s) at times (s), not all of them zero."""
+        """The profile of signed speeds (m/s) at times (s), not all of them zero."""
         rows: list[tuple[float, float]] = []
         turns, sign = [], 0.0
         for t, v in zip(time, value, strict=True):
@@ -113,7 +114,7 @@ class SpeedProfile:
 
 @dataclass(frozen=True)
 class Phase:
-    """One stretch between events: `sliding` or waiting, from `begin` to `end_time` (s)."""
+    """An interval between events: `sliding` or waiting, from `begin` to `end` (s)."""
 
     repetition: int
     sliding: bool
@@ -122,21 +123,21 @@ class Phase:
     start: float  # when this repetition began to slide, s
     slid_before: float  # distance slid in all repetitions before this one, m
     direction: int = 1  # -1: back, the edge at x = L leads
-    leg_before: float = 0.0  # distance slid in this repetition before it last turned, m
-    turned: float = -np.inf  # when sliding last turned since the block was put on the road, s
+    leg_before: float = 0.0  # distance slid in this repetition before the last reversal, m
+    turned: float = -np.inf  # time of the last reversal since the block was put on the road, s
 
 
 @dataclass(frozen=True)
 class Schedule:
     """Repetitions of sliding over `distance` (m) with `wait` (s) between them.
 
-    `speed` (m/s) and `pressure` (nominal contact pressure, Pa) count time from the start of each
-    repetition; `lifted`: the block leaves the road while waiting.  `speed` has no sign: `heading` says which way a
-    repetition begins (-1: back), `turns` (s since its start) when sliding turns round; `turn` > 0: it also turns after
-    every so many repetitions.  With `alone` it is one phase in which nothing slides or touches.
+    `speed` (m/s) and `pressure` (nominal contact pressure, Pa) are functions of the time since the start of each
+    repetition.  `lifted`: the block leaves the road while waiting.  `speed` is a magnitude: `heading` is the initial
+    direction of a repetition (-1: back), `turns` (s since its start) are the times of reversal, and `turn` > 0 is the
+    number of repetitions after which the direction also reverses.  With `alone` there is one phase without contact.
 
     >>> s = Schedule(constant_series(0.1), constant_series(1.5e5), distance=3.5, repetitions=2, wait=10.0)
-    >>> [(p.repetition, p.sliding, p.begin, p.end_time) for p in s.phases]
+    >>> [(p.repetition, p.sliding, p.begin, p.end) for p in s.phases]
     [(1, True, 0.0, 35.0), (1, False, 35.0, 45.0), (2, True, 45.0, 80.0)]
     """
 
@@ -146,41 +147,44 @@ class Schedule:
     repetitions: int = 1
     wait: float = 0.0
     lifted: bool = True
-    lap: float | None = None  # track length, m: each lap completed is an event
+    lap: float | None = None  # track length, m: the end of each lap is an event
     heading: int = 1
     turns: tuple[float, ...] = ()
     turn: int = 0
-    alone: float = 0.0  # s that the block is by itself, off the road, instead of sliding
+    alone: float = 0.0  # s that the block is off the road, instead of sliding
 
     @cached_property
     def slide_time(self) -> float:
-        """Duration of one repetition of sliding, or of the block by itself, s."""
+        """Duration of one repetition of sliding, or of the block alone, s."""
         return self.alone or float(self.speed.time_at_integral(self.distance))
 
     @cached_property
     def _turn_times(self) -> tuple[float, ...]:
-        """Times (s) within a repetition at which sliding turns round."""
+        """Times (s) within a repetition at which the sliding direction reverses."""
         tiny = 1e-9 * self.slide_time
         return tuple(t for t in self.turns if tiny < t < self.slide_time - tiny)
 
     def _initial_direction(self, repetition: int) -> int:
-        """Which way a repetition (1-based) begins to slide."""
+        """Initial sliding direction of a repetition (1-based)."""
         legs = (repetition - 1) // self.turn if self.turn else 0
         return -self.heading if legs % 2 else self.heading
 
     @property
     def directions(self) -> frozenset[int]:
-        """Ways in which the block slides: 1, -1 or both."""
+        """Sliding directions that occur: 1, -1 or both."""
         headings = {self._initial_direction(r + 1) for r in range(min(self.repetitions, 2 * self.turn or 1))}
         return frozenset(headings | {-h for h in headings} if self._turn_times else headings)
 
     @property
     def has_return_pass(self) -> bool:
-        """Whether the block slides back over its own road without leaving it: that road is still hot."""
+        """Whether the block slides back over the road that it has just heated, without being lifted."""
         return bool(self._turn_times) or (not self.lifted and len(self.directions) > 1)
 
     def _event_times(self, slid_before: float) -> list[float]:
-        """Times (s) of events within a repetition, `slid_before` which that distance (m) was slid."""
+        """Times (s) of events within a repetition, after `slid_before` (m) in all earlier ones.
+
+        Events are kinks of speed and pressure (unless a series has many), ends of laps, and reversals.
+        """
         events: set[float] = set()
         for series in (self.speed, self.pressure):
             if 1 < len(series.time) <= 40:
@@ -196,7 +200,7 @@ class Schedule:
 
     @cached_property
     def phases(self) -> tuple[Phase, ...]:
-        """All stretches between events in order of time."""
+        """All intervals between events in order of time."""
         out: list[Phase] = []
         t, turned = 0.0, -np.inf
         for r in range(self.repetitions):
@@ -217,7 +221,7 @@ class Schedule:
         return tuple(out)
 
     def phase_at(self, t: float) -> Phase:
-        """The phase at a time (s): an event belongs to the one that it ends; the outermost are held."""
+        """The phase at time t (s); an event belongs to the phase that it ends.  Outside: the first or last phase."""
         k = int(np.searchsorted([p.end for p in self.phases], t))
         return self.phases[min(k, len(self.phases) - 1)]
 

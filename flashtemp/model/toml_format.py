@@ -1,4 +1,4 @@
-"""A value as a person writes it in TOML, on one line."""
+"""Values as short, readable TOML on one line."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import tomli_w
 
 
 def value_text(value: Any) -> str:
-    """Short numbers, lists and tables on one line.
+    """A number, text, list or table as TOML on one line; large numbers with an exponent.
 
     >>> print(value_text([1.4e9, 0.02, 3, {"a": "b"}]), value_text(150000.0), value_text(float("inf")))
     [1.4e9, 0.02, 3, { a = "b" }] 1.5e5 inf
@@ -27,5 +27,5 @@ def value_text(value: Any) -> str:
 
 
 def _quote_key(name: str) -> str:
-    """A key of a table, in quotes where it needs them."""
+    """A key of a table, in quotes where TOML requires them."""
     return name if name.replace("_", "").replace("-", "").isalnum() else f'"{name}"'

@@ -1,4 +1,4 @@
-"""Whether a case's own effect file, which is a program, may run: it is the user's own, or the user says so."""
+"""Permission to run the effect file of a case, which is a program: only files of the user, or with --trust."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ TRUST_REMEDY = "read that file; then add --trust, or copy case and file into a f
 
 
 def find_refusal(case_file: Path, folder: Path, file: Path) -> str | None:
-    """Why an effect file of a case may not run without the user's word, or None.
+    """Why an effect file of a case may not run without --trust, or None.
 
-    It may when nobody else can have written it or put it there, by the rule of OpenSSH's StrictModes:
+    It may run when nobody else can have written it or put it there, by the rule of OpenSSH's StrictModes:
 
     - it lies in the `folder` of the case or below;
     - the case file, the effect file, the folder of the case and all below it belong to the user who runs this;
     - every folder and link above, up to the root, belongs to the user or to root;
-    - nobody else may write any of these, as everybody, as a member of a group, or by an access list.  A group that is
-      the user's alone is nobody else.  A sticky folder (/tmp) may lie above the folder of the case.
+    - nobody else may write any of these, by the permissions for others or a group, or by an access list.  A group
+      with the user as its only member is allowed, and so is a sticky folder (/tmp) above the folder of the case.
 
-    That tells who put the files there, not who wrote them.
+    This tests who put the files there, not who wrote them.
     """
     home, real = folder.resolve(), file.resolve()
     if not real.is_relative_to(home):
         return f"{file} would run as a program and lies outside the folder of the case; {TRUST_REMEDY}"
     if not hasattr(os, "geteuid"):
-        return f"{file} would run as a program, and this system does not tell whose it is; {TRUST_REMEDY}"
+        return f"{file} would run as a program, and this system does not report its owner; {TRUST_REMEDY}"
     checked = [(file, home)]
     if case_file.is_file():  # a case may have been made in Python
         checked.append((case_file, case_file.resolve()))

@@ -1,4 +1,4 @@
-"""What acts on a sliding rubber block; the names that an effect file needs, in one place.
+"""Physical effects on a sliding rubber block: the names that an effect file imports.
 
 >>> from flashtemp.physics import Effect, Factor, Param
 """

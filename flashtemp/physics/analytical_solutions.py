@@ -1,9 +1,9 @@
-"""Closed-form solutions of sliding heat conduction: the truth that solver and effects are tested on.
+"""Closed-form solutions of sliding heat conduction, with which tests verify the solver and the effects.
 
-Numbers V1..V23 are those of the verification list (docs/explanation/claims.md).  All functions are pure;
-`body`, `rubber` and `road` are `Material`s, z is the depth below the heated surface in m, t the time
-in s, results are temperature rises in K unless said otherwise.  V15, V18 and V19 are properties of
-the solver and have no function of their own beyond `speed_scaling` and `road_rise`.
+Numbers V1..V23 are those of the verification list (docs/explanation/claims.md).  All functions are pure.  `body`,
+`rubber` and `road` are `Material`s, z is the depth below the heated surface in m and t the time in s.  Results are
+temperature rises above the initial or ambient temperature in K, unless stated otherwise.  V15, V18 and V19 are
+properties of the solver and have no function of their own beyond `speed_scaling` and `road_rise`.
 
 >>> from flashtemp.physics.material import LIBRARY
 >>> round(float(constant_flux(LIBRARY["tread_rubber"], 1e4, 3.5)), 6)
@@ -46,7 +46,7 @@ def flux_pulse(body: Material, flux: float, on: float, t: Value, z: Value = 0.0)
 
 
 def deep_source(body: Material, power: float, depth: float, t: Value, z: Value = 0.0) -> Value:
-    """V3: insulated half-space, power (W/m2 in all) released as exp(-z/depth).  Carslaw & Jaeger 2.11."""
+    """V3: insulated half-space, total power (W/m2) released as exp(-z/depth).  Carslaw & Jaeger 2.11."""
     m, s = 1.0 / depth, np.sqrt(body.diffusivity * t)
     near, far = m * s - z / (2 * s), m * s + z / (2 * s)
     fade = np.exp(-np.square(z / (2 * s)))
@@ -58,7 +58,7 @@ def deep_source(body: Material, power: float, depth: float, t: Value, z: Value =
 
 
 def persson_kernel(a: float, b: float, diffusivity: float, tau: Value) -> Value:
-    """V4: kernel K(a, b, D tau) in 1/m, for source decay a and weight b (1/m).  Theory 1.6 eq. (14)."""
+    """V4: kernel K(a, b, D tau) in 1/m, for source decay a and weight b (1/m).  theory.md, eq. (14)."""
     y = a * np.sqrt(diffusivity * tau)
     if a == b:
         late = np.maximum(y, 1.0)  # the closed form loses its digits to cancellation as y^2
@@ -94,7 +94,7 @@ def contact_flux(rubber: Material, road: Material, difference: float, alpha: flo
 
 
 def contact_temperature(rubber: Material, road: Material, difference: float) -> float:
-    """V5: rise of the interface over the road's temperature, alpha = inf."""
+    """V5: temperature rise of the interface above the road's temperature, alpha = inf."""
     return difference * rubber.effusivity / (rubber.effusivity + road.effusivity)
 
 
@@ -125,7 +125,7 @@ def shared_deep_source(
 
 
 def shared_deep_rise(rubber: Material, road: Material, flux: float, power: float, depth: float, t: Value) -> Value:
-    """V7: interface rise for alpha = inf."""
+    """V7: temperature rise of the interface for alpha = inf."""
     b = np.sqrt(rubber.diffusivity) / depth
     y = b * np.sqrt(t)
     deep = power / b * (2 * y / ROOT_PI - 1 + erfcx(y))
@@ -153,7 +153,7 @@ def road_rise_exponential(road: Material, speed: float, flux: float, decay: floa
 
 
 def road_rise_by_quadrature(road: Material, speed: float, flux: Callable[..., Value], x: float) -> float:
-    """V8: any flux law (W/m2 at x), by quadrature in sqrt(x - x') so that nothing is singular."""
+    """V8: any flux law (W/m2 at x), by quadrature in sqrt(x - x'), which removes the singularity."""
     value, _ = quad(lambda u: 2 * flux(x - u * u), 0.0, np.sqrt(x), epsabs=0.0, epsrel=1e-12, limit=200)
     found: float = value / (road.effusivity * np.sqrt(np.pi * speed))
     return found
@@ -184,7 +184,7 @@ def jaeger_strip(peclet: float, X: Value) -> Value:
 
 
 def jaeger_strip_peak(peclet: float) -> float:
-    """V9: place X of the highest temperature under the strip."""
+    """V9: position X of the highest temperature under the strip."""
 
     def rise_slope(X: Value) -> Value:
         ahead, behind = peclet * (X + 1), peclet * (1 - X)
@@ -203,7 +203,10 @@ def spot_overlap(w: Value) -> Value:
 
 
 def flash_build_up(r: Value) -> Value:
-    """V10: F(r), share of the full flash after sliding r spot diameters; by parts, an incomplete beta function."""
+    """V10: F(r), fraction of the full flash temperature after sliding r spot diameters, by an incomplete beta function.
+
+    theory.md, eq. (13b), integrated by parts.
+    """
     r = np.clip(r, 0.0, 1.0)
     return (2 * np.sqrt(r) * spot_overlap(r)) / SPOT_OVERLAP_INTEGRAL + betainc(0.75, 1.5, r * r)
 
@@ -259,7 +262,7 @@ def slab_heating(body: Material, height: float, flux: float, t: float, z: Value 
 
 
 def half_space_cooling(body: Material, h: float, t: Value, z: Value = 0.0) -> Value:
-    """V14: what is left (1) of a unit rise in a half-space cooled by h (W/m2K).  Carslaw & Jaeger 2.7."""
+    """V14: remaining part (1) of a unit temperature rise, half-space cooled by h (W/m2K).  Carslaw & Jaeger 2.7."""
     s = np.sqrt(body.diffusivity * t)
     y = h * s / body.conductivity + z / (2 * s)
     return erf(z / (2 * s)) + np.exp(-np.square(z / (2 * s))) * erfcx(y)
@@ -272,7 +275,7 @@ def slab_mode(body: Material, height: float, h: float) -> tuple[float, float, fl
 
 
 def slab_cooling(body: Material, height: float, h: float, t: float, z: Value = 0.0) -> Value:
-    """V14: what is left (1) of a unit rise in a slab cooled at z = 0, insulated at z = height (m)."""
+    """V14: remaining part (1) of a unit temperature rise in a slab cooled at z = 0, insulated at z = height (m)."""
     modes = 2 + int(np.sqrt(40 * height**2 / (np.pi**2 * body.diffusivity * t)))
     roots = np.array([_slab_root(h * height / body.conductivity, n) for n in range(modes)])
     u = 1 - np.asarray(z, dtype=float)[..., None] / height
@@ -290,18 +293,18 @@ def _mode_amplitude(zeta: Value) -> Value:
 
 
 def speed_scaling(speed: float, reference: float) -> float:
-    """V15: ratio (1) of rises at two speeds after the same slid distance; exact for alpha = inf, h = 0."""
+    """V15: ratio (1) of temperature rises at two speeds after equal slid distance; exact for alpha = inf, h = 0."""
     return float(np.sqrt(speed / reference))
 
 
 def road_driven(rubber: Material, road: Material, length: float, spot_fraction: float, distance: Value) -> Value:
-    """V16: share (1) of the final rise that the rubber's surface has after sliding `distance` (m); a guide only."""
+    """V16: temperature rise of the rubber's surface after sliding `distance` (m), over its final value; an estimate."""
     per_root_speed = spot_fraction * wall_conductance(road, 1.0, length)
     return 1 - erfcx(per_root_speed * np.sqrt(distance) / rubber.effusivity)
 
 
 def abrasion_relaxation(stiffness: float, rate: float, slid: Value) -> Value:
-    """V17: what is left (1) of a pressure deviation; Winkler `stiffness` Pa/m, `rate` m3/(N m), `slid` m."""
+    """V17: remaining part (1) of a pressure deviation; Winkler `stiffness` Pa/m, `rate` m3/(N m), `slid` m."""
     return np.exp(-stiffness * rate * slid)
 
 
@@ -314,9 +317,9 @@ def abrasion_depth(rate: float, pressure: float, slid: Value) -> Value:
 
 
 def lane_retained(diffusivity: float, diameter: float, tau: Value) -> Value:
-    """V23: share (1) of heat still under the disc on which it was released tau (s) ago, eq. (15b)."""
+    """V23: fraction of heat still under the disc on which it was released tau (s) ago; theory.md, eq. (15b)."""
     X = (diameter / 2) ** 2 / (2 * diffusivity * np.asarray(tau, dtype=float))
-    wide = np.maximum(X, 1.0)  # far from the rim, where the Bessel functions lose their digits
+    wide = np.maximum(X, 1.0)  # asymptotic expansion for large X, where the Bessel functions lose accuracy
     kept = np.where(
         X > 1e5, (2 - 0.25 / wide) / np.sqrt(2 * np.pi * wide), ive(0, np.minimum(X, 1e5)) + ive(1, np.minimum(X, 1e5))
     )
@@ -324,7 +327,7 @@ def lane_retained(diffusivity: float, diameter: float, tau: Value) -> Value:
 
 
 def lane_factor(diffusivity: float, diameter: float, t: float) -> float:
-    """V23: lane-mean rise over that of a 1D column after a uniform flux for t (s)."""
+    """V23: mean temperature rise of a lane over that of a 1D column after a uniform flux for t (s)."""
     value, _ = quad(
         lambda u: lane_retained(diffusivity, diameter, u * u), 0.0, np.sqrt(t), epsabs=0.0, epsrel=1e-11, limit=200
     )

@@ -1,4 +1,4 @@
-"""Types of numbers in physics: arrays of floats, and values that a law may be given."""
+"""Type aliases: arrays of floats, and values that a law accepts."""
 
 from __future__ import annotations
 
@@ -8,4 +8,4 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
-Value = Any  # a number or an array, real or, where a derivative is taken by a complex step, complex
+Value = Any  # a number or an array; complex where a derivative is computed by the complex-step method

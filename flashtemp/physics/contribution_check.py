@@ -1,4 +1,4 @@
-"""Whether what an effect's code yields names quantities and sites that there are: a typo in it is told at load."""
+"""Check at load that an effect yields contributions to existing quantities and sites, so that typing errors show."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ Contributions = tuple[Heat | Factor | Term | Deposit, ...]
 
 
 def check_balance_contributions(name: str, effect: Effect, scene: Any, p: Any) -> Contributions:
-    """What an effect yields on the balance of a scene, checked.
+    """The contributions of an effect to the heat balance of a scene, checked.
 
-    Raises BadInput naming the effect, the file and line of the law, and the nearest known name.
+    Raises BadInput naming the effect, the file and line of the law, and the closest known name.
     """
     parts = _collect_parts(name, lambda: effect.heat(scene, p), effect.heat)
     _raise_faults(name, parts, _find_balance_fault)
@@ -28,7 +28,7 @@ def check_balance_contributions(name: str, effect: Effect, scene: Any, p: Any) -
 
 
 def check_camera_contributions(name: str, effect: Effect, p: Any) -> Contributions:
-    """What an effect yields on what a camera makes of the temperatures, checked.  Raises BadInput likewise."""
+    """The contributions of an effect to the camera's measurement, checked.  Raises BadInput likewise."""
     parts = _collect_parts(name, lambda: effect.see(p), effect.see)
     _raise_faults(name, parts, _find_camera_fault)
     return parts
@@ -44,9 +44,9 @@ def _collect_parts(name: str, parts: Callable[[], Iterable[Any]], method: Callab
         file = method.__code__.co_filename
         line = [f.lineno for f in traceback.extract_tb(fault.__traceback__) if f.filename == file][-1:]
         at = f"{file}:{line[0] if line else method.__code__.co_firstlineno}"
-        said = f"{type(fault).__name__}: {fault}"
+        reason = f"{type(fault).__name__}: {fault}"
         raise BadInput(
-            f"effects: effect '{name}' ({at}): {method.__name__}() fails: {said}; repair that line"
+            f"effects: effect '{name}' ({at}): {method.__name__}() fails: {reason}; repair that line"
         ) from fault
 
 
@@ -57,7 +57,7 @@ def _raise_faults(name: str, parts: Contributions, fault_of: Callable[[Any], str
 
 
 def locate_law(part: Any) -> str:
-    """Where the law of a contribution stands, as " (file:line)"; empty for one without a law."""
+    """File and line of the law of a contribution, as " (file:line)"; empty for one without a law."""
     law = getattr(part, "law", None)
     while isinstance(law, partial):
         law = law.func
@@ -66,7 +66,7 @@ def locate_law(part: Any) -> str:
 
 
 def _find_balance_fault(part: Any) -> str | None:
-    """What is wrong with a contribution to the balance, or None."""
+    """The error text for a contribution to the heat balance, or None."""
     if isinstance(part, (Term, Factor)):
         if part.target in CAMERA_QUANTITIES:
             return f"{_describe_part(part)}: a quantity of the camera; yield it from see(), not from heat()"
@@ -82,7 +82,7 @@ def _find_balance_fault(part: Any) -> str | None:
 
 
 def _find_site_fault(part: Heat) -> str | None:
-    """What is wrong with heat on a site, or None."""
+    """The error text for heat on a site, or None."""
     if part.kind not in ("film", "patch", "zone"):
         return f"Heat of kind {part.kind!r}; write Heat.film, Heat.patch or Heat.zone"
     what = "zone" if part.kind == "zone" else "patch"
@@ -93,7 +93,7 @@ def _find_site_fault(part: Heat) -> str | None:
 
 
 def _find_camera_fault(part: Any) -> str | None:
-    """What is wrong with a contribution to the camera, or None."""
+    """The error text for a contribution to the camera's measurement, or None."""
     if not isinstance(part, Term):
         return f"see() yields {part!r}; yield a Term of a quantity of the camera"
     if part.target in QUANTITIES:
@@ -114,5 +114,5 @@ def _describe_part(part: Term | Factor) -> str:
 
 
 def _is_finite_number(value: Any) -> bool:
-    """Whether a number is finite; complex where a derivative is taken."""
+    """Whether a number is finite; a complex one carries a derivative in its imaginary part."""
     return isinstance(value, (int, float, complex)) and not isinstance(value, bool) and math.isfinite(np.real(value))

@@ -1,8 +1,8 @@
-"""The whole contract of an effect: a pointwise law on a named site, with declared parameters.
+"""Effects: the base class, declared parameters, and the contributions that an effect file may yield.
 
-An effect is a class in one file of `flashtemp/effects`.  Its body declares parameters; its method
-`heat` yields contributions.  `off` is the value of a parameter at which the effect vanishes exactly,
-so that the extended model is then bit for bit the base.
+An effect is a class in one file of `flashtemp/physics/effects`.  The class body declares parameters.  Its method `heat`
+yields contributions, each a pointwise law on a named site or quantity.  At the value `off` of its parameter the effect
+vanishes exactly: the extended model is then bit for bit the base model.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from flashtemp.errors import BadInput, RenamedAttribute, renamed_names, suggest_
 from flashtemp.physics.arrays import Value
 from flashtemp.physics.material import Layer, Material
 
-Law = Callable[..., Value]  # law(T, now, p): T in K, `now` the moment, `p` the effect's parameters
-FilmLaw = Callable[..., Value]  # law(now, p)
+Law = Callable[..., Value]  # law(T, now, p): T in K, `now` a LawContext, `p` the effect's parameters
+FilmLaw = Callable[..., Value]  # law(now, p): a heat-transfer coefficient, or the temperature that it acts to
 
 
 class SceneView(Protocol):
-    """What `heat()` may ask of a scene: lengths in m, `ambient` in K, `speeds` m/s, `load` Pa; `resolved` in 3D.
+    """The scene that `heat()` receives: lengths in m, `ambient` in K, `speeds` in m/s, `load` in Pa, `resolved` in 3D.
 
-    Laws may ask for its `mesh` too, and `in_layer(name)` for the cells (n_block,) up the block that are of a layer.
+    Laws may also use its `mesh`, and `in_layer(name)`: which cells (n_block,) up the block belong to a layer.
     """
 
     @property
@@ -67,12 +67,12 @@ class SceneView(Protocol):
 
 @dataclass(frozen=True)
 class Param:
-    """A declared parameter: default `value`, `unit`, bounds, and the value `off` that does nothing.
+    """A declared parameter: default `value`, `unit`, bounds, and the value `off` that switches the effect off.
 
-    `kinds` says what a case may give: "number", "text" (a file or a keyword), "table" (a law or a
-    list).  A parameter without `off` describes the effect (a depth, a period) and cannot switch it; where it
-    is fitted it may differ from its default by a factor `spread`.  `curved`: the law is flat at `off`, so that
-    only the whole strength shows what it does.  `signed`: the bounds are those of its size, negative values turn it.
+    `kinds` lists the types that a case may give: "number", "text" (a file or a keyword), "table" (a law or a list).
+    A parameter without `off` describes the effect (a depth, a period) and cannot switch it off; a fit may change it
+    from its default by a factor `spread`.  `curved`: the law is flat at `off`, so that only a finite change of the
+    parameter shows its effect.  `signed`: the bounds apply to the absolute value; negative values reverse the effect.
     """
 
     value: Any
@@ -88,11 +88,11 @@ class Param:
     kinds: tuple[str, ...] = ("number",)
 
     def __post_init__(self) -> None:
-        if self.low > self.high:  # told with its line where the class is read
+        if self.low > self.high:  # the reader of the effect file adds file and line
             raise ValueError(f"no number is >= {self.low:g} and <= {self.high:g}")
 
     def find_fault(self, value: Any) -> str | None:
-        """What is wrong with a number from a case, or None."""
+        """The error text for a value from a case, None where the value is valid."""
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             return f"give a number ({self.unit})" if self.unit not in ("", "1") else "give a number"
         if isinstance(value, int) and abs(value) > sys.float_info.max:
@@ -113,9 +113,9 @@ class Param:
 
 @dataclass(frozen=True)
 class Heat:
-    """Heat on a site: `patch` in W/m2 into the body, `film`, or `zone` in W/m3; `to` is the ledger.
+    """Heat on a site: `patch` in W/m2 into the body, `film` (convection), or `zone` in W/m3; `to` is the ledger.
 
-    `law(T, now, p)`: T in K at the site's points, `now` the moment, `p` the effect's parameters.
+    `law(T, now, p)`: T in K at the site's points, `now` the LawContext, `p` the effect's parameters.
     """
 
     kind: str
@@ -131,9 +131,9 @@ class Heat:
 
     @classmethod
     def film(cls, site: str, coefficient: FilmLaw, to: str = "air", far: FilmLaw | None = None) -> Heat:
-        """Convective film: `coefficient(now, p)` in W/m2K, inf for a fixed temperature.
+        """Convection: heat-transfer coefficient `coefficient(now, p)` in W/m2K, inf for a fixed temperature.
 
-        The far temperature is the ambient one unless `far(now, p)` gives another, K.
+        It acts to the ambient temperature, or to `far(now, p)` in K where that is given.
         """
         return cls("film", site, coefficient, to, far)
 
@@ -145,7 +145,7 @@ class Heat:
 
 @dataclass(frozen=True)
 class Factor:
-    """A law that multiplies a quantity of the balance, such as "friction.mu"; 1 does nothing."""
+    """A law that multiplies a quantity of the heat balance, such as "friction.mu"; 1 leaves it unchanged."""
 
     target: str
     law: Law
@@ -153,7 +153,7 @@ class Factor:
 
 @dataclass(frozen=True)
 class Term:
-    """A law that adds to a quantity of the balance, in that quantity's unit; 0 does nothing."""
+    """A law that adds to a quantity of the heat balance, in that quantity's unit; 0 leaves it unchanged."""
 
     target: str
     law: Law
@@ -161,7 +161,7 @@ class Term:
 
 @dataclass(frozen=True)
 class Deposit:
-    """A share of the friction heat released inside the rubber, decaying as exp(-z/depth), m."""
+    """A fraction `share` of the friction heat, released inside the rubber as exp(-z/depth), `depth` in m; eq. (6)."""
 
     share: float
     depth: float
@@ -173,13 +173,13 @@ class Effect:
     cause: ClassVar[str] = ""
     source: ClassVar[str] = ""
     tells: ClassVar[tuple[str, ...]] = ()
-    alike: ClassVar[str | None] = None  # an effect that looks the same: `discover` tries that one only
-    candidate: ClassVar[bool] = False  # `discover` tries it unasked; else only where a case or campaign names it
-    section: ClassVar[str | None] = None  # base effects share a table of the case
+    alike: ClassVar[str | None] = None  # an effect with the same signature: `discover` tries only that one
+    candidate: ClassVar[bool] = False  # `discover` tries it by default; else only where a case or campaign lists it
+    section: ClassVar[str | None] = None  # table of the case that base effects have in common
     base: ClassVar[bool] = False  # base effects always act
-    needs: ClassVar[str] = ""  # without which it cannot act, for people
-    uniform: ClassVar[bool] = False  # takes the block for one material: refused where it has layers
-    steady: ClassVar[bool] = False  # what it does to the contact changes with nothing but place and pressure
+    needs: ClassVar[str] = ""  # precondition without which it cannot act, in words
+    uniform: ClassVar[bool] = False  # assumes a block of one material: rejected for a block with layers
+    steady: ClassVar[bool] = False  # its influence on the contact depends on place and pressure only
 
     @classmethod
     def params(cls) -> dict[str, Param]:
@@ -188,39 +188,41 @@ class Effect:
 
     @classmethod
     def prepare(cls, values: dict[str, Any], folder: Path) -> dict[str, Any]:
-        """Case values turned into what the laws use, such as tables read; raises BadInput."""
+        """Convert values of a case to the objects that the laws use, such as tables from files.  Raises BadInput."""
         return values
 
     def heat(self, scene: SceneView, p: Any) -> Iterator[Heat | Factor | Term | Deposit]:
-        """Contributions to the balance of `scene`.
+        """Contributions to the heat balance of `scene`.
 
-        Asked more than once: first on an outline of the scene without `scene.mesh`, as the mesh follows from how deep
-        heat is released; then on the scene itself.  Laws may use the mesh, this method may not.
+        Called more than once: first with the scene's dimensions, without `scene.mesh`, because the mesh depends on how
+        deep heat is released; then with the scene itself.  Laws may use the mesh, this method may not.
         """
         return iter(())
 
     def remarks(self, scene: SceneView, p: Any, run: Any = None) -> list[str]:
-        """What a user should know before believing the result `run`."""
+        """Warnings about the validity of the result `run`, one sentence each."""
         return []
 
     def leave(self, scene: SceneView, p: Any, folder: Path) -> None:
-        """Write into a result folder what spares work when the run is repeated from there."""
+        """Write files into a result folder that save work when the run is repeated from there."""
 
     def see(self, p: Any) -> Iterator[Factor | Term]:
-        """Contributions to what a camera makes of the temperatures."""
+        """Contributions to the measurement of temperatures by a camera."""
         return iter(())
 
 
 def layer_param(about: str) -> Param:
-    """The key by which an effect is told of one layer of the block."""
+    """The parameter by which a case restricts an effect to one layer of the block."""
     return Param(None, "1", f"name of a layer of the block: {about}", kinds=("name",))
 
 
 def require_layer(scene: SceneView, name: str | None, key: str) -> str | None:
-    """The name that a key gives, if it is that of a layer of the block.  Raises BadInput."""
+    """Return `name`, checked to be a layer of the block or None.  Raises BadInput."""
     known = [layer.name for layer in scene.layers]
     if name is not None and name not in known:
-        raise BadInput(f"{key}: {name!r} is no layer of the block{suggest_name(name, known)}; leave it out, or add it")
+        raise BadInput(
+            f"{key}: the block has no layer {name!r}{suggest_name(name, known)}; leave the key out, or add the layer"
+        )
     return name
 
 
@@ -239,7 +241,7 @@ def catalogue() -> dict[str, type[Effect]]:
 
 
 def find_only_effect(module: ModuleType) -> type[Effect]:
-    """The one effect that a module defines.  Raises BadInput when it defines none, or several."""
+    """The only effect that a module defines.  Raises BadInput when it defines none, or several."""
     kinds = [
         k
         for k in vars(module).values()
@@ -247,19 +249,19 @@ def find_only_effect(module: ModuleType) -> type[Effect]:
     ]
     kinds = list(dict.fromkeys(kinds))  # one class under two names is one effect
     if not kinds:
-        raise BadInput(f"{module.__file__}:1: holds no effect; write one class that is derived from Effect")
+        raise BadInput(f"{module.__file__}:1: contains no effect; write one class that is derived from Effect")
     if len(kinds) > 1:
         try:
             line = inspect.getsourcelines(kinds[1])[1]
-        except OSError:  # the text is not there, or does not show it
+        except OSError:  # the source text is not available
             line = 1
         names = " and ".join(k.__name__ for k in kinds)
-        raise BadInput(f"{module.__file__}:{line}: holds {len(kinds)} effects, {names}; give each a file of its own")
+        raise BadInput(f"{module.__file__}:{line}: contains {len(kinds)} effects, {names}; give each a file of its own")
     return kinds[0]
 
 
 def find_effect(name: str) -> type[Effect]:
-    """The effect of that name; BadInput names the nearest known one."""
+    """The effect of that name.  Raises BadInput, which suggests the closest known name."""
     known = catalogue()
     if name not in known:
         raise BadInput(f"effect '{name}' is not in the catalogue{suggest_name(name, known)}")

@@ -1,15 +1,15 @@
-"""Compliance of the face of an elastic block that is bonded to its holder, by mixed finite elements.
+"""Compliance of the face of an elastic block bonded to its holder, by mixed finite elements (theory.md, eq. (21)).
 
 Small strains, one modulus, one Poisson ratio; plane strain, or three dimensions where the breadth is given.  The top is
-bonded to a rigid holder, the sides are free, and each column of the face carries a constant traction.
+bonded to a rigid holder, the sides are free, and each column of the face has a constant traction.
 
 Nearly incompressible rubber locks plain displacement elements.  The displacement is therefore biquadratic (in 3D
 triquadratic), and the dilatation is projected onto the discontinuous linear functions of each element.  The pair Q2/P1
 satisfies the inf-sup condition (Boffi, Brezzi and Fortin, Mixed Finite Element Methods and Applications, 2013, 8.6.3).
 The split into dilatation and deviator is the B-bar form (Hughes, The Finite Element Method, 2000, section 4.5).
 
-A block in three dimensions takes up to a minute, so its arrays are kept in a file.  It lies in the user's cache folder:
-`$XDG_CACHE_HOME/flashtemp`, on Windows `%LOCALAPPDATA%\\flashtemp`, else `~/.cache/flashtemp`.  It can be deleted.
+A block in three dimensions takes up to a minute, so its arrays are stored in the user's cache folder:
+`$XDG_CACHE_HOME/flashtemp`, on Windows `%LOCALAPPDATA%\\flashtemp`, else `~/.cache/flashtemp`.  You can delete it.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ class _Grading(NamedTuple):
     per_side: int  # no element is larger than the shortest side of the block over this
 
 
-CONSTANT = -1  # the term of a linear function that belongs to no axis
-CACHE_VERSION = 1  # changes with every change of the numbers
+CONSTANT = -1  # index of the constant term of a linear function, which belongs to no axis
+CACHE_VERSION = 1  # increase with every change that affects the numbers
 MOST_THERMAL_BYTES = 200_000_000
 SMALLEST_PART_NODES = 30  # nested dissection ends here
 PLANE = _Grading(2, 2.0, 1.3, 12)
@@ -54,10 +54,10 @@ SPACE = _Grading(1, 3.0, 2.0, 3)
 
 @dataclass(frozen=True)
 class FaceCompliance:
-    """Mean motion of each column's face by pressure, by traction along the face and by heat; E is Young's modulus.
+    """Mean displacement of each column's face by pressure, tangential traction and heat; E is Young's modulus.
 
-    Row i, column j: motion of i by what acts on j.  Columns of a 3D block count with y fastest.  With the areas a of
-    the columns, in 2D widths, `a[:, None] * normal` is symmetric and positive definite.  The arrays are read-only.
+    Row i, column j: displacement of i by the load on j.  Columns of a 3D block are numbered with y fastest.  With the
+    areas a of the columns, in 2D widths, `a[:, None] * normal` is symmetric positive definite.  Arrays are read-only.
     """
 
     normal: Array  # (n, n) m: towards the holder, per pressure over E
@@ -67,18 +67,18 @@ class FaceCompliance:
 
 
 def face_compliance(x_edges: Array, z_edges: Array, poisson: float, y_edges: Array | None = None) -> FaceCompliance:
-    """Compliance of the face of a block that reaches from `z_edges[0]` (face) to `z_edges[-1]` (holder); lengths in m.
+    """Compliance of the face of a block from `z_edges[0]` (face) to `z_edges[-1]` (holder); lengths in m.
 
     `x_edges` (n+1,) separates the columns from the leading to the trailing edge, `z_edges` (levels+1,) the thermal
-    cells from the face up.  Without `y_edges` the strain is plane.  In 3D `y_edges` (m+1,) cuts the face into n m
-    columns, and `thermal` is None where it would need more than 200 MB.  ValueError says what is wrong with an input.
+    cells from the face up.  Without `y_edges` the strain is plane.  In 3D `y_edges` (m+1,) divides the face into n m
+    columns, and `thermal` is None where it would need more than 200 MB.  Raises ValueError for an invalid input.
     """
     names = ("x_edges", "z_edges") if y_edges is None else ("x_edges", "y_edges", "z_edges")
     given = (x_edges, z_edges) if y_edges is None else (x_edges, y_edges, z_edges)
     lines = [np.ascontiguousarray(e, dtype=float) for e in given]
     for name, edges in zip(names, lines, strict=True):
         if edges.ndim != 1 or len(edges) < 2 or not (np.all(np.diff(edges) > 0.0) and np.isfinite(edges).all()):
-            raise ValueError(f"{name}: needs at least two finite values that rise")
+            raise ValueError(f"{name}: needs at least two finite values that increase")
     if not 0.0 <= poisson < 0.5:
         raise ValueError(f"poisson: {poisson} is not in 0 <= poisson < 0.5")
     key = tuple(e.tobytes() for e in lines)
@@ -86,7 +86,7 @@ def face_compliance(x_edges: Array, z_edges: Array, poisson: float, y_edges: Arr
 
 
 def count_unknowns(x_edges: Array, z_edges: Array, y_edges: Array | None = None) -> int:
-    """Displacements that `face_compliance` solves for: 176,000 in three dimensions took 110 s and 4.2 GB."""
+    """Number of displacements that `face_compliance` solves for; 176,000 in 3D took 110 s and 4.2 GB."""
     edges = [x_edges] if y_edges is None else [x_edges, y_edges]
     lines = _divide_block(edges, z_edges, PLANE if y_edges is None else SPACE)
     return int(len(lines) * np.prod([2.0 * len(li) - 1.0 for li in lines]))
@@ -107,7 +107,7 @@ def foundation_stiffness(length: float, height: float, modulus: float) -> float:
 
 @lru_cache(maxsize=8)
 def _remember_compliance(column_bytes: tuple[bytes, ...], z_bytes: bytes, poisson: float) -> FaceCompliance:
-    """The compliance by the bytes of its inputs; in 3D from the file that an earlier process left."""
+    """The compliance cached by the bytes of its inputs; in 3D also in a file, for later processes."""
     edges, z_edges = [np.frombuffer(b) for b in column_bytes], np.frombuffer(z_bytes)
     path = _locate_cache((*column_bytes, z_bytes), poisson) if len(edges) == 2 else None
     compliance = _read_cache(path) if path else None
@@ -122,7 +122,7 @@ def _remember_compliance(column_bytes: tuple[bytes, ...], z_bytes: bytes, poisso
 
 
 def _compute_compliance(edges: Sequence[Array], z_edges: Array, poisson: float, grading: _Grading) -> FaceCompliance:
-    """Solve for a unit force on each column; everything else follows by reciprocity."""
+    """Solve for a unit force on each column; shear and heat follow by reciprocity."""
     lines = _divide_block(edges, z_edges, grading)
     block = _Block(lines, poisson)
     upward = block.mean_over_columns(edges, block.dim - 1)
@@ -132,16 +132,17 @@ def _compute_compliance(edges: Sequence[Array], z_edges: Array, poisson: float, 
     along = _mirror_loads((block.mean_over_columns(edges, 0) @ moved).T, loaded, image)
     thermal = None
     if normal.size * (len(z_edges) - 1) * 8 <= MOST_THERMAL_BYTES:
-        # Maysel: the motion by heat is the integral of alpha dT times the trace of the stress by a unit force
+        # Maysel: the displacement by heat is the integral of alpha dT times the stress trace of a unit force
         cells = _integrate_cells(block.stress_trace(moved), lines, (*edges, z_edges - z_edges[0]))
         thermal = _mirror_loads(-cells, loaded, image)
     areas = _outer_product([np.diff(e) for e in edges])
-    # Betti: a force along x on column j moves column i up as far as the same force up on i moves j along x
+    # Betti: a force along x on column j displaces column i upward by as much as the same upward force on i
+    # displaces column j along x
     return FaceCompliance(0.5 * (normal + normal.T) * areas, along * areas, thermal)
 
 
 def _find_mirror(edges: Sequence[Array]) -> tuple[Indices, Indices]:
-    """Columns to be loaded, and the mirror image of every column across the breadth; all columns where it has none."""
+    """Columns to load, and the mirror image of every column across the breadth; all columns without symmetry."""
     index = np.arange(np.prod([len(e) - 1 for e in edges]))
     breadth = edges[-1]
     if len(edges) == 1 or np.ptp(breadth + breadth[::-1]) > 1e-9 * np.ptp(breadth):
@@ -159,7 +160,7 @@ def _mirror_loads(response: Array, loaded: Indices, image: Indices) -> Array:
 
 
 def _locate_cache(inputs: Sequence[bytes], poisson: float) -> Path | None:
-    """Path of the file for these inputs in the user's cache folder, None where there is no such folder."""
+    """Path of the cache file for these inputs, None where the user has no cache folder."""
     folders = (os.environ.get("XDG_CACHE_HOME"), os.environ.get("LOCALAPPDATA"), os.path.expanduser("~/.cache"))
     folder = next((f for f in folders if f and os.path.isabs(f)), None)  # the XDG standard ignores relative paths
     digest = hashlib.sha256(repr((CACHE_VERSION, *SPACE, poisson, *inputs)).encode())
@@ -167,7 +168,7 @@ def _locate_cache(inputs: Sequence[bytes], poisson: float) -> Path | None:
 
 
 def _read_cache(path: Path) -> FaceCompliance | None:
-    """What the file holds; None where there is none or it is damaged (the zip format carries checksums)."""
+    """The contents of the file; None where it is missing or damaged (the zip format contains checksums)."""
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             return FaceCompliance(archive["normal"], archive["shear"], archive.get("thermal"))
@@ -176,7 +177,7 @@ def _read_cache(path: Path) -> FaceCompliance | None:
 
 
 def _write_cache(path: Path, compliance: FaceCompliance) -> None:
-    """Write under another name first, so that no reader meets half a file; a folder that refuses costs only time."""
+    """Write under a temporary name and rename, so that no reader finds half a file; errors of writing are ignored."""
     arrays = {name: array for name, array in vars(compliance).items() if array is not None}
     part = path.with_suffix(f".{os.getpid()}.part")
     try:
@@ -198,10 +199,10 @@ def _divide_block(edges: Sequence[Array], z_edges: Array, grading: _Grading) -> 
 
 
 def _divide_columns(edges: Array, least: int, largest: float, growth: float) -> Array:
-    """Lines of elements: every column in equal parts, `least` or more, none too wide and neighbours alike in width."""
+    """Lines of elements: every column in `least` or more equal parts, none too wide, neighbours of similar width."""
     width = np.diff(edges)
     parts = np.maximum(np.ceil(width / largest - 1e-9).astype(int), least)
-    while True:  # ends: with a growth of 2 or more no part becomes smaller than the smallest
+    while True:  # terminates: with a growth of 2 or more no part becomes smaller than the smallest
         size = width / parts
         neighbour = np.minimum(np.r_[np.inf, size[:-1]], np.r_[size[1:], np.inf])
         coarse = size > growth * neighbour * (1 + 1e-9)
@@ -239,11 +240,11 @@ class _Block:
         gradient = {(a, b): _kron_axes(products, a, b) for a in every for b in every}
         laplace = sum(gradient[a, a] for a in every)
         modulus = 0.5 / (1.0 + poisson)
-        # 2 G times the deviatoric strain; in plane strain too this is the deviator of all three directions
+        # 2 G times the deviatoric strain; in plane strain, too, the deviator is three-dimensional
         deviator = [
             [modulus * ((a == b) * laplace + gradient[b, a] - 2.0 / 3.0 * gradient[a, b]) for b in every] for a in every
         ]
-        # 1 and the linear functions are orthogonal on a box, so that the projection needs no system of equations
+        # 1 and the linear functions are orthogonal on a box, so the projection needs no linear solve
         volume = _outer_product([np.diff(li) for li in lines])
         self.norms = [volume, *[volume / 12.0 for _ in every]]
         moments = [axis.moments for axis in self.axes]
@@ -255,7 +256,7 @@ class _Block:
             self.stiffness = self.stiffness + moment.T @ diags_array(self.bulk / norm) @ moment
 
     def mean_over_columns(self, edges: Sequence[Array], direction: int) -> Any:
-        """(columns, dofs): mean displacement in a direction over each column's face, as weights of the unknowns."""
+        """(columns, dofs): weights of the unknowns that give the mean displacement of each column's face."""
         from scipy.sparse import block_array, csr_array, kron
 
         face = csr_array(([1.0], ([0], [0])), shape=(1, self.axes[-1].nodes))
@@ -265,7 +266,7 @@ class _Block:
         return block_array([[weights if a == direction else nothing for a in range(self.dim)]]).tocsr()
 
     def solve(self, forces: Any) -> Array:
-        """(dofs, loads): displacements by nodal forces (loads, dofs); the top stays."""
+        """(dofs, loads): displacements by nodal forces (loads, dofs); the top is fixed."""
         from scipy.sparse.linalg import splu
 
         counts = [axis.nodes for axis in self.axes]
@@ -283,7 +284,7 @@ class _Block:
         return moved
 
     def stress_trace(self, moved: Array) -> list[Array]:
-        """1 + dim times (elements, loads): trace of the stress, as coefficients of 1 and of the linear functions."""
+        """1 + dim arrays (elements, loads): trace of the stress, as coefficients of 1 and of the linear functions."""
         terms = zip(self.moments, self.norms, strict=True)
         return [3.0 * self.bulk * (moment @ moved) / norm[:, None] for moment, norm in terms]
 
@@ -349,7 +350,7 @@ def _outer_product(vectors: Sequence[Array]) -> Array:
 def _dissect(lattice: Indices, spans: tuple[tuple[int, int], ...]) -> Indices:
     """Order of elimination of a lattice of nodes by nested dissection (George, SIAM J. Numer. Anal. 10, 1973, 345).
 
-    A plane of nodes between elements, which have even places, cuts the longest span; it comes after both halves.
+    A plane of nodes between elements, which have even indices, cuts the longest span and follows both halves.
     """
     axis = int(np.argmax([stop - start for start, stop in spans]))
     start, stop = spans[axis]
@@ -375,7 +376,7 @@ def _integrate_cells(trace: list[Array], lines: Sequence[Array], edges: Sequence
 
 
 def _overlaps(lines: Array, edges: Array) -> tuple[Array, Array]:
-    """(cells, elements) each: length that a cell shares with an element, and the integral of the place in it."""
+    """(cells, elements) each: overlap length of a cell and an element, and the integral of the local coordinate."""
     low = np.maximum(edges[:-1, None], lines[None, :-1])
     high = np.maximum(np.minimum(edges[1:, None], lines[None, 1:]), low)
     middle = 0.5 * (lines[1:] + lines[:-1])

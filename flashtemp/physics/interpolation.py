@@ -1,4 +1,4 @@
-"""Measured or computed curves from a case: pairs in the case itself or a CSV file beside it."""
+"""Measured or computed curves and surfaces: read from rows in a case or from a CSV file, interpolated linearly."""
 
 from __future__ import annotations
 
@@ -19,15 +19,13 @@ from flashtemp.physics.tables.table import read_table
 from flashtemp.physics.tables.text_table import TextTable
 from flashtemp.physics.tables.wanted import WantedColumn, note_assumed_units, read_wanted
 
-Source = Any  # of a case: a CSV file's name, or rows
-TABLE_LOGGER = "flashtemp.tables"  # where notes on tables go
-DECIMAL_COMMA_NUMBER = re.compile(
-    r"[-+]?\d+,\d+\s*[^.,\d]*"
-)  # a number as people write it whose language has decimal commas
+Source = Any  # value in a case: the name of a CSV file, or rows
+TABLE_LOGGER = "flashtemp.tables"  # logger that receives notes on tables
+DECIMAL_COMMA_NUMBER = re.compile(r"[-+]?\d+,\d+\s*[^.,\d]*")  # a number with a decimal comma, perhaps with a unit
 
 
 def interpolate_linear(values: Array, nodes: Array, wanted: Array) -> Array:
-    """Linear interpolation along the first axis of values (n, ...) kept `nodes` (n,), outermost values held.
+    """Interpolate values (n, ...) at `nodes` (n,) linearly along their first axis, constant beyond the outer nodes.
 
     >>> interpolate_linear(np.array([[0.0], [2.0]]), np.array([1.0, 2.0]), np.array([0.0, 1.5])).ravel().tolist()
     [0.0, 1.0]
@@ -43,7 +41,7 @@ def interpolate_linear(values: Array, nodes: Array, wanted: Array) -> Array:
 
 @dataclass(frozen=True)
 class Curve:
-    """A broken line y(x), held constant outside its range; complex x passes its derivative on.
+    """Piecewise linear y(x), constant outside its range.  Complex x is supported for complex-step derivatives.
 
     >>> Curve((0.0, 1.0), (0.0, 2.0))(0.25)
     0.5
@@ -62,16 +60,17 @@ class Curve:
         real = np.real(at)
         k = np.clip(np.searchsorted(x, real) - 1, 0, len(slope) - 1)
         inside = (real >= x[0]) & (real <= x[-1])
-        held = np.clip(real, x[0], x[-1])
-        step = np.where(inside, at, held)
+        clipped = np.clip(real, x[0], x[-1])
+        # inside, `at` keeps its imaginary part; outside, the curve is constant and its derivative zero
+        step = np.where(inside, at, clipped)
         value = y[k] + slope[k] * (step - x[k])
         return value if np.ndim(at) else value.item()
 
 
 def line_through_means(edges: Array, means: Array) -> tuple[Array, Array]:
-    """Broken line with the given `means` (n,) between `edges` (n+1,): its places and values (2n+1,).
+    """Nodes and values (2n+1,) of a piecewise linear function whose mean between `edges` (n+1,) is `means` (n,).
 
-    It bends at the edges, where it joins the means linearly, and at the middle of each column.
+    Its nodes are the edges, where it interpolates the means linearly, and the middle of each column.
 
     >>> [v.tolist() for v in line_through_means(np.array([0.0, 1.0, 2.0]), np.array([1.0, 3.0]))]
     [[0.0, 0.5, 1.0, 1.5, 2.0], [0.0, 1.0, 2.0, 3.0, 4.0]]
@@ -90,7 +89,7 @@ def line_through_means(edges: Array, means: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Surface:
-    """A table z(u, v), linear between its nodes, held outside; complex v passes its derivative on.
+    """Bilinear table z(u, v), constant outside its nodes.  Complex v is supported for complex-step derivatives.
 
     >>> s = Surface((0.1, 1.0), (20.0, 60.0), ((0.8, 0.6), (0.9, 0.7)))
     >>> round(float(s(0.1, 40.0)), 12)
@@ -121,8 +120,8 @@ class Surface:
 def read_rows(source: Source, folder: Path, key: str, columns: int | Sequence[WantedColumn]) -> Array:
     """Rows (n, columns) of numbers from a list of lists or a CSV file name.
 
-    `columns` are the quantities that the key takes, in their order, or only their number.  Those of a file are found by
-    the names in its header and turned into the unit of the quantity; without names their order counts.
+    `columns` are the quantities of the key in their order, or only their number.  Columns of a file are found by the
+    names in its header and converted to the unit of the quantity; without names, their order decides.
     Raises BadInput naming the key, the file and its line.
     """
     return _read_rows_and_table(source, folder, key, columns)[0]
@@ -131,7 +130,7 @@ def read_rows(source: Source, folder: Path, key: str, columns: int | Sequence[Wa
 def _read_rows_and_table(
     source: Source, folder: Path, key: str, columns: int | Sequence[WantedColumn]
 ) -> tuple[Array, TextTable | None]:
-    """Rows of numbers and the table that they stand in, None for a list; notes on a table go to the log `TABLE_LOGGER`."""
+    """Rows of numbers and the table they come from, None for a list; notes on a table go to `TABLE_LOGGER`."""
     count = columns if isinstance(columns, int) else len(columns)
     if not isinstance(source, (list, tuple)):
         table = _read_file(source, folder, key)
@@ -198,7 +197,7 @@ def read_surface(source: Source, folder: Path, key: str, columns: int | Sequence
     places, count = np.unique(table[:, :2], axis=0, return_counts=True)
     if np.any(count > 1):
         twice = ", ".join(f"{value:g}" for value in places[np.argmax(count > 1)])
-        raise BadInput(f"{key}: the pair {twice} stands there twice; give one row for every pair")
+        raise BadInput(f"{key}: the pair {twice} occurs twice; give one row for every pair")
     if len(u) * len(v) != len(table):
         raise BadInput(f"{key}: {len(table)} rows do not fill {len(u)} x {len(v)} nodes; give one row for every pair")
     order = np.lexsort((table[:, 1], table[:, 0]))

@@ -1,4 +1,4 @@
-"""Loops compiled by numba, whose cache counts only where nobody else can write it: its index files are programs."""
+"""Compile loops with numba; its cache is used only where no other user can write, because it can contain code."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
 def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """`numba.njit`; what it compiled is kept (`cache`) beside the program or in the user's cache folder.
+    """`numba.njit` that stores compiled code (`cache`) next to the program or in the user's cache folder.
 
-    It is compiled anew in every process where neither can be had, or where others may write (`is_cache_private`).
+    Every process compiles again where neither folder is available, or where others may write (`is_cache_private`).
     """
 
     def compile_function(function: Callable[..., Any]) -> Any:
@@ -43,11 +43,11 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]
 
 @contextmanager
 def _without_local_cache() -> Iterator[None]:
-    """Only the environment names a cache folder, by its full path; a settings file of the current folder does not."""
+    """Accept a cache folder only as a full path from the environment, not from settings in the current folder."""
     config: Any = numba.config
-    before, given = config.CACHE_DIR, os.environ.get(CACHE_FOLDER, "")
+    before, requested = config.CACHE_DIR, os.environ.get(CACHE_FOLDER, "")
     with without_local_settings():
-        config.CACHE_DIR = given if os.path.isabs(given) else ""
+        config.CACHE_DIR = requested if os.path.isabs(requested) else ""
         try:
             yield
         finally:
@@ -56,9 +56,9 @@ def _without_local_cache() -> Iterator[None]:
 
 @remember
 def is_cache_private(folder: str) -> bool:
-    """Whether what numba kept in a folder can be from nobody but this user, root, or whoever can write the program.
+    """Whether only this user, root, or somebody who can change the program itself can have written numba's cache.
 
-    numba reads its index files by pickle, which runs what they say.  Windows keeps users' folders apart by itself.
+    numba reads its index files by pickle, which executes code in them.  Windows separates users' folders by itself.
     """
     if not os.path.isabs(folder):
         return False
@@ -81,10 +81,10 @@ def is_cache_private(folder: str) -> bool:
 
 
 def _is_as_private(path: Path, owners: set[int], may_write: int) -> bool:
-    """Whether a file or folder belongs to one of the owners, and no more can write it than the bits `may_write` say."""
+    """Whether a file or folder belongs to one of the owners, with no more write permission than `may_write` allows."""
     try:
         state = path.stat()
-    except FileNotFoundError:  # another process has given it its name
+    except FileNotFoundError:  # a temporary file that another process has just renamed
         return True
     more = state.st_mode & OTHERS_WRITE & ~may_write
     return state.st_uid in owners and not more & stat.S_IWOTH and not (more and can_group_write(path, state))

@@ -1,4 +1,4 @@
-"""Settings files that libraries take, unasked, from the folder in which a command is given."""
+"""Prevent matplotlib and numba from reading settings files in the current folder."""
 
 from __future__ import annotations
 
@@ -8,16 +8,14 @@ from contextlib import contextmanager
 from functools import wraps
 from typing import Any
 
-LOCAL_SETTINGS_FILES = (
-    "matplotlibrc",
-    ".numba_config.yaml",
-)  # looked for under these bare names, before the user's own
+LOCAL_SETTINGS_FILES = ("matplotlibrc", ".numba_config.yaml")  # read by these bare names, before the user's own files
 
 
 def ignore_local_settings() -> None:
-    """From now on, matplotlib and numba find no settings file in the current folder; those of the user still hold.
+    """Hide settings files in the current folder from matplotlib and numba; the user's own settings still apply.
 
-    Neither library has a switch for it.  Both ask `os.path.exists` for the bare name, numba at every compilation.
+    Neither library has an option for this.  Both call `os.path.exists` with the bare name, numba at every compilation,
+    so this function replaces `os.path.exists` for the whole process.
     """
     exists = os.path.exists
     if hasattr(exists, "__wrapped__"):
@@ -32,7 +30,7 @@ def ignore_local_settings() -> None:
 
 @contextmanager
 def without_local_settings() -> Iterator[None]:
-    """The same for a block of code, as in a user's own program, whose other imports are not ours to change."""
+    """`ignore_local_settings` for one block of code, so that other code of the calling program is not affected."""
     exists = os.path.exists
     ignore_local_settings()
     try:

@@ -38,7 +38,7 @@ class Material:
 class Layer:
     """A layer of the block: its `material`, `thickness` in m, and the `contact_resistance` in m2K/W to the layer above.
 
-    `cells` at mesh = 1, None for as many as the block's grading puts there.
+    `cells` is the number of cells at mesh = 1; None follows the grading of the block's mesh.
     """
 
     name: str

@@ -1,7 +1,7 @@
-"""Who else can change what stands under a path: the check that OpenSSH makes of files before it acts on them.
+"""Check whether other users can change a file: the check that OpenSSH makes of files before it uses them.
 
 OpenSSH calls it StrictModes (sshd_config(5); `safe_path` in misc.c): a file and every folder above it belong to the
-user or to root, and nobody else may write any of them.  Here links are followed one by one and checked as well.
+user or to root, and nobody else may write to any of them.  Here symbolic links are followed and checked as well.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ ROOT_USER = 0
 
 
 def list_path_parts(path: Path) -> Iterator[tuple[Path, os.stat_result]]:
-    """Every folder and link that leads to a path, from the root on, and the file there, each with its state.
+    """Every folder and link on the way from the root to a path, and the file itself, each with its `lstat` result.
 
-    Raises OSError where one is missing, or links go round in a circle.
+    Raises OSError where one is missing, or links form a circle.
     """
     rest = list(reversed(path.absolute().parts))
     here = Path(rest.pop())
@@ -47,18 +47,18 @@ def list_path_parts(path: Path) -> Iterator[tuple[Path, os.stat_result]]:
 
 
 def describe_other_writer(path: Path, own_from: Path | None = None) -> str | None:
-    """Who else can change what stands under a path, in words; None when only the user and root can.
+    """Describe who else can change the file or folder `path`; None when only the user and root can.
 
-    Folders in which the sticky bit keeps everybody from the entries of others, such as /tmp, may lie on the way.
-    From the folder `own_from` on, itself included, they may not, and everything belongs to the user, not to root.
-    Raises OSError like `list_path_parts`; POSIX only.
+    Folders with the sticky bit, such as /tmp, are allowed on the way: users cannot change each other's entries there.
+    From the folder `own_from` on, itself included, such folders are not allowed, and everything must belong to the
+    user, not to root.  Raises OSError as `list_path_parts` does; POSIX only.
     """
     user, end = os.geteuid(), path.resolve()
     for part, state in list_path_parts(path):
         strict = own_from is not None and part.is_relative_to(own_from)
         if state.st_uid not in ({user} if strict else {user, ROOT_USER}):
             return f"{part} belongs to another user"
-        if stat.S_ISLNK(state.st_mode):  # its target follows; who may replace it, its folder says
+        if stat.S_ISLNK(state.st_mode):  # the target follows; permission to replace the link is that of its folder
             continue
         if not strict and part != end and stat.S_ISDIR(state.st_mode) and state.st_mode & stat.S_ISVTX:
             continue
@@ -70,7 +70,7 @@ def describe_other_writer(path: Path, own_from: Path | None = None) -> str | Non
 
 
 def can_group_write(path: Path, state: os.stat_result) -> bool:
-    """Whether others than the user may write a file or folder as members of its group or by an access list."""
+    """Whether other users may write to a file or folder as members of its group or by an access list."""
     if not state.st_mode & stat.S_IWGRP:
         return False
     return _has_access_list(path) or not is_private_group(state.st_gid, os.geteuid())
@@ -78,9 +78,9 @@ def can_group_write(path: Path, state: os.stat_result) -> bool:
 
 @cache
 def is_private_group(group: int, user: int) -> bool:
-    """Whether a group is the user's alone: the user's name and no other member (Debian's and Fedora's convention).
+    """Whether a group has the user's name and no other member (the convention of Debian and Fedora).
 
-    Debian's OpenSSH lets such a group write too, since under umask 002 every new file of the user is of this kind.
+    Debian's OpenSSH accepts write permission of such a group, because with umask 002 every new file has it.
     """
     import grp
     import pwd
@@ -94,7 +94,7 @@ def is_private_group(group: int, user: int) -> bool:
 
 
 def _has_access_list(path: Path) -> bool:
-    """Whether a POSIX access list names others; the bits of the group then stand for the list (acl(5))."""
+    """Whether a POSIX access list exists; the group bits then show the mask of the list (acl(5))."""
     if not hasattr(os, "getxattr"):  # macOS
         return False
     try:

@@ -1,8 +1,8 @@
-"""Units of measurement as people, loggers and cameras write them: "25 mm", "W/m2K", "m s-1", "°C", "msec".
+"""Convert units of measurement as people, loggers and cameras write them: "25 mm", "W/m2K", "m s-1", "°C", "msec".
 
 A unit text is parsed by a small grammar of bounded length: a product or quotient of names with exponents of one digit.
-Only single names that passed it reach the units library (pint), which knows their size.  A name that means several
-units, as "C" or "F", is resolved by the dimension that is wanted.
+Only single names from this parser reach the units library (pint), which supplies their size.  A name with several
+meanings, such as "C" or "F", is resolved by the wanted dimension.
 """
 
 from __future__ import annotations
@@ -22,30 +22,30 @@ from flashtemp.errors import BadInput, shorten_text
 NUMBER_PATTERN = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 UNIT_PATTERN = r"(?:1?/)?(?:[^\W\d_]|[°º˚℃℉%‰])[^\"'=;,]{0,40}?"
 QUANTITY_PATTERN = re.compile(rf"\s*({NUMBER_PATTERN})(?:\s*(?=[^1\s])|\s+(?=1/))({UNIT_PATTERN})\s*")
-FILE_NAME_PATTERN = re.compile(r".*\.[A-Za-z][A-Za-z0-9]{1,5}")  # a name with an ending
+FILE_NAME_PATTERN = re.compile(r".*\.[A-Za-z][A-Za-z0-9]{1,5}")  # a name with a file extension
 MAX_UNIT_LETTERS = 60  # "W s^0.5/(m2K)" has 13
 MAX_UNIT_NAMES = 8
 MAX_BRACKET_DEPTH = 2
 MAX_SYMBOL_LETTERS = 4  # "mmHg", "kcal"; longer ones are words, which have a plural and may begin with a capital letter
-OFFSET_SCALES = ("degC", "degF")  # scales whose zero does not mean "none"
-DECLARED_SPELLINGS = {"1": "", "W/mK": "W/(m K)"}  # in keys of ours mK is metre times kelvin
+OFFSET_SCALES = ("degC", "degF")  # scales whose zero is not absolute zero
+DECLARED_SPELLINGS = {"1": "", "W/mK": "W/(m K)"}  # in flashtemp's own keys mK is metre times kelvin
 UNIT_NAME_PATTERN = re.compile(r"(?:cm|mm|in|ft)H2O|(?:deg(?:ree)?s?[ _])?°?[^\W\d]+|[°%‰]")
 EXPONENT_PATTERN = re.compile(r"(?:\*\*|\^)?([-+]?[0-9](?:\.[0-9])?)(?![0-9.]*[0-9])")
 TEMPERATURE_PATTERN = re.compile(
     r"(?:°|\ufffd|o|deg(?:ree)?s?)?[ ._]*(celsius|centigrade|fahrenheit|kelvins?|rankine|[cfkr])", re.IGNORECASE
 )
-TEMPERATURE_SCALES_K = {  # size of a degree in K, and where its zero lies in K
+TEMPERATURE_SCALES_K = {  # size of a degree in K, and its zero in K
     "c": (Fraction(1), Fraction("273.15")),
     "f": (Fraction(5, 9), Fraction("459.67") * Fraction(5, 9)),
     "k": (Fraction(1), Fraction(0)),
     "r": (Fraction(5, 9), Fraction(0)),
 }
-UNIT_SPELLINGS = {  # beside the library's own; the wanted dimension chooses among several
+UNIT_SPELLINGS = {  # in addition to the library's; the wanted dimension selects one of several
     "px": ("pixel",), "pixels": ("pixel",), "mil": ("thou",),
     "mK": ("millikelvin", "meter*kelvin"), "kgK": ("kilogram*kelvin",), "gK": ("gram*kelvin",), "Nm": ("newton*meter",),
     "Pas": ("pascal*second",), "mPas": ("millipascal*second",),
 }  # fmt: skip
-UNIT_WORDS = {  # in letters of either case, after what the library makes of them
+UNIT_WORDS = {  # in upper or lower case; the library's own meaning has priority
     "sec": "second", "secs": "second", "msec": "millisecond", "msecs": "millisecond", "millis": "millisecond",
     "usec": "microsecond", "usecs": "microsecond", "min": "minute", "mins": "minute", "hr": "hour", "hrs": "hour",
     "h": "hour", "s": "second", "kmh": "kilometer/hour", "kmph": "kilometer/hour", "kph": "kilometer/hour",
@@ -53,21 +53,21 @@ UNIT_WORDS = {  # in letters of either case, after what the library makes of the
     "pct": "percent", "°": "degree", "%": "percent", "‰": "permille",
 }  # fmt: skip
 PROPORTIONS = {"percent": 1e-2, "permille": 1e-3, "ppm": 1e-6, "ppb": 1e-9}
-PINT_CONSTANTS = {  # the library knows these beside units; none is one
+PINT_CONSTANTS = {  # constants in the library that are not units
     "speed_of_light", "elementary_charge", "boltzmann_constant", "molar_gas_constant", "standard_gravity",
     "dirac_constant", "stefan_boltzmann_constant",
 }  # fmt: skip
-COUNTED_UNITS = ("bit", "count")  # information and counted things
-EXPONENT_TOLERANCE = 1e-9  # of exponents such as 0.8
+COUNTED_UNITS = ("bit", "count")  # units of information and counts
+EXPONENT_TOLERANCE = 1e-9  # rounding of exponents such as 0.8
 
 
 class _UnknownUnit(Exception):
-    """A text that is no unit."""
+    """A text that is not a unit."""
 
 
 @dataclass(frozen=True)
 class _UnitSize:
-    """A unit: how many of the base units it is, and the exponents of these."""
+    """A unit: its factor to base units, and the exponents of these."""
 
     factor: float
     dimension: tuple[tuple[str, float], ...]
@@ -88,9 +88,9 @@ def looks_like_quantity(value: Any) -> bool:
 
 
 def to_unit(value: str, unit: str, difference: bool = False) -> float:
-    """The number that a text with a unit is in `unit`, of a `difference` where zero means none.  Raises BadInput.
+    """Convert a number with a unit to `unit`; a temperature `difference` has no offset.  Raises BadInput.
 
-    Keys in K are differences always: temperatures themselves are in degC.
+    Keys in K are always differences: temperatures themselves are in degC.
 
     >>> to_unit("25 mm", "m"), to_unit("0.3MPa", "Pa"), to_unit("68 degF", "degC"), to_unit("5 %", "1")
     (0.025, 300000.0, 20.0, 0.05)
@@ -112,18 +112,20 @@ def to_unit(value: str, unit: str, difference: bool = False) -> float:
     except _UnknownUnit as fault:
         raise BadInput(f"{value!r}: the unit {text!r} is not known; give a number {_describe_unit(unit)}") from fault
     if line is None:
-        raise BadInput(f"{value!r} is no quantity {_describe_unit(unit)}; give one that can be turned into it")
+        raise BadInput(f"{value!r} is not a quantity {_describe_unit(unit)}; give a unit that converts to it")
     return float(f"{line[0] * number + line[1]:.15g}")  # 0.3 MPa is 300000 Pa, not 299999.99999999994
 
 
 def find_conversion(unit_text: str, unit: str, difference: bool = False) -> tuple[float, float]:
-    """Factor and offset that turn numbers in the unit `unit_text` into `unit`: factor * x + offset.
+    """Factor and offset that convert numbers in the unit `unit_text` to `unit`: factor * x + offset.
 
-    With `difference` the numbers are differences, so that degrees have no offset.  Raises BadInput for an unknown unit
-    and for one of another dimension.
+    With `difference` the numbers are temperature differences, without offset.  Raises BadInput for an unknown unit and
+    for one of another dimension.
 
-    >>> find_conversion("mm", "m"), find_conversion("msec", "s"), find_conversion("K", "degC"), find_conversion("°F", "K", difference=True)
-    ((0.001, 0.0), (0.001, 0.0), (1.0, -273.15), (0.5555555555555556, 0.0))
+    >>> find_conversion("mm", "m"), find_conversion("msec", "s"), find_conversion("K", "degC")
+    ((0.001, 0.0), (0.001, 0.0), (1.0, -273.15))
+    >>> find_conversion("°F", "K", difference=True)
+    (0.5555555555555556, 0.0)
     >>> find_conversion("m", "s")
     Traceback (most recent call last):
         ...
@@ -141,7 +143,7 @@ def find_conversion(unit_text: str, unit: str, difference: bool = False) -> tupl
 
 
 def is_unit(text: str, unit: str) -> bool:
-    """Whether a text is a unit that can be turned into `unit`.
+    """Whether a text is a unit that converts to `unit`.
 
     >>> is_unit("deg C", "degC"), is_unit("F", "degC"), is_unit("mV", "degC"), is_unit("m", "s"), is_unit("h", "s")
     (True, True, False, False, True)
@@ -153,7 +155,7 @@ def is_unit(text: str, unit: str) -> bool:
 
 
 def convert_options(words: list[str], declared: Mapping[str, str]) -> list[str]:
-    """Words of a command line with the numbers of options, whose units are `declared`, without units.  Raises BadInput.
+    """Convert the values of options in a command line to their `declared` units, as plain numbers.  Raises BadInput.
 
     >>> units = {"block": "mm", "air": "degC"}
     >>> convert_options(["--block", "2.5 cm", "7", "--start=-20ms", "--was.air", "293.15 K"], units)
@@ -194,14 +196,14 @@ def _compute_conversion(text: str, unit: str, difference: bool) -> tuple[float, 
             None,
         )
         return None if size is None else (_round_factor(size.factor / wanted.factor), 0.0)
-    own = _temperature_scale(text)
-    if own is None:
+    given_scale = _temperature_scale(text)
+    if given_scale is None:
         size = next((s for s in _possible_sizes(_normalise_text(text)) if s.dimension == (("kelvin", 1.0),)), None)
         if size is None:
             return None
-        own = Fraction(_round_factor(size.factor)), Fraction(0)
-    offset = Fraction(0) if difference else (own[1] - scale[1]) / scale[0]
-    return float(own[0] / scale[0]), float(offset)
+        given_scale = Fraction(_round_factor(size.factor)), Fraction(0)
+    offset = Fraction(0) if difference else (given_scale[1] - scale[1]) / scale[0]
+    return float(given_scale[0] / scale[0]), float(offset)
 
 
 def _temperature_scale(text: str) -> tuple[Fraction, Fraction] | None:
@@ -215,10 +217,10 @@ def _temperature_scale(text: str) -> tuple[Fraction, Fraction] | None:
 
 
 def _normalise_text(text: str) -> str:
-    """A unit in plain letters: raised digits, signs and degree rings of whatever alphabet as the common ones.
+    """A unit in common characters: superscript digits, operators and degree signs in their usual form.
 
-    >>> _normalise_text(" W·m⁻² "), _normalise_text("℃"), _normalise_text("deg  C"), _normalise_text("metres per second")
-    ('W*m-2', '°C', 'deg C', 'metres/second')
+    >>> _normalise_text(" W·m⁻² "), _normalise_text("℃"), _normalise_text("deg  C"), _normalise_text("m per second")
+    ('W*m-2', '°C', 'deg C', 'm/second')
     """
     if len(text) > MAX_UNIT_LETTERS:
         raise _UnknownUnit(text)
@@ -237,7 +239,7 @@ def _is_same_dimension(one: _UnitSize, other: _UnitSize) -> bool:
 
 
 def _round_factor(factor: float) -> float:
-    """A factor without the last bits that its computation left.
+    """A factor without rounding errors in its last bits.
 
     >>> _round_factor(0.1 * 3), _round_factor(1 / 3.6)
     (0.3, 0.2777777777777778)
@@ -248,7 +250,7 @@ def _round_factor(factor: float) -> float:
 
 @lru_cache(maxsize=4096)
 def _possible_sizes(text: str) -> list[_UnitSize]:
-    """What a unit text may mean, the usual reading first.  Raises _UnknownUnit."""
+    """Possible meanings of a unit text, the most common first.  Raises _UnknownUnit."""
     sizes: list[_UnitSize] = []
     for factors in _parse_readings(text):
         meanings = [_name_sizes(name) for name, _ in factors]
@@ -262,7 +264,7 @@ def _possible_sizes(text: str) -> list[_UnitSize]:
 
 
 def _multiply_sizes(factors: list[tuple[_UnitSize, float]]) -> _UnitSize | None:
-    """The product of units with exponents; None where no number holds its size."""
+    """The product of units with exponents; None where its size is no finite float."""
     factor, dimension = 1.0, dict[str, float]()
     for size, power in factors:
         try:
@@ -278,9 +280,9 @@ def _multiply_sizes(factors: list[tuple[_UnitSize, float]]) -> _UnitSize | None:
 
 # --- the grammar ------------------------------------------------------------------------------------
 def _parse_readings(text: str) -> Iterator[Factors]:
-    """A unit text as names with exponents: as written, and with all that follows the first line below it.
+    """A unit text as names with exponents: as written, and with everything after the first / in the denominator.
 
-    The second reading is the usual meaning of "J/kg K", which the wanted dimension confirms.
+    The second reading is the usual meaning of "J/kg K"; the wanted dimension decides between both.
 
     >>> list(_parse_readings("W/m2K")), [*_parse_readings("J/kg K")][1]
     ([[('W', 1.0), ('m', -2.0), ('K', -1.0)]], [('J', 1.0), ('kg', -1.0), ('K', -1.0)])
@@ -299,13 +301,16 @@ def _parse_readings(text: str) -> Iterator[Factors]:
 
 @dataclass
 class _UnitParser:
-    """Recursive descent through a unit text; `at` is where it stands."""
+    """Recursive-descent parser of a unit text; `at` is its position."""
 
     text: str
     at: int = 0
 
     def parse_terms(self, depth: int) -> list[tuple[int, Factors]]:
-        """Terms between products (1) and lines (-1) up to a closing bracket or the end.  Raises _UnknownUnit."""
+        """Terms with sign 1 after a product and -1 after a /, up to a closing bracket or the end.
+
+        Raises _UnknownUnit.
+        """
         out: list[tuple[int, Factors]] = []
         sign = 1
         if self._take_sign("1/") or self._take_sign("/"):
@@ -314,7 +319,7 @@ class _UnitParser:
             out.append((sign, self._parse_term(depth)))
             if self._take_sign("/"):
                 sign = -1
-            elif self._take_sign("**") or self._take_sign("^"):  # an exponent that is none
+            elif self._take_sign("**") or self._take_sign("^"):  # without a valid exponent
                 raise _UnknownUnit(self.text)
             elif self._take_sign("*") or self._take_sign(".") or self._take_blank():
                 sign = 1
@@ -322,7 +327,7 @@ class _UnitParser:
                 return out
 
     def _parse_term(self, depth: int) -> Factors:
-        """A name or bracket, or several that an exponent or a degree ring parts, as m2K or m°C."""
+        """A name or bracket, or several that an exponent or a degree sign separates, as m2K or m°C."""
         self._skip_blank()
         out: Factors = []
         while True:
@@ -338,14 +343,14 @@ class _UnitParser:
             power = EXPONENT_PATTERN.match(self.text, self.at)
             out += [(n, p * float(power[1])) for n, p in inside] if power else inside
             self.at = power.end() if power else self.at
-            if power is None and self.text[self.at : self.at + 1] != "°":  # nothing else parts a name from the next
+            if power is None and self.text[self.at : self.at + 1] != "°":  # nothing else separates two names
                 break
         if not out:
             raise _UnknownUnit(self.text)
         return out
 
     def _take_sign(self, sign: str) -> bool:
-        """Whether a sign stands next, perhaps after a blank; if so the parser goes past it."""
+        """Skip `sign` if it comes next, perhaps after a blank; return whether it did."""
         start = self.at + (self.text[self.at : self.at + 1] == " " and sign != "(")
         if not self.text.startswith(sign, start):
             return False
@@ -353,7 +358,7 @@ class _UnitParser:
         return True
 
     def _take_blank(self) -> bool:
-        """Whether a blank stands between two terms."""
+        """Skip a blank if it comes next; return whether another term follows it."""
         if self.text[self.at : self.at + 1] != " " or self.at + 1 >= len(self.text):
             return False
         self.at += 1
@@ -366,9 +371,9 @@ class _UnitParser:
 # --- names ------------------------------------------------------------------------------------------
 @lru_cache(maxsize=4096)
 def _name_sizes(name: str) -> tuple[_UnitSize, ...]:
-    """What a single name may mean, the usual first; empty for an unknown one."""
+    """Possible meanings of a single name, the most common first; empty for an unknown one."""
     found = [_expression_size(text) for text in UNIT_SPELLINGS.get(name, (name,))]
-    if scale := _temperature_scale(name):  # of a product it is the size of a degree
+    if scale := _temperature_scale(name):  # in a product only the size of a degree matters
         found.append(_UnitSize(float(scale[0]), (("kelvin", 1.0),)))
     if word := UNIT_WORDS.get(name.casefold()):
         found.append(_expression_size(word))
@@ -376,7 +381,7 @@ def _name_sizes(name: str) -> tuple[_UnitSize, ...]:
 
 
 def _expression_size(text: str) -> _UnitSize | None:
-    """Names between * and one /, without brackets; None where one is unknown."""
+    """Size of names joined by * and one /, without brackets; None where one is unknown."""
     above, _, below = text.partition("/")
     factors: list[tuple[_UnitSize, float]] = []
     for names, power in ((above, 1.0), (below, -1.0)):
@@ -389,14 +394,15 @@ def _expression_size(text: str) -> _UnitSize | None:
 
 
 def _pint_size(name: str) -> _UnitSize | None:
-    """A single name as the library knows it; None for logarithmic units, counts, information, constants."""
+    """Size of a single name from the library; None for logarithmic units, counts, information, constants."""
     registry = _pint_registry()
     for text in dict.fromkeys((name, name.lower())):
         for prefix, unit, plural in registry.parse_unit_name(text)[:1]:
             stem = text.removesuffix("s")
             is_word = len(stem) > MAX_SYMBOL_LETTERS or text in {prefix + unit + end for end in ("", "s", "es")}
             is_plural = plural or (text != stem and registry.parse_unit_name(stem)[:1] == ((prefix, unit, ""),))
-            if (text != name or is_plural) and not is_word:  # Pas is no plural, megabar and millibar differ by case
+            # "Pas" is not a plural of Pa; in symbols the case matters, as in Mbar and mbar
+            if (text != name or is_plural) and not is_word:
                 continue
             if unit in PINT_CONSTANTS or "_" in text or not registry._units[unit].is_multiplicative:
                 return None
@@ -410,7 +416,7 @@ def _pint_size(name: str) -> _UnitSize | None:
 
 @cache
 def _pint_registry() -> Any:
-    """The library of units, loaded when the first number has one."""
+    """The pint registry, imported when the first unit needs it."""
     import pint
 
     return pint.UnitRegistry()

@@ -1,4 +1,4 @@
-"""Effects from outside the catalogue: a file of the user's own (may it run? model/trust), an installed package."""
+"""Effects from outside the catalogue: files of the user (permission to run them: model/trust), installed packages."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ ALLOWED_IMPORTS_TEXT = "the standard library, numpy, scipy, flashtemp.physics an
 
 
 def read_effect(path: Path) -> type[Effect]:
-    """Execute a file and return the one effect that it holds; the effect's name is the file's stem.
+    """Execute a file and return the effect that it defines; the effect's name is the file's stem.
 
-    Raises BadInput naming file, line and remedy: no such file, a name that cannot be one or that the catalogue has,
-    a file that does not run, no effect in it or more than one.
+    Raises BadInput with file, line and remedy: no such file, an invalid name or one of the catalogue, a file that does
+    not run, no effect in it or more than one.
     """
     effect_name(path)
     return execute_source(str(path), _read_source(path))
@@ -41,11 +41,11 @@ def _read_source(path: Path) -> str:
 
 
 def effect_name(path: Path) -> str:
-    """The name of the effect that a file holds.  Raises BadInput when it cannot be one, or the catalogue has it."""
+    """The name of the effect in a file.  Raises BadInput when the name is invalid, or the catalogue has it."""
     name = path.stem
     if path.suffix != ".py" or not re.fullmatch(r"[a-z][a-z0-9_]*", name):
         raise BadInput(
-            f"{path}: the name of the file is the effect's; give small letters, digits, underscores and .py, as fan.py"
+            f"{path}: the file names the effect; use lower-case letters, digits, underscores and .py, such as fan.py"
         )
     if name in catalogue():
         raise BadInput(f"{path}: the catalogue has an effect '{name}'; give the file another name")
@@ -54,7 +54,7 @@ def effect_name(path: Path) -> str:
 
 @cache
 def execute_source(file: str, source: str) -> type[Effect]:
-    """The one effect of a source text that stands in `file`; the same text gives the same class.  Raises BadInput."""
+    """The effect that the source text of `file` defines; the same text gives the same class.  Raises BadInput."""
     name = f"flashtemp_own_{Path(file).stem}_{sha256((file + source).encode()).hexdigest()[:12]}"
     module = ModuleType(name)
     module.__file__ = file
@@ -71,41 +71,44 @@ def execute_source(file: str, source: str) -> type[Effect]:
 
 
 def _run_user_code(file: str, work: Callable[[], object]) -> None:
-    """Do what executes a file of somebody's own; whatever goes wrong is BadInput with the line of that file."""
+    """Run `work`, which executes a user's file; any exception becomes BadInput with the line of that file."""
     try:
         work()
     except SyntaxError as fault:
         raise BadInput(f"{file}:{fault.lineno}: {fault.msg}; repair that line") from fault
     except (Exception, SystemExit) as fault:
         lines = [f.lineno for f in traceback.extract_tb(fault.__traceback__) if f.filename == file]
-        said = f"{type(fault).__name__}: {fault}".rstrip(": ")
+        reason = f"{type(fault).__name__}: {fault}".rstrip(": ")
         remedy = f"import from {ALLOWED_IMPORTS_TEXT}" if isinstance(fault, ImportError) else "repair that line"
-        raise BadInput(f"{file}:{lines[-1] if lines else 1}: does not run: {said}; {remedy}") from fault
+        raise BadInput(f"{file}:{lines[-1] if lines else 1}: does not run: {reason}; {remedy}") from fault
 
 
 @cache
 def find_installed_effects() -> dict[str, type[Effect]]:
     """Effects by name that installed packages declare under the entry-point group "flashtemp.effects".
 
-    Raises BadInput for one that cannot be loaded, is no effect, or takes a name that the catalogue or another has.
+    Raises BadInput for one that cannot be loaded, is not an effect, or has a name that is already in use.
     """
     found: dict[str, type[Effect]] = {}
     origin = {name: f"{ENTRY_POINT_GROUP}: the catalogue of flashtemp" for name in catalogue()}
     for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda p: p.name):
-        said = f"{point.value} of the package {point.dist.name}" if point.dist else point.value
+        source = f"{point.value} of the package {point.dist.name}" if point.dist else point.value
         if point.name in origin:
             raise BadInput(
-                f"{ENTRY_POINT_GROUP}: {said} takes the name '{point.name}' of {origin[point.name]}; remove one of them"
+                f"{ENTRY_POINT_GROUP}: {source} takes the name '{point.name}' of {origin[point.name]};"
+                " remove one of them"
             )
-        origin[point.name] = said
-        found[point.name] = _load_entry_point(point, said)
+        origin[point.name] = source
+        found[point.name] = _load_entry_point(point, source)
     return found
 
 
 def _load_entry_point(point: EntryPoint, origin: str) -> type[Effect]:
     """The effect that an entry point names: a class, or a module with exactly one."""
     if not re.fullmatch(r"[a-z][a-z0-9_]*", point.name):
-        raise BadInput(f"{ENTRY_POINT_GROUP}: '{point.name}' of {origin}: give small letters, digits and underscores")
+        raise BadInput(
+            f"{ENTRY_POINT_GROUP}: '{point.name}' of {origin}: use lower-case letters, digits and underscores"
+        )
     try:
         value = point.load()
     except Exception as fault:
@@ -115,16 +118,17 @@ def _load_entry_point(point: EntryPoint, origin: str) -> type[Effect]:
     effect = find_only_effect(value) if isinstance(value, ModuleType) else value
     if not (isinstance(effect, type) and issubclass(effect, Effect)) or effect.base:
         raise BadInput(
-            f"{ENTRY_POINT_GROUP}: {origin} is no effect; name a subclass of Effect (base = False) or a module with one"
+            f"{ENTRY_POINT_GROUP}: {origin} is not an effect; name a subclass of Effect (base = False)"
+            " or a module with one"
         )
     return effect
 
 
 @dataclass(frozen=True)
 class UserEffect:
-    """An effect file that was read: `name`, its `path` as the case gives it, the `file` it was, and its `source`.
+    """An effect file after reading: `name`, its `path` as the case gives it, the `file` itself, and its `source` text.
 
-    It carries the text itself, so that another process runs just what was read and checked here.
+    It carries the text, so that another process runs exactly what was read and checked here.
     """
 
     name: str
@@ -139,12 +143,12 @@ class UserEffect:
 
     @property
     def sha256(self) -> str:
-        """Digest of the text, which tells one content from another."""
+        """SHA-256 digest of the text."""
         return sha256(self.source.encode()).hexdigest()
 
 
 def read_user_effect(path: str, folder: Path) -> UserEffect:
-    """An effect file that a case in `folder` names as `path`, read and executed.  Raises BadInput like `read_effect`."""
+    """Read and execute the effect file `path` of a case in `folder`.  Raises BadInput as `read_effect` does."""
     file = folder / path
     found = UserEffect(effect_name(file), path, str(file), _read_source(file))
     _ = found.effect

@@ -1,4 +1,4 @@
-"""One job from case to result folder (run.nc, summary.json, VTK): whole or absent, resumable, re-runnable."""
+"""Run a case and write its result folder (run.nc, summary.json, VTK): complete or absent, and resumable."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ from flashtemp.solver.march import march
 from flashtemp.solver.march_state import MarchState
 from flashtemp.solver.run import Run
 
-CHECKPOINT_PERIOD_S = 30.0  # s of wall time between checkpoints; the first is left at once
-# pictures of a run into a folder, animated or not; returns {what is missing: why}
+CHECKPOINT_PERIOD_S = 30.0  # s of wall time between checkpoints; the first is saved at once
+# draw pictures of a run into a folder, animated or not; returns {missing file: reason}
 DrawPictures = Callable[[Run, Path, bool], dict[str, str]]
 
 
@@ -59,18 +59,18 @@ def simulate(
     say: Callable[[str], None] = lambda text: None,
     draw: DrawPictures = lambda run, folder, animated: {},
 ) -> Run:
-    """March a case and, with `out`, leave a whole result folder there.
+    """Integrate a case in time and, with `out`, write a complete result folder.
 
-    `watch(progress, end)` is told about every step, `draw` makes the pictures.  Raises BadInput when `out` exists,
-    Interrupted after Ctrl-C and Halted by a full disk with a checkpoint in a folder beside `out`, Incomplete where
-    pictures are missing, SolverFailure.
+    `watch(state, end)` is called at every step, `draw` makes the pictures.  Raises BadInput when `out` exists,
+    SolverFailure, and IncompleteResult where pictures are missing.  UserInterrupt after Ctrl-C and SystemFailure on a
+    full disk leave a checkpoint in a folder next to `out`.
     """
     if out is None:
         return march(case.scene, case.settings, case.title, None, _make_step_hook(None, case.scene, watch))
     out = Path(out)
     _refuse_overwrite(out, overwrite)
-    mine = OwnerMarker(out.name, "run", CHECKPOINT_FILE, f"flashtemp run --resume {out}", overwrite)
-    with reserve_folder(out, mine, overwrite=overwrite) as work:
+    marker = OwnerMarker(out.name, "run", CHECKPOINT_FILE, f"flashtemp run --resume {out}", overwrite)
+    with reserve_folder(out, marker, overwrite=overwrite) as work:
         try:
             (work / "case.toml").write_text(case.toml(case.copy_files(work)), encoding="utf-8")
             state = MarchState(frames=FieldStore(work / FRAMES_FILE))
@@ -79,7 +79,7 @@ def simulate(
             raise
         except KeyboardInterrupt:
             if (work / CHECKPOINT_FILE).is_file():
-                raise UserInterrupt(work, mine.resume) from None
+                raise UserInterrupt(work, marker.resume) from None
             shutil.rmtree(work, ignore_errors=True)
             raise
         except BaseException:
@@ -88,7 +88,7 @@ def simulate(
 
 
 def _refuse_overwrite(out: Path, overwrite: bool) -> None:
-    """BadInput unless `out` is free, or an earlier result that may be replaced."""
+    """Raise BadInput unless `out` does not exist, or is an earlier result that may be replaced."""
     if not os.path.lexists(out):
         return
     if not overwrite:
@@ -96,11 +96,11 @@ def _refuse_overwrite(out: Path, overwrite: bool) -> None:
     if out.is_symlink():
         raise BadInput(f"--out: {out} is a link and will not be overwritten; give the folder itself")
     if not is_result(out):
-        raise BadInput(f"--out: {out} is no result of flashtemp and will not be overwritten; choose another folder")
+        raise BadInput(f"--out: {out} is not a result of flashtemp and will not be overwritten; choose another folder")
 
 
 def is_result(folder: Path) -> bool:
-    """Whether that is the folder of a finished run."""
+    """Whether `folder` is the result folder of a finished run."""
     return not folder.is_symlink() and all((folder / name).is_file() for name in ("summary.json", "run.nc"))
 
 
@@ -112,15 +112,15 @@ def resume(
     draw: DrawPictures = lambda run, folder, animated: {},
     trust: bool = False,
 ) -> Run:
-    """Go on with an interrupted run from its checkpoint; CVODE starts again at order 1.
+    """Continue an interrupted run from its checkpoint; CVODE starts again at order 1.
 
-    `trust` lets effect files of the case run whose ever they are.
+    `trust` runs effect files of the case even if another user may have written them.  Raises like `simulate`.
     """
     work, out = find_interrupted_run(Path(folder))
     lock = lock_folder(work)
     try:
-        told = read_marker(work)
-        overwrite = told is not None and told.overwrite
+        marker = read_marker(work)
+        overwrite = marker is not None and marker.overwrite
         if os.path.lexists(out):
             _refuse_overwrite(out, overwrite)
         state = load_checkpoint(work)
@@ -131,30 +131,28 @@ def resume(
 
 
 def find_interrupted_run(folder: Path) -> tuple[Path, Path]:
-    """The working folder of an interrupted run and the result that it is to become, from the name of either."""
+    """The working folder and the result folder of an interrupted run, from the path of either.  Raises BadInput."""
     if folder.name in ("", ".."):  # '.' has no name of its own
         folder = folder.resolve()
     if not folder.name:
-        raise BadInput(f"--resume: {folder}: no folder of a run; give the folder of an interrupted run")
+        raise BadInput(f"--resume: {folder}: not the folder of a run; give the folder of an interrupted run")
     name, cut, _ = folder.name.rpartition(".partial")
     if cut and (folder / CHECKPOINT_FILE).is_file():
         return folder, folder.with_name(name)
-    known = folder.with_name(f"{folder.name}.partial")
-    left = list_resumable_folders(folder, "run") or ([known] if (known / CHECKPOINT_FILE).is_file() else [])
-    if len(left) == 1:
-        return left[0], folder
-    if left:
-        raise BadInput(f"--resume: {folder}: several runs wait: {', '.join(map(str, left))}; give one of them")
-    places = ", ".join(map(str, list_working_folders(folder))) or known
+    default = folder.with_name(f"{folder.name}.partial")
+    found = list_resumable_folders(folder, "run") or ([default] if (default / CHECKPOINT_FILE).is_file() else [])
+    if len(found) == 1:
+        return found[0], folder
+    if found:
+        raise BadInput(f"--resume: {folder}: several interrupted runs: {', '.join(map(str, found))}; give one of them")
+    places = ", ".join(map(str, list_working_folders(folder))) or default
     if (folder / "run.nc").exists():
-        raise BadInput(
-            f"--resume: {folder}: it is already whole; missing pictures are drawn by flashtemp draw {folder}"
-        )
+        raise BadInput(f"--resume: {folder}: the run is complete; draw missing pictures with: flashtemp draw {folder}")
     raise BadInput(f"--resume: {folder}: no {CHECKPOINT_FILE} in {places}; give the folder of an interrupted run")
 
 
 def _run_job(case, state, work, out, overwrite, pvd, watch, say, draw) -> Run:
-    """March from `state` to the end, save, draw, and give the folder its name."""
+    """Integrate from `state` to the end, save, draw, and rename the working folder to `out`."""
     with stop_on_signal() as stopped:
         run = _march_and_save(case, state, work, out, pvd, watch, say, stopped)
     missing = {}
@@ -164,49 +162,51 @@ def _run_job(case, state, work, out, overwrite, pvd, watch, say, draw) -> Run:
         except KeyboardInterrupt:
             stopped.set()
     with stop_on_signal():
-        lies = _publish_result(
+        published = _publish_result(
             work, out, overwrite, () if missing or stopped.is_set() else (CHECKPOINT_FILE, FRAMES_FILE)
         )
     if stopped.is_set():
-        raise UserInterrupt(lies, f"flashtemp draw {lies}", "the result without its pictures")
+        raise UserInterrupt(published, f"flashtemp draw {published}", "the result without its pictures")
     if missing:
-        raise IncompleteResult(f"{describe_missing_files(lies, missing)}; draw again with: flashtemp draw {lies}", run)
-    check_published_name(out, lies, run)
+        remedy = f"draw again with: flashtemp draw {published}"
+        raise IncompleteResult(f"{describe_missing_files(published, missing)}; {remedy}", run)
+    check_published_name(out, published, run)
     return run
 
 
 def _march_and_save(case, state, work, out, pvd, watch, say, stop_event) -> Run:
-    """March from `state` to the end and save; what goes wrong leaves all that can be kept."""
-    scene, again = case.scene, f"flashtemp run --resume {out}"
+    """Integrate from `state` to the end and save; an error leaves a checkpoint wherever possible."""
+    scene, resume_command = case.scene, f"flashtemp run --resume {out}"
     try:
         run = march(scene, case.settings, case.title, state, _make_step_hook(work, scene, watch, stop_event))
         save_checkpoint(work, state)
         return _save_result(run, case, work, pvd, say)
     except KeyboardInterrupt:
         if full := _keep_checkpoint(work, state):
-            raise SystemFailure(full, work, again) from None
-        raise UserInterrupt(work, again) from None
+            raise SystemFailure(full, work, resume_command) from None
+        raise UserInterrupt(work, resume_command) from None
     except OSError as fault:
         _keep_checkpoint(work, state)
         if not (work / CHECKPOINT_FILE).is_file():
             raise
-        raise SystemFailure(fault, work, again) from fault
+        raise SystemFailure(fault, work, resume_command) from fault
     except EnergyBalanceError as fault:
         _save_result(replace(fault.run, statistics=fault.run.statistics | {"failed": str(fault)}), case, work, pvd, say)
-        lies = publish_folder(
+        published = publish_folder(
             work, out.with_name(f"{out.name}.failed"), False, (CHECKPOINT_FILE, FRAMES_FILE, RESERVE_FILE)
         )
-        raise EnergyBalanceError(f"{fault}; what came out lies in {lies}", fault.run) from fault
+        raise EnergyBalanceError(f"{fault}; the result is in {published}", fault.run) from fault
     except FlashtempError:
         raise
     except Exception as fault:
         if state.phase < len(scene.schedule.phases):
             raise
-        raise SystemFailure(fault, work, again) from fault  # the march is the result
+        # the time integration is complete, and its checkpoint is saved
+        raise SystemFailure(fault, work, resume_command) from fault
 
 
 def describe_missing_files(folder: Path, missing: dict[str, str]) -> str:
-    """What is missing in a folder and why, in one line: each reason once.
+    """The missing files of a folder in one line, each reason once.
 
     >>> describe_missing_files(Path("out"), {"map.png": "no room", "field.png": "no room"})
     'missing in out: map.png, field.png (no room)'
@@ -216,17 +216,17 @@ def describe_missing_files(folder: Path, missing: dict[str, str]) -> str:
 
 
 def _keep_checkpoint(work: Path, state: MarchState) -> OSError | None:
-    """Leave a checkpoint, where there is room for one and something to keep; what stood in the way."""
+    """Save a checkpoint if the run has begun; returns the error of a full disk, or None."""
     try:
         if state.y is not None:
             save_checkpoint(work, state)
-    except OSError as fault:  # the last one stays
+    except OSError as fault:  # the previous checkpoint stays valid
         return fault
     return None
 
 
 def _publish_result(work: Path, out: Path, overwrite: bool, drop: tuple[str, ...]) -> Path:
-    """Give the folder its name; without a checkpoint once it has it."""
+    """Rename the working folder to `out` and then remove the files `drop`; returns the final path."""
     try:
         return publish_folder(work, out, overwrite and is_result(out), (*drop, RESERVE_FILE))
     except OSError as fault:
@@ -234,7 +234,7 @@ def _publish_result(work: Path, out: Path, overwrite: bool, drop: tuple[str, ...
 
 
 def _save_result(run: Run, case, work: Path, pvd: bool, say: Callable[[str], None]) -> Run:
-    """The run with all that is told about it, written into its folder but for the pictures."""
+    """Add remarks and provenance to the run and write it into its folder, without the pictures."""
     scene = case.scene
     text = (work / "case.toml").read_text(encoding="utf-8")
     remarks = [remark for a in scene.acting for remark in a.effect.remarks(scene, a.p, run)]
@@ -262,8 +262,8 @@ def _save_result(run: Run, case, work: Path, pvd: bool, say: Callable[[str], Non
 
 
 def _make_step_hook(work, scene, watch, stop_event=None):
-    """Per-step hook: progress to the caller, checkpoints to disk, stop on request."""
-    end, last = scene.schedule.end, float("-inf")
+    """The function called at every step: reports progress, saves checkpoints, and returns True to stop."""
+    end, last = scene.schedule.end_time, float("-inf")
 
     def step_hook(progress: MarchState) -> bool:
         nonlocal last

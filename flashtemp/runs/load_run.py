@@ -1,4 +1,4 @@
-"""A finished run, read back from its folder: all that pictures of it need."""
+"""Read a finished run back from its result folder, with everything needed to draw it."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from flashtemp.solver.run import Run
 
 PROFILE_VARIABLES = ("T_block", "T_spot", "T_road", "T_wake", "pressure", "worn")
 TIME_VARIABLES = ("time", "repetition", "slid", "tilt", "friction")
-REVERSED_VARIABLES = ("direction", "T_ahead")  # of a run that slides back at times
+REVERSED_VARIABLES = ("direction", "T_ahead")  # only in runs with backward sliding
 
 
 def open_run(folder: Path, trust: bool = False) -> tuple[cases.Case, Run]:
-    """The case and the Run of a result folder; no frames where it keeps no fields.  Raises BadInput.
+    """The case and the Run of a result folder, without frames if no fields were saved.  Raises BadInput.
 
-    Fields come from fields.vtkhdf, or from what an unfinished folder holds beside its checkpoint; `trust` lets effect
-    files of the case run whose ever they are.
+    Fields are read from fields.vtkhdf, or from the checkpoint of a folder without it.  `trust` runs effect files of
+    the case even if another user may have written them.
     """
     if not is_result(folder):
-        raise BadInput(f"{folder}: no result of flashtemp run; give a folder that holds run.nc and summary.json")
+        raise BadInput(f"{folder}: not a result of flashtemp run; give a folder with run.nc and summary.json")
     case = cases.load_case(folder, trust=trust)
     try:
         run = _read_profiles(folder, case)
@@ -41,7 +41,7 @@ def open_run(folder: Path, trust: bool = False) -> tuple[cases.Case, Run]:
         ) from fault
     except (OSError, KeyError, ValueError, IndexError, TypeError, AttributeError, RecursionError) as fault:
         raise BadInput(
-            f"{folder}: run.nc or its fields are damaged ({describe_exception(fault)}); run the case anew"
+            f"{folder}: run.nc or its fields are damaged ({describe_exception(fault)}); run the case again"
         ) from fault
     return case, replace(run, frames=frames, field=field)
 
@@ -49,12 +49,12 @@ def open_run(folder: Path, trust: bool = False) -> tuple[cases.Case, Run]:
 def _read_profiles(folder: Path, case: cases.Case) -> Run:
     import xarray as xr
 
-    safe_hdf5.check_hdf5_file(folder / "run.nc", lambda name: False, lambda *about: None)  # nothing of other files
+    safe_hdf5.check_hdf5_file(folder / "run.nc", lambda name: False, lambda *about: None)  # no links into other files
     with warnings.catch_warnings(action="ignore"), xr.open_dataset(folder / "run.nc", engine="h5netcdf") as file:
         ds = file.load()
     scene, mesh = case.scene, case.scene.mesh
     if ds.x.shape != mesh.x_block.shape or not np.allclose(ds.x, mesh.x_block, rtol=1e-9):
-        raise BadInput(f"{folder}: run.nc has another mesh than case.toml gives today; run the case anew")
+        raise BadInput(f"{folder}: run.nc has another mesh than case.toml gives now; run the case again")
     profiles: dict[str, Any] = {name: ds[name].values for name in (*PROFILE_VARIABLES, *TIME_VARIABLES)}
     profiles |= {name: ds[name].values for name in REVERSED_VARIABLES if name in ds}
     energy = {str(n).removeprefix("energy_"): ds[n].values for n in ds.data_vars if str(n).startswith("energy_")}
@@ -73,19 +73,19 @@ def _read_profiles(folder: Path, case: cases.Case) -> Run:
         case_text=(folder / "case.toml").read_text(encoding="utf-8"),
         maps=maps,
     )
-    told = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    return replace(run, statistics={k: v for k, v in told.items() if k not in run.summary})
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    return replace(run, statistics={k: v for k, v in summary.items() if k not in run.summary})
 
 
 def _read_fields(folder: Path, run: Run) -> tuple[np.ndarray, np.ndarray]:
-    """Indices into the run's times, and temperatures (frames, cells) in degC."""
+    """Indices of the frames in the times of the run, and temperatures (frames, cells) in degC."""
     if (folder / "fields.vtkhdf").is_file():
-        kept = vtk.open_fields(folder)
-        field = np.zeros((len(kept.times), run.mesh.n_cells), dtype=np.float32)
-        for k, t in enumerate(kept.times):
+        saved = vtk.open_fields(folder)
+        field = np.zeros((len(saved.times), run.mesh.n_cells), dtype=np.float32)
+        for k, t in enumerate(saved.times):
             for name, body in vtk.body_grids(run).items():
-                field[k][body.cells.ravel()] = kept.T(name, t)
-        return np.searchsorted(run.time, kept.times), field
+                field[k][body.cells.ravel()] = saved.T(name, t)
+        return np.searchsorted(run.time, saved.times), field
     if (folder / CHECKPOINT_FILE).is_file():
         state = load_checkpoint(folder)
         return np.array(state.records["frames"]), state.frames.stack_rows()["cells"]

@@ -110,7 +110,7 @@ class BoundaryHeat:
         mesh = self.scene.mesh
         cell, _, half = mesh.patches[site]
         x, y, _ = mesh.place(cell)
-        at, inner = now.at(mesh, x, y), half / (self.k[cell // mesh.n_across] * kf[cell])
+        at, inner = now.at_position(mesh, x, y), half / (self.k[cell // mesh.n_across] * kf[cell])
         film, far = np.inf, 0.0
         if site in self.names:
             films, s = self.film_coefficients(now), self.names.index(site)
@@ -174,7 +174,7 @@ class BoundaryHeat:
         mesh, now, T = self.scene.mesh, moment_for_laws(now), rise + self.scene.ambient
         for site, entries in self.patch_laws.items():
             x, y, _ = mesh.place(mesh.patches[site][0])
-            at = now.at(mesh, x, y)
+            at = now.at_position(mesh, x, y)
             if any(np.any(np.real(part.law(np.full(len(x), T), at, p)) < 0.0) for part, p in entries):
                 return True
         for part, p, cells, at in self._zone_laws(now):
@@ -189,7 +189,7 @@ class BoundaryHeat:
             plane = mesh.block if part.site == "block" else mesh.road
             edges = mesh.height if part.site == "block" else -mesh.depth[::-1]
             span = {"low": edges[:-1, None], "high": edges[1:, None]}
-            at = now.at(mesh, mesh.x_centre[mesh.line[plane]][..., None], mesh.y_centre, **span)
+            at = now.at_position(mesh, mesh.x_centre[mesh.line[plane]][..., None], mesh.y_centre, **span)
             yield part, p, mesh.everywhere(plane), at
 
     def _patch_and_zone_heat(self, now, rise, kf, step: complex = 0.0):

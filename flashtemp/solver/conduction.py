@@ -76,10 +76,10 @@ class LimitedFaces:
     h_in: np.ndarray
 
     def add_rate(self, out) -> None:
-        """Add to rates (cells,) K/s what these faces carry more."""
+        """Add to rates (cells,) K/s what these faces advection more."""
         b, mesh = self.b, self.b.scene.mesh
         kernels_2d.limit_faces(
-            self.faces, mesh.line, mesh.n_across, b.slope, self.advection, b.capacity, self.floor, self.h,
+            self.faces, mesh.line, mesh.n_across, b.upwind_weight, self.advection, b.capacity, self.floor, self.h,
             self.h_in.astype(self.h.dtype, copy=False), out,
         )  # fmt: skip
 
@@ -88,7 +88,7 @@ class LimitedFaces:
         b, mesh = self.b, self.b.scene.mesh
         held = np.real(self.h[self.faces[:, 0]]) < self.floor
         kernels_2d.limit_products(
-            self.faces, mesh.line, mesh.n_across, b.slope, self.advection, b.capacity, held, v, out
+            self.faces, mesh.line, mesh.n_across, b.upwind_weight, self.advection, b.capacity, held, v, out
         )  # fmt: skip
 
 
@@ -100,7 +100,7 @@ def build_solid(balance: HeatBalance) -> SolidPlane | SolidSlab:
         m=mesh.n_road,
         first=mesh.first,
         capacity=balance.capacity,
-        slope=balance.slope,
+        upwind_weight=balance.upwind_weight,
         g_in=balance.g_in,
         weight=np.where(mesh.level < mesh.n_road, balance.share, 1.0),
         share=mesh.share,
@@ -137,32 +137,32 @@ class SolidPlane:
         kernels_2d.face_conductances(self.lines.start, self.lines.m, b.half_x, b.half_z, b.gap, kf, gx, gz)
         return gx, gz
 
-    def heat_to_rates(self, T, h, T_in, h_in, conductances, carry, q) -> None:
+    def heat_to_rates(self, T, h, T_in, h_in, conductances, advection, q) -> None:
         """Complete q (cells,): heat W/m from boundary and contact on entry, rates K/s on return."""
         b, lines, (gx, gz) = self.b, self.lines, conductances
         kernels_2d.add_heat_flows(
-            lines.start, lines.m, gx, gz, carry, b.slope, T, h, T_in.astype(T.dtype, copy=False),
+            lines.start, lines.m, gx, gz, advection, b.upwind_weight, T, h, T_in.astype(T.dtype, copy=False),
             h_in.astype(T.dtype, copy=False), b.g_in, q,
         )  # fmt: skip
         q /= b.capacity
 
-    def limit_undershoots(self, h, h_in, carry, floor: float) -> LimitedFaces | None:
-        """Faces that would carry road colder than the `floor` (enthalpy rise in K), None where there are none.
+    def limit_undershoots(self, h, h_in, advection, floor: float) -> LimitedFaces | None:
+        """Faces that would advection road colder than the `floor` (enthalpy rise in K), None where there are none.
 
         The second-order upwind scheme extrapolates to faces, and undershoots before a cold front.  A face is held at
         the lesser of its own cell and the floor: the positivity-preserving limiter of Zhang and Shu (2010, J. Comput.
         Phys. 229, 3091), which leaves the order of the scheme wherever it does not act, and conserves heat.
         """
-        if floor == -np.inf or not carry.any():
+        if floor == -np.inf or not advection.any():
             return None
-        faces = kernels_2d.find_undershoots(self.lines.start, self.lines.m, self.b.slope, floor, h, h_in)
-        return LimitedFaces(self.b, faces, carry, floor, h, h_in) if len(faces) else None
+        faces = kernels_2d.find_undershoots(self.lines.start, self.lines.m, self.b.upwind_weight, floor, h, h_in)
+        return LimitedFaces(self.b, faces, advection, floor, h, h_in) if len(faces) else None
 
     def linearise(
         self,
         gamma: float,
         kf,
-        carry,
+        advection,
         capacity_ratio,
         slopes: HeatSlopes,
         rows: LedgerRows,
@@ -177,10 +177,12 @@ class SolidPlane:
         own = np.zeros(self.b.n)
         np.add.at(own, *slopes.diagonal_entries())
         up, down = slopes.up, slopes.crossing_slopes()
-        factors = self._factorise_lines(gamma, TransportCoefficients(gx, gz, carry, capacity_ratio), own, up, down)
+        factors = self._factorise_lines(gamma, TransportCoefficients(gx, gz, advection, capacity_ratio), own, up, down)
         pivots = (factors.inv[cells] for cells in (self.b.cell_road, self.b.cell_block))
         crossing = InterfaceCoupling(up, down, *pivots)
-        return LinearisedPlane(self, gamma, (gx, gz), carry, capacity_ratio, slopes, factors, crossing, limited_faces)
+        return LinearisedPlane(
+            self, gamma, (gx, gz), advection, capacity_ratio, slopes, factors, crossing, limited_faces
+        )
 
     def _factorise_lines(self, gamma, transport: TransportCoefficients, own, up, down) -> LineFactors:
         # one block: malloc keeps its memory for the next, small ones would fault their pages in anew
@@ -267,19 +269,19 @@ class SolidSlab(SolidPlane):
             else self.lateral_conductances._replace(factor=self.b.scene.mesh.planes(kf))
         )
 
-    def heat_to_rates(self, T, h, T_in, h_in, conductances, carry, q) -> None:
+    def heat_to_rates(self, T, h, T_in, h_in, conductances, advection, q) -> None:
         """Complete q (cells,): heat W/m from boundary and contact on entry, rates K/s on return."""
         mesh = self.b.scene.mesh
         T, h, q = (mesh.planes(a) for a in (T, h, q))
         T_in, h_in = (a.reshape(-1, mesh.n_across).astype(T.dtype) for a in (T_in, h_in))
         run = kernels_3d.uniform_rates if conductances.factor.ndim == 1 else kernels_3d.varying_rates
-        run(self.lines, conductances, carry, T, h, T_in, h_in, q)
+        run(self.lines, conductances, advection, T, h, T_in, h_in, q)
 
     def linearise(
         self,
         gamma: float,
         kf,
-        carry,
+        advection,
         capacity_ratio,
         slopes: HeatSlopes,
         rows: LedgerRows,
@@ -295,12 +297,12 @@ class SolidSlab(SolidPlane):
         even = np.ones(mesh.n_plane) if capacity_ratio is b.ones else mesh.planes(capacity_ratio) @ mesh.share
         mean = b.ones if kf is b.ones else mesh.planes(kf) @ mesh.share
         gx, gz = super().conductances(mean)
-        factors = self._factorise_lines(gamma, TransportCoefficients(gx, gz, carry, even), own, up, down)
+        factors = self._factorise_lines(gamma, TransportCoefficients(gx, gz, advection, even), own, up, down)
         cells = np.concatenate([i for i, _ in rows.values()])
         weights = np.concatenate([b.ledger_weight(name) * w for name, (_, w) in rows.items()])
         inside = mesh.level[cells // n] >= mesh.n_road
         return LinearisedSlab(
-            self, gamma, self.conductances(kf), carry, capacity_ratio, slopes, factors,
+            self, gamma, self.conductances(kf), advection, capacity_ratio, slopes, factors,
             self._interface_coupling(gamma, slopes, diagonal, own, factors), limited_faces,
             ledger_weights=(cells, weights),
             lift_capacity=(b.capacity * even)[mesh.block].sum() - gamma * weights[inside].sum(),

@@ -1,6 +1,15 @@
-"""The lanes that spots draw on the road, out of what its columns hold: where they are in contact, and how they widen.
+"""Temperature of the heated lanes on the road: how lanes widen, and how they differ where the contact fraction varies.
 
-A column of road cells stands for a constant share of the width and holds all heat that the block has lost there.
+Contact spots move with the road, so each leaves a heated track, here a *lane*.  The road is computed by columns of
+cells, one per depth line and plane.  A column stands for a constant fraction `HeatBalance.share` of the width and holds
+all heat that the block has lost there; the temperature that the spots meet follows from it by two closures:
+
+- Widening: heat spreads sideways out of a lane.  The mean of the spreading Gaussian over the overlap of two discs gives
+  the lane's surface from the column's temperature over depth (theory.md, section 1.6, eq. (15c)).
+- Nested lanes: what touches at a small contact fraction also touches at a larger one, so lanes in contact are warmer
+  than their column where the fraction varies along x (section 1.7, eq. (15d)).
+
+Neither closure adds a state, and neither gains or loses heat: the columns stay conservative.
 """
 
 from __future__ import annotations
@@ -15,23 +24,22 @@ from flashtemp.solver import kernels_contact
 from flashtemp.solver.heat_balance import HeatBalance
 from flashtemp.solver.kernels_contact import common_dtype
 
-MIN_LANE_CONTACT_RATIO = (
-    0.01  # lanes hold the heat of at least this share of the mean contact fraction; contact opens there
-)
-# TRACE_HEAT_FRACTION at half or double moves the rise by 1e-8 of itself (run-in, spots in proportion to pressure)
-TRACE_HEAT_FRACTION = 1e-6  # of the mean heat, so that lanes are told apart where the block is lifted off
-MIN_CONTACT_FRACTION = 1e-6  # contact fraction that there always is
-# LEAST_LANE_HEAT_FRACTION at half or double moves the rise by 2e-8 of itself there; only heat both ways feels it
-LEAST_LANE_HEAT_FRACTION = 0.05  # of the friction heat: what goes into the lanes counts as at least that, in doubt
+MIN_LANE_CONTACT_RATIO = 0.01  # of the mean contact fraction: smallest fraction in the weights of eq. (15d)
+# TRACE_HEAT_FRACTION at half or double changes the temperature rise by 1e-8 of itself (run-in, spot_exponent = 1)
+TRACE_HEAT_FRACTION = 1e-6  # of the mean heat: keeps eq. (15d) defined where the block is lifted off
+MIN_CONTACT_FRACTION = 1e-6  # lower limit of the contact fraction
+# LEAST_LANE_HEAT_FRACTION at half or double changes the rise by 2e-8 there; it matters only where heat goes both ways
+LEAST_LANE_HEAT_FRACTION = 0.05  # of the friction heat: lower limit of the size |F| of the heat into the lanes
 
 
-# --- lanes begin and end ---------------------------------------------------------------------------------
+# --- lanes of different contact fractions: eq. (15d) -----------------------------------------------------
 class LaneHistory(NamedTuple):
-    """What tells lanes in contact from their columns where the contact fraction varies, apart from temperature.
+    """The weights of eq. (15d) for one contact fraction along x; they do not depend on temperature.
 
-    `sums` (planes, 4, lines, lines) of what columns take upstream: what a lane at a line keeps of it, and all, each as
-    it warms the surface and as it is lost sideways; `trace_heat` (planes, lines) W/m2, by which they differ before any heat;
-    `is_untouched` (columns,) where no spot has drawn on the road, so that there are no lanes.
+    `sums` (planes, 4, lines, lines) are matrices over the heat that columns take upstream: numerator and denominator
+    for the surface temperature (w = 1/sqrt(x - x')), then both for the heat lost sideways (w = 1).  `trace_heat`
+    (planes, lines) W/m2 is added to the heat, so that the ratio is defined before any heat has flowed.  `is_untouched`
+    (columns,) marks columns of road on which no spot has been: there the ratio is 1.
     """
 
     sums: np.ndarray
@@ -40,14 +48,15 @@ class LaneHistory(NamedTuple):
 
 
 class LaneSlopes(NamedTuple):
-    """How lanes in contact follow the cells: their `LaneHistory`, which share (planes, lines) a change of what columns take
-    is of its size, both in the sums (4, columns), and rises (columns,) of columns and what they lose.
+    """The state around which eq. (15d) is linearised.
 
-    `free` (columns,) is 0 where a bound holds the lanes.
+    `size_slope` (planes, lines) is d|F|/dF of the heat F that columns take; `taken` and `size` (4, columns) are the sums
+    of F and |F| by `LaneHistory.sums`; `rise` and `lowered` (columns,) K are the rise of the columns and their
+    `surface_deficit`.  `free` (columns,) is 0 where the maximum principle limits a lane, so that it follows no column.
     """
 
     history: LaneHistory
-    share: np.ndarray
+    size_slope: np.ndarray
     taken: np.ndarray
     size: np.ndarray
     rise: np.ndarray
@@ -56,10 +65,10 @@ class LaneSlopes(NamedTuple):
 
 
 def build_lane_history(b: HeatBalance, phi, weights, heat: float) -> LaneHistory:
-    """`LaneHistory` of contact fractions (columns,) and `history_weights` of fluxes, `heat` W/m2 the scale of what there is to take.
+    """Weights of eq. (15d) for contact fractions `phi` (columns,) and the `history_weights` of upstream fluxes.
 
-    A spot at x took heat wherever it was in contact before, on min(phi, phi') of the width, and the road all heat: of
-    F' = phi' J' a lane keeps F'/max(phi, phi') (docs/explanation/theory.md, eq. (15d)).
+    A spot at x took heat wherever it was in contact before, on min(phi, phi') of the width, while the column took all
+    heat.  So of F' = phi' J' a lane keeps F'/max(phi, phi').  `heat` (W/m2) is the scale for `TRACE_HEAT_FRACTION`.
     """
     phi = phi.reshape(-1, b.scene.mesh.n_across).T
     dx = b.scene.mesh.dx_block
@@ -73,44 +82,47 @@ def build_lane_history(b: HeatBalance, phi, weights, heat: float) -> LaneHistory
 
 
 def separate_lanes(b: HeatBalance, state: Any, T, road, heat) -> Any:
-    """The `ContactState` whose lanes are told apart at rises T (cells,) over a `System.road` that enters.
+    """The `ContactState` with `lane_ratio` and `loss_ratio` of eq. (15d), at temperature rises T (cells,).
 
-    Their rise over that of their columns, and how much more than these they lose by widening, if the contact gives off
-    `heat` (columns,) W/m2 of all of its area: the columns take of it what the block's face does not conduct away.
+    `heat` (columns,) W/m2 is the heat of the contact per nominal area.  The columns take F = `heat` - J_b, where J_b is
+    what the block's first cells conduct into the block.  `road` is `PhaseSystem.incoming_road`.
     """
-    told, whole = state.apart, state._replace(fall=np.ones(len(state.phi)))
+    history, whole = state.lane_history, state._replace(loss_ratio=np.ones(len(state.phi)))
     heat = _by_planes(b, heat)
-    taken = heat - _by_planes(b, heat_into_block(b, T)) + told.trace
-    size = np.sqrt(taken**2 + (LEAST_LANE_HEAT_FRACTION * heat + told.trace) ** 2)
-    summed = _sum_upstream(told.sums, taken), _sum_upstream(told.sums, size)
-    lane, own = (np.where(told.untouched, 1.0, ratio) for ratio in _lane_ratios(*summed))
-    rise, lowered = state.under.seen(T), surface_deficit(b, whole, T, road[0])
+    taken = heat - _by_planes(b, heat_into_block(b, T)) + history.trace_heat
+    # a smooth |F|: its lower limit keeps derivatives finite where F changes sign
+    size = np.sqrt(taken**2 + (LEAST_LANE_HEAT_FRACTION * heat + history.trace_heat) ** 2)
+    summed = _sum_upstream(history.sums, taken), _sum_upstream(history.sums, size)
+    lane, loss = (np.where(history.is_untouched, 1.0, ratio) for ratio in _lane_ratios(*summed))
+    rise, lowered = state.touched_road.column_values(T), surface_deficit(b, whole, T, road[0])
     real = (np.real(a) for a in (taken / size, *summed, rise, lowered))
-    return state._replace(lane=lane, fall=own / lane, apart=None, follow=LaneSlopes(told, *real))
+    return state._replace(
+        lane_ratio=lane, loss_ratio=loss / lane, lane_history=None, lane_slopes=LaneSlopes(history, *real)
+    )
 
 
 def follow_columns(b: HeatBalance, state: Any, T) -> tuple[np.ndarray, np.ndarray]:
-    """Changes (columns,) of lanes over `ContactState.lane`, by changes T (cells,); how much more columns change.
+    """Linearised lanes: the changes (columns,) of their rises over `lane_ratio` by changes T (cells,) of the rises.
 
-    Friction counts as constant.
+    Returns these changes, and by how much more the columns change.  Friction counts as constant.
     """
-    at, seen = state.follow, state.under.seen(T)
+    at, columns = state.lane_slopes, state.touched_road.column_values(T)
     if at is None:
-        fall = surface_deficit(b, state, T)
-        return seen - fall, fall
-    sums, less = np.real(at.apart.sums), _by_planes(b, heat_into_block(b, T))
+        deficit = surface_deficit(b, state, T)
+        return columns - deficit, deficit
+    # the ratios are quotients of sums: a complex step along T gives their directional derivative
+    sums, less = np.real(at.history.sums), _by_planes(b, heat_into_block(b, T))
     taken, size = (
         at.taken - 1j * COMPLEX_STEP * _sum_upstream(sums, less),
-        at.size - 1j * COMPLEX_STEP * _sum_upstream(sums, at.share * less),
+        at.size - 1j * COMPLEX_STEP * _sum_upstream(sums, at.size_slope * less),
     )
-    lane, own = (np.where(at.apart.untouched, 1.0, ratio) for ratio in _lane_ratios(taken, size))
-    lost = surface_deficit(b, state._replace(fall=np.ones(len(seen))), T)
-    moved = (
-        lane.imag / COMPLEX_STEP * at.rise - own.imag / COMPLEX_STEP * at.lowered + lane.real * seen - own.real * lost
-    )
-    held = state.lane == 0.0
-    followed = at.free * np.where(held, 0.0, moved / np.where(held, 1.0, state.lane))
-    return followed, seen - followed
+    lane, loss = (np.where(at.history.is_untouched, 1.0, ratio) for ratio in _lane_ratios(taken, size))
+    lost = surface_deficit(b, state._replace(loss_ratio=np.ones(len(columns))), T)
+    by_ratios = lane.imag / COMPLEX_STEP * at.rise - loss.imag / COMPLEX_STEP * at.lowered
+    moved = by_ratios + lane.real * columns - loss.real * lost
+    limited = state.lane_ratio == 0.0
+    followed = at.free * np.where(limited, 0.0, moved / np.where(limited, 1.0, state.lane_ratio))
+    return followed, columns - followed
 
 
 def _by_planes(b: HeatBalance, columns) -> np.ndarray:
@@ -120,16 +132,16 @@ def _by_planes(b: HeatBalance, columns) -> np.ndarray:
 
 
 def _sum_upstream(sums: np.ndarray, taken: np.ndarray) -> np.ndarray:
-    """Sums (4, columns) of what columns take (planes, lines), by `LaneHistory.sums`."""
-    every = np.einsum("jnik,jk->nij", sums, taken) if len(sums) > 1 else sums[0] @ taken[0]
-    return every.reshape(4, -1)
+    """The four sums (4, columns) of eq. (15d) over the heat `taken` (planes, lines), by `LaneHistory.sums`."""
+    total = np.einsum("jnik,jk->nij", sums, taken) if len(sums) > 1 else sums[0] @ taken[0]
+    return total.reshape(4, -1)
 
 
 def _lane_ratios(taken: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What lanes have over what their columns have, and what they lose over what those lose (columns,).
+    """Eq. (15d) (columns,): rise of the lanes over that of their columns, and the same ratio of the heat lost sideways.
 
-    Of sums (4, columns) of what columns have `taken`, and of its size.  Where heat went both ways, so that little of
-    the sum is left, it is its size that counts.
+    `taken` and `size` (4, columns) are sums of F and |F|.  Where heat went both ways the denominator may vanish, so |F|
+    counts too, with the weight (1 - sum F/sum |F|)^2.
     """
     (N, D, P, Q), (n, d, p, q) = taken, size
     k, m = (1.0 - D / d) ** 2, (1.0 - Q / q) ** 2
@@ -137,114 +149,122 @@ def _lane_ratios(taken: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def heat_into_block(b: HeatBalance, T) -> np.ndarray:
-    """Heat (columns,) W/m2 that the block's first cells conduct into the next at rises T (cells,)."""
+    """J_b of eq. (15d): flux (columns,) W/m2 from the block's first cells into the next, at rises T (cells,)."""
     mesh = b.scene.mesh
-    fall = T[b.cell_block] - T[b.cell_block + mesh.n_across]
-    flux: np.ndarray = 2.0 * b.scene.block.conductivity / mesh.height[2] * fall
+    drop = T[b.cell_block] - T[b.cell_block + mesh.n_across]
+    flux: np.ndarray = 2.0 * b.scene.block.conductivity / mesh.height[2] * drop
     return flux
 
 
 def uniform_lane_ratios(b: HeatBalance, phi) -> tuple[np.ndarray, np.ndarray] | None:
-    """What `separate_lanes` gives wherever spots cover as much everywhere; None where they do not."""
+    """`lane_ratio` and `loss_ratio` (columns,) for a uniform contact fraction; None where it varies."""
     return (b.share / phi, np.ones(len(phi))) if np.isrealobj(phi) and np.ptp(phi) == 0.0 else None
 
 
 def slid_road_length(mesh: Mesh, slid: float) -> float:
-    """Length (m) of road under the block and in front of it that has been slid over, `slid` (m) after a start."""
+    """Length (m) of road that carries lanes of this pass, `slid` (m) after its start: at most the block's length."""
     return float(min(max(slid, mesh.dx_block[0]), mesh.x[mesh.last]))
 
 
 def history_weights(mesh: Mesh, slid_length: float) -> tuple[np.ndarray, np.ndarray]:
-    """Weights (lines, lines under the block) of fluxes at x' as far as `slid_road_length` (m) upstream of the centre of each line.
+    """Weights w of eq. (15d), integrated over each line: two matrices (lines, lines under the block).
 
-    On the road's surface, as 1/sqrt(x - x'), and on what it loses sideways, which grows by a root more: evenly.
+    The first is for the surface temperature, w = 1/sqrt(x - x').  The second is for the heat lost sideways, w = 1,
+    because that loss grows with sqrt(x - x') relative to the surface.  Fluxes count up to `slid_length` (m) upstream.
     """
     x, edges = mesh.x_block[:, None], mesh.x[mesh.first : mesh.last + 1]
-    apart = np.clip(x - edges, 0.0, slid_length)
-    root = np.sqrt(apart)
-    return 2.0 * (root[:, :-1] - root[:, 1:]), apart[:, :-1] - apart[:, 1:]
+    distance = np.clip(x - edges, 0.0, slid_length)
+    root = np.sqrt(distance)
+    return 2.0 * (root[:, :-1] - root[:, 1:]), distance[:, :-1] - distance[:, 1:]
 
 
 def extend_over_lines(mesh: Mesh, columns) -> np.ndarray:
-    """What lanes have under the block (columns,), on all lines (n_lines, n_across): behind it as at its end."""
-    every = np.ones((mesh.n_lines, mesh.n_across))
-    every[mesh.first : mesh.last] = np.real(columns).reshape(-1, mesh.n_across)
-    every[mesh.last :] = every[mesh.last - 1]
-    return every
+    """Ratios (columns,) under the block extended to all lines (n_lines, n_across): 1 before it, constant behind it."""
+    extended = np.ones((mesh.n_lines, mesh.n_across))
+    extended[mesh.first : mesh.last] = np.real(columns).reshape(-1, mesh.n_across)
+    extended[mesh.last :] = extended[mesh.last - 1]
+    return extended
 
 
-# --- lanes widen -----------------------------------------------------------------------------------------
+# --- widening of a lane: eq. (15c) -----------------------------------------------------------------------
 def spreading_loss(b: HeatBalance, now, edges) -> np.ndarray:
-    """Weights (..., n_road) of the cells, deepest first, between distances `edges` (..., n_road + 1) m."""
+    """w(r) of eq. (15c) integrated over each road cell (..., n_road), deepest first.
+
+    `edges` (..., n_road + 1) m are the values of r at the edges of the cells.  The law `road.lane_overlap` is c(r), and
+    w = -dc/dr, so the integral over a cell is a difference of c.
+    """
     overlap = b.laws("road.lane_overlap", 1.0, None, now, edges) * np.ones(edges.shape)
     return (overlap[..., :-1] - overlap[..., 1:])[..., ::-1]
 
 
 def spreading_loss_at_depth(b: HeatBalance, now) -> np.ndarray:
-    """Weights (n_road, n_road) of a column's rises by which its lanes lie below them at every depth.
+    """Weights (n_road, n_road) of eq. (15c) at every depth z; the surface row is `ContactState.spreading_weights`.
 
-    At the surface they are `ContactState.widen`: heat at a depth z has come from there by sqrt(z^2 + r^2).
+    At depth z the column's temperature is needed at sqrt(z^2 + r^2).  Resolved spots have no closure.
     """
     depth = b.scene.mesh.depth
-    apart = np.sqrt(np.maximum(depth**2 - centres(depth)[::-1, None] ** 2, 0.0))
-    return (1.0 - b.laws("contact.resolved", 0.0, None, now)) * spreading_loss(b, now, apart)
+    distance = np.sqrt(np.maximum(depth**2 - centres(depth)[::-1, None] ** 2, 0.0))
+    return (1.0 - b.laws("contact.resolved", 0.0, None, now)) * spreading_loss(b, now, distance)
 
 
 def surface_deficit(b: HeatBalance, state: Any, T, T_in=None) -> np.ndarray:
-    """By how much (columns,) K widening lowers the surface of a column, at a `ContactState`.
+    """By how much (columns,) K widening lowers the surface temperature of the lanes: the integral in eq. (15c).
 
-    `T` (cells,) rises, `T_in` (n_road n_across,) of columns of the entering road, 0 if None.
+    `T` (cells,) are rises, `T_in` (n_road n_across,) those of the columns of the entering road, 0 if None.
     """
     T_in = b.no_inflow if T_in is None else T_in
-    widen, fall, *_ = common_dtype(state.widen, state.fall, T[:1], T_in[:1])
-    lowered: np.ndarray = kernels_contact.surface_deficit(b.deepest_road_cells, widen, fall, T, T_in)
-    return lowered
+    weights, ratio, *_ = common_dtype(state.spreading_weights, state.loss_ratio, T[:1], T_in[:1])
+    deficit: np.ndarray = kernels_contact.surface_deficit(b.deepest_road_cells, weights, ratio, T, T_in)
+    return deficit
 
 
 def lane_rises(b: HeatBalance, state: Any, T, road) -> np.ndarray:
-    """Rises (columns,) K of the lanes at their first cells, at rises T (cells,) over a `System.road` that enters."""
-    found, coldest = _lanes_and_bound(b, state, T, road)
-    return found if coldest is None else np.where(np.real(found) < coldest, coldest, found)
+    """Rises (columns,) K of the lanes in the road's first cells, at rises T (cells,).
+
+    `road` is `PhaseSystem.incoming_road`.
+    """
+    rises, coldest = _lanes_and_bound(b, state, T, road)
+    return rises if coldest is None else np.where(np.real(rises) < coldest, coldest, rises)
 
 
 def limit_lane_slopes(b: HeatBalance, state: Any, T, road) -> Any:
-    """The `ContactState` for slopes: lanes that the bound of `lane_rises` holds follow no column."""
-    found, coldest = _lanes_and_bound(b, state, T, road)
+    """The `ContactState` for derivatives: a lane at the bound of `lane_rises` follows no column."""
+    rises, coldest = _lanes_and_bound(b, state, T, road)
     if coldest is None:
         return state
-    free = np.real(found) >= coldest
-    follow = state.follow and state.follow._replace(free=free)
-    return state._replace(lane=state.lane * free, fall=state.fall * free, follow=follow)
+    free = np.real(rises) >= coldest
+    follow = state.lane_slopes and state.lane_slopes._replace(free=free)
+    return state._replace(lane_ratio=state.lane_ratio * free, loss_ratio=state.loss_ratio * free, lane_slopes=follow)
 
 
 def _lanes_and_bound(b: HeatBalance, state: Any, T, road) -> tuple[np.ndarray, float | None]:
-    """Rises of the lanes by the closure, and the least that lanes can have, None where all have more.
+    """Rises (columns,) of the lanes by eqs. (15c) and (15d), and their lower bound, None where no lane is below it.
 
-    Ratios of `separate_lanes` are large where little touches, and an error of the road's columns grows with them.  By the
-    maximum principle of heat conduction (Protter and Weinberger 1967) no lane is colder than the coldest of what it
-    exchanges heat with: the block's face, the road's mean across y, and the road as it came in.
+    The ratio of eq. (15d) is large where little touches, and it amplifies errors of the columns.  By the maximum
+    principle of heat conduction (Protter and Weinberger 1967) no lane is colder than the coldest of what it exchanges
+    heat with: the block's face, the mean of the road across y, and the road as it came in.
     """
-    came, own = road
-    lowered, seen = surface_deficit(b, state, T, came), state.under.seen(T)
-    top = came[-b.scene.mesh.n_across :]
-    given: tuple = common_dtype(state.lane, lowered, seen, top, state.widen, own)
-    found: np.ndarray = kernels_contact.lane_rises(1.0 - b.share, *given)
-    least = found.real.min()
-    if least >= T[b.cell_block].real.min():
-        return found, None
-    untouched: np.ndarray = kernels_contact.lane_rises(1.0 - b.share, 0.0 * given[0], *given[1:])
-    mean = untouched.real + b.share * (seen - np.resize(top, len(seen))).real
-    coldest = float(min(T[b.cell_block].real.min(), untouched.real.min(), mean.min()))
-    return found, coldest if least < coldest else None
+    incoming, earlier = road
+    deficit, columns = surface_deficit(b, state, T, incoming), state.touched_road.column_values(T)
+    top = incoming[-b.scene.mesh.n_across :]
+    arguments: tuple = common_dtype(state.lane_ratio, deficit, columns, top, state.spreading_weights, earlier)
+    rises: np.ndarray = kernels_contact.lane_rises(1.0 - b.share, *arguments)
+    least = rises.real.min()
+    if least >= T[b.cell_block].real.min():  # the usual case: the bound need not be computed
+        return rises, None
+    as_entered: np.ndarray = kernels_contact.lane_rises(1.0 - b.share, 0.0 * arguments[0], *arguments[1:])
+    mean = as_entered.real + b.share * (columns - np.resize(top, len(columns))).real
+    coldest = float(min(T[b.cell_block].real.min(), as_entered.real.min(), mean.min()))
+    return rises, coldest if least < coldest else None
 
 
 def incoming_lane_rises(b: HeatBalance, weights: np.ndarray, road) -> np.ndarray:
-    """Rises (n_road, n_across) K of lanes in a `System.road` that enters: those of earlier passes have widened.
+    """Rises (n_road, n_across) K of the lanes in the entering road; those of earlier passes have widened.
 
-    `history_weights` as `spreading_loss_at_depth` says.
+    `weights` are those of `spreading_loss_at_depth`, `road` is `PhaseSystem.incoming_road`.
     """
-    came, own = np.reshape(road, (2, len(weights), -1))
-    whole = weights.sum(axis=1)[:, None]
-    mixed = np.divide(weights @ own, whole, out=own.copy(), where=whole > 0.0)
-    lanes: np.ndarray = came - (1.0 - b.share) * mixed
+    incoming, earlier = np.reshape(road, (2, len(weights), -1))
+    total = weights.sum(axis=1)[:, None]
+    mixed = np.divide(weights @ earlier, total, out=earlier.copy(), where=total > 0.0)
+    lanes: np.ndarray = incoming - (1.0 - b.share) * mixed
     return lanes

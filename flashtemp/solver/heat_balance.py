@@ -65,7 +65,7 @@ class HeatBalance:
         self.g_in = 1.0 / self.half_x[: mesh.n_road] if self.road_frame is None else np.zeros(mesh.n_road)
         faces = mesh.x[1:]
         back = np.concatenate([[mesh.x[0]], mesh.x_centre[:-1]])
-        self.slope = (faces - mesh.x_centre) / (mesh.x_centre - back)
+        self.upwind_weight = (faces - mesh.x_centre) / (mesh.x_centre - back)
         self.areal_capacity = scene.road.volumetric_capacity * mesh.thickness[: mesh.n_road]  # rho c dz, J/(m2 K)
         self.no_inflow = np.zeros(mesh.n_road * mesh.n_across)
         self.cell_block = mesh.everywhere(mesh.block[:, 0]).ravel()

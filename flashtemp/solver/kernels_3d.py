@@ -1,8 +1,7 @@
-"""The compiled loops of 3D: what `kernels_2d` does for one plane, for all planes across at once.
+"""Compiled loops in 3D: the flows and sweeps of `kernels_2d` for all planes across y at once (theory.md, 1.8).
 
-Rows of n_across neighbours in y lie together in memory, and every inner loop runs along them.  All planes
-share the conductances of one (per metre of width) while conductivity is constant; only the interface differs
-from plane to plane.
+A row of n_across neighbours in y is contiguous in memory, and every inner loop runs along it.  While conductivity is
+constant, all planes have the same conductances per metre of width; only the interface differs from plane to plane.
 """
 
 from __future__ import annotations
@@ -11,21 +10,21 @@ import numpy as np
 
 from flashtemp.physics.just_in_time import njit
 
-FASTMATH_SUM = {"reassoc", "contract", "nsz"}
+FASTMATH_SUM = {"reassoc", "contract", "nsz"}  # sums may be reordered, so that they run on vector registers
 
 
 @njit(cache=True)
-def _advect_row(i, k, c, m, start, carry, slope, T, h, T_in, h_in, g_in, q):
-    """Add to row c, place k of line i, what the moving road carries in and out."""
+def _advect_row(i, k, c, m, start, advection, upwind, T, h, T_in, h_in, g_in, q):
+    """Add the advection in and out of row c, at level k of line i: second-order upwind as in `kernels_2d`."""
     if k >= m:
         return
-    ny, s, w = q.shape[1], slope[i], carry[k]
+    ny, s, w = q.shape[1], upwind[i], advection[k]
     if i == 0:
         for j in range(ny):
             q[c, j] += g_in[k] * (T_in[k, j] - T[c, j])
             q[c, j] += w * h_in[k, j] - w * (h[c, j] + s * (h[c, j] - h_in[k, j]))
         return
-    r, back = slope[i - 1], start[i - 1] + k
+    r, back = upwind[i - 1], start[i - 1] + k
     if i == 1:
         for j in range(ny):
             near = h[back, j]
@@ -39,14 +38,18 @@ def _advect_row(i, k, c, m, start, carry, slope, T, h, T_in, h_in, g_in, q):
 
 @njit(cache=True)
 def _line_bounds(i, start):
-    """First row of line i, of the one upstream (itself where there is none), of the two downstream."""
+    """First rows of line i, of the line upstream (line i itself if there is none), and of the two lines downstream."""
     a, b = start[i], start[i + 1]
     return a, start[i - 1] if i > 0 else a, b, start[i + 2] if i + 2 < len(start) else b
 
 
 @njit(cache=True)
 def _neighbour_rows(k, line, m):
-    """Rows above, below, upstream, downstream of place k of a `_line_bounds`; its own where none is or the interface lies."""
+    """Rows above, below, upstream and downstream of level k of a line with these `_line_bounds`.
+
+    Where there is no neighbour, and across the interface, the row itself stands in: its temperature difference is zero,
+    so the inner loops need no branch.
+    """
     a, before, b, end = line
     c = a + k
     up = c + 1 if c + 1 < b and k + 1 != m else c
@@ -57,12 +60,13 @@ def _neighbour_rows(k, line, m):
 
 
 @njit(cache=True)
-def uniform_rates(lines, walls, carry, T, h, T_in, h_in, q):
-    """q (cells of a plane, planes): heat in W per metre of width on entry, rates in K/s on return.
+def uniform_rates(lines, walls, advection, T, h, T_in, h_in, q):
+    """Turn heat `q` (cells of a plane, planes) into rates K/s in place, for constant conductivity.
 
-    While conductivity is constant; `T_in`, `h_in` (m, planes) and the rest as in `kernels_2d.heat_flows`.
+    On entry `q` is the heat of boundary and contact in W.  `T_in`, `h_in` are (m, planes); other arguments are as in
+    `kernels_2d.add_heat_flows`.
     """
-    start, m, _, capacity, slope, g_in, _, share = lines  # locals: an attribute in a loop would count references
+    start, m, _, capacity, upwind, g_in, _, share = lines  # locals: attribute access in a loop counts references
     gx, gz, gy, _, _, _, _, _, before, after = walls
     n, ny = len(start) - 1, T.shape[1]
     for i in range(n):
@@ -74,8 +78,9 @@ def uniform_rates(lines, walls, carry, T, h, T_in, h_in, q):
             for j in range(ny):
                 here = T[c, j]
                 z = (T[up, j] - here) * over + (T[down, j] - here) * under
+                # W of this plane to W per metre of the block's width, the unit of the conductances
                 q[c, j] = q[c, j] / share[j] + (z + (T[back, j] - here) * ahead + (T[to, j] - here) * along)
-            _advect_row(i, k, c, m, start, carry, slope, T, h, T_in, h_in, g_in, q)
+            _advect_row(i, k, c, m, start, advection, upwind, T, h, T_in, h_in, g_in, q)
             g = gy[c]
             for j in range(1, ny):
                 q[c, j] += g * before[j] * (T[c, j - 1] - T[c, j])
@@ -87,9 +92,9 @@ def uniform_rates(lines, walls, carry, T, h, T_in, h_in, q):
 
 
 @njit(cache=True)
-def varying_rates(lines, walls, carry, T, h, T_in, h_in, q):
-    """`uniform_rates` where conductivity varies."""
-    start, m, _, capacity, slope, g_in, _, share = lines
+def varying_rates(lines, walls, advection, T, h, T_in, h_in, q):
+    """`uniform_rates` for conductivity that varies: every conductance is two half-cells in series."""
+    start, m, _, capacity, upwind, g_in, _, share = lines
     _, _, gy, half_x, half_z, gap, factor, dy, _, _ = walls
     n, ny = len(start) - 1, T.shape[1]
     for i in range(n):
@@ -104,7 +109,7 @@ def varying_rates(lines, walls, carry, T, h, T_in, h_in, q):
                 ahead = (T[back, j] - here) * (1.0 / (half_x[c] / f + half_x[back] / factor[back, j]))
                 along = (T[to, j] - here) * (1.0 / (half_x[c] / f + half_x[to] / factor[to, j]))
                 q[c, j] = q[c, j] / share[j] + (over + under + ahead + along)
-            _advect_row(i, k, c, m, start, carry, slope, T, h, T_in, h_in, g_in, q)
+            _advect_row(i, k, c, m, start, advection, upwind, T, h, T_in, h_in, g_in, q)
             g = gy[c]
             for j in range(1, ny):
                 apart = 0.5 * (dy[j] / factor[c, j] + dy[j - 1] / factor[c, j - 1])
@@ -119,14 +124,17 @@ def varying_rates(lines, walls, carry, T, h, T_in, h_in, q):
 
 @njit(cache=True)
 def _subtract_row(z, to, factor, source, ny):
-    """z[to] -= factor z[source], one row."""
+    """z[to] -= factor z[source] along a row."""
     for j in range(ny):
         z[to, j] -= factor * z[source, j]
 
 
 @njit(cache=True)
 def solve_line(o, a, size, m, gamma, up, down, under, over, inv, mul, z):
-    """`kernels_2d.line_solve` for rows of z from o on; `under`, `over` (planes,) are the pivots at the interface."""
+    """`kernels_2d.solve_line` for rows of z; `under`, `over` (planes,) are 1/pivot of road and block at the interface.
+
+    All planes have the pivots of the mean plane except these two: the contact differs from plane to plane.
+    """
     ny, nb, f = z.shape[1], size - m, a - o
     s, top = o + m - 1, o + size - 1
     for k in range(1, m):
@@ -164,18 +172,17 @@ def _row_mean(z, c, share, ny):
 
 @njit(cache=True)
 def sweep_lines(lines, factors, crossing, gamma, r, z):
-    """z = P^-1 (capacity r): lines downstream, then corrected back, all planes at once; nothing flows across.
+    """z = P^-1 (capacity r): the sweeps of `kernels_2d.sweep_lines` for all planes; P has no conduction across y.
 
-    Returns the heat (J per metre of width, rows
-    weighted by `weight`) in r and in z.
+    Returns the heat (J per metre of width, rows weighted by `weight`) in r and in z.
     """
-    # one loop over lines: split in functions it costs a quarter more (docs/explanation/performance.md)
+    # the loops over lines stay in one function: split up they cost a quarter more (docs/explanation/performance.md)
     start, m, first, capacity, _, _, weight, share = lines
     inv, mul, low, low2, high = factors
     up, down, under, over = crossing
     n, ny = len(start) - 1, r.shape[1]
     longest = 0
-    given = 0.0
+    heat_in = 0.0
     for i in range(n):
         a, b = start[i], start[i + 1]
         size = b - a
@@ -184,7 +191,7 @@ def sweep_lines(lines, factors, crossing, gamma, r, z):
         for k in range(size):
             c = a + k
             w = capacity[c]
-            given += weight[c] * w * _row_mean(r, c, share, ny)
+            heat_in += weight[c] * w * _row_mean(r, c, share, ny)
             if i > 1 and k < m:
                 f, g, old, older = low[c], low2[c], p + k, start[i - 2] + k
                 for j in range(ny):
@@ -215,15 +222,15 @@ def sweep_lines(lines, factors, crossing, gamma, r, z):
         for k in range(size):
             for j in range(ny):
                 z[a + k, j] -= work[k, j]
-    kept = 0.0
+    heat_out = 0.0
     for c in range(start[n]):
-        kept += weight[c] * capacity[c] * _row_mean(z, c, share, ny)
-    return given, kept
+        heat_out += weight[c] * capacity[c] * _row_mean(z, c, share, ny)
+    return heat_in, heat_out
 
 
 @njit(cache=True)
 def lift_block(start, m, rise, z):
-    """Add `rise` to all cells of the block."""
+    """Add `rise` (K) to all cells of the block."""
     for i in range(len(start) - 1):
         for c in range(start[i] + m, start[i + 1]):
             for j in range(z.shape[1]):

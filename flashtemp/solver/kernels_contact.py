@@ -1,6 +1,7 @@
-"""The compiled loops along the interface: column by column, what numpy would do in many passes over fifty numbers.
+"""Compiled loops over the columns of the interface: contact laws, fluxes, heated lanes and the energy ledger.
 
-All arrays of a call are float or all are complex (`common_dtype`): then a complex step passes through.
+There are some fifty columns, so numpy would spend more time on calls than on numbers.  The arrays of a call are all
+float or all complex (`common_dtype`): a complex step then passes through and gives exact derivatives.
 """
 
 from __future__ import annotations
@@ -12,11 +13,11 @@ import numpy as np
 
 from flashtemp.physics.just_in_time import njit
 
-MIN_NEWTON_SLOPE = 1e-3  # of a slope in Newton's method
+MIN_NEWTON_SLOPE = 1e-3  # smallest |1 - gain dlaw/dT| that a Newton step divides by
 
 
 def common_dtype(*arrays: np.ndarray) -> Any:
-    """Arrays as they are, or all complex where one is: so every loop is compiled for two kinds at most."""
+    """The arrays unchanged, or all complex if one is: every loop is then compiled for two types at most."""
     for a in arrays:
         if a.dtype.kind == "c":
             return [one.astype(complex, copy=False) for one in arrays]
@@ -25,23 +26,23 @@ def common_dtype(*arrays: np.ndarray) -> Any:
 
 @lru_cache(maxsize=256, typed=True)
 def _constant_columns(value: complex, n: int) -> np.ndarray:
-    """A number on every column."""
+    """An array of n equal values; cached, so it must not be written to."""
     return np.full(n, value)
 
 
 def broadcast_columns(value, n: int) -> np.ndarray:
-    """What a law says, on all n columns: it may say one number for all of them."""
+    """The value of a law on all n columns, as a contiguous array; a law may return one number for all of them."""
     if np.ndim(value) == 0:
         return _constant_columns(complex(value) if isinstance(value, complex) else float(value), n)
     if value.shape == (n,) and value.dtype.kind in "fc" and value.flags.c_contiguous:
         return value
-    found: np.ndarray = value * np.ones(n)
-    return found
+    columns: np.ndarray = value * np.ones(n)
+    return columns
 
 
 @njit(cache=True)
 def friction_heat_rows(local, phi, speed, mean, share):
-    """Rows (3, columns): m = p v/phi, p over `mean` held between 1e-9 and 500, and phi/share."""
+    """Rows (3, columns): heat per unit of friction p v/phi of eq. (5), p/`mean` limited to 1e-9..500, and phi/`share`."""
     out = np.empty((3, len(local)), local.dtype)
     for i in range(len(local)):
         out[0, i] = local[i] * speed / phi[i]
@@ -57,7 +58,7 @@ def friction_heat_rows(local, phi, speed, mean, share):
 
 @njit(cache=True)
 def clip_values(values, low, high):
-    """Values (columns,), held where they are below `low` or above `high`."""
+    """Values (columns,) limited to `low`..`high`; a limited value carries no derivative."""
     out = np.empty_like(values)
     for i in range(len(values)):
         out[i] = low if values[i].real < low else high if values[i].real > high else values[i]
@@ -65,54 +66,58 @@ def clip_values(values, low, high):
 
 
 @njit(cache=True)
-def surface_deficit(start, widen, fall, T, T_in):
-    """By how much (columns,) widening lowers the surface of columns of road; `start` (lines,) their deepest cells.
+def surface_deficit(start, weights, loss_ratio, T, T_in):
+    """Sum of w(r) T_S(r) over depth in eq. (15c): by how much (columns,) K widening lowers the surface of a lane.
 
-    `widen` (n_road,) shares and `fall` (columns,) of the `ContactState`; `T` (cells,), `T_in` (n_road n_across,) rises,
-    which may be float where those are complex: there are many cells.
+    `start` (lines,) are the deepest cells of the road under the block; `weights` (n_road,) and `loss_ratio` (columns,)
+    belong to the `ContactState`.  The rises `T` (cells,), `T_in` (n_road n_across,) may be float where those are
+    complex, because converting all cells would cost more than the sum.
     """
-    across = len(fall) // len(start)
+    across = len(loss_ratio) // len(start)
     low = 0
-    while low < len(widen) and widen[low] == 0.0:
+    while low < len(weights) and weights[low] == 0.0:  # cells deeper than D have no weight
         low += 1
-    out = np.empty(len(fall), fall.dtype)
+    out = np.empty(len(loss_ratio), loss_ratio.dtype)
     for i in range(len(start)):
         for j in range(across):
-            lost = 0.0 * fall[0]
-            for k in range(low, len(widen)):
-                lost += widen[k] * (T[(start[i] + k) * across + j] - T_in[k * across + j])
-            out[i * across + j] = fall[i * across + j] * lost
+            lost = 0.0 * loss_ratio[0]
+            for k in range(low, len(weights)):
+                lost += weights[k] * (T[(start[i] + k) * across + j] - T_in[k * across + j])
+            out[i * across + j] = loss_ratio[i * across + j] * lost
     return out
 
 
 @njit(cache=True)
-def lane_rises(gap, lane, lowered, seen, came, widen, own):
-    """Rises (columns,) of lanes of columns `seen` and `lowered` at the surface, where those of planes `came` in.
+def lane_rises(gap, lane_ratio, deficit, columns, incoming, weights, earlier):
+    """Temperature rises (columns,) of heated lanes at the surface: eq. (15c), and (15d) by `lane_ratio`.
 
-    What earlier passes left in lanes, `own` (n_road planes,), has widened into the `gap` between them.
+    `columns` are the rises of the columns of road, `deficit` the `surface_deficit`, `incoming` (planes,) the rises with
+    which the columns entered.  `earlier` (n_road planes,) is the part that earlier passes left in the lanes.  It has
+    spread in the meantime over the `gap` between lanes, a fraction of the width.
     """
-    across = len(came)
-    mixed = own[-across:].copy()
-    total = widen.sum()
+    across = len(incoming)
+    mixed = earlier[-across:].copy()
+    total = weights.sum()
     if total.real > 0.0:
         for j in range(across):
-            lost = 0.0 * own[0]
-            for k in range(len(widen)):
-                lost += widen[k] * own[k * across + j]
+            lost = 0.0 * earlier[0]
+            for k in range(len(weights)):
+                lost += weights[k] * earlier[k * across + j]
             mixed[j] = lost / total
-    out = np.empty_like(seen)
-    for c in range(len(seen)):
+    out = np.empty_like(columns)
+    for c in range(len(columns)):
         j = c % across
-        out[c] = came[j] - gap * mixed[j] + lane[c] * (seen[c] - came[j] - lowered[c])
+        out[c] = incoming[j] - gap * mixed[j] + lane_ratio[c] * (columns[c] - incoming[j] - deficit[c])
     return out
 
 
 @njit(cache=True)
 def eliminate_fluxes(half, flash, micro, r, split, deep, m, inside, has_depth_factor, T0, Ts, half_block, half_road):
-    """Rows (7, columns) of what is left of the contact's equations: A g, g, drop, way, a, gain and `turn`.
+    """Eliminate the fluxes of eqs. (9) to (12): rows (7, columns) A g, g, drop, way, a, gain and `turn`.
 
-    T_m = a + gain law(T_m), where the law is mu, or where heat is `has_depth_factor` mu (1 + turn s); `turn` is heat in depth
-    over heat at the face, less 1.
+    Symbols are those of `contact_flux`; `way` is chi r + h_S and `drop` is T_0 - T_lane.  One equation is left:
+    T_m = a + gain law(T_m).  The law is mu, or mu (1 + turn s) with `has_depth_factor`; `turn` is the effect of heat
+    released in depth over that of heat at the face, minus 1.
     """
     out = np.empty((7, len(T0)), T0.dtype)
     for i in range(len(T0)):
@@ -130,10 +135,10 @@ def eliminate_fluxes(half, flash, micro, r, split, deep, m, inside, has_depth_fa
 
 @njit(cache=True)
 def newton_step(T, value, a, gain, step, damp):
-    """One step of Newton's method on T = a + gain law(T), T (columns,) real; `value` has a complex `step` in T.
+    """One step of Newton's method on T = a + gain law(T), T (columns,) real; `value` is the law at T + 1j `step`.
 
-    Whether the law depends on T at all, whether the step was the last; rows (4, columns): the new T, the law at the
-    old one and its slope, and the change.
+    Returns whether the law depends on T at all, whether the iteration has converged, and rows (4, columns): the new T,
+    the law at the old T, its derivative, and the change.
     """
     out = np.empty((4, len(T)))
     depends, last = False, True
@@ -146,32 +151,36 @@ def newton_step(T, value, a, gain, step, damp):
         )
         change = damp * change
         new = T[i] - change
-        last = last and abs(change) <= 1e-8 * abs(new)  # the next step would be its square
+        last = last and abs(change) <= 1e-8 * abs(new)  # quadratic convergence: the next change would be rounding
         out[0, i], out[1, i], out[2, i], out[3, i] = new, law, slope, change
     return depends, last, out
 
 
 @njit(cache=True)
 def recover_fluxes(T, mu, s, has_depth_factor, solved, m, inside, deep, micro, Ts, half_road):
-    """Rows (7, columns) of `Fluxes` but mu and touch: J_R, J_S, q, its part in depth, spot, lane; and the factor s."""
+    """Fluxes at the temperature T of the contact: rows (7, columns) J_R, J_S, q, q in depth, T_spot, T_lane and s.
+
+    The first six are the fields of `ContactFluxes` without mu and touch; s is the factor on the heat in depth.
+    """
     out = np.empty((7, len(T)), T.dtype)
     for i in range(len(T)):
         g, drop, way = solved[1, i], solved[2, i], solved[3, i]
-        own = s[i] if has_depth_factor else 1.0 + 0.0 * T[i]
+        factor = s[i] if has_depth_factor else 1.0 + 0.0 * T[i]
         q = m[i] * mu[i]
-        below = inside * own * q
-        J = g * (way * (q - below) - deep[i] * own * q - drop)
+        below = inside * factor * q
+        J = g * (way * (q - below) - deep[i] * factor * q - drop)
         S = q - below - J
         out[0, i], out[1, i], out[2, i], out[3, i] = J, S, q, below
-        out[4, i], out[5, i], out[6, i] = T[i] - micro[i] * J, Ts[i] + half_road[i] * S, own
+        out[4, i], out[5, i], out[6, i] = T[i] - micro[i] * J, Ts[i] + half_road[i] * S, factor
     return out
 
 
 @njit(cache=True)
 def add_contact_heat(block, block_share, road_share, area, into_block, into_road, heat, q):
-    """Add the heat of the contact to cells q (W/m) of the `block`.
+    """Add the heat of the contact to the cells `block` of q (W/m).
 
-    Rows (3, columns): friction heat, all heat into the road, and that of it which its cells stand for.
+    Returns rows (3, columns) in W/m: friction heat, all heat into the road, and the heat into the road's cells, which
+    stand for a constant fraction of the width.
     """
     out = np.empty((3, len(area)), into_block.dtype)
     for i in range(len(area)):
@@ -184,27 +193,28 @@ def add_contact_heat(block, block_share, road_share, area, into_block, into_road
 
 
 @njit(cache=True)
-def road_outflow(last, before, first, slope, carry, g_in, T, h, T_in, h_in):
-    """Heat (n_road, n_across) W/m that road carries out of the window, less what comes in.
+def road_outflow(last, before, first, upwind, advection, g_in, T, h, T_in, h_in):
+    """Heat (n_road, n_across) W/m that the road carries out of the computed window, minus what it brings in.
 
-    `last`, `before`, `first` (n_road,) are cells of a plane; T, h rises (cells,), T_in, h_in of entering road.
+    `last`, `before`, `first` (n_road,) are cells of a plane on the last line, the one before it and the first line.  T,
+    h are temperature and enthalpy rises (cells,), T_in, h_in those of the entering road.
     """
-    across = len(T_in) // len(carry)
-    out = np.empty((len(carry), across), T.dtype)
-    for k in range(len(carry)):
+    across = len(T_in) // len(advection)
+    out = np.empty((len(advection), across), T.dtype)
+    for k in range(len(advection)):
         for j in range(across):
             end, back, begin = h[last[k] * across + j], h[before[k] * across + j], T[first[k] * across + j]
             c = k * across + j
-            out[k, j] = carry[k] * (end + slope * (end - back) - h_in[c]) - g_in[k] * (T_in[c] - begin)
+            out[k, j] = advection[k] * (end + upwind * (end - back) - h_in[c]) - g_in[k] * (T_in[c] - begin)
     return out
 
 
 @njit(cache=True)
 def add_to_ledger(entry, offset, cell, weight, T, scale, out):
-    """Add `scale` times the sums of weight T, from offset[i] to offset[i + 1], to `out` at entry[i]."""
+    """Add `scale` times the sum of weight T over offset[i]..offset[i + 1] - 1 to `out` at entry[i]."""
     for i in range(len(entry)):
         total = 0.0 * T[0]
-        for begin in range(offset[i], offset[i + 1], 64):  # in two floors: rounding grows with the longest sum
+        for begin in range(offset[i], offset[i + 1], 64):  # blocks of 64: rounding grows with the longest sum
             part = 0.0 * T[0]
             for c in range(begin, min(begin + 64, offset[i + 1])):
                 part += weight[c] * T[cell[c]]
@@ -214,7 +224,10 @@ def add_to_ledger(entry, offset, cell, weight, T, scale, out):
 
 @njit(cache=True)
 def redistribute_load(spread, load, free):
-    """free - spread (load free) in place, spread (lines, m), load (m, lines): what lines lose others carry."""
+    """free - spread (load free) in place: the load that some columns lose is carried by the others.
+
+    `spread` (columns, m), `load` (m, columns) with m = 1 for the load alone and 2 for load and moment.
+    """
     lost = np.zeros(len(load), free.dtype)
     for j in range(len(load)):
         for i in range(len(free)):
@@ -226,6 +239,6 @@ def redistribute_load(spread, load, free):
 
 @njit(cache=True)
 def scatter_response(place, column, gain, change, scale, out):
-    """Add `scale` gain change[column] to `out` at each place."""
+    """Product of a sparse matrix: add `scale` gain change[column] to `out` at each place."""
     for e in range(len(place)):
         out[place[e]] += scale * gain[e] * change[column[e]]

@@ -25,27 +25,27 @@ def contact_slopes(b: HeatBalance, contact: SolvedContact | None, at_walls):
     for name, cells, slope in at_walls:
         rows[name].append((cells, slope))
     deposits, along, up, down, books = None, b.zero_columns, b.zero_columns, b.zero_columns, {}
-    under = RoadOverlap(b.cell_road) if contact is None else contact.state.under
+    under = RoadOverlap(b.cell_road) if contact is None else contact.state.touched_road
     if contact is not None and contact.slopes is not None:
         state, d, area = contact.state, contact.slopes, b.scene.mesh.column_area
-        face, lane = state.block * area, state.road * area
+        face, lane = state.block_coverage * area, state.road_coverage * area
         if len(b.deposit_weights) and np.any(d.deep):
             deposits = face * d.deep[0], face * d.deep[1]
         own += [(b.cell_block, face * (d.block[0] + d.deep[0]))]
         along, up, down = lane * d.road[1], lane * d.road[0], face * (d.block[1] + d.deep[1])
         for name, w, slopes in (("friction", face, d.heat), ("into_road", face, d.road)):
             books[name] = w * slopes[1]
-            rows[name] += [(b.cell_block, w * slopes[0]), *state.under.heat_parts(books[name])]
+            rows[name] += [(b.cell_block, w * slopes[0]), *state.touched_road.heat_parts(books[name])]
     cell = np.concatenate([np.empty(0, dtype=np.int64), *(cells for cells, _ in own)])
     slope = np.concatenate([np.empty(0), *(slope for _, slope in own)])
     return conduction.HeatSlopes(cell, slope, along, up, down, deposits, under), rows, books
 
 
-def outflow_slopes(b: HeatBalance, carry, capacity_ratio) -> tuple[np.ndarray, np.ndarray]:
+def outflow_slopes(b: HeatBalance, advection, capacity_ratio) -> tuple[np.ndarray, np.ndarray]:
     """Cells and slopes of the heat that the road carries out of the window, less what it brings in."""
-    mesh, (first, before, last), slope = b.scene.mesh, b.outflow_cells, b.slope[-1]
+    mesh, (first, before, last), slope = b.scene.mesh, b.outflow_cells, b.upwind_weight[-1]
     cells = [mesh.everywhere(at) for at in (last, before, first)]
-    share, carried = mesh.share, np.outer(carry, mesh.share)
+    share, carried = mesh.share, np.outer(advection, mesh.share)
     gone, back = (carried if capacity_ratio is b.ones else carried * capacity_ratio[at] for at in cells[:2])
     parts = gone * (1 + slope), -back * slope, np.outer(b.g_in, share)
     return np.concatenate(cells, axis=None), np.concatenate(parts, axis=None)

@@ -70,7 +70,7 @@ def march(
             path: StepHistory | None = [] if sensitivities is not None else None
             _integrate_segment(system, settings, now, due, resumed, is_stopped, path)
             if sensitivities is not None:
-                sensitivities.stretch(system.phase, path, now.records, system.leg)
+                sensitivities.integrate_segment(system.phase, path, now.records, system.leg)
             resumed = False
         now.phase += 1
     now.wall_s = spent + clock.perf_counter() - began
@@ -104,7 +104,7 @@ def _start_phase(balance: HeatBalance, before, phase, march_state: MarchState, s
     old = march_state.y
     start_phase(balance, before, phase, march_state)
     if sensitivities is not None:
-        sensitivities.renew(before, phase, old)
+        sensitivities.start_phase(before, phase, old)
 
 
 def _remap_road(system: PhaseSystem, march_state: MarchState, sensitivities) -> None:
@@ -112,7 +112,7 @@ def _remap_road(system: PhaseSystem, march_state: MarchState, sensitivities) -> 
     old = march_state.y
     remap_road(system, march_state)
     if sensitivities is not None:
-        sensitivities.pass_on(system.phase, system.leg, old)
+        sensitivities.remap_road(system.phase, system.leg, old)
 
 
 def _integrate_segment(

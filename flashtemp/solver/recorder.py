@@ -116,7 +116,7 @@ def _contact_temperatures(system: PhaseSystem, moment, contact: SolvedContact, T
         surface, lane = T[b.cell_block], T[b.cell_road] + C0
         spot = surface + C0
     elif flux is not None:
-        surface = T[b.cell_block] + state.block * flux.into_block * b.half_block / kf[b.cell_block]
+        surface = T[b.cell_block] + state.block_coverage * flux.into_block * b.half_block / kf[b.cell_block]
         spot, lane = flux.spot - KELVIN, flux.lane - KELVIN
     else:
         surface = b.boundary.surface_rise("block.face", system.interface.moment_at_contact(state, moment), T, kf)
@@ -149,7 +149,9 @@ def _cell_temperatures(system: PhaseSystem, moment, contact: SolvedContact, T, c
     road -= came[0].reshape(mesh.n_road, -1)
     colder = system.b.share * min(road.min(), 0.0)  # the coldest mean of the road across y, below what came in
     fallen = weights @ road
-    lane, fall = (contact_lanes.extend_over_lines(mesh, a)[:, None] for a in (contact.state.lane, contact.state.fall))
+    lane, fall = (
+        contact_lanes.extend_over_lines(mesh, a)[:, None] for a in (contact.state.lane_ratio, contact.state.loss_ratio)
+    )
     fallen *= fall
     road -= fallen
     road *= lane

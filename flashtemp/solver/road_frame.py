@@ -58,7 +58,7 @@ class RoadFrame:
     @classmethod
     def from_scene(cls, scene, laws) -> RoadFrame | None:
         """That of a scene with resolved spots; None where lines are not even, none lies in front, or sliding turns."""
-        mesh, now = scene.mesh, scene.moment(scene.schedule.phases[0], 0.0)
+        mesh, now = scene.mesh, scene.law_context(scene.schedule.phases[0], 0.0)
         dx = np.diff(mesh.x)
         if not laws("contact.resolved", 0.0, None, now) > 0 or np.ptp(dx) > MAX_SPACING_DIFFERENCE * dx.mean():
             return None
@@ -72,9 +72,12 @@ class RoadFrame:
         way = self.leg_lines * self.dx
         if not phase.sliding:
             return [(max(math.ceil((phase.slid_before + schedule.distance) / way - LEG_END_RATIO) - 1, 0), phase)]
-        begin, end = (phase.slid_before + schedule.slid(phase, t) for t in (phase.begin, phase.end))
+        begin, end = (phase.slid_before + schedule.slid_distance(phase, t) for t in (phase.begin, phase.end))
         first, last = math.floor(begin / way + LEG_END_RATIO), math.ceil(end / way - LEG_END_RATIO)
-        inner = [phase.start + float(schedule.speed.reach(j * way - phase.slid_before)) for j in range(first + 1, last)]
+        inner = [
+            phase.start + float(schedule.speed.time_at_integral(j * way - phase.slid_before))
+            for j in range(first + 1, last)
+        ]
         cuts = [phase.begin, *inner, phase.end]
         return [(first + i, replace(phase, begin=cuts[i], end=cuts[i + 1])) for i in range(len(cuts) - 1)]
 

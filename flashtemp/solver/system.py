@@ -223,7 +223,7 @@ class PhaseSystem:
         q = out[:n]
         out[:] = 0.0
         kf = self.solid.conductivity_factor(T, now)
-        carry = b.advection_coefficient(now)
+        advection = b.advection_coefficient(now)
         T_in = self.incoming_rise(now)
         T_enter = T_in + self.revisited_rise(now) if self.phase.turned > -np.inf else T_in
         h_in = self.incoming_enthalpy(T_enter)
@@ -234,10 +234,10 @@ class PhaseSystem:
             if b.abrades:
                 out[b.worn] = self.interface.abrasion_rate(contact.state, contact.flux, now) / b.worn_unit
         b.boundary.add_heat(self.moment_for_laws(contact, now), self.film_coefficients(now), T, kf, q, led)
-        self.solid.heat_to_rates(T, h, T_enter, h_in, self.solid.conductances(kf), carry, q)
-        if (bounded := self.solid.limit_undershoots(h, h_in, carry, self.undershoot_floor)) is not None:
+        self.solid.heat_to_rates(T, h, T_enter, h_in, self.solid.conductances(kf), advection, q)
+        if (bounded := self.solid.limit_undershoots(h, h_in, advection, self.undershoot_floor)) is not None:
             bounded.add_rate(q)
-        led["lane_out"] = self._road_outflow(T, h, T_enter, h_in, carry)
+        led["lane_out"] = self._road_outflow(T, h, T_enter, h_in, advection)
         for name, i in b.ledger_index.items():
             out[i] = led[name]
         if not np.isfinite(out.sum()):
@@ -246,18 +246,22 @@ class PhaseSystem:
     def _add_contact_heat(self, state, flux, q, led) -> None:
         """Add the heat of the contact to cells (W/m) and ledger."""
         b, area = self.b, self.b.scene.mesh.column_area
-        block, road, up, down, made = common_dtype(state.block, state.road, flux.into_block, flux.into_road, flux.heat)
+        block, road, up, down, made = common_dtype(
+            state.block_coverage, state.road_coverage, flux.into_block, flux.into_road, flux.heat
+        )
         heat, taken, given = kernels_contact.add_contact_heat(b.cell_block, block, road, area, up, down, made, q)
-        state.under.give(given, q)
+        state.touched_road.add_heat(given, q)
         if len(b.deposit_weights):
-            kernels_2d.deposit_heat(b.deep_cells, b.deposit_weights, state.block * flux.deep * area, q)
+            kernels_2d.deposit_heat(b.deep_cells, b.deposit_weights, state.block_coverage * flux.deep * area, q)
         led["friction"], led["into_road"] = heat.sum(), taken.sum()
 
-    def _road_outflow(self, T, h, T_in, h_in, carry):
+    def _road_outflow(self, T, h, T_in, h_in, advection):
         """Heat (W/m) that the road carries out of the window, less what it brings in."""
         b, mesh = self.b, self.b.scene.mesh
         first, before, last = b.outflow_cells
-        leave = kernels_contact.road_outflow(last, before, first, b.slope[-1], carry, b.g_in, T, h, T_in, h_in)
+        leave = kernels_contact.road_outflow(
+            last, before, first, b.upwind_weight[-1], advection, b.g_in, T, h, T_in, h_in
+        )
         return (leave @ mesh.share).sum()
 
     # --- linearisation -------------------------------------------------------------------------
@@ -272,11 +276,11 @@ class PhaseSystem:
         b = self.b
         T = b.temperature_rise(y[: b.n])
         kf = self.solid.conductivity_factor(T, now)
-        carry = b.advection_coefficient(now)
+        advection = b.advection_coefficient(now)
         stretch = b.capacity_ratio(T)
         contact = self.contact_if_needed(now, y, T, kf, slopes=True)
         slopes, rows, books = contact_slopes(b, contact, self._wall_slopes(contact, now, T, kf))
-        rows["lane_out"].append(outflow_slopes(b, carry, stretch))
+        rows["lane_out"].append(outflow_slopes(b, advection, stretch))
         joined: conduction.LedgerRows = {
             name: (np.concatenate([i for i, _ in parts]), np.concatenate([w for _, w in parts]))
             for name, parts in rows.items()
@@ -290,8 +294,8 @@ class PhaseSystem:
         state = None if contact is None else contact.state
         T_in = self.incoming_rise(now)
         h_in = self.incoming_enthalpy(T_in + self.revisited_rise(now) if self.phase.turned > -np.inf else T_in)
-        bounded = self.solid.limit_undershoots(y[: b.n], h_in, carry, self.undershoot_floor)
-        solid = self.solid.linearise(gamma, kf, carry, stretch, slopes, joined, bounded)
+        bounded = self.solid.limit_undershoots(y[: b.n], h_in, advection, self.undershoot_floor)
+        solid = self.solid.linearise(gamma, kf, advection, stretch, slopes, joined, bounded)
         return LinearisedSystem(b, gamma, stretch, LedgerMap.from_rows(b, joined), state, books, solid, coupling)
 
     def _wall_slopes(

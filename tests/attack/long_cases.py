@@ -107,7 +107,7 @@ def coldness(case) -> tuple[object, float]:
     def watch(system, t, T, **bounds):
         low, high = float(T.min()), float(T.max())
         if low < 0.0:
-            below = system.coldest(t) - low
+            below = system.coldest_rise(t) - low
             worst[0] = max(worst[0], below - COLD[0] - COLD[1] * max(high, 0.0))
         return checked(system, t, T, **bounds)
 

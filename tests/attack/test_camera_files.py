@@ -342,12 +342,12 @@ def bombs(folder: Path) -> dict[str, Path]:
 
 CHILD = """
 import resource, sys, time
-from flashtemp.camera.importing.readers import read
+from flashtemp.camera.importing.readers import read_frames
 from flashtemp.errors import BadInput
 for name in sys.argv[1:]:
     begin = time.monotonic()
     try:
-        read(name, scale=0.01, offset=-273.15)
+        read_frames(name, scale=0.01, offset=-273.15)
         end = "READ"
     except BadInput as fault:
         end = str(fault)

@@ -47,7 +47,7 @@ def said(capsys, *words: str) -> tuple[int, str]:
         (["check", "uniform_pressure", f"effects={LONG}"], "effects"),
         (["run", "uniform_pressure", "--out", LONG], "too long"),
         (["check", LONG], "too long"),
-        (["view", "uniform_pressure/case.toml"], "no fields that flashtemp wrote"),
+        (["view", "uniform_pressure/case.toml"], "not a field file of flashtemp"),
     ],
     ids=lambda value: "",
 )

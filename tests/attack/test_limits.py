@@ -79,9 +79,9 @@ def test_colder_than_all_that_cools_is_a_failure(folder, monkeypatch):
 
     def drawing(self, now, local, T=None):
         state = contact(self, now, local, T)
-        return state._replace(m=-state.m)  # friction that takes heat away
+        return state._replace(heat_per_mu=-state.heat_per_mu)  # friction that takes heat away
 
-    monkeypatch.setattr(ContactInterface, "state", drawing)
+    monkeypatch.setattr(ContactInterface, "contact_state", drawing)
     with pytest.raises(SolverFailure, match="below everything that cools, 20 degC"):
         run(folder)
 
@@ -89,7 +89,7 @@ def test_colder_than_all_that_cools_is_a_failure(folder, monkeypatch):
 def test_a_loose_tolerance_may_leave_the_front_of_a_start_colder():
     """`cases/run_in` on 1760 cells at 0.05 MPa: 1.85 K below at rtol 3e-3, 0.01 K at 1e-3, 0.02 K at BDF order 1."""
     scene = SimpleNamespace(ambient=20.0 + KELVIN)
-    system = SimpleNamespace(b=SimpleNamespace(scene=scene, n=1760), coldest=lambda t: 0.0)
+    system = SimpleNamespace(b=SimpleNamespace(scene=scene, n=1760), coldest_rise=lambda t: 0.0)
     rises = np.array([14.5, -1.85])
     sanity_checks.check_temperatures(system, 0.48, rises, hottest=900.0, atol=3e-2)
     with pytest.raises(SolverFailure, match="below everything that cools, 20 degC"):
@@ -108,7 +108,7 @@ def test_heat_that_is_lost_on_the_way_fails(folder, monkeypatch, capsys, lost, n
     built = ContactState
 
     def leaky(**values):
-        return built(**values | {"road": (1.0 - lost) * values["road"]})
+        return built(**values | {"road_coverage": (1.0 - lost) * values["road_coverage"]})
 
     monkeypatch.setattr("flashtemp.solver.contact_flux.ContactState", leaky)
     with pytest.raises(EnergyBalanceError, match=name) as fault:

@@ -142,7 +142,7 @@ def test_a_waiting_checkpoint_is_touched_by_no_command(case, campaign, waiting, 
         command, []
     )
     assert main([command, str(source), *more, "--out", str(tmp_path / "a")]) == 2
-    assert f"--out: {work} holds an interrupted run; go on with 'flashtemp run --resume " in capsys.readouterr().err
+    assert f"--out: {work} holds an interrupted run; continue with 'flashtemp run --resume " in capsys.readouterr().err
     assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
 
 
@@ -245,7 +245,7 @@ def test_a_full_disk_leaves_the_march(case, whole, tmp_path, monkeypatch, rows):
         real(self, row)
 
     monkeypatch.setattr(job.FieldStore, "append", append)
-    with pytest.raises(SystemFailure, match=r"^No space left on device: frames.bin; checkpoint left"):
+    with pytest.raises(SystemFailure, match=r"^No space left on device: frames.bin; checkpoint saved"):
         simulate(case, out=tmp_path / "a")
     monkeypatch.undo()
     check_same(resume(tmp_path / "a"), whole)

@@ -65,7 +65,7 @@ class Pair:
     def above(self, z):
         """The functions up the block (places, k) at z (m)."""
         values = legendre.legval(2.0 * np.asarray(z) / self.height - 1.0, self._polynomials.T)
-        return values.T @ self.vertical_modes[1]
+        return values.T @ self.upward[1]
 
     def along(self, x):
         """The cosines along the block (places, m)."""
@@ -116,7 +116,7 @@ class Sliding:
         self.cosines = p.along(p.x)
         self.share = np.where(m > 0, 2.0, 1.0)
         self.forward = self.share[:, None] * self.cosines.T / n
-        self.rates = p.k / p.rc * ((np.pi * m / p.length)[:, None] ** 2 + np.maximum(p.vertical_modes[0], 0.0))
+        self.rates = p.k / p.rc * ((np.pi * m / p.length)[:, None] ** 2 + np.maximum(p.upward[0], 0.0))
         self.foot = p.above(np.zeros(1))[0]
         nodes, weights = legendre.leggauss(p.degree)
         self.nodal = p.above(0.5 * p.height * (1.0 + nodes))
@@ -281,7 +281,7 @@ def firmness(pair, fraction, speed, shape, places):
     """W/m2K of face by which the road takes heat at `places` (m): of a block that slides without friction and is as warm
     along it as `shape` (columns,) says, for every kelvin of the face alone."""
     s, taken, n = Sliding(pair, fraction, True, 1.0), np.zeros((2, pair.columns)), pair.columns
-    s.amplitude += np.sqrt(pair.height) * np.outer(s.forward @ shape, pair.vertical_modes[1][0])
+    s.amplitude += np.sqrt(pair.height) * np.outer(s.forward @ shape, pair.upward[1][0])
     for k in range(2 * n):
         face, road, _ = s.slide(pair.dx / speed, np.zeros(n))
         taken += np.array([s.fraction * road, face]) if k >= n else 0.0

@@ -1,21 +1,29 @@
-"""Any camera file -> Frames: the kind is told by its first bytes, not by its name."""
+"""Reads the frames of any camera file, whose format is recognised by its first bytes, not by its name."""
 
 from __future__ import annotations
 
+import importlib
+import pkgutil
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from flashtemp.camera.image_validation import BYTES_PER_PIXEL, check_memory
-from flashtemp.camera.importing.formats import arrays, flir, foreign_jpeg, infratec_irb, text, tiff
+from flashtemp.camera.image_validation import check_memory
+from flashtemp.camera.importing import formats
+from flashtemp.camera.importing.formats import text
 from flashtemp.camera.importing.formats.byte_reader import ByteReader
+from flashtemp.camera.importing.formats.camera_file import (
+    COLOUR_IMAGE_REMEDY,
+    SIGNATURE_BYTES,
+    CameraFile,
+    ReaderOptions,
+)
 from flashtemp.camera.importing.formats.raw_frames import RawFrames, concatenate_frames
-from flashtemp.camera.radiometry import PlanckCalibration
 from flashtemp.errors import BadInput, shorten_text
 from flashtemp.physics.quantities import KELVIN
 
@@ -29,9 +37,6 @@ CLOSED_FORMATS = {  # name ends: whose and what to ask for
     ".is3": ("Fluke IS3", "export CSV from SmartView and give that"),
     ".bmt": ("Testo BMT", "export the temperatures as CSV from IRSoft and give that"),
 }  # fmt: skip
-COLOUR_IMAGE_REMEDY = (
-    "; it holds colours or a film, not temperatures: give the radiometric file of the camera or its export as CSV"
-)
 FOREIGN_SIGNATURES = {  # first bytes: what it is
     b"GIF8": "GIF" + COLOUR_IMAGE_REMEDY,
     b"BM": "a bitmap" + COLOUR_IMAGE_REMEDY,
@@ -42,33 +47,9 @@ FOREIGN_SIGNATURES = {  # first bytes: what it is
     b"%PDF": "PDF; give the camera's own file",
     b"CEDIP": f"FLIR PTW, which only the maker's closed kit reads; {FLIR_EXPORT_REMEDY}",
 }
+Reader = Callable[[CameraFile], Iterator[RawFrames]]
 MIN_SCENE_DEGC = -150.0  # degC: what no camera sees beside something warm
-SIGNATURE_BYTES = 8192  # bytes that tell the kind of a file
-MEMORY_PER_FILE_SIZE = 4  # times a file that is read whole must fit into the limit
 MAX_EMPTY_PIECES = 50  # pieces without any temperature that may come first
-
-
-@dataclass(frozen=True)
-class ReaderOptions:
-    """What a file may not say: `scale` and `offset` (degC) of counts, `unit`, `variable`, `decimal`, `below` (degC).
-
-    `rows` of a text file that holds a part of an image, `labels` around it ("none", "columns", "rows", "both").
-    `parameters` and `planck` go before what a radiometric file says itself; `every`: keep one frame of so many;
-    `limit`: GB of memory that one file may take.
-    """
-
-    scale: float | None = None
-    offset: float | None = None
-    unit: str | None = None
-    variable: str | None = None
-    decimal: str | None = None
-    below: float | None = None
-    rows: int | None = None
-    labels: str | None = None
-    parameters: dict[str, float] = field(default_factory=dict)
-    planck: PlanckCalibration | None = None
-    every: int = 1
-    limit: float | None = None
 
 
 def read_frames(path: str | Path, **unsaid: Any) -> RawFrames:
@@ -93,7 +74,7 @@ def iter_frames(path: str | Path, **unsaid: Any) -> Iterator[RawFrames]:
     held: list[RawFrames] = []
     warm = False
     with _name_file_in_errors(path):
-        for frames in _by_magic(path, known):
+        for frames in _read_by_magic(path, known):
             held.append(frames)
             warm = warm or bool(np.isfinite(frames.temperature).any())
             if warm:
@@ -147,67 +128,33 @@ def _median_value(image: np.ndarray) -> float:
     return float(np.median(known)) if known.size else 0.0
 
 
-def _by_magic(path: Path, known: ReaderOptions) -> Iterator[RawFrames]:
+@lru_cache(maxsize=8)
+def find_formats(folders: tuple[str, ...]) -> tuple[tuple[bytes, Reader], ...]:
+    """First bytes and reading function of every format module in the folders, the longest first bytes first.
+
+    A format module defines `MAGIC`, a tuple of first bytes, and `read`; modules without `MAGIC` help such modules.
+    """
+    found: list[tuple[bytes, Reader]] = []
+    for module_info in pkgutil.iter_modules(folders, f"{formats.__name__}."):
+        module = importlib.import_module(module_info.name)
+        found += [(magic, module.read) for magic in getattr(module, "MAGIC", ())]
+    return tuple(sorted(found, key=lambda pair: -len(pair[0])))
+
+
+def _read_by_magic(path: Path, options: ReaderOptions) -> Iterator[RawFrames]:
+    """Frames by the reader that knows the first bytes; text, which has none, comes last."""
     if not path.is_file():
         raise BadInput("no such file; give camera files, a folder of them or a recording template (.toml)")
     with ByteReader(path) as source:
         if not len(source):
             raise BadInput("the file is empty; copy it again or choose another")
-        start = source[0:SIGNATURE_BYTES]
-        linear = {"scale": known.scale, "offset": known.offset}
-        if start.startswith(flir.MAGIC):
-            yield from _read_flir_sequence(source, known)
-        elif start.startswith(tiff.MAGIC):
-            yield from tiff.read(path, unit=known.unit, every=known.every, limit=known.limit, **linear)
-        elif start.startswith((arrays.HDF5, arrays.MATLAB, *arrays.NETCDF_CLASSIC)):
-            data = b"" if arrays.is_hdf5(start) else _read_bytes(source, known)
-            asked = {"unit": known.unit, "variable": known.variable, "every": known.every, "limit": known.limit}
-            yield from arrays.read(path, start, data, **asked, **linear)
-        else:
-            for frames in _read_single(path, source, start, known, linear):
-                yield frames if frames.counts is not None else frames.take_every(known.every)
-
-
-def _read_single(
-    path: Path, source: ByteReader, start: bytes, known: ReaderOptions, linear: dict
-) -> Iterator[RawFrames]:
-    """Frames of a file that is read whole."""
-    if start.startswith(b"\xff\xd8"):
-        data = _read_bytes(source, known)
-        block = flir.join_jpeg_pieces(data)
-        if not block:
-            what = foreign_jpeg.describe_foreign_jpeg(data)
-            raise BadInput(what if "give" in what else what + COLOUR_IMAGE_REMEDY)
-        yield from flir.read(block, "FLIR radiometric JPEG", known.parameters, known.planck, limit=known.limit)
-    elif start.startswith(infratec_irb.MAGIC):
-        yield infratec_irb.read(_read_bytes(source, known), known.limit)
-    elif start.startswith(tiff.PNG):
-        yield tiff.read_png(_read_bytes(source, known), limit=known.limit, **linear)
-    else:
-        _refuse_unsupported(path, start)
-        if not text.is_text(start):
-            raise BadInput(text.NO_TEXT)
-        said = {k: getattr(known, k) for k in ("unit", "below", "decimal", "rows", "labels")}
-        yield text.read(_read_bytes(source, known, text.MEMORY_PER_TEXT_BYTE), **said, **linear)
-
-
-def _read_flir_sequence(source: ByteReader, known: ReaderOptions) -> Iterator[RawFrames]:
-    """Frames of one FFF block, or of many: a sequence."""
-    found = flir.read(source, "FLIR FFF", known.parameters, known.planck, known.every, known.limit)
-    first = next(found, None)
-    second = next(found, None)
-    for frames in (first, second):
-        if frames is not None:
-            many = second is not None or len(frames.temperature) > 1
-            yield replace(frames, format="FLIR sequence") if many else frames
-    for frames in found:
-        yield replace(frames, format="FLIR sequence")
-
-
-def _read_bytes(source: ByteReader, known: ReaderOptions, times: float = MEMORY_PER_FILE_SIZE) -> bytes:
-    """All bytes of a file whose kind is read whole."""
-    check_memory(times * len(source) / BYTES_PER_PIXEL, known.limit, f"{len(source) / 1e6:.0f} MB read at once")
-    return source[0 : len(source)]
+        file = CameraFile(path, source, source[0:SIGNATURE_BYTES], options)
+        for magic, read in find_formats(tuple(formats.__path__)):
+            if file.start.startswith(magic):
+                yield from read(file)
+                return
+        _refuse_unsupported(path, file.start)
+        yield from text.read(file)
 
 
 def _refuse_unsupported(path: Path, data: bytes) -> None:

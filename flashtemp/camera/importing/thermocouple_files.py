@@ -107,7 +107,7 @@ def read_campaign_points(entry: dict[str, Any], folder: Path, schedule: Any, key
     own = [e.get("name") for e in entry["points"]]
     columns = _columns_by_name(table, own) or _columns_in_order(table, axis, placed, exact=True)
     T, _ = read_temperatures(table, columns, ImportOptions())
-    repetition = np.array([schedule.phase(t).repetition for t in axis.seconds])
+    repetition = np.array([schedule.phase_at(t).repetition for t in axis.seconds])
     try:
         return Recording(
             "points", T[:, None], axis.seconds, repetition, np.arange(len(places), dtype=float), np.zeros(1),

@@ -129,7 +129,7 @@ def render_recording(
 
 def sliding_speed(schedule, times) -> np.ndarray:
     """Speed (frames,) m/s of the block along u at these times, 0 while it does not slide."""
-    phases = [schedule.phase(float(t)) for t in times]
+    phases = [schedule.phase_at(float(t)) for t in times]
     return np.array([p.sliding * p.direction * schedule.speed(t - p.start) for p, t in zip(phases, times, strict=True)])
 
 

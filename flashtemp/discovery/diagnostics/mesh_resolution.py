@@ -15,6 +15,10 @@ from flashtemp.discovery.estimation.whitening import WhitenedData
 from flashtemp.discovery.parameters import Kind
 from flashtemp.discovery.prediction.prediction import Prediction
 
+# cell factors of the runs that estimate the mesh error: along, up and down, and across in 3D
+COARSER_CELL_FACTORS = ((0.6, 1, 1), (1, 0.6, 1), (1, 1, 0.6), (0.5, 0.5, 0.5))
+COARSER_ACROSS_FACTORS = (1, 1, 1, 0.5)
+
 
 def lateral_resolution_warnings(
     data: WhitenedData, predictions: Iterable[Prediction], coarser_across: int

@@ -88,11 +88,11 @@ DECISION_WORDS = {  # by the names of the other rules of `decide`
 def describe_rule(name: str) -> RuleWords:
     """The words for a rule by its name; its own name where there are none.
 
-    >>> describe_rule("it is told from a rival").passes
+    >>> describe_rule("it is distinguished from a rival").passes
     'It is distinguished from a rival'
     """
-    if name.startswith("it is told from "):
-        return RuleWords(f"It is distinguished from {name.removeprefix('it is told from ')}", "ln Bayes factor")
+    if name.startswith("it is distinguished from "):
+        return RuleWords(name[:1].upper() + name[1:], "ln Bayes factor")
     if name.endswith(" was judged"):
         return RuleWords(f"The full fit of {name.removesuffix(' was judged')} ended", "ln Bayes factor")
     return ADEQUACY_WORDS.get(name) or DECISION_WORDS.get(name) or RuleWords(name[:1].upper() + name[1:], "")

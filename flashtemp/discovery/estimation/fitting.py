@@ -1,9 +1,10 @@
-"""The fit of a hypothesis to a campaign: Gauss-Newton in a trust region for physics, all else in closed form.
+"""The fit of a hypothesis to a campaign: Gauss-Newton steps in a trust region, with linear unknowns in closed form.
 
-The objective is half of chi2 of data and priors with all linear unknowns at their optimum and all images where the
-data want them; hyperparameters are those of the present point.  Parameters of the physics alone are stepped: free
-keys, parameters of effects, sizes of the block.  Every hypothesis is fitted by this one function, from the point of the
-fit that it extends and from typical strengths, and ends with a `Status`, within a budget of simulations.
+The objective is half of chi2 of data and priors, with all linear unknowns at their optimum and all images aligned
+(variable projection); the hyperparameters are those of the present point.  Only parameters of the physics are stepped:
+free keys, parameters of effects and sizes of the block.  `fit_hypothesis` fits every hypothesis; it starts at the best
+point of the fit that it extends, with the new effects neutral, and ends with a `FitStatus` within a budget of
+simulations.
 """
 
 from __future__ import annotations
@@ -35,11 +36,11 @@ from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.errors import FlashtempError, SolverFailure
 
 MAX_FIT_EVALUATIONS = 10  # simulations of the campaign in one fit
-NEGLIGIBLE_STEP_GAIN = 1.0  # ln evidence that a step promises, below which it is taken by the linearised model alone
+NEGLIGIBLE_STEP_GAIN = 1.0  # predicted gain of ln evidence, below which a step is not simulated any more
 NUMERICAL_NOISE_GAIN = 4.0  # ln evidence: another sequence of time steps changes it by 2 (rtol 1e-4), either way
-MAX_POOR_STEPS = 3  # poor steps in a row, each a quarter of the last one: what is promised is not there
-OUTRUN_DEFICIT = 30.0  # ln evidence behind another hypothesis, promises included, from which a fit goes no further
-PROMISE_FACTOR = 2.0  # times what a linearised model promises: what a curved one may still gain
+MAX_POOR_STEPS = 3  # poor steps in a row, each a quarter of the last one: the predicted gain is not real
+OUTRUN_DEFICIT = 30.0  # ln evidence behind another hypothesis, predicted gain included, from which a fit is stopped
+PROMISE_FACTOR = 2.0  # a nonlinear model may gain as many times what its linearised model predicts
 
 ProgressCallback = Callable[[str], Any]
 Answers = Sequence[Prediction | FlashtempError]
@@ -47,7 +48,7 @@ Answers = Sequence[Prediction | FlashtempError]
 
 @dataclass(frozen=True)
 class SimulationRequest:
-    """What a fit wants simulated next, and the best that it has so far."""
+    """The simulations that a fit needs next, and its best point so far."""
 
     tasks: list[PredictionTask]
     best: LinearisedFit | None
@@ -58,10 +59,10 @@ FitGenerator = Generator[SimulationRequest, Answers, LinearisedFit]
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """What is fitted: a `model` to begin at and the `effects` of it that move.
+    """What is fitted: a `model` as the starting point and the `effects` whose parameters are estimated.
 
-    `parent`: the fit that it extends.  Its derivatives serve until they prove too poor, so that only those of new
-    effects are computed.  `keeps_candidates`: derivatives of effects that it lacks are carried along too.
+    `parent`: the fit that it extends.  Its derivatives are used until they predict badly, so that only those of new
+    effects are computed.  `keeps_candidates`: derivatives of effects that are not in the model are kept too.
     """
 
     problem: Problem
@@ -75,7 +76,7 @@ class Hypothesis:
     def from_parent(
         cls, problem: Problem, data: WhitenedData, parent: LinearisedFit, effects: Sequence[CandidateEffect]
     ) -> Hypothesis:
-        """A fit with more effects, all of them off at first; their derivatives there belong to the parent's system."""
+        """The parent's model with more effects, which start neutral; the parent's system has their derivatives."""
         model, own = parent.model, [c for c in problem.candidates if c.effect in parent.model.effects]
         for c in effects:
             model = model.with_effect(c.effect, c.neutral_values())
@@ -86,12 +87,12 @@ class Hypothesis:
         return {p: v for c in self.effects for p, v in c.parameter_priors().items()}
 
     def stepped_parameters(self, system: LinearSystem) -> tuple[ParameterId, ...]:
-        """Parameters of the physics that a system has columns for."""
+        """The parameters that Gauss-Newton steps: those of the physics that have columns in a system."""
         sizes = [p for p in system.names if p.kind is Kind.SIZE]
         return tuple(p for p in (*self.problem.free_keys, *self.effect_priors, *sizes) if p in system.index)
 
     def can_borrow(self, p: ParameterId) -> bool:
-        """Whether a derivative of another fit is of use: not of effects that this one lacks, nor of fixed keys."""
+        """Whether a derivative of another fit may be used: not for effects outside this model, nor for fixed keys."""
         if self.keeps_candidates:
             return True
         if p.kind is Kind.EFFECT:
@@ -103,7 +104,7 @@ class Hypothesis:
         return DerivativeRequest(model_parameters=own, optics=True, block_sizes=True, fields=True)
 
     def new_derivatives(self) -> DerivativeRequest:
-        """Those alone that the parent lacks; all where there is none."""
+        """Only the derivatives that the parent lacks; all of them if there is no parent."""
         if self.parent is None:
             return self.all_derivatives()
         own = tuple(p for p in self.effect_priors if p.effect not in self.parent.model.effects)
@@ -112,7 +113,7 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class LinearisedPoint:
-    """A linearised point of a fit with its hyperparameters; `is_exact`: all derivatives are of this point."""
+    """A linearised point with its hyperparameters; `is_exact`: all derivatives were computed at this point."""
 
     linearisation: Linearisation
     hyper: Hyperparameters
@@ -121,21 +122,27 @@ class LinearisedPoint:
 
 @dataclass
 class _FitState:
-    """Where a fit stands: changed by `fit_hypothesis` alone."""
+    """The mutable state of one fit; only `fit_hypothesis` and its helpers change it.
+
+    `region` and `image_region`: trust regions of the physics and of image placements.  `count`: simulations so far.
+    `history`: predicted gain at each point.
+    """
 
     point: LinearisedPoint
     region: TrustRegion
     image_region: TrustRegion = field(default_factory=TrustRegion)
     count: int = 0
     history: list[float] = field(default_factory=list)
-    needs_derivatives: bool = False  # whether the next point takes derivatives of its own
-    poor_steps: int = 0  # steps in a row that gained little of what was promised, or nothing
+    needs_derivatives: bool = False  # whether derivatives are computed anew at the next point
+    poor_steps: int = 0  # steps in a row that gained little of the prediction, or nothing
 
 
 def fit_hypothesis(h: Hypothesis, first: Linearisation | None = None) -> FitGenerator:
-    """The best point of a hypothesis, from its model; `first`: linearised there already.
+    """Fit a hypothesis, starting at its model; `first`: the linearisation there, if it exists already.
 
-    Raises SolverFailure where not even the first point can be simulated.
+    A generator: it yields the simulations that it needs, receives their answers, and returns the fit.  `run_fits` can
+    therefore simulate the requests of several fits in one batch.  Raises SolverFailure if the first point cannot be
+    simulated.
     """
     state = yield from _first_point(h, first)
     while True:
@@ -156,9 +163,9 @@ def fit_hypothesis(h: Hypothesis, first: Linearisation | None = None) -> FitGene
             return replace(best, status=FitStatus.STALLED)
         if ratio > 0.0:
             continue
-        if promise < NUMERICAL_NOISE_GAIN:  # what is left to gain is within the noise of numerics
+        if promise < NUMERICAL_NOISE_GAIN:  # the remaining gain is below the numerical noise
             return replace(best, status=FitStatus.CONVERGED)
-        if not state.point.is_exact:  # derivatives of another point may be to blame, not the length of the step
+        if not state.point.is_exact:  # derivatives of another point may have caused the failure, not the step length
             answer = yield from _evaluate_model(h, state.point.linearisation.model, h.all_derivatives(), best)
             state.count += 1
             if not isinstance(answer, str):
@@ -166,13 +173,13 @@ def fit_hypothesis(h: Hypothesis, first: Linearisation | None = None) -> FitGene
 
 
 def _first_point(h: Hypothesis, first: Linearisation | None) -> Generator[SimulationRequest, Answers, _FitState]:
-    """Where a fit begins: at the point of the parent with new effects off, or at a point of its own."""
+    """The starting point: that of the parent with new effects neutral, or the hypothesis' own model."""
     if first is not None:
         return _FitState(_start_point(h, first, True), TrustRegion())
     if h.parent is not None:
         system = h.parent.system
         at = Linearisation(h.model, (), h.parent.predictions, system)
-        # new effects count for nothing yet, so that the noise is the parent's
+        # the new effects are still neutral, so the parent's hyperparameters hold
         return _FitState(LinearisedPoint(at, h.parent.hyper, True), TrustRegion(), needs_derivatives=True)
     answer = yield from _evaluate_model(h, h.model, h.all_derivatives(), None)
     if isinstance(answer, str):
@@ -183,9 +190,9 @@ def _first_point(h: Hypothesis, first: Linearisation | None) -> Generator[Simula
 def _try_step(
     h: Hypothesis, state: _FitState, step: np.ndarray, predicted: float, best: LinearisedFit
 ) -> Generator[SimulationRequest, Answers, float]:
-    """Ratio of actual to predicted reduction by a step; where it gained anything, the fit stands there now.
+    """Simulate a step and return the ratio of actual to predicted reduction; a step that gains is accepted.
 
-    Derivatives of the last point serve the next one too while they predict well ("simplified Newton", Deuflhard,
+    Derivatives of the last point are used at the next one while they predict well ("simplified Newton", Deuflhard,
     Newton Methods for Nonlinear Problems, 2011, section 2.1.2).
     """
     point, exact = state.point, state.needs_derivatives and h.parent is None
@@ -206,14 +213,14 @@ def _try_step(
 
 
 def _follow_images(h: Hypothesis, state: _FitState, best: LinearisedFit) -> Generator[SimulationRequest, Answers, bool]:
-    """Whether images gain by fields of other times, the physics being at its best point; the fit stands there now.
+    """Align images further than the stored fields allow, at the best physics; return whether that gained anything.
 
-    The promise of the physics counts data that are fitted: it says nothing of images of data that are held out.
+    The predicted gain of the physics counts fitted data only, so it does not include images of held-out data.
     """
     at, hyper = state.point.linearisation, state.point.hyper
     fixed = frozenset(h.stepped_parameters(at.system))
-    left, predicted, steps = step_beyond_fields(h.problem, at, hyper, fixed, state.image_region)
-    if left < NUMERICAL_NOISE_GAIN:
+    possible_gain, predicted, steps = step_beyond_fields(h.problem, at, hyper, fixed, state.image_region)
+    if possible_gain < NUMERICAL_NOISE_GAIN:
         return False
     answer = yield from _evaluate_model(h, move_images(at.model, steps), DerivativeRequest(fields=True), best)
     state.count += 1
@@ -230,7 +237,7 @@ def _follow_images(h: Hypothesis, state: _FitState, best: LinearisedFit) -> Gene
 
 
 def _start_point(h: Hypothesis, at: Linearisation, exact: bool) -> LinearisedPoint:
-    """A point with images aligned and hyperparameters found."""
+    """A linearised point with images aligned and hyperparameters estimated."""
     hyper = _find_hyperparameters(h, at)
     if all(p.full_run is not None for p in at.predictions):
         at = _align_images(h, at, hyper)
@@ -246,22 +253,25 @@ def _align_images(h: Hypothesis, at: Linearisation, hyper: Hyperparameters) -> L
 def _evaluate_model(
     h: Hypothesis, model: ModelPoint, wanted: DerivativeRequest, best: LinearisedFit | None
 ) -> Generator[SimulationRequest, Answers, Linearisation | str]:
-    """A linearised point, with derivatives that are not asked for lent by the best point or the parent; or why not."""
+    """Simulate and linearise a model; return the linearisation, or the reason of a failure as text.
+
+    Derivatives that are not `wanted` anew are taken from the best point so far or from the parent.
+    """
     tasks = h.problem.make_tasks(model, wanted)
     answers = yield SimulationRequest(tasks, best)
-    made = []
+    predictions = []
     for answer in answers:
         if isinstance(answer, FlashtempError):
             return str(answer)
-        made.append(answer)
+        predictions.append(answer)
     try:
-        blocks = h.data.make_blocks(made)
+        blocks = h.data.make_blocks(predictions)
     except FlashtempError as fault:
         return str(fault)
     lender = best if best is not None else h.parent
     if lender is not None:
         blocks = [b.with_columns_of(o, h.can_borrow) for b, o in zip(blocks, lender.blocks, strict=True)]
-    return Linearisation(model, tuple(tasks), tuple(made), LinearSystem(blocks))
+    return Linearisation(model, tuple(tasks), tuple(predictions), LinearSystem(blocks))
 
 
 def _find_hyperparameters(h: Hypothesis, at: Linearisation) -> Hyperparameters:
@@ -270,12 +280,12 @@ def _find_hyperparameters(h: Hypothesis, at: Linearisation) -> Hyperparameters:
 
 
 def _outer_priors(h: Hypothesis, system: LinearSystem, model: ModelPoint) -> Priors:
-    """Priors of the parameters of effects, as seen from a point."""
+    """Priors of the effect parameters, relative to a point."""
     return {p: (mean - model.effect_value(p), sd) for p, (mean, sd) in h.effect_priors.items() if p in system.index}
 
 
 def _full_objective(h: Hypothesis, at: Linearisation, hyper: Hyperparameters) -> float:
-    """Half of chi2 of data and priors at a point, all linear unknowns at their optimum."""
+    """Half of chi2 of data and priors at a point, with all linear unknowns at their optimum."""
     outer = h.stepped_parameters(at.system)
     priors = _all_priors(h, at.system, at.model, hyper)
     pulls = sum((priors[p][0] / priors[p][1]) ** 2 for p in outer)
@@ -287,14 +297,14 @@ def _all_priors(h: Hypothesis, system: LinearSystem, model: ModelPoint, hyper: H
 
 
 def _quadratic_model(h: Hypothesis, point: LinearisedPoint) -> tuple[QuadraticModel, np.ndarray]:
-    """The objective to second order in the parameters of the physics, and the scale of each of them."""
+    """The objective to second order in the stepped parameters (nuisances projected out), and their scales (n,)."""
     system, model = point.linearisation.system, point.linearisation.model
     outer, priors = h.stepped_parameters(system), _all_priors(h, system, model, point.hyper)
     nuisance = {p: v for p, v in priors.items() if p not in outer}
-    found = system.project_out(nuisance, list(outer), system.normal_equations(variances=point.hyper.variances))
+    projection = system.project_out(nuisance, list(outer), system.normal_equations(variances=point.hyper.variances))
     mean, sd = (np.array([priors[p][i] for p in outer]) for i in (0, 1))
-    S = found.information + np.diag(sd**-2.0)
-    g = found.score + mean * sd**-2.0
+    S = projection.information + np.diag(sd**-2.0)
+    g = projection.score + mean * sd**-2.0
     limits = [_step_limits(h, p, model) for p in outer]
     low, high = (np.array([limit[i] for limit in limits]) for i in (0, 1))
     scale = np.array([max(s, abs(_distance_from_off(h, p, model))) for p, s in zip(outer, sd.tolist(), strict=True)])
@@ -302,7 +312,7 @@ def _quadratic_model(h: Hypothesis, point: LinearisedPoint) -> tuple[QuadraticMo
 
 
 def _distance_from_off(h: Hypothesis, p: ParameterId, model: ModelPoint) -> float:
-    """How far a strength is from off: one of a wide range moves by factors."""
+    """Distance of a strength from its neutral value; a strength with a wide range may be stepped by that much."""
     if p.kind is not Kind.EFFECT:
         return 0.0
     off = h.problem.case.known_effects[p.effect].params()[p.name].off
@@ -310,7 +320,7 @@ def _distance_from_off(h: Hypothesis, p: ParameterId, model: ModelPoint) -> floa
 
 
 def _step_limits(h: Hypothesis, p: ParameterId, model: ModelPoint) -> tuple[float, float]:
-    """How far a parameter may step down and up within its bounds."""
+    """The largest steps down and up that keep a parameter within its bounds."""
     if p.kind is Kind.EFFECT:
         param, value = h.problem.case.known_effects[p.effect].params()[p.name], model.effect_value(p)
         low = param.low + (1e-3 * abs(param.value) if param.open_low else 0.0)
@@ -324,20 +334,23 @@ def _step_limits(h: Hypothesis, p: ParameterId, model: ModelPoint) -> tuple[floa
 
 
 def _take_step(h: Hypothesis, point: LinearisedPoint, steps: Mapping[ParameterId, float]) -> ModelPoint:
-    """The model after a step of the physics; images go where the linearised model wants them then."""
+    """The model after a step of the physics, with images moved as the linearised model predicts."""
     at = point.linearisation
     own = {p: v for p, v in _all_priors(h, at.system, at.model, point.hyper).items() if p not in steps}
     model = move_images(at.model, predict_image_steps(h.problem, at.system, own, steps, point.hyper))
     for p, step in steps.items():
         model = model.with_step(p, step)
-        if p.kind is Kind.EFFECT:  # rounding must not carry it across a bound
+        if p.kind is Kind.EFFECT:  # rounding must not move it across a bound
             low, high = _step_limits(h, p, model)
             model = model.with_step(p, float(np.clip(0.0, low, high)))
     return model
 
 
 def _as_fit(h: Hypothesis, point: LinearisedPoint, promise: float, count: int, history: list[float]) -> LinearisedFit:
-    """The fit at a point: the solution includes the last linear step, but of what lies on a bound."""
+    """The fit at a point: its solution includes the last linear step, except for parameters on a bound.
+
+    Parameters that the step would push out of their bounds are fixed one at a time, the worst first.
+    """
     system, model = point.linearisation.system, point.linearisation.model
     outer, bound = _outer_priors(h, system, model), frozenset[ParameterId]()
     while True:
@@ -348,13 +361,13 @@ def _as_fit(h: Hypothesis, point: LinearisedPoint, promise: float, count: int, h
             break
         bound |= {max(outside, key=lambda p: abs(found.solution[p]) / more[p][1])}
     return LinearisedFit(
-        model, point.linearisation.predictions, system, found.solution, found.priors, found.hyper, FitStatus.BUDGET, bound, promise,
-        count, tuple(history),
+        model, point.linearisation.predictions, system, found.solution, found.priors, found.hyper, FitStatus.BUDGET,
+        bound, promise, count, tuple(history),
     )  # fmt: skip
 
 
 def _is_pushed_out(h: Hypothesis, p: ParameterId, model: ModelPoint, step: float) -> bool:
-    """Whether a parameter on its bound would be pushed beyond."""
+    """Whether a step would push a parameter that is on its bound beyond it."""
     low, high = _step_limits(h, p, model)
     return (step < 0.0 and low > -1e-12 * (1.0 + abs(model.effect_value(p)))) or (
         step > 0.0 and high < 1e-12 * (1.0 + abs(model.effect_value(p)))
@@ -364,7 +377,7 @@ def _is_pushed_out(h: Hypothesis, p: ParameterId, model: ModelPoint, step: float
 # --- several at once ----------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class FitOutcome:
-    """How fits of several hypotheses ended: `fits` of those that could be simulated, and why others `failed`."""
+    """Results of several fits by key: `fits` of those that could be simulated, `failed` with the reason of others."""
 
     fits: dict[Any, LinearisedFit] = field(default_factory=dict)
     failed: dict[Any, str] = field(default_factory=dict)
@@ -373,7 +386,10 @@ class FitOutcome:
 def run_fits(
     problem: Problem, fittings: Mapping[Any, FitGenerator], watch: ProgressCallback = lambda text: None
 ) -> FitOutcome:
-    """All fits to their ends, their simulations shared among the workers; one that others outrun goes no further."""
+    """Run several fits until all end, with the simulations of each round in one batch for the workers.
+
+    A fit that cannot reach the best finished one is stopped with `FitStatus.OUTRUN`.
+    """
     live: dict[Any, tuple[FitGenerator, SimulationRequest]] = {}
     fits: dict[Any, LinearisedFit] = {}
     failed: dict[Any, str] = {}
@@ -397,10 +413,10 @@ def run_fits(
                 fitting.close()
                 fits[key] = replace(request.best, status=FitStatus.OUTRUN)
                 del live[key]
-        asked = list(live.items())
+        pending = list(live.items())
         live.clear()
-        answers = iter(problem.run([t for _, (_, request) in asked for t in request.tasks]))
-        for key, (fitting, request) in asked:
+        answers = iter(problem.run([t for _, (_, request) in pending for t in request.tasks]))
+        for key, (fitting, request) in pending:
             advance_fit(key, fitting, [next(answers) for _ in request.tasks])
         rounds += 1
         if live:
@@ -409,5 +425,5 @@ def run_fits(
 
 
 def _is_outrun(fit: LinearisedFit, best: float) -> bool:
-    """Whether a fit cannot reach another one, if it gains twice what its linearised model promises."""
+    """Whether a fit stays behind another one even if it gains PROMISE_FACTOR times its predicted gain."""
     return fit.ln_evidence + (PROMISE_FACTOR - 1.0) * fit.promise < best - OUTRUN_DEFICIT

@@ -1,7 +1,7 @@
-"""Linear-Gaussian arithmetic of hypotheses: everything follows from products of whitened columns.
+"""Linear-Gaussian estimation and evidence from normal equations of whitened data.
 
-Data r = C d + noise of unit variance, d normal about `mean` with standard deviation `sd`.  Per block of data
-only the products of C and r are kept, so that any choice of columns, priors and blocks is a small matrix.
+The data are r = C d + noise of unit variance, with d normal about `mean` with standard deviation `sd`.  The products of
+C and r are computed once for each block of data.  Any choice of columns, priors and blocks is then a small matrix.
 """
 
 from __future__ import annotations
@@ -22,16 +22,17 @@ from flashtemp.discovery.parameters import ParameterId, Priors
 Array = npt.NDArray[np.float64]
 Columns = npt.NDArray[np.floating[Any]]  # kept in single precision, multiplied in double
 Indices = npt.NDArray[np.int64]
-MAX_KEPT_BYTES = 1e8  # of what eliminated recordings take from products: some sizes of 40 recordings
-GRAM_CHUNK_ROWS = 8192  # of columns that are multiplied at a time: about what a core keeps near it
+MAX_KEPT_BYTES = 1e8  # of cached Schur complements of recordings: several prior widths of 40 recordings
+GRAM_CHUNK_ROWS = 8192  # rows that are multiplied at a time, so that they fit the cache of a core
 
 
 @dataclass(frozen=True)
 class DataBlock:
-    """Whitened data of one recording or trace: residual `r` (n,), columns `C` (n, k), several `names` per column.
+    """Whitened data of one recording or load-cell record: residual `r` (n,) and columns `C` (n, k).
 
-    `F` (n, f) are columns that many blocks share, with their products `FF`; they are numbered after those of C.
-    `condition` its number, `held_out` whether no fit may see it.
+    `names`: pairs of parameter and column number; several parameters may share a column.  `F` (n, f): columns that many
+    blocks share, with their products `FF` (f, f); they are numbered after those of C.
+    `condition`: its number.  `held_out`: whether it is excluded from every fit.
     """
 
     label: str
@@ -48,7 +49,7 @@ class DataBlock:
         return len(self.r)
 
     def with_columns_of(self, other: DataBlock, is_wanted: Callable[[ParameterId], bool]) -> DataBlock:
-        """With those wanted columns of another block of the same data that this one lacks."""
+        """The block with the wanted columns of another block of the same data that it lacks."""
         have, own, others = {n for n, _ in self.names}, self.C.shape[1], other.C.shape[1]
         lent = [(n, c) for n, c in other.names if c < others and n not in have and is_wanted(n)]
         columns = sorted({c for _, c in lent})
@@ -56,7 +57,7 @@ class DataBlock:
         shared = tuple((n, c if c < own else c + len(columns)) for n, c in self.names)
         names = (*shared, *((n, at[c]) for n, c in lent))
         out = replace(self, C=np.hstack([self.C, other.C[:, columns]]), names=names)
-        if self.F is other.F and "gram" in vars(other):  # most columns are lent: their products need no data again
+        if self.F is other.F and "gram" in vars(other):  # most columns are copies, so their products are known already
             vars(out)["gram"] = out._gram_with_lent(other.gram, own, [*columns, *range(others, len(other.gram))])
         return out
 
@@ -67,7 +68,7 @@ class DataBlock:
         return np.block([[square, cross.T], [cross, self.FF]])
 
     def _gram_with_lent(self, known: Array, own: int, columns: list[int]) -> Array:
-        """Products of the first `own` columns with all, and those of the others, which are `columns` of `known_columns`."""
+        """`gram` if only the first `own` columns are new; the others are the `columns` of the products `known`."""
         square, cross = gram_matrices([self.C[:, :own]], [self.C[:, own:], self.F])
         return np.block([[square, cross.T], [cross, known[np.ix_(columns, columns)]]])
 
@@ -81,8 +82,8 @@ class DataBlock:
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """`matrix` C'C (k, k), `right` C'r (k,), `square` r'r and the number `count` of data; `eliminated` is what
-    `EvidenceFunction` keeps of them."""
+    """`matrix` C'C (k, k), `right` C'r (k,), `square` r'r and the number `count` of data; `eliminated` is a cache of
+    `EvidenceFunction`."""
 
     matrix: Array
     right: Array
@@ -101,7 +102,8 @@ class BlockEquations:
 
 @dataclass(frozen=True)
 class Solution:
-    """Estimate `d` and `covariance` of the columns `names`; `ln_evidence` and `chi2` of data with priors."""
+    """Estimate `d` (k,) and `covariance` (k, k) of the parameters `names`; `ln_evidence` and `chi2` of data and priors;
+    `count` of data."""
 
     names: tuple[ParameterId, ...]
     d: Array
@@ -118,7 +120,7 @@ class Solution:
         return float(self.d[self._column_index[name]])
 
     def sd(self, name: ParameterId) -> float:
-        """Standard error of one column's strength."""
+        """Standard error of one parameter."""
         i = self._column_index[name]
         return float(np.sqrt(self.covariance[i, i]))
 
@@ -128,7 +130,8 @@ class Solution:
 
 @dataclass(frozen=True)
 class Projection:
-    """What nuisances cannot absorb of some columns: `score` u (w,), `information` I (w, w) and its `raw` diagonal."""
+    """Some columns after nuisances were projected out: `score` (w,), `information` (w, w), and the diagonal `raw` (w,) of
+    the information before."""
 
     score: Array
     information: Array
@@ -138,7 +141,7 @@ class Projection:
 def gram_matrices(own: Sequence[Columns], others: Sequence[Columns] = ()) -> tuple[Array, Array]:
     """A^T A and B^T A in double precision, A the columns (n, ...) of `own` side by side and B those of `others`.
 
-    By parts of the rows, each converted once: a copy of all of them would be much memory.
+    Rows are converted to double precision in parts, because a copy of all of them would need much memory.
     """
     square, cross, n = (
         np.zeros((_count_columns(own),) * 2),
@@ -167,7 +170,7 @@ def _stack_rows(columns: Sequence[Columns], part: slice) -> Array:
 
 
 class LinearSystem:
-    """Products of all columns of all blocks."""
+    """Blocks of data with a common numbering of their columns (`names`, `index`) and their normal equations."""
 
     def __init__(self, blocks: Iterable[DataBlock]):
         self.blocks = list(blocks)
@@ -176,7 +179,7 @@ class LinearSystem:
         self.parts = [self._block_equations(b) for b in self.blocks]
 
     def with_residuals(self, residuals: Mapping[str, Array]) -> LinearSystem:
-        """The same columns with other residuals, by label."""
+        """The system with other residuals, by label of the block."""
         out = copy(self)
         out.blocks = [b.with_residual(residuals[b.label]) for b in self.blocks]
         out.parts = [
@@ -186,7 +189,7 @@ class LinearSystem:
         return out
 
     def with_blocks(self, changed: Mapping[str, DataBlock]) -> LinearSystem:
-        """The same with other blocks by label; products of those that stay are kept."""
+        """The system with some blocks replaced, by label; products of the others are not computed again."""
         out = copy(self)
         out.blocks = [changed.get(b.label, b) for b in self.blocks]
         out.index = _number_columns(out.blocks)
@@ -198,7 +201,7 @@ class LinearSystem:
         return out
 
     def split_by_condition(self, own: Iterable[ParameterId]) -> LinearSystem:
-        """The same products with some columns of all conditions one for each of them, named with its number."""
+        """The system in which each parameter in `own` is replaced by one parameter for each condition."""
         out, mine = copy(self), set(own)
         out.blocks = [
             replace(b, names=tuple((replace(n, condition=b.condition) if n in mine else n, c) for n, c in b.names))
@@ -221,9 +224,9 @@ class LinearSystem:
     def normal_equations(
         self, keep: Callable[[DataBlock], bool] | None = None, variances: Mapping[str, float] | None = None
     ) -> NormalEquations:
-        """Those of the blocks for which keep(block) holds, of those fitted by default.
+        """Normal equations of the blocks for which keep(block) is true, by default of all that are not held out.
 
-        `variances` {label: times that the variance of its noise is larger than stated} of blocks.
+        `variances` {label: factor}: noise variance of a block relative to the stated one.
         """
         n = len(self.names)
         N, b, rr, count = np.zeros((n, n)), np.zeros(n), 0.0, 0
@@ -236,16 +239,16 @@ class LinearSystem:
         return NormalEquations(N, b, rr, count)
 
     def block_chi2(self, solution: Solution) -> list[float]:
-        """Sum of squares of what a solution leaves of every block's data."""
-        found, out = solution.as_dict(), []
-        d = np.array([found.get(n, 0.0) for n in self.names])
+        """Sum of squared residuals of every block with a solution."""
+        values, out = solution.as_dict(), []
+        d = np.array([values.get(n, 0.0) for n in self.names])
         for part in self.parts:
             own, equations = d[part.at], part.equations
             out.append(equations.square + float(own @ (equations.matrix @ own - 2.0 * equations.right)))
         return out
 
     def solve(self, priors: Priors, equations: NormalEquations | None = None) -> Solution:
-        """Estimate the columns named in `priors`; those that no block knows are left out."""
+        """Posterior mean and covariance of the parameters in `priors`, without those that have no column."""
         total = equations or self.normal_equations()
         names = self.known_columns(priors)
         right, matrix = self._select_columns(names, total)
@@ -256,16 +259,16 @@ class LinearSystem:
 
     @property
     def fitted_columns(self) -> frozenset[ParameterId]:
-        """Columns that any block knows which is fitted."""
+        """Parameters that have a column in a block that is not held out."""
         return frozenset(n for b in self.blocks if not b.held_out for n, _ in b.names)
 
     def fit_heldout_nuisances(self, solution: Solution, priors: Priors) -> Solution:
-        """With what only blocks know that are held out, of their own, such as where their images lie, estimated from
-        them; all that is shared or fitted stands as it was found."""
+        """A solution in which parameters of held-out recordings alone, such as their image placements, are estimated from
+        those recordings; shared and fitted parameters stay as they are."""
         if not any(b.held_out for b in self.blocks):
             return solution
-        seen = self.fitted_columns
-        own = np.flatnonzero([n not in seen and not n.is_shared for n in solution.names])
+        fitted = self.fitted_columns
+        own = np.flatnonzero([n not in fitted and not n.is_shared for n in solution.names])
         if not len(own):
             return solution
         total, at = self.normal_equations(lambda b: b.held_out), np.array([self.index[n] for n in solution.names])
@@ -274,7 +277,7 @@ class LinearSystem:
         mean, sd = _prior_moments(priors, tuple(solution.names[i] for i in own.tolist()))
         found = _solve_posterior(right, matrix[np.ix_(own, own)], total.square, mean, sd)
         inverse = sd[:, None] * cho_solve((found.lower, True), np.diag(sd), check_finite=False)
-        follow = -inverse @ matrix[np.ix_(own, others)]  # what is found when what is shared differs by one
+        follow = -inverse @ matrix[np.ix_(own, others)]  # change of the own parameters per unit of the shared ones
         d, covariance = solution.d.copy(), solution.covariance.copy()
         d[own] = found.sd * found.u
         covariance[np.ix_(own, others)] = follow @ covariance[np.ix_(others, others)]
@@ -283,7 +286,7 @@ class LinearSystem:
         return replace(solution, d=d, covariance=covariance)
 
     def evidence_function(self, priors: Priors, equations: NormalEquations | None = None) -> EvidenceFunction:
-        """The ln evidence as a function of the standard deviations of the columns that `priors` name."""
+        """The ln evidence as a function of the prior standard deviations of the parameters in `priors`."""
         total, names = equations or self.normal_equations(), self.known_columns(priors)
         at = np.array([self.index[n] for n in names], dtype=int)
         files = [n.file for n in names]
@@ -295,16 +298,16 @@ class LinearSystem:
         return EvidenceFunction(total, at, _prior_moments(priors, names)[0], shared, tuple(groups), everything)
 
     def known_columns(self, priors: Priors) -> tuple[ParameterId, ...]:
-        """Columns of those named that a block knows."""
+        """The parameters in `priors` that have a column."""
         return tuple(n for n in priors if n in self.index)
 
     def _select_columns(self, names: tuple[ParameterId, ...], total: NormalEquations) -> tuple[Array, Array]:
-        """Right-hand side and matrix of some columns."""
+        """Right-hand side (k,) and matrix (k, k) of some parameters."""
         at = [self.index[n] for n in names]
         return total.right[at], total.matrix[np.ix_(at, at)]
 
     def solve_bounded(self, priors: Priors, max_deviation: float, equations: NormalEquations | None = None) -> Solution:
-        """As `solve`, but no column may leave its prior mean by more than `max_deviation` standard deviations."""
+        """As `solve`, but no parameter may deviate from its prior mean by more than `max_deviation` standard deviations."""
         total = equations or self.normal_equations()
         free = self.solve(priors, total)
         at = [self.index[n] for n in free.names]
@@ -319,7 +322,7 @@ class LinearSystem:
     def project_out(
         self, nuisance: Priors, wanted: list[ParameterId], equations: NormalEquations | None = None
     ) -> Projection:
-        """What the nuisances cannot absorb of the columns `wanted`."""
+        """Information on the parameters `wanted` after marginalising over the nuisances (Schur complement)."""
         total = equations or self.normal_equations()
         N, b = total.matrix, total.right
         at = [self.index[n] for n in nuisance if n in self.index]
@@ -335,13 +338,13 @@ class LinearSystem:
 
 
 def _number_columns(blocks: Iterable[DataBlock]) -> dict[ParameterId, int]:
-    """All columns that blocks know, in the order in which they name them."""
+    """{parameter: number} of all parameters of the blocks, in order of first occurrence."""
     return {n: i for i, n in enumerate(dict.fromkeys(n for b in blocks for n, _ in b.names))}
 
 
 class Eliminated(NamedTuple):
-    """What the columns of one recording take from products of the columns that recordings share, right-hand side last
-    (s + 1, s + 1), and the ln determinant that they leave."""
+    """The Schur complement of the columns of one recording: what it subtracts from the products of the shared columns and
+    the right-hand side (s + 1, s + 1), and its ln determinant."""
 
     taken: Array
     ln_det: float
@@ -349,11 +352,13 @@ class Eliminated(NamedTuple):
 
 @dataclass(frozen=True)
 class EvidenceFunction:
-    """ln evidence of data for columns of many widths: those of one recording alone (`groups`, indices) are eliminated
-    recording by recording, so that only the `shared` ones are a dense matrix (block arrowhead, Schur complement).
+    """ln evidence as a function of the prior widths of all parameters, for many evaluations.
 
-    `at` (columns,) are their numbers in `normal_equations`, whose columns `everything` are shared.  A recording is eliminated from
-    all of them at once: hypotheses that differ in what is shared alone find it done.
+    The matrix is a block arrowhead: parameters of one recording alone (`groups`, indices) are eliminated recording by
+    recording (Schur complement), so that only the `shared` ones need a dense matrix.
+    `at` (k,): numbers of the parameters in the normal equations `total`; `everything`: all shared columns there.  A
+    recording is eliminated from all of them at once and the result is cached, so that hypotheses that differ only in
+    shared parameters use it again.
     """
 
     total: NormalEquations
@@ -364,7 +369,7 @@ class EvidenceFunction:
     everything: Indices
 
     def __call__(self, sd: Array) -> float:
-        """ln evidence with standard deviations `sd` (columns,); a column of none is left out."""
+        """ln evidence with standard deviations `sd` (k,); a parameter with sd 0 is left out."""
         s = self.shared[sd[self.shared] > 0.0]
         wide, at = np.append(sd[s], 1.0), self.at[s]
         left = np.zeros((len(s) + 1, len(s) + 1))
@@ -387,7 +392,7 @@ class EvidenceFunction:
         return -0.5 * (squares - float(rhs @ u) + ln_det + 2.0 * float(np.sum(np.log(np.diag(lower)))))
 
     def _eliminated(self, own: Indices, sd: Array) -> Eliminated:
-        """The columns `own` of one recording eliminated from all that are shared."""
+        """The Schur complement of the parameters `own` of one recording, from the cache if it is there."""
         at, wide, mean, kept = self.at[own], sd[own], self.mean[own], self.total.eliminated
         key = at.tobytes() + wide.tobytes() + mean.tobytes()
         if key not in kept:
@@ -404,7 +409,7 @@ class EvidenceFunction:
 
 
 class _PosteriorEstimate(NamedTuple):
-    """Estimate `u` in units of `sd`, with the Cholesky factor `lower` of its inverse covariance."""
+    """Estimate `u` (k,) in units of `sd`, with the Cholesky factor `lower` of its inverse covariance."""
 
     u: Array
     sd: Array
@@ -414,13 +419,13 @@ class _PosteriorEstimate(NamedTuple):
 
 
 def _prior_moments(priors: Priors, names: tuple[ParameterId, ...]) -> tuple[Array, Array]:
-    """Means and standard deviations of the columns."""
+    """Prior means and standard deviations (k,) of some parameters."""
     both = np.array([priors[n] for n in names]).reshape(-1, 2)
     return both[:, 0], both[:, 1]
 
 
 def _solve_posterior(right: Array, matrix: Array, square: float, mean: Array, sd: Array) -> _PosteriorEstimate:
-    """The estimate from normal equations of the columns and their priors."""
+    """The posterior estimate from normal equations and priors; unknowns are scaled by their prior widths."""
     A = sd[:, None] * matrix * sd[None]
     A[np.diag_indices_from(A)] += 1.0
     rhs = sd * right + mean / sd
@@ -432,23 +437,23 @@ def _solve_posterior(right: Array, matrix: Array, square: float, mean: Array, sd
 
 
 def _with_block_residual(equations: NormalEquations, block: DataBlock) -> NormalEquations:
-    """Normal equations with the residual that a block has now."""
+    """Normal equations with the present residual of a block."""
     square, cross = gram_matrices([block.r], [block.C, block.F])
     return replace(equations, right=cross[_column_of_names(block), 0], square=float(square[0, 0]))
 
 
 def _column_of_names(block: DataBlock) -> npt.NDArray[np.int64]:
-    """Which column every name of a block stands for."""
+    """The column number (names,) of every name of a block."""
     return np.array([c for _, c in block.names], dtype=int)
 
 
 def predicted_change(block: DataBlock, solution: Solution) -> Array:
-    """What a solution adds to a block's prediction (n,), in sigma."""
-    found = solution.as_dict()
+    """Change (n,) of a block's prediction by a solution, in standard deviations of its noise."""
+    values = solution.as_dict()
     k = block.C.shape[1]
     d = np.zeros(k + block.F.shape[1])
     for name, column in block.names:
-        d[column] += found.get(name, 0.0)
+        d[column] += values.get(name, 0.0)
     out = np.empty(block.count)
     for first in range(0, len(out), GRAM_CHUNK_ROWS):
         part = slice(first, first + GRAM_CHUNK_ROWS)
@@ -457,5 +462,5 @@ def predicted_change(block: DataBlock, solution: Solution) -> Array:
 
 
 def whitened_residual(block: DataBlock, solution: Solution) -> Array:
-    """What is left of a block's data (n,), in sigma."""
+    """Residual (n,) of a block with a solution, in standard deviations of its noise."""
     return block.r - predicted_change(block, solution)

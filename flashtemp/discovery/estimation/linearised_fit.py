@@ -1,4 +1,4 @@
-"""A model at the best point of its fit: the linearised system there, its solution, and how the fit ended."""
+"""The result of a fit: a model at its best point, the linearised system and its solution there, and how it ended."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from flashtemp.discovery.prediction.problem import Problem
 class FitStatus(StrEnum):
     """How a fit ended."""
 
-    CONVERGED = "converged"  # no step promises a gain that any decision could feel
-    STALLED = "stalled"  # steps that promise a gain do not give it: the numerics' own noise, or a kink
-    BUDGET = "budget"  # as many simulations as a fit may have
-    OUTRUN = "outrun"  # another hypothesis explains more than this one could reach
+    CONVERGED = "converged"  # no step predicts a gain that could change a decision
+    STALLED = "stalled"  # steps do not gain what is predicted: numerical noise, or a kink of the model
+    BUDGET = "budget"  # the maximum number of simulations was reached
+    OUTRUN = "outrun"  # another hypothesis explains more than this one can reach
     FAILED = "failed"  # nothing could be simulated
 
 
 @dataclass(frozen=True)
 class LinearisedFit:
-    """A model at its best point: `predictions` there, the linearised `system`, its `solution` with `priors` as seen
-    from the point, at hyperparameters `hyper`.
+    """A model at its best point: `predictions` there, the linearised `system`, its `solution` with `priors` relative
+    to the point, and hyperparameters `hyper`.
 
-    `bound` parameters that lie on a bound; `promise` ln evidence that a further step would gain by the linearised
-    model; `evaluations` simulations of the campaign that it took; `history` predicted gain at each accepted point.
+    `bound`: parameters that lie on a bound.  `promise`: ln evidence that another step would gain by the linearised
+    model.  `evaluations`: number of simulations of the campaign.  `history`: predicted gain at each point.
     """
 
     model: ModelPoint
@@ -58,19 +58,19 @@ class LinearisedFit:
 
     @property
     def is_comparable(self) -> bool:
-        """Whether it may be compared with others: it is at its best point as far as numerics can tell."""
+        """Whether its evidence may be compared with that of others: it is at its best point within numerical noise."""
         return self.status in (FitStatus.CONVERGED, FitStatus.STALLED)
 
     @cached_property
     def equations(self) -> NormalEquations:
-        """Normal equations of all that is fitted, with the noise that the fit found."""
+        """Normal equations of all fitted data, with the noise variances that the fit estimated."""
         return self.system.normal_equations(variances=self.hyper.variances)
 
     @cached_property
     def chi2(self) -> float:
-        """Sum of squares of what is left of all data that are fitted, in stated standard deviations."""
-        left = zip(self.blocks, self.system.block_chi2(self.solution), strict=True)
-        return float(sum(chi2 for b, chi2 in left if not b.held_out))
+        """Sum of squared residuals of all fitted data, in stated standard deviations."""
+        values = zip(self.blocks, self.system.block_chi2(self.solution), strict=True)
+        return float(sum(chi2 for b, chi2 in values if not b.held_out))
 
     @property
     def ln_evidence(self) -> float:
@@ -78,34 +78,36 @@ class LinearisedFit:
 
     @property
     def secured_evidence(self) -> float:
-        """ln evidence that is certain: of a fit that did not converge, without what its linearised model promises."""
+        """ln evidence without predictions: that of a fit that did not converge is reduced by its predicted gain."""
         return self.ln_evidence - (0.0 if self.is_converged else self.promise)
 
     @property
     def free_priors(self) -> Priors:
-        """Priors of all that may move, but for what lies on a bound."""
+        """Priors of all parameters that are not on a bound."""
         return {p: v for p, v in self.priors.items() if p not in self.bound}
 
     @property
     def effect_priors(self) -> Priors:
-        """Those of the parameters of effects."""
+        """Priors of the effect parameters."""
         return {p: v for p, v in self.priors.items() if p.effect in self.model.effects}
 
     @property
     def effect_parameters(self) -> list[ParameterId]:
-        """Parameters of effects that were estimated."""
+        """Effect parameters that were estimated."""
         return [p for p in self.solution.names if p.effect in self.model.effects]
 
     def solve_with(
         self, problem: Problem, more: Priors, equations: NormalEquations | None = None, noise: bool = False
     ) -> EvidenceMaximum:
-        """The same data and point with other priors than those of the nuisances; with `noise` its variances too are
-        found anew, else they stay as the fit has them."""
+        """Maximise the evidence at this point with priors `more` in addition to those of the nuisances.
+
+        With `noise`, the noise variances are estimated again, else they stay those of the fit.
+        """
         variances = None if noise else self.hyper.variances
         return maximise_evidence(problem, self.system, self.model, more, variances=variances, equations=equations)
 
     def evidence_at_max_discrepancy(self, problem: Problem, more: Priors) -> float:
-        """ln evidence with these priors where the model's own error may be as large as it ever is."""
+        """ln evidence with priors `more` where the model discrepancy is as large as it may be (LARGEST_DISCREPANCY)."""
         found = maximise_evidence(
             problem, self.system, self.model, more, variances=self.hyper.variances, discrepancies=(LARGEST_DISCREPANCY,)
         )

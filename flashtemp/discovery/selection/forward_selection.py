@@ -1,8 +1,9 @@
-"""Forward selection: calibrate the stated model, score every candidate, fit the best in full, extend while it pays.
+"""Forward selection of missing effects: score all candidates, fit the best in full, extend the model, repeat.
 
-Each candidate is scored by its sensitivities at the best point of the model so far; a short list, and a pair where no
-candidate alone will do, is fitted in full by `fit_hypothesis`; the one with the largest evidence is accepted where it
-pays for its parameters.  Then all that is left is scored again at the new best point.
+Each candidate is scored by its sensitivities at the best point of the model so far.  `fit_hypothesis` fits a short list
+of them in full, and a pair of candidates where the pair scores far better than each alone.  The extension with the
+largest evidence is accepted if its ln Bayes factor exceeds `ln_bayes_named` for each new effect.  The remaining
+candidates are then scored again at the new best point.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.estimation.fitting import Hypothesis, ProgressCallback, fit_hypothesis, run_fits
 from flashtemp.discovery.estimation.image_alignment import Linearisation
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
-from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
+from flashtemp.discovery.estimation.linearised_fit import FitStatus, LinearisedFit
 from flashtemp.discovery.estimation.per_condition import estimate_effect_by_condition
 from flashtemp.discovery.estimation.whitening import WhitenedData
 from flashtemp.discovery.hypotheses.candidates import CandidateEffect
@@ -35,10 +36,15 @@ EffectNames = frozenset[str]
 
 @dataclass(frozen=True)
 class EffectSearch:
-    """What was tried on a `problem`: the calibrated `base` and the `best` extended fit, both with sensitivities of all
-    candidates that may still matter; `fits` {effects: fit} of every full fit; `ranking` scores at the base and at
-    every extension; `unfitted` {effects: why} of those that could not be simulated, `vanished` effects whose strength
-    became none in a full fit.  `recording_errors` were corrected before anything was fitted."""
+    """A selection of effects on a `problem` with its whitened `data`, as far as it has got.
+
+    `base`: the calibrated stated model.  `best`: the best extended fit so far.  Both have sensitivities of all
+    candidates that may still matter.
+    `fits` {effects: fit}: every full fit.  `ranking`: scores at the base and at every accepted extension.
+    `unfitted` {effects: reason}: models that could not be simulated.  `vanished`: models in which the full fit brought
+    the strength of an effect to its neutral value.
+    `recording_errors`: errors of recordings that were corrected before the first fit.
+    """
 
     problem: Problem
     data: WhitenedData
@@ -56,10 +62,14 @@ def effect_names(fit: LinearisedFit) -> EffectNames:
 
 
 def refit_with_candidates(
-    problem: Problem, data: WhitenedData, fit: LinearisedFit, candidates: Sequence[CandidateEffect], watch: ProgressCallback,
+    problem: Problem,
+    data: WhitenedData,
+    fit: LinearisedFit,
+    candidates: Sequence[CandidateEffect],
+    watch: ProgressCallback,
     inputs: tuple[ParameterId, ...] = (),
-) -> LinearisedFit:  # fmt: skip
-    """A fit with exact derivatives at its point, those of candidates among them, and brought to its best point again.
+) -> LinearisedFit:
+    """Fit again from the best point of `fit`, with exact derivatives that include those of `candidates` and `inputs`.
 
     Raises SolverFailure.
     """
@@ -74,32 +84,32 @@ def refit_with_candidates(
 
 
 def finish_fit(h: Hypothesis, first: Linearisation, watch: ProgressCallback) -> LinearisedFit:
-    """One fit from a linearised point to its end.  Raises SolverFailure."""
-    found = run_fits(h.problem, {"": fit_hypothesis(h, first)}, watch)
-    if "" not in found.fits:
-        raise SolverFailure(found.failed[""])
-    return found.fits[""]
+    """Run one fit from a linearised point until it ends.  Raises SolverFailure."""
+    outcome = run_fits(h.problem, {"": fit_hypothesis(h, first)}, watch)
+    if "" not in outcome.fits:
+        raise SolverFailure(outcome.failed[""])
+    return outcome.fits[""]
 
 
 def select_effects(problem: Problem, data: WhitenedData, base: LinearisedFit, watch: ProgressCallback) -> EffectSearch:
-    """Extend a calibrated base as long as the evidence asks for it.  Raises SolverFailure."""
+    """Extend a calibrated base by one or more effects while the evidence requires it.  Raises SolverFailure."""
     search = EffectSearch(problem, data, base, base, {frozenset(): base})
     for _ in range(int(CRITERIA.max_causes)):
         ranked = score_candidates(problem, search.best, problem.candidates)
         search = _fit_shortlist(replace(search, ranking=(*search.ranking, ranked)), ranked, watch)
-        found = _best_extension(search)
-        if found is None:
+        extension = _best_extension(search)
+        if extension is None:
             return search
-        more = select_for_rescoring(problem, search.best, found, ranked)
-        watch(f"candidates beside {' and '.join(sorted(effect_names(found)))}")
-        best = refit_with_candidates(problem, data, found, more, watch)
+        candidates = select_for_rescoring(problem, search.best, extension, ranked)
+        watch(f"candidates in addition to {' and '.join(sorted(effect_names(extension)))}")
+        best = refit_with_candidates(problem, data, extension, candidates, watch)
         search = replace(search, best=best, fits=search.fits | {effect_names(best): best})
     last = score_candidates(problem, search.best, problem.candidates)
     return replace(search, ranking=(*search.ranking, last))
 
 
 def _fit_shortlist(search: EffectSearch, ranked: Sequence[CandidateScore], watch: ProgressCallback) -> EffectSearch:
-    """Full fits of the candidates with the best scores, and of the best pair where it explains far more than each."""
+    """Fit the candidates with the best scores in full, and the best pair if it scores far better than each alone."""
     groups: list[tuple[CandidateEffect, ...]] = [(s.candidate,) for s in shortlist_candidates(ranked)]
     if not effect_names(search.best):
         groups += [tuple(s.candidate for s in p.scores) for p in _promising_pairs(search, ranked)]
@@ -112,14 +122,14 @@ def _fit_shortlist(search: EffectSearch, ranked: Sequence[CandidateScore], watch
         names: fit_hypothesis(Hypothesis.from_parent(search.problem, search.data, search.best, g))
         for names, g in wanted.items()
     }
-    found = run_fits(search.problem, fittings, watch)
-    fits = {names: f for names, f in found.fits.items() if has_active_effects(search.problem, f)}
-    vanished = search.vanished | (found.fits.keys() - fits.keys())
-    return replace(search, fits=search.fits | fits, unfitted=search.unfitted | found.failed, vanished=vanished)
+    outcome = run_fits(search.problem, fittings, watch)
+    fits = {names: f for names, f in outcome.fits.items() if has_active_effects(search.problem, f)}
+    vanished = search.vanished | (outcome.fits.keys() - fits.keys())
+    return replace(search, fits=search.fits | fits, unfitted=search.unfitted | outcome.failed, vanished=vanished)
 
 
 def shortlist_candidates(ranked: Sequence[CandidateScore]) -> list[CandidateScore]:
-    """Candidates that are fitted in full."""
+    """The candidates that are fitted in full: those above a hint whose score is near the best one."""
     likely = [s for s in ranked if s.ln_bayes > CRITERIA.ln_bayes_hint]
     if not likely:
         return []
@@ -130,7 +140,7 @@ def shortlist_candidates(ranked: Sequence[CandidateScore]) -> list[CandidateScor
 
 
 def _promising_pairs(search: EffectSearch, ranked: Sequence[CandidateScore]) -> list[EffectPair]:
-    """The best pair, if its score exceeds that of its better member by what a further cause needs."""
+    """The best pair, if its score exceeds the best single score by the factor that another cause needs; else none."""
     if len(ranked) < 2:
         return []
     best = max((s.ln_bayes for s in ranked), default=0.0)
@@ -141,7 +151,7 @@ def _promising_pairs(search: EffectSearch, ranked: Sequence[CandidateScore]) -> 
 
 
 def _best_extension(search: EffectSearch) -> LinearisedFit | None:
-    """The extension with the largest evidence, if each of its effects pays for itself."""
+    """The extension with the largest evidence, if each new effect is worth `ln_bayes_named`; else None."""
     own = effect_names(search.best)
     extended = [
         f
@@ -158,20 +168,31 @@ def _best_extension(search: EffectSearch) -> LinearisedFit | None:
 
 
 def _is_consistent(search: EffectSearch, fit: LinearisedFit) -> bool:
-    """Whether a further cause is one: alike in all conditions, and more than a smooth error of the model may be.
+    """Whether another cause has the same amplitude in all conditions and explains more than a smooth model discrepancy.
 
-    If not, it mops up what another one left.
+    If not, it only absorbs misfit that the effects accepted before leave.
     """
     problem = search.problem
     new = effect_names(fit) - effect_names(search.best)
     estimates = [e for effect in new for e in estimate_effect_by_condition(problem, fit, effect)]
     before, after = (f.evidence_at_max_discrepancy(problem, f.effect_priors) for f in (search.best, fit))
-    alike = all(e.probability > CRITERIA.condition_scatter for e in estimates)
-    return alike and after - before > CRITERIA.ln_bayes_named
+    is_same_amplitude = all(e.probability > CRITERIA.condition_scatter for e in estimates)
+    return is_same_amplitude and after - before > CRITERIA.ln_bayes_named
+
+
+def find_unjudged_effects(search: EffectSearch, final: LinearisedFit) -> dict[frozenset[str], float]:
+    """Models whose fits did not converge and still explain more than the final one, with ln Bayes factors against it;
+    models that could not be simulated have the factor that a cause needs."""
+    out = {}
+    for names, fit in search.fits.items():
+        gain = fit.secured_evidence - final.secured_evidence
+        if not fit.is_comparable and fit.status is not FitStatus.OUTRUN and gain > CRITERIA.ln_bayes_distinct:
+            out[names] = gain
+    return out | {names: CRITERIA.ln_bayes_named for names in search.unfitted}
 
 
 def has_active_effects(problem: Problem, fit: LinearisedFit) -> bool:
-    """Whether every effect of a model still acts: none of them ended with a strength at off."""
+    """Whether every effect of a fit still acts: none ended with all its strengths at their neutral values."""
     for name, values in fit.model.effects.items():
         params = problem.case.known_effects[name].params()
         if all(values[k] == p.off for k, p in params.items() if k in values and p.off is not None):

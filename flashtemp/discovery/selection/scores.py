@@ -1,7 +1,8 @@
-"""Candidates scored by their sensitivities: Bayes factors of each and of all pairs, and what distinguishes them.
+"""Scores of candidate effects by their sensitivities, without a full fit: Bayes factors of single effects and of pairs.
 
-A score is the ln Bayes factor of the linearised model with the candidate's strengths as further unknowns, against the
-fit that it would extend, hyperparameters chosen anew; the noise of recordings stays as that fit has it.
+A score is the ln Bayes factor of the linearised model with the candidate's strengths as additional unknowns, against
+the fit that it would extend.  Hyperparameters are estimated again, but the noise of recordings stays that of the fit.
+`Separability` says how well the data distinguish the candidates from each other.
 """
 
 from __future__ import annotations
@@ -17,17 +18,23 @@ from flashtemp.discovery.hypotheses.candidates import CandidateEffect
 from flashtemp.discovery.parameters import ParameterId, Priors
 from flashtemp.discovery.prediction.problem import Problem
 
-MIN_EFFECT_Z = 1e-3  # z of a signature of typical strength below which an effect does nothing here
-MIN_PARTNER_Z = 1.0  # z of a typical strength below which an effect is no partner of another
-MIN_RESCORED_LN_BAYES = 0.0  # ln Bayes factor by a trace from elsewhere, below which none is taken anew
-BOUND_ROUNDING = 1e-12  # beyond a bound that is rounding
+MIN_EFFECT_Z = (
+    1e-3  # signal-to-noise ratio at typical strength, below which an effect does not act under the conditions
+)
+MIN_PARTNER_Z = 1.0  # the same, below which an effect is not tried in a pair
+MIN_RESCORED_LN_BAYES = 0.0  # ln Bayes factor with sensitivities of another point, below which none are computed anew
+BOUND_ROUNDING = 1e-12  # a value may exceed its bound by as much, from rounding
 
 
 @dataclass(frozen=True)
 class CandidateScore:
-    """A candidate in its best `variant`: `ln_bayes` against the model without it, `amplitude` of its strengths
-    (change from off) with `sd`; `z` and `typical_z` (z of its typical strength) after projection, `raw_share` of
-    its signal that nuisances cannot absorb; `free` steps of the free keys with it; `reason` why it cannot be, if so."""
+    """The score of a candidate in its best shape `variant`.
+
+    `ln_bayes`: against the model without it.  `amplitude`: estimated change of its strengths from their neutral values,
+    with standard errors `sd`.  `z`: signal-to-noise ratio of that amplitude after the nuisances were projected out;
+    `typical_z`: the same at its typical strength.  `raw_share`: fraction of its signal that nuisances cannot absorb.
+    `free`: steps of the free keys that go with it.  `reason`: why the estimate is impossible; empty if it is possible.
+    """
 
     candidate: CandidateEffect
     variant: int
@@ -42,7 +49,7 @@ class CandidateScore:
 
     @classmethod
     def untestable(cls, candidate: CandidateEffect, variant: int, typical_z: float, reason: str) -> CandidateScore:
-        """Of a candidate that cannot be told from nothing."""
+        """The score of a candidate that no datum could show."""
         zero = (0.0,) * len(candidate.strengths)
         return cls(candidate, variant, 0.0, zero, zero, 0.0, typical_z, 0.0, {}, reason)
 
@@ -51,24 +58,24 @@ class CandidateScore:
         return self.candidate.effect
 
     def has_columns(self, fit: LinearisedFit) -> bool:
-        """Whether a fit has its traces."""
+        """Whether a fit has its sensitivities."""
         return all(p in fit.system.index for p in self.typical_strengths)
 
     @property
     def typical_strengths(self) -> dict[ParameterId, float]:
-        """Columns in the best variant, with their typical strengths."""
+        """Its columns in the best variant, with typical strengths."""
         return _typical_strengths(self.candidate, self.variant)
 
     @property
     def start_values(self) -> dict[str, float]:
-        """Values of all parameters from which a full fit may start."""
+        """Values of all its parameters from which a full fit may start."""
         off = self.candidate.neutral_values(self.variant)
         return off | {k: off[k] + a for k, a in zip(self.candidate.strengths, self.amplitude, strict=True)}
 
 
 @dataclass(frozen=True)
 class ScoringContext:
-    """What candidates are scored against: a fit whose predictions hold their traces, and its own evidence."""
+    """The fit against which candidates are scored, with its own evidence; it must have their sensitivities."""
 
     problem: Problem
     fit: LinearisedFit
@@ -83,29 +90,29 @@ class ScoringContext:
 
 
 def _free_effect_priors(fit: LinearisedFit) -> Priors:
-    """Priors of the parameters of effects that the model holds, but for those on a bound."""
+    """Priors of the effect parameters of a fit, without those on a bound."""
     return {p: v for p, v in fit.effect_priors.items() if p not in fit.bound}
 
 
 def score_candidates(
     problem: Problem, fit: LinearisedFit, tried: Sequence[CandidateEffect]
 ) -> tuple[CandidateScore, ...]:
-    """All candidates at a fit whose predictions hold their traces, best first."""
+    """Score all candidates that a fit does not contain yet, best first; the fit must have their sensitivities."""
     base = ScoringContext.from_fit(problem, fit)
     out = []
     for c in tried:
         if c.effect not in fit.model.effects:
-            found = [_score_variant(base, c, v) for v in range(len(c.shape_variants))]
-            out.append(max(found, key=lambda s: s.ln_bayes))
+            variants = [_score_variant(base, c, v) for v in range(len(c.shape_variants))]
+            out.append(max(variants, key=lambda s: s.ln_bayes))
     return tuple(sorted(out, key=lambda s: -s.ln_bayes))
 
 
 def select_for_rescoring(
     problem: Problem, before: LinearisedFit, found: LinearisedFit, ranked: Sequence[CandidateScore]
 ) -> tuple[CandidateEffect, ...]:
-    """Candidates that may explain any of what an extended fit leaves, by their sensitivities at the fit `before` it.
+    """Candidates that may explain residuals of an extended fit `found`, by their sensitivities at the fit `before` it.
 
-    Those that do nothing there are kept too: the effects that were found may awaken them.
+    Candidates without influence there are kept too, because the added effects may give them an influence.
     """
     system = before.system.with_residuals({b.label: b.r for b in found.blocks})
     at = replace(before, model=found.model, system=system, hyper=found.hyper)
@@ -114,10 +121,8 @@ def select_for_rescoring(
         more = {p: (0.0, abs(a)) for p, a in sensitivities.items() if p in system.index}
         return at.solve_with(problem, more, at.equations).solution.ln_evidence
 
-    tried, silent = (
-        [s.candidate for s in ranked],
-        {s.effect for s in ranked if s.has_columns(before) and s.typical_z < MIN_PARTNER_Z},
-    )
+    tried = [s.candidate for s in ranked]
+    without_influence = {s.effect for s in ranked if s.has_columns(before) and s.typical_z < MIN_PARTNER_Z}
     own = {p: a for c in tried if c.effect in found.model.effects for p, a in _typical_strengths(c, 0).items()}
     alone = solve_evidence(own)
     others = [c for c in tried if c.effect not in found.model.effects]
@@ -125,24 +130,24 @@ def select_for_rescoring(
         c.effect: max(solve_evidence(own | _typical_strengths(c, v)) for v in range(len(c.shape_variants))) - alone
         for c in others
     }
-    return tuple(c for c in others if gains[c.effect] > MIN_RESCORED_LN_BAYES or c.effect in silent)
+    return tuple(c for c in others if gains[c.effect] > MIN_RESCORED_LN_BAYES or c.effect in without_influence)
 
 
 def _typical_strengths(c: CandidateEffect, variant: int) -> dict[ParameterId, float]:
-    """Columns of a candidate, with its typical strengths."""
+    """The columns of a candidate, with its typical strengths."""
     return dict(zip(c.strength_columns(variant), c.strengths.values(), strict=True))
 
 
 def _score_variant(base: ScoringContext, c: CandidateEffect, variant: int) -> CandidateScore:
     names, fit = c.strength_columns(variant), base.fit
     if any(n not in fit.system.index for n in names):
-        return CandidateScore.untestable(c, variant, 0.0, "nothing that was measured could show it")
-    found = fit.system.project_out(fit.free_priors, names, base.equations)
-    info, u = found.information, found.score
+        return CandidateScore.untestable(c, variant, 0.0, "none of the measured quantities depends on it")
+    projection = fit.system.project_out(fit.free_priors, names, base.equations)
+    info, u = projection.information, projection.score
     sd = np.array([abs(a) for a in c.strengths.values()])
-    seen = float(np.sqrt(max(np.max(sd**2 * np.diag(info)), 0.0)))
-    if seen < MIN_EFFECT_Z or not np.all(np.isfinite(info)):
-        return CandidateScore.untestable(c, variant, seen, "does nothing under these conditions")
+    typical_z = float(np.sqrt(max(np.max(sd**2 * np.diag(info)), 0.0)))
+    if typical_z < MIN_EFFECT_Z or not np.all(np.isfinite(info)):
+        return CandidateScore.untestable(c, variant, typical_z, "has no effect under these conditions")
     priors = {n: (0.0, abs(a)) for n, a in zip(names, c.strengths.values(), strict=True)}
     solution = fit.solve_with(base.problem, _free_effect_priors(fit) | priors, base.equations).solution
     amplitude, errors = tuple(solution[n] for n in names), tuple(solution.sd(n) for n in names)
@@ -153,13 +158,14 @@ def _score_variant(base: ScoringContext, c: CandidateEffect, variant: int) -> Ca
     reason = _impossibility_reason(c, variant, amplitude)
     return CandidateScore(
         candidate=c, variant=variant, ln_bayes=float(min(gain, 0.0) if reason else gain), amplitude=amplitude,
-        sd=errors, z=z, typical_z=seen, raw_share=float(np.max(np.diag(info) / np.maximum(found.raw, 1e-300))),
+        sd=errors, z=z, typical_z=typical_z,
+        raw_share=float(np.max(np.diag(info) / np.maximum(projection.raw, 1e-300))),
         free={p.name: solution[p] for p in base.problem.free_keys if p in solution.names}, reason=reason,
     )  # fmt: skip
 
 
 def _impossibility_reason(c: CandidateEffect, variant: int, amplitude: tuple[float, ...]) -> str:
-    """Why no strength of a candidate can have its amplitude; empty where one can."""
+    """Why the estimated strengths of a candidate are all out of bounds; empty if at least one is possible."""
     off = c.neutral_values(variant)
     wrong = [
         k
@@ -169,7 +175,7 @@ def _impossibility_reason(c: CandidateEffect, variant: int, amplitude: tuple[flo
     if len(wrong) < len(amplitude):
         return ""
     sign = "below" if off[wrong[0]] + amplitude[0] < c.params[wrong[0]].low else "above"
-    return f"would need {wrong[0]} {sign} what is possible"
+    return f"would need {wrong[0]} {sign} its bound"
 
 
 @dataclass(frozen=True)
@@ -181,7 +187,7 @@ class Separability:
     z: Array
 
     def distinctness(self, name: str) -> float:
-        """Share of a signature that no single rival can imitate: sqrt(1 - max rho^2)."""
+        """Fraction of a signature that no other single candidate can imitate: sqrt(1 - max rho^2)."""
         if name not in self.names:
             return 0.0
         i = self.names.index(name)
@@ -189,7 +195,7 @@ class Separability:
         return float(np.sqrt(max(0.0, 1.0 - np.max(others**2)))) if len(others) else 1.0
 
     def nearest_rival(self, name: str) -> tuple[str, float]:
-        """The rival with the most similar signature, and its correlation; none where nothing is like it."""
+        """The candidate with the most similar signature, and its correlation; ("none", 0.0) if none correlates."""
         i = self.names.index(name)
         others = np.where(np.arange(len(self.names)) == i, 0.0, self.rho[i])
         j = int(np.argmax(np.abs(others)))
@@ -197,7 +203,7 @@ class Separability:
 
 
 def compute_separability(fit: LinearisedFit, tried: Sequence[CandidateEffect]) -> Separability:
-    """Correlations of what the nuisances leave of the candidates' signatures, one column each."""
+    """Correlations of the candidates' signatures after the nuisances were projected out, one column for each."""
     sizes: dict[ParameterId, float] = {}
     for c in tried:
         k, a = c.leading_strength
@@ -215,8 +221,8 @@ def compute_separability(fit: LinearisedFit, tried: Sequence[CandidateEffect]) -
 
 @dataclass(frozen=True)
 class EffectPair:
-    """Two candidates together, `ln_bayes` of their traces against the model without both, and how much `more` that is
-    than of either alone."""
+    """Two candidates together: `ln_bayes` of both against the model without them, and how much `more` that is than the
+    ln Bayes factor of the better one alone."""
 
     ln_bayes: float
     scores: tuple[CandidateScore, CandidateScore]
@@ -226,7 +232,7 @@ class EffectPair:
 def score_pairs(
     problem: Problem, fit: LinearisedFit, ranked: Sequence[CandidateScore], max_effects: int = 12
 ) -> list[EffectPair]:
-    """Two effects together, for the candidates with the largest z; best first."""
+    """Score all pairs of the `max_effects` candidates with the largest z, best first."""
     base = ScoringContext.from_fit(problem, fit)
     best = sorted((s for s in ranked if s.typical_z > MIN_PARTNER_Z), key=lambda s: -s.z)[:max_effects]
 

@@ -3,7 +3,7 @@
 >>> from types import SimpleNamespace as N
 >>> p = N(coefficient=float("inf"), face=lambda t: 20.0 + t, back=None)
 >>> face, *_ = DrivenFaces().heat(None, p)
->>> face.law(N(touching=False), p), face.far_temperature(N(t=5.0), p)
+>>> face.law(N(touching=False), p), face.far(N(t=5.0), p)
 (inf, 298.15)
 """
 

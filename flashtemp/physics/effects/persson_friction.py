@@ -95,7 +95,7 @@ class PerssonFriction(Effect):
         yield Factor("friction.mu", friction_factor)
         if p.spots == "theory":
             warm = friction_table.node_temperatures(scene.ambient)
-            covering = p.theory.covering(2 * np.pi / scene.spot_diameter, warm, scene.load)
+            covering = p.theory.contact_fraction_law(2 * np.pi / scene.spot_diameter, warm, scene.load)
             yield Factor("contact.spot_fraction", spot_fraction_factor)
         for share, depth in depths:
             yield Deposit(p.weight * share, depth)
@@ -110,7 +110,7 @@ class PerssonFriction(Effect):
         """Friction from beyond what was measured or tabulated, and keys that have no say."""
         said = theory_inputs.describe_extrapolation(p.theory, scene.speeds, scene.ambient, scene.load) + p.assumed
         if p.weight > 0 and run is not None:
-            said += _tabulate_scene(scene, p).describe_excursions(run, p.theory.rubber.shift.reach)
+            said += _tabulate_scene(scene, p).describe_excursions(run, p.theory.rubber.shift.valid_range)
         return said
 
     def leave(self, scene, p, folder):

@@ -11,9 +11,9 @@ and a road that warms under the spot makes it later.  Speed, diameter, diffusivi
 act through mu_hot/mu_cold; beside it the Peclet number v D/D_R has an exponent of -0.002 (friction.md, eq. (20b)).
 
 >>> import numpy as np
->>> cold, hot = (Branch(np.array([0.1, 10.0]), np.array(mu), np.zeros(2), np.zeros(2)) for mu in ([1, 2], [0.5, 0.5]))
+>>> cold, hot = (FrictionBranch(np.array([0.1, 10.0]), np.array(mu), np.zeros(2), np.zeros(2)) for mu in ([1, 2], [0.5, 0.5]))
 >>> law = ColdHotLaw(cold, hot, 2e-3)
->>> print(f"{derive_law(1.0, 0.0):.3f} {derive_law(1.0, 2e-3):.3f} {derive_law(1.0, 1.0):.3f}")
+>>> print(f"{law(1.0, 0.0):.3f} {law(1.0, 2e-3):.3f} {law(1.0, 1.0):.3f}")
 1.500 0.868 0.500
 >>> print(memory_ratio(np.array([1.0, 0.5]), 0.5).round(4), memory_ratio(1.0, 0.5, 0.674).round(4))
 [0.0994 0.192 ] 0.275

@@ -1,7 +1,7 @@
 """The highest point of a sampled curve, between its nodes, and whether it lies at one of its ends.
 
 >>> find_peak([1.0, 2.0, 4.0], [1.0, 3.0, 1.0])
-Peak(at=2.0, value=3.0, first=False, last=False)
+CurvePeak(at=2.0, value=3.0, first=False, last=False)
 >>> find_peak([1.0, 2.0, 4.0], [1.0, 2.0, 3.0]).last
 True
 """

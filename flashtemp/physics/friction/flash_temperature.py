@@ -2,9 +2,9 @@
 
 >>> from flashtemp.physics.friction import persson, rheology, roughness_spectrum
 >>> from flashtemp.physics.material import LIBRARY
->>> theory = persson.Theory(rheology.READY["A"], roughness_spectrum.READY["asphalt A"])
+>>> theory = persson.PerssonTheory(rheology.READY_RUBBERS["A"], roughness_spectrum.READY_ROADS["asphalt A"])
 >>> cold, hot = compute_branches(theory, LIBRARY["tread_rubber"], ContactSpots(3e-3), [0.1], 293.15, 1.5e5)
->>> print(f"{cold.viscous[0]:.3f} {solve_hot_branch.viscous[0]:.3f}")
+>>> print(f"{cold.viscous[0]:.3f} {hot.viscous[0]:.3f}")
 0.428 0.324
 """
 

@@ -2,8 +2,8 @@
 
 >>> from flashtemp.physics.friction import flash_temperature, persson, rheology, roughness_spectrum
 >>> from flashtemp.physics.material import LIBRARY
->>> theory = persson.Theory(rheology.READY["A"], roughness_spectrum.READY["asphalt A"])
->>> spots = flash_temperature.Spots(3e-3)
+>>> theory = persson.PerssonTheory(rheology.READY_RUBBERS["A"], roughness_spectrum.READY_ROADS["asphalt A"])
+>>> spots = flash_temperature.ContactSpots(3e-3)
 >>> found = compute_curves(theory, LIBRARY["tread_rubber"], spots, np.geomspace(1e-3, 1e1, 17), 293.15, 1.5e5)
 >>> print(" ".join(f"{1e6 * d:.2g}" for d in found.depths.depths_at_speed(0.1)), "um")
 76 1.7 0.29 um

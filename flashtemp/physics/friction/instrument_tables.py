@@ -282,7 +282,7 @@ def _add_units(named: Value, parts: Value, below: list[str], quantities: Value, 
         if stated and stated not in known[name].units:
             units = ", ".join(u for u in known[name].units if u)
             raise BadInput(f"{prefix} column {raw.strip()!r}: unit {stated!r} is not known; give one of {units}")
-        columns[name] = FoundColumn(i, raw.strip(), stated or known[name].assumed(raw), bool(stated))
+        columns[name] = FoundColumn(i, raw.strip(), stated or known[name].assumed_unit(raw), bool(stated))
     return columns
 
 

@@ -1,7 +1,7 @@
 """Persson's contact and friction theory: G(q), the area in contact P(q), mu and where its heat is released.
 
 >>> from flashtemp.physics.friction import rheology, roughness_spectrum
->>> theory = PerssonTheory(rheology.READY["A"], roughness_spectrum.READY["asphalt A"])
+>>> theory = PerssonTheory(rheology.READY_RUBBERS["A"], roughness_spectrum.READY_ROADS["asphalt A"])
 >>> found = theory(0.1, 293.15, 1.5e5)
 >>> print(f"{found.G_at_q1:.2f} {found.area:.6e} {found.viscous:.6f}")
 27503.09 3.401990e-03 0.428219

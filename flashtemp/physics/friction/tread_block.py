@@ -7,10 +7,10 @@ Per unit area, from the moment the rubber touches the road (u = vs = r = 0):
 `u` m is the shear of the tread, `vs` m/s its sliding speed, `v_y` = slip v_R what shears it (theory, brush equations).
 
 >>> import numpy as np
->>> from flashtemp.physics.friction.cold_hot_law import Branch, Law
->>> even = Branch(np.array([1e-5, 10.0]), np.array([0.5, 0.5]), np.zeros(2), np.zeros(2))
+>>> from flashtemp.physics.friction.cold_hot_law import ColdHotLaw, FrictionBranch
+>>> even = FrictionBranch(np.array([1e-5, 10.0]), np.array([0.5, 0.5]), np.zeros(2), np.zeros(2))
 >>> block = TreadBlock(speed=27.0, footprint=0.1, stiffness=1.5e8, mass=0.1, pressure=3e5)
->>> path = pass_footprint(block, Law(even, even, 2e-3), [0.05])
+>>> path = pass_footprint(block, ColdHotLaw(even, even, 2e-3), [0.05])
 >>> round(1e3 * float(path.slid[-1, 0] + path.shear[-1, 0]), 6)  # mm, slip times footprint
 5.0
 """

@@ -6,10 +6,12 @@ pulls every bristle sideways with v_R tan(a).  Rigid bristles slide over l tan(a
     <mu> = mu_hot + (mu_cold - mu_hot) (r0/ls)(1 - exp(-ls/r0)),    ls = l(y) tan(a), weighted by l(y)
 
 >>> import numpy as np
->>> from flashtemp.physics.friction.cold_hot_law import Branch, Law
->>> cold, hot = (Branch(np.array([1e-3, 99.0]), np.array(2 * [mu]), np.zeros(2), np.zeros(2)) for mu in (1.0, 0.5))
+>>> from flashtemp.physics.friction.cold_hot_law import ColdHotLaw, FrictionBranch
+>>> v, zero = np.array([1e-3, 99.0]), np.zeros(2)
+>>> cold, hot = (FrictionBranch(v, np.full(2, mu), zero, zero) for mu in (1.0, 0.5))
 >>> tyre = Tyre(speed=27.0, width=0.14, pressure=3e5)
->>> print(f"{1e3 * tyre.footprint_length(3000.0):.1f} mm", rigid_side_force(tyre, Law(cold, hot, 2e-3), [3000.0], [2.0]).round(4))
+>>> force = rigid_side_force(tyre, ColdHotLaw(cold, hot, 2e-3), [3000.0], [2.0])
+>>> print(f"{1e3 * tyre.footprint_length(3000.0):.1f} mm", force.round(4))
 90.9 mm [[0.7772]]
 """
 

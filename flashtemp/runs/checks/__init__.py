@@ -1,1 +1,1 @@
-"""What is checked before and after a run: effects, inert inputs, stability, the error of the mesh."""
+"""Checks before and after a run: effects, inactive effects, stick-slip stability, error of the mesh."""

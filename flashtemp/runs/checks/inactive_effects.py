@@ -1,4 +1,4 @@
-"""Effects of a case that change nothing in it: found by asking the heat balance with and without each."""
+"""Find effects that change nothing in a case, by evaluating the heat balance with and without each."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from flashtemp.solver.heat_balance import MEAN_PRESSURE_EFFECT_K, HeatBalance
 from flashtemp.solver.march import find_failing_law
 from flashtemp.solver.system import PhaseSystem, RoadInflow
 
-MAX_STATE_RISE_K = 120.0  # K that a state is above the air at most
-SAMPLED_PHASES = 6  # stretches of the schedule that are asked, the first and the last among them
-LARGE_MESH_CELLS = 50_000  # cells: a mesh beyond is asked at a coarser one
+MAX_STATE_RISE_K = 120.0  # K above ambient, highest temperature of the random states
+SAMPLED_PHASES = 6  # phases of the schedule at which the balance is evaluated, including the first and the last
+LARGE_MESH_CELLS = 50_000  # cells above which a coarser mesh is used
 STATE_SEED = 1
 
 
 def describe_inactive_effects(case: Case) -> list[str]:
-    """A sentence for every listed effect that cannot act in this case; none where all do."""
+    """One sentence for every listed effect that cannot act in this case."""
     if not case.effects:
         return []
     scene = _coarse_scene(case)
@@ -38,33 +38,35 @@ def _reason_inactive(scene: Scene, acting: ActiveEffect) -> str | None:
     try:
         if not _has_same_rates(replace(scene, acting=tuple(a for a in scene.acting if a is not acting)), scene):
             return None
-    except FlashtempError:  # a state that cannot be says nothing
+    except FlashtempError:  # the random state is impossible, so it decides nothing
         return None
     except Exception as fault:
-        if (said := find_failing_law(scene, fault)) is not None:
-            raise BadInput(said) from fault
+        if (message := find_failing_law(scene, fault)) is not None:
+            raise BadInput(message) from fault
         raise
     params = acting.effect.params()
     off = [f"{k} = {p.off:g}" for k, p in params.items() if p.off is not None and getattr(acting.p, k) == p.off]
     if off:
         return f"changes nothing: {', '.join(off)} switches it off"
     needs = type(acting.effect).needs
-    return f"changes nothing in this case{f': it needs {needs}' if needs else ''}; leave it out or see what it acts on"
+    return (
+        f"changes nothing in this case{f': it needs {needs}' if needs else ''}; leave it out or check what it acts on"
+    )
 
 
 def _coarse_scene(case: Case) -> Scene:
-    """The scene of a case, or where that is large one of a coarser mesh with the same dimensions."""
+    """The scene of a case; for a large mesh, one with a coarser mesh of the same number of dimensions."""
     if case.scene.mesh.n_cells <= LARGE_MESH_CELLS:
         return case.scene
     across = min(8, case["numerics.across"])
     try:
         return case.with_values({"numerics.mesh": "coarse", "numerics.across": across}).scene
-    except FlashtempError:  # nothing coarser can be
+    except FlashtempError:  # a coarser mesh is not possible
         return case.scene
 
 
 def _has_same_rates(base: Scene, extended: Scene) -> bool:
-    """Whether the heat balances of two scenes of one mesh agree to the last bit wherever they are asked."""
+    """Whether the heat balances of two scenes with one mesh agree bit by bit at all sampled states and times."""
     one, other = HeatBalance(base), HeatBalance(extended)
     if not np.array_equal(one.initial_state(), other.initial_state()):
         return False
@@ -84,34 +86,36 @@ def _has_same_rates(base: Scene, extended: Scene) -> bool:
 
 
 def _sample_times(scene: Scene) -> Iterator[tuple[Any, float]]:
-    """(phase, time) of some stretches: soon after their beginning, in the middle, at their end."""
+    """(phase, time) of some phases: soon after the beginning, in the middle, at the end."""
     phases = scene.schedule.phases
-    picked = sorted({round(k) for k in np.linspace(0, len(phases) - 1, min(SAMPLED_PHASES, len(phases)))})
+    chosen = sorted({round(k) for k in np.linspace(0, len(phases) - 1, min(SAMPLED_PHASES, len(phases)))})
     waits = [k for k, p in enumerate(phases) if not p.sliding][:1]
-    for k in sorted({*picked, *waits}):
+    for k in sorted({*chosen, *waits}):
         p = phases[k]
         yield from ((p, p.begin + f * (p.end - p.begin)) for f in (0.01, 0.5, 1.0))
 
 
 def _random_state(balance: HeatBalance, rng) -> np.ndarray:
-    """A state as a hot run may have it: no two cells alike, worn unevenly."""
+    """A random state of a hot run: all cells different, wear uneven."""
     y = np.zeros(balance.size)
     y[: balance.n] = balance.enthalpy_rise(MAX_STATE_RISE_K * rng.uniform(0.0, 1.0, balance.n))
-    if balance.abrades:  # a tenth of the mean pressure, in the state's own unit
+    if balance.abrades:  # up to a tenth of the mean pressure, in the unit of the state (K)
         y[balance.worn] = rng.uniform(0.0, 0.1 * MEAN_PRESSURE_EFFECT_K, len(balance.cell_block))
     return y
 
 
 def _copy_state(y: np.ndarray, one: HeatBalance, other: HeatBalance) -> np.ndarray:
-    """The same cells and worn depth as a state of another balance, whose ledger may be longer."""
+    """The same temperatures and wear depths as a state of another balance, whose energy ledger may be longer."""
     out = np.zeros(other.size)
     out[: one.worn.stop] = y[: one.worn.stop]
     return out
 
 
 def _warm_inflow(scene: Scene, phase: Any):
-    """Road that returns a kelvin warmer: once it has been round the track, or, where the block slides to and fro, in
-    every repetition but the first.  None where none is remembered."""
+    """An inflow of road 1 K above ambient wherever the block meets its own road again; None without road memory.
+
+    That is after one lap of the track, or in every repetition but the first where the block slides back and forth.
+    """
     mesh, schedule = scene.mesh, scene.schedule
     if not has_road_memory(scene):
         return None

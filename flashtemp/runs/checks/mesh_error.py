@@ -1,6 +1,6 @@
-"""What a coarse mesh leaves wrong: a warning below the coarsest mesh that the verification covers.
+"""Warn of a mesh that is coarser than the coarsest verified one, with an estimate of its error.
 
-`benchmarks/mesh_error.py` measures the errors of FACE_ERROR_PERCENT and keeps them in `benchmarks/results/mesh_error.json`.
+`benchmarks/mesh_error.py` measures FACE_ERROR_PERCENT and writes it to `benchmarks/results/mesh_error.json`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from flashtemp.model.schema import MESH_LEVEL_FACTORS, refinement_factor
 
 COARSEST_VERIFIED_FACTOR = MESH_LEVEL_FACTORS["coarse"]  # factor on the number of cells per direction
 # factor on the number of cells: largest error of the face temperature between 0.05 L and 0.95 L, in percent of the
-# largest rise, of uniform pressure, a peak at the leading edge and friction by theory at 0.1 and 1 m/s
+# largest temperature rise, for uniform pressure, a pressure peak at the leading edge, and friction theory, at 0.1 and
+# 1 m/s
 FACE_ERROR_PERCENT = {
     0.05: 52.0,
     0.1: 20.0,
@@ -28,9 +29,9 @@ FACE_ERROR_PERCENT = {
 
 
 def estimate_face_error(factor: float) -> float:
-    """Error (percent of the largest rise) of the face temperature at a factor on the number of cells per direction.
+    """Error of the face temperature (percent of the largest rise) at a factor on the number of cells per direction.
 
-    Interpolated between measured errors in the logarithms of both; ends held.
+    Log-log interpolation of measured errors, constant outside their range.
     """
     return float(
         np.exp(np.interp(np.log(factor), np.log(list(FACE_ERROR_PERCENT)), np.log(list(FACE_ERROR_PERCENT.values()))))
@@ -44,7 +45,7 @@ def warn_of_coarse_mesh(case: Case) -> list[str]:
         return []
     return [
         f"mesh coarser than verified: numerics.mesh with numerics.finer gives {factor:.3g} times the cells per "
-        f"direction; at that factor the face was off by {estimate_face_error(factor):.2g} % of the largest rise, by "
-        f"{estimate_face_error(COARSEST_VERIFIED_FACTOR):.2g} % at {COARSEST_VERIFIED_FACTOR:g}, the coarsest verified; "
-        "give a finer numerics.mesh"
+        f"direction; the error of the face temperature is about {estimate_face_error(factor):.2g} % of the largest "
+        f"rise, instead of {estimate_face_error(COARSEST_VERIFIED_FACTOR):.2g} % at the coarsest verified factor "
+        f"{COARSEST_VERIFIED_FACTOR:g}; give a finer numerics.mesh"
     ]

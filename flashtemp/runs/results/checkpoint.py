@@ -1,6 +1,6 @@
-"""Checkpoints of a march: all that an interrupted run needs to go on, beside the fields that it has kept so far.
+"""Checkpoints: the state that an interrupted run needs to continue, in addition to its saved fields.
 
-Each counts only when it and the fields are on disk, and is read only when not a bit of them has changed.
+A checkpoint replaces the last one only when it and the fields are on disk.  Checksums detect any changed bit.
 """
 
 from __future__ import annotations
@@ -24,16 +24,17 @@ from flashtemp.solver.field_store import FieldStore
 from flashtemp.solver.march_state import MarchState
 
 CHECKPOINT_FILE, FRAMES_FILE, RESERVE_FILE = "checkpoint.h5", "frames.bin", "reserve.bin"
-HEADER_BYTES = 512  # bytes before the HDF5 image (a user block, which HDF5 passes over): what it is, and its checksum
-HEADER_PREFIX = b"flashtemp checkpoint 3, "  # what a head begins with; another number where other things are kept
-NUMERIC_KINDS = re.compile("[<>|=]?[fiub][0-9]{1,2}")  # kinds of numpy's numbers
-RESERVE_MARGIN_BYTES = 1 << 18  # bytes, beside twice the last checkpoint, that are kept free for one when the disk is full
+HEADER_BYTES = 512  # header before the HDF5 image (a user block, which HDF5 skips): file type and checksum
+HEADER_PREFIX = b"flashtemp checkpoint 3, "  # start of the header; the number is the version of the format
+NUMERIC_KINDS = re.compile("[<>|=]?[fiub][0-9]{1,2}")  # dtypes of numbers
+# disk space reserved for a checkpoint on a full disk, in addition to twice the size of the last one
+RESERVE_MARGIN_BYTES = 1 << 18
 
 
 def save_checkpoint(work: Path, progress: MarchState) -> None:
-    """Write all that a march needs to go on; replaces the last checkpoint only when whole and on disk.
+    """Write the state of a run; replaces the last checkpoint only when the new one is complete and on disk.
 
-    Where the disk is full, the room kept in reserve is given up for it.  Raises OSError.
+    On a full disk the reserved space is released for it.  Raises OSError.
     """
     image = _build_image(work, progress)
     try:
@@ -49,8 +50,8 @@ def save_checkpoint(work: Path, progress: MarchState) -> None:
 
 
 def _build_image(work: Path, progress: MarchState) -> bytes:
-    place = work / f".{CHECKPOINT_FILE}.image"  # never written, but HDF5 opens what has this name
-    with h5py.File(place, "w", driver="core", backing_store=False) as file:
+    name = work / f".{CHECKPOINT_FILE}.image"  # never written, but HDF5 requires a name
+    with h5py.File(name, "w", driver="core", backing_store=False) as file:
         file.attrs.update(
             {
                 "t": progress.t,
@@ -64,18 +65,20 @@ def _build_image(work: Path, progress: MarchState) -> bytes:
         )
         file["y"], file["left"] = progress.y, progress.removed_heat
         file["sums"] = np.array([list(s) for s in progress.frames.checksums], dtype=np.uint8)
-        for name, values in progress.records.items():
-            data = np.array(values, dtype=object if name == "ledger" else None)
-            file.create_dataset(f"records/{name}", data=data, dtype=h5py.string_dtype() if name == "ledger" else None)
+        for key, values in progress.records.items():
+            data = np.array(values, dtype=object if key == "ledger" else None)
+            file.create_dataset(f"records/{key}", data=data, dtype=h5py.string_dtype() if key == "ledger" else None)
         if progress.track is not None:
-            for name in TRACK_FIELDS:
-                file[f"track/{name}"] = np.array(getattr(progress.track, name))
+            for key in TRACK_FIELDS:
+                file[f"track/{key}"] = np.array(getattr(progress.track, key))
         file.flush()
         return bytes(file.id.get_file_image())
 
 
 def _build_header(image: bytes) -> bytes:
-    return HEADER_PREFIX + f"sha256 of what follows: {hashlib.sha256(image).hexdigest()}\n".encode().ljust(HEADER_BYTES - len(HEADER_PREFIX))
+    return HEADER_PREFIX + f"sha256 of what follows: {hashlib.sha256(image).hexdigest()}\n".encode().ljust(
+        HEADER_BYTES - len(HEADER_PREFIX)
+    )
 
 
 def _write_file(work: Path, image: bytes) -> None:
@@ -94,16 +97,16 @@ def _write_file(work: Path, image: bytes) -> None:
 
 
 def _reserve_space(file: Path, size: int) -> None:
-    """Take room on the disk, where it can be had, to give it up when there is no other."""
+    """Reserve disk space where possible, to be released when the disk is full."""
     if not hasattr(os, "posix_fallocate"):  # macOS, Windows
         return
-    with suppress(OSError), file.open("ab") as held:
+    with suppress(OSError), file.open("ab") as handle:
         if file.stat().st_size < size:
-            os.posix_fallocate(held.fileno(), 0, size)
+            os.posix_fallocate(handle.fileno(), 0, size)
 
 
 def load_checkpoint(work: Path) -> MarchState:
-    """The Progress of a checkpoint; BadInput when it or its fields are damaged or its case was changed meanwhile."""
+    """The state of a checkpoint.  Raises BadInput when it or its fields are damaged, or its case has changed."""
     file = work / CHECKPOINT_FILE
     try:
         data = file.read_bytes()
@@ -111,23 +114,23 @@ def load_checkpoint(work: Path) -> MarchState:
             raise BadInput(f"--resume: {file} was written by another version of flashtemp; start the run anew")
         if data[:HEADER_BYTES] != _build_header(data[HEADER_BYTES:]):
             raise BadInput(f"--resume: {file} is damaged; start the run anew")
-        with h5py.File(io.BytesIO(data[HEADER_BYTES:])) as held:
-            safe_hdf5.list_datasets(held)  # none of them in another file
-            if held.attrs["case"] != _hash_inputs(work):
+        with h5py.File(io.BytesIO(data[HEADER_BYTES:])) as image:
+            safe_hdf5.list_datasets(image)  # raises for links into other files
+            if image.attrs["case"] != _hash_inputs(work):
                 changed = f"{work / 'case.toml'} or a file in inputs was changed since the run"
                 raise BadInput(f"--resume: {changed}; restore it or start anew")
-            found = _read_progress(held, work)
+            state = _read_progress(image, work)
     except BadInput:
         raise
-    except Exception as fault:  # whoever can compute a checksum can put anything there
+    except Exception as fault:  # a valid checksum does not guarantee valid contents
         raise BadInput(f"--resume: {file} is damaged ({describe_exception(fault)}); start the run anew") from fault
-    if wrong := found.frames.describe_damage():
-        raise BadInput(f"--resume: {wrong}; start the run anew")
-    return found
+    if damage := state.frames.describe_damage():
+        raise BadInput(f"--resume: {damage}; start the run anew")
+    return state
 
 
 def _hash_inputs(work: Path) -> str:
-    """Digest of the case and of all files that it names, with their names."""
+    """SHA-256 digest of the case and of all files that it names, including their names."""
     digest = hashlib.sha256((work / "case.toml").read_bytes())
     for path in sorted((work / "inputs").rglob("*")):
         if path.is_file() and path.suffix != ".pyc":
@@ -137,23 +140,24 @@ def _hash_inputs(work: Path) -> str:
 
 
 def _describe_dtype(dtype: np.dtype | None) -> str:
-    """Names, kinds and shapes of the fields of a row."""
+    """Names, dtypes and shapes of the fields of a record as JSON."""
     parts = [] if dtype is None else [(n, dtype[n].base.str, list(dtype[n].shape)) for n in dtype.names or ()]
     return json.dumps(parts)
 
 
 def _read_progress(file, work: Path) -> MarchState:
-    """The track's columns are put back when the march rebuilds it."""
+    """The state in an open checkpoint; the track is rebuilt from its columns when the run continues."""
     a = file.attrs
     records = {k: list(v[:]) for k, v in file["records"].items()} if "records" in file else {}
     if records:
         records["ledger"] = [s.decode() if isinstance(s, bytes) else str(s) for s in records["ledger"]]
     phase, y, left = int(a["phase"]), file["y"][:], file["left"][:]
     if phase < 0 or not np.isfinite(a["t"]) or any(v.ndim != 1 or v.dtype.kind != "f" for v in (y, left)):
-        raise ValueError("a state that no run leaves")
+        raise ValueError("not the state of a run")
     columns = {k: list(v[:]) for k, v in file["track"].items()} if "track" in file else None
     fields = [(n, kind, tuple(shape)) for n, kind, shape in json.loads(a["fields"])]
-    if odd := [kind for _, kind, _ in fields if not NUMERIC_KINDS.fullmatch(kind)]:  # objects would be addresses in memory
+    # a forged object dtype would be read as memory addresses
+    if odd := [kind for _, kind, _ in fields if not NUMERIC_KINDS.fullmatch(kind)]:
         raise ValueError(f"fields of kind {odd[0]!r}")
     sums = [bytes(s.tolist()) for s in file["sums"][:]]
     return MarchState(

@@ -1,4 +1,4 @@
-"""What one process does to another: locks, and the signals that ask for its end, as the operating system has them."""
+"""Process functions of the operating system: file locks, interrupts, number of cores, syncing to disk."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Any
 
 STOP_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name))
-LOCK_HELD_ERRNOS = (errno.EWOULDBLOCK, errno.EACCES, errno.EDEADLK)  # what a lock says that another process holds
+LOCK_HELD_ERRNOS = (errno.EWOULDBLOCK, errno.EACCES, errno.EDEADLK)  # errors of a lock that another process holds
 
 
 def lock_path(path: Path, wait: bool = False) -> int:
-    """A lock on a file or folder that exists, until the number is closed; none where the file system knows no locks.
+    """Lock an existing file or folder; returns a file descriptor, and closing it releases the lock.
 
-    Raises BlockingIOError where another process holds it, unless it is to `wait`.
+    A file system without locks is treated as if locked.  Raises BlockingIOError where another process holds the lock,
+    unless `wait` is set.
     """
     try:
         import fcntl
@@ -31,7 +32,7 @@ def lock_path(path: Path, wait: bool = False) -> int:
 
 
 def _lock_on_windows(path: Path, wait: bool) -> int:
-    """A lock for Windows, which renames no folder in which a file is open: on a file of the path's own elsewhere."""
+    """Lock a separate file in the temporary folder: Windows cannot rename a folder that contains an open file."""
     import hashlib
     import msvcrt
     import tempfile
@@ -46,30 +47,30 @@ def _lock_on_windows(path: Path, wait: bool) -> int:
 
 
 def _raise_if_locked(lock: int, fault: OSError, wait: bool) -> None:
-    """BlockingIOError where another process holds a lock; a file system without locks is none."""
+    """Raise BlockingIOError where another process holds the lock; other errors mean a file system without locks."""
     if fault.errno in LOCK_HELD_ERRNOS and not wait:
         os.close(lock)
         raise BlockingIOError(fault.errno, "another process holds it") from fault
 
 
 def interrupt_process(process: int) -> None:
-    """Ask a process that leads a group of its own for its end, as Ctrl-C does.  Raises ProcessLookupError."""
+    """Interrupt a process that leads its own process group, like Ctrl-C.  Raises ProcessLookupError."""
     os.kill(process, getattr(signal, "CTRL_BREAK_EVENT", signal.SIGINT))
 
 
 def cores() -> int:
-    """How many cores this process may use."""
+    """The number of cores that this process may use."""
     allowed = getattr(os, "sched_getaffinity", None)  # macOS and Windows have none
     return len(allowed(0)) if allowed else os.cpu_count() or 1
 
 
 def detached_process_options() -> dict[str, Any]:
-    """What a process is begun with, for subprocess.Popen, so that it does not hear this one's Ctrl-C."""
+    """Arguments of subprocess.Popen for a child process that does not receive the Ctrl-C of this one."""
     return {"start_new_session": True, "creationflags": getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)}
 
 
 def sync_to_disk(path: Path) -> None:
-    """One file or folder on disk; some file systems refuse it for folders, and Windows knows it of files alone."""
+    """Sync one file or folder to disk; ignored for folders on Windows and on file systems that refuse it."""
     windows = os.name == "nt"
     if windows and path.is_dir():
         return

@@ -1,4 +1,4 @@
-"""VTK for ParaView: one temporal VTKHDF file with block, road and contact, and the reader that goes with it."""
+"""Fields for ParaView: write and read one temporal VTKHDF file with block, road and contact."""
 
 from __future__ import annotations
 
@@ -12,21 +12,20 @@ from typing import Any
 import h5py
 import numpy as np
 
-from flashtemp.errors import BadInput, suggest_name
 from flashtemp.display import DisplayMixin
+from flashtemp.errors import BadInput, RenamedAttribute, suggest_name
 from flashtemp.solver.run import Run
-from flashtemp.errors import RenamedAttribute
 
 LINE, QUAD, HEXAHEDRON = 3, 9, 12  # VTK cell types
-UNIT_BY_SUFFIX = {"degC": "degC", "Pa": "Pa", "m": "m", "m2": "W/m2"}  # by the end of a name
-MAX_MEMORY_FILE_BYTES = 2e8  # bytes of a file that is no longer built in memory
+UNIT_BY_SUFFIX = {"degC": "degC", "Pa": "Pa", "m": "m", "m2": "W/m2"}  # by the suffix of a name
+MAX_MEMORY_FILE_BYTES = 2e8  # larger files are not built in memory
 
 
 @dataclass(frozen=True)
 class BodyGrid:
-    """Block or road as a tensor grid: edges `x`, `y`, `z` in m, `cells` (nx, ny, nz) of the run's field, conductivity.
+    """Block or road as a tensor grid: edges `x`, `y`, `z` in m, `cells` (nx, ny, nz) with indices into the field.
 
-    In 2D there is no y and ny = 1.
+    `conductivity` in W/mK; `layers` are slices of the cells along z.  In 2D `y` has one entry and ny = 1.
     """
 
     x: np.ndarray
@@ -50,7 +49,7 @@ class BodyGrid:
 
 
 def body_grids(run: Run) -> dict[str, BodyGrid]:
-    """Block and road of a run."""
+    """The grids of block and road of a run, by name."""
     mesh, y = run.mesh, run.mesh.y if run.mesh.n_across > 1 else np.zeros(1)
     x_block = mesh.x[mesh.first : mesh.last + 1]
     parts = {
@@ -65,7 +64,7 @@ def body_grids(run: Run) -> dict[str, BodyGrid]:
 
 
 def contact_fields(run: Run, frame: int) -> dict[str, np.ndarray]:
-    """What ParaView plots on the contact, {name with unit: (cells,)}: temperatures, pressure, worn depth."""
+    """Fields on the contact, {name with unit: (cells,)}: temperatures, pressure, wear depth."""
     names = {"T_block": "degC", "T_spot": "degC", "T_road": "degC", "pressure": "Pa", "worn": "m"}
     if run.maps:
         return {f"{name}_{unit}": run.maps[name][frame].ravel() for name, unit in names.items()}
@@ -84,7 +83,7 @@ def _unstructured_grid(*edges: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]
     first = np.sum([i * s for i, s in zip(index, step, strict=True)], axis=0).ravel()
     u, *rest = (s for s, n in zip(step, shape, strict=True) if n > 1)
     corners = [0, u]
-    for v in rest:  # round each face, then the face beyond
+    for v in rest:  # around each face, then the opposite face
         corners = [*corners, u + v, v] if len(corners) == 2 else [*corners, *(c + v for c in corners)]
     return points, first[:, None] + np.array(corners), {2: LINE, 4: QUAD, 8: HEXAHEDRON}[len(corners)]
 
@@ -92,9 +91,9 @@ def _unstructured_grid(*edges: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]
 def write_vtkhdf(run: Run, path: Path) -> None:
     """Write fields of a run as temporal VTKHDF (MultiBlock of UnstructuredGrid, format 2.1).
 
-    Block and road, with cell data `T_degC` and `q_W_m2`, share one interface at z = 0; there lie the
-    cells of `contact_fields` under the block, lines in 2D.  Lengths in m, time in s.  Case text and statistics travel
-    in the group "flashtemp" beside the data.  Frames are written one by one.  Raises OSError where the disk is full.
+    Block and road have the cell data `T_degC` and `q_W_m2` and meet at z = 0, where the cells of `contact_fields` lie
+    under the block (lines in 2D).  Lengths in m, time in s.  The group "flashtemp" contains the case text and the
+    statistics.  Frames are written one by one.  Raises OSError where the disk is full.
     """
     times = run.time[run.frames]
     size = run.mesh.n_cells * (16 * len(times) + 120)
@@ -105,15 +104,23 @@ def write_vtkhdf(run: Run, path: Path) -> None:
         _set_type(root, "MultiBlockDataSet")
         solids = body_grids(run)
         for name, body in solids.items():
-            data = _create_leaf(root, name, *_unstructured_grid(body.x, body.y, body.z), times, {"T_degC": (), "q_W_m2": (3,)})
+            data = _create_leaf(
+                root, name, *_unstructured_grid(body.x, body.y, body.z), times, {"T_degC": (), "q_W_m2": (3,)}
+            )
             for i in range(len(times)):
                 T = run.field[i][body.cells]
                 data(i, {"T_degC": T.ravel(), "q_W_m2": body.heat_flux(T)})
         block = solids["block"]
-        data = _create_leaf(root, "contact", *_unstructured_grid(block.x, block.y, np.zeros(1)), times, dict.fromkeys(contact_fields(run, 0), ()))
+        data = _create_leaf(
+            root,
+            "contact",
+            *_unstructured_grid(block.x, block.y, np.zeros(1)),
+            times,
+            dict.fromkeys(contact_fields(run, 0), ()),
+        )
         for i in range(len(times)):
             data(i, contact_fields(run, i))
-        steps = root.create_group("Steps")  # VTK 9.7 offers only the first time without it, 9.4 stumbles over it
+        steps = root.create_group("Steps")  # VTK 9.7 shows only the first time without it; 9.4 cannot read it
         steps.attrs["NSteps"] = np.int64(len(times))
         steps["Values"] = times.astype(float)
         assembly = root.create_group("Assembly", track_order=True)
@@ -156,8 +163,8 @@ def _create_leaf(root, name: str, points, cells, kind: int, times: np.ndarray, d
 
 @contextmanager
 def open_memory_file(path: Path):
-    """An HDF5 file built in memory and written in one go: a full disk raises OSError, nothing worse."""
-    name = path.with_name(f".{path.name}.image")  # never written, but HDF5 opens what has this name
+    """Yield an HDF5 file in memory and write it at the end, so that a full disk raises OSError and cannot corrupt HDF5."""
+    name = path.with_name(f".{path.name}.image")  # never written, but HDF5 requires a name
     with h5py.File(name, "w", driver="core", backing_store=False) as file:
         yield file
         file.flush()
@@ -225,13 +232,13 @@ def _pyvista_parts(run: Run, solids: dict[str, BodyGrid], frame: int) -> dict:
 
 @dataclass(frozen=True, repr=False)
 class RunFields(DisplayMixin):
-    """Fields of a finished run: `times` (n,) in s, and the grids at any of them."""
+    """Fields of a finished run at the saved `times` (n,) in s."""
 
     path: Path
     times: np.ndarray
 
     def grids_at(self, t: float):
-        """pyvista MultiBlock with "block", "road" and "contact" at the kept time nearest to t."""
+        """pyvista MultiBlock with "block", "road" and "contact" at the saved time nearest to t (s)."""
         import pyvista as pv
 
         reader = pv.get_reader(self.path).reader
@@ -240,11 +247,11 @@ class RunFields(DisplayMixin):
         return pv.wrap(reader.GetOutputDataObject(0))
 
     def T(self, body: str, t: float) -> np.ndarray:
-        """Cell temperatures (cells,) in degC of "block" or "road" at the kept time nearest to t."""
+        """Cell temperatures (cells,) in degC of "block" or "road" at the saved time nearest to t (s)."""
         return self.cells(body, "T_degC", t)
 
     def cells(self, body: str, name: str, t: float) -> np.ndarray:
-        """Cell data of a body at the kept time nearest to t, as "pressure_Pa" of "contact"; BadInput when unknown."""
+        """Cell data of a body, such as "pressure_Pa" of "contact", at the saved time nearest to t (s).  Raises BadInput."""
         k = self._nearest_frame(t)
         with h5py.File(self.path) as file:
             leaf = file["VTKHDF"].get(body)
@@ -256,7 +263,7 @@ class RunFields(DisplayMixin):
             return data[name][k * n : (k + 1) * n]
 
     def tensor(self, body: str, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Edges x, y, z (m; one y in 2D) of "block" or "road", T (nx, ny, nz) degC at the kept time nearest to t."""
+        """Edges x, y, z (m; one y in 2D) of "block" or "road", T (nx, ny, nz) degC at the saved time nearest to t (s)."""
         with h5py.File(self.path) as file:
             x, y, z = (np.unique(axis) for axis in file["VTKHDF"][body]["Points"][:].T)
         return x, y, z, self.T(body, t).reshape([max(len(e) - 1, 1) for e in (x, y, z)])
@@ -275,13 +282,13 @@ class RunFields(DisplayMixin):
 
     @property
     def slides_back(self) -> bool:
-        """Whether x = 0 is not the leading edge, at least at times."""
+        """Whether the block slides back at any time, so that x = 0 is not always the leading edge."""
         with h5py.File(self.path) as file:
             return bool(file["flashtemp"].attrs.get("slides_back", False))
 
     def __str__(self) -> str:
         first, last = self.times[0], self.times[-1]
-        return f"Fields of '{self.title}'\n  {len(self.times)} moments from {first:g} to {last:g} s\n  in {self.path}"
+        return f"Fields of '{self.title}'\n  {len(self.times)} times from {first:g} to {last:g} s\n  in {self.path}"
 
     def _nearest_frame(self, t: float) -> int:
         return int(np.argmin(np.abs(self.times - t)))
@@ -290,7 +297,7 @@ class RunFields(DisplayMixin):
 
 
 def open_fields(path) -> RunFields:
-    """Open the fields.vtkhdf of a result folder (or the file itself); BadInput when there is none."""
+    """Open the fields.vtkhdf of a result folder, or the file itself.  Raises BadInput when there is none."""
     path = Path(path)
     file = path / "fields.vtkhdf" if path.is_dir() else path
     if not file.is_file():
@@ -299,5 +306,5 @@ def open_fields(path) -> RunFields:
         with h5py.File(file) as handle:
             times = handle["VTKHDF/block/Steps/Values"][:]
     except (OSError, KeyError) as fault:
-        raise BadInput(f"{file}: no fields that flashtemp wrote; give the folder of a finished run") from fault
+        raise BadInput(f"{file}: not a field file of flashtemp; give the folder of a finished run") from fault
     return RunFields(file, times)

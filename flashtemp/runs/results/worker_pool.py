@@ -1,4 +1,4 @@
-"""Tasks of sweeps and searches shared out to local processes, or to a Dask cluster where its address is given."""
+"""Distribution of tasks to local processes, or to a Dask cluster if its address is given."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from flashtemp.errors import BadInput, FlashtempError, SolverFailure
 from flashtemp.runs.results.current_folder import safe_child_environment
 from flashtemp.runs.results.processes import cores
 
-MAX_KILLS = 2  # times that processes may be killed one after the other without an answer between
+MAX_KILLS = 2  # pools that may be killed in succession without a result in between
 KILLED_MESSAGE = "a worker process was killed, perhaps for memory; give fewer --workers"
 
 
 def call_safely(function: Callable, task: Any) -> Any:
-    """The function's answer, or the failure of the computation itself as an answer."""
+    """The result of the function, or the FlashtempError that it raised."""
     try:
         return function(task)
     except FlashtempError as fault:
@@ -25,11 +25,13 @@ def call_safely(function: Callable, task: Any) -> Any:
 
 
 @contextmanager
-def open_worker_pool(function: Callable, workers: int | None = None, scheduler: str | None = None) -> Iterator[Callable]:
-    """A function that maps `function` over a list of tasks, in order.
+def open_worker_pool(
+    function: Callable, workers: int | None = None, scheduler: str | None = None
+) -> Iterator[Callable]:
+    """Yield a function that maps `function` over a list of tasks, in order.
 
-    `workers` processes, as many as there are cores for this one when not given; failures of a computation come back
-    as answers.  Raises BadInput when the scheduler cannot be reached, SolverFailure when a process is killed.
+    `workers`: number of processes, one per available core when not given.  A task that raises a FlashtempError returns
+    it.  Raises BadInput when the scheduler cannot be reached, SolverFailure when a process is killed.
     """
     if scheduler is not None:
         with _cluster_pool(function, scheduler) as map_tasks:
@@ -55,10 +57,10 @@ def open_worker_pool(function: Callable, workers: int | None = None, scheduler: 
 def stream_results(
     function: Callable, tasks: list, workers: int | None = None, scheduler: str | None = None
 ) -> Iterator[tuple[int, Any]]:
-    """(number of the task, its answer) of every task, once, as they come.
+    """Yield (index of the task, its result) for every task, in order of completion.
 
-    Tasks of a process that is killed are given out again.  Raises like `open_worker_pool`; SolverFailure when processes are
-    killed and no answer comes between.
+    Tasks of a killed process are repeated.  Raises like `open_worker_pool`; SolverFailure when processes are killed
+    repeatedly without a result in between.
     """
     if scheduler is not None:
         yield from _stream_from_cluster(function, tasks, scheduler)
@@ -71,16 +73,16 @@ def stream_results(
     from concurrent.futures import as_completed
     from concurrent.futures.process import BrokenProcessPool
 
-    left, killed = set(range(len(tasks))), 0
-    while left:
+    pending, killed = set(range(len(tasks))), 0
+    while pending:
         with _process_pool(count) as pool:
-            asked = {pool.submit(call_safely, function, tasks[k]): k for k in sorted(left)}
+            futures = {pool.submit(call_safely, function, tasks[k]): k for k in sorted(pending)}
             try:
-                for future in as_completed(asked):
+                for future in as_completed(futures):
                     answer = future.result()
-                    left.discard(asked[future])
+                    pending.discard(futures[future])
                     killed = 0
-                    yield asked[future], answer
+                    yield futures[future], answer
             except BrokenProcessPool as fault:
                 killed += 1
                 if killed > MAX_KILLS:
@@ -88,7 +90,7 @@ def stream_results(
 
 
 def _count_workers(workers: int | None) -> int:
-    """How many processes: as many as there are cores for this one when not given."""
+    """The number of processes; one per available core when not given.  Raises BadInput."""
     if workers is not None and workers < 1:
         raise BadInput(f"--workers: {workers}; give at least 1")
     return workers or cores()
@@ -96,32 +98,36 @@ def _count_workers(workers: int | None) -> int:
 
 @contextmanager
 def _process_pool(count: int):
-    """Fresh processes that do not answer Ctrl-C and end with this one, however it ends, or when this block fails."""
+    """Yield a pool of new processes that ignore Ctrl-C.
+
+    They end with this process, however it ends, or when the context fails: each worker waits on a pipe whose other end
+    only this process holds open.
+    """
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 
     context = get_context("spawn")
-    held, leash = context.Pipe(duplex=False)
-    with safe_child_environment():  # also for the resource tracker, which the pool begins
-        pool = ProcessPoolExecutor(count, mp_context=context, initializer=_start_worker, initargs=(held,))
+    worker_end, parent_end = context.Pipe(duplex=False)
+    with safe_child_environment():  # also for the resource tracker, which the pool starts
+        pool = ProcessPoolExecutor(count, mp_context=context, initializer=_start_worker, initargs=(worker_end,))
         try:
             with _block_sigint():
-                for _ in range(count):  # each of them begins one process
+                for _ in range(count):  # each call starts one process
                     pool.submit(int)
             yield pool
         except BaseException:
-            leash.close()
+            parent_end.close()
             pool.shutdown(cancel_futures=True)
             raise
         finally:
             pool.shutdown()
-            leash.close()
-            held.close()
+            parent_end.close()
+            worker_end.close()
 
 
 @contextmanager
 def _block_sigint() -> Iterator[None]:
-    """Processes that begin here never see Ctrl-C, not even while they load; this one sees it afterwards."""
+    """Processes started in this context never receive Ctrl-C, even while loading; this process gets it afterwards."""
     import signal
 
     if not hasattr(signal, "pthread_sigmask"):  # Windows
@@ -135,9 +141,9 @@ def _block_sigint() -> Iterator[None]:
 
 
 def _start_worker(parent_pipe) -> None:
-    """In a new process: one thread of arithmetic, one that waits for the parent's end, and no ear for Ctrl-C.
+    """Initialise a worker: ignore Ctrl-C, one BLAS thread, and a thread that ends the worker with its parent.
 
-    Settings files of the current folder are not for it either.
+    Settings files of the current folder are ignored, as in the parent.
     """
     import signal
     import threading
@@ -153,7 +159,7 @@ def _start_worker(parent_pipe) -> None:
 
 
 def _exit_with_parent(parent_pipe) -> None:
-    """End with the parent, who holds the other end and never sends anything."""
+    """Wait for the end of the parent, which closes its end of the pipe, and end this process."""
     parent_pipe.poll(None)
     os._exit(1)
 
@@ -163,9 +169,9 @@ def _stream_from_cluster(function: Callable, tasks: list, scheduler: str) -> Ite
         from dask.distributed import as_completed
 
         with _report_lost_scheduler(scheduler):
-            asked = {client.submit(call_safely, function, t, pure=False): k for k, t in enumerate(tasks)}
-            for future in as_completed(list(asked)):
-                yield asked[future], future.result()
+            futures = {client.submit(call_safely, function, t, pure=False): k for k, t in enumerate(tasks)}
+            for future in as_completed(list(futures)):
+                yield futures[future], future.result()
 
 
 @contextmanager
@@ -181,7 +187,7 @@ def _cluster_pool(function: Callable, address: str) -> Iterator[Callable]:
 
 @contextmanager
 def _report_lost_scheduler(address: str) -> Iterator[None]:
-    """SolverFailure, in one line, where the scheduler goes away; what Dask itself says of it is not for people."""
+    """Raise a SolverFailure of one line where the scheduler disappears; the log messages of Dask are disabled."""
     import logging
     from asyncio import CancelledError
     from concurrent.futures import CancelledError as Cancelled
@@ -192,11 +198,11 @@ def _report_lost_scheduler(address: str) -> Iterator[None]:
     try:
         yield
     except (OSError, TimeoutError, Cancelled, CancelledError) as fault:
-        raise SolverFailure(f"the scheduler at {address} has gone; give the address of one that runs") from fault
+        raise SolverFailure(f"the scheduler at {address} has stopped; give the address of a running one") from fault
 
 
 def _connect_scheduler(address: str):
-    """A connection to a running Dask scheduler; BadInput when there is none."""
+    """A connection to a running Dask scheduler.  Raises BadInput without one."""
     try:
         from dask.distributed import Client
     except ImportError as fault:

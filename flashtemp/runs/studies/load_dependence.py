@@ -194,8 +194,10 @@ class LoadDependence(DisplayMixin):
 
     def as_dict(self) -> dict:
         """For --json."""
-        plain = {k: getattr(self, k).tolist() for k in ("none", "every", "other")}
-        sets = {k: {n: v.tolist() for n, v in getattr(self, k).items()} for k in ("alone", "beside")}
+        curves = {"none": self.without_processes, "every": self.all_processes, "other": self.other}
+        plain = {key: values.tolist() for key, values in curves.items()}
+        by_process = {"alone": self.one_process, "beside": self.all_but_one}
+        sets = {key: {n: v.tolist() for n, v in values.items()} for key, values in by_process.items()}
         return {
             "title": self.title, "pressure_Pa": self.pressure.tolist(), "speed_m_s": self.speed.tolist(),
             "contact_fraction": self.law, "skewness_cutoff_m": self.skewness_cutoff,

@@ -16,6 +16,7 @@ import numpy as np
 from flashtemp.camera import recording
 from flashtemp.camera.image_validation import check_memory
 from flashtemp.camera.importing.formats import matlab
+from flashtemp.camera.importing.formats.camera_file import CameraFile
 from flashtemp.camera.importing.formats.raw_frames import (
     UNSCALED,
     RawFrames,
@@ -29,6 +30,7 @@ from flashtemp.errors import BadInput, shorten_text
 HDF5 = b"\x89HDF\r\n\x1a\n"
 MATLAB = b"MATLAB"
 NETCDF_CLASSIC = (b"CDF\x01", b"CDF\x02")
+MAGIC = (HDF5, MATLAB, *NETCDF_CLASSIC)
 TIME_NAMES = ("time", "t", "times", "time_s")
 EXPORT_REMEDY = "copy it again or export it anew and give that"
 PIXELS_PER_PIECE = 4_000_000  # pixels that are read at a time
@@ -57,22 +59,19 @@ def is_hdf5(start: bytes) -> bool:
     return start.startswith(HDF5) or start[512:520] == HDF5
 
 
-def read(
-    path: Path, start: bytes, data: bytes, unit=None, scale=None, offset=None, variable=None, every=1, limit=None
-) -> Iterator[RawFrames]:
-    """The images of an array file, degC, a few at a time; `variable` is asked for where there are several.
-
-    `start` are its first bytes, `data` all of them unless it is HDF5.
-    """
-    said = (unit, scale, offset)
-    if is_hdf5(start):
-        yield from _read_hdf5(path, start, said, variable, every, limit)
+def read(file: CameraFile) -> Iterator[RawFrames]:
+    """The images of an array file, degC, a few at a time; where there are several, `variable` must name one."""
+    options = file.options
+    scaling, limit = (options.unit, options.scale, options.offset), options.limit
+    if is_hdf5(file.start):
+        yield from _read_hdf5(file.path, file.start, scaling, options.variable, options.every, limit)
         return
-    if start.startswith(NETCDF_CLASSIC):
+    data = file.read_all()
+    if file.start.startswith(NETCDF_CLASSIC):
         arrays, kind = _read_or_refuse(lambda: _read_netcdf(data, limit), "NetCDF"), "NetCDF"
     else:
         arrays, kind = _read_or_refuse(lambda: _read_matlab(data, limit), "MATLAB"), "MATLAB"
-    yield from _iter_frames(kind, arrays, *_select_array(arrays, variable), said, every, limit)
+    yield from _iter_frames(kind, arrays, *_select_array(arrays, options.variable), scaling, options.every, limit)
 
 
 def _read_or_refuse(reader: Callable[[], Any], kind: str) -> Any:
@@ -86,7 +85,7 @@ def _read_or_refuse(reader: Callable[[], Any], kind: str) -> Any:
         ) from fault
 
 
-def _read_hdf5(path: Path, start: bytes, said, variable, every: int, limit) -> Iterator[RawFrames]:
+def _read_hdf5(path: Path, start: bytes, scaling, variable, every: int, limit) -> Iterator[RawFrames]:
     import h5py
 
     matlab = start.startswith(MATLAB)
@@ -97,7 +96,7 @@ def _read_hdf5(path: Path, start: bytes, said, variable, every: int, limit) -> I
             return
         arrays = _read_or_refuse(lambda: _numeric_datasets(file, matlab), "HDF5")
         yield from _iter_frames(
-            "MATLAB v7.3" if matlab else "HDF5", arrays, *_select_array(arrays, variable), said, every, limit
+            "MATLAB v7.3" if matlab else "HDF5", arrays, *_select_array(arrays, variable), scaling, every, limit
         )
 
 
@@ -128,10 +127,10 @@ def _numeric_datasets(file, matlab: bool) -> dict[str, StoredArray]:
 
 
 def _iter_frames(
-    kind: str, arrays: dict[str, StoredArray], name: str, found: StoredArray, said, every: int, limit
+    kind: str, arrays: dict[str, StoredArray], name: str, found: StoredArray, scaling, every: int, limit
 ) -> Iterator[RawFrames]:
     """Frames of an array, as many at a time as `PIXELS_PER_PIECE` allows."""
-    unit, scale, offset = said
+    unit, scale, offset = scaling
     rows, columns = found.shape[-2:]
     step = max(1, PIXELS_PER_PIECE // (rows * columns))
     check_memory(step * rows * columns, limit, f"{step} frames of array '{shorten_text(name)}' of shape {found.shape}")
@@ -205,7 +204,7 @@ def _native_byte_order(values: np.ndarray) -> np.ndarray:
 
 def _read_matlab(data: bytes, limit) -> dict[str, StoredArray]:
     """MATLAB's own order (rows, columns, frames), turned to (frames, rows, columns)."""
-    found = matlab.read(data, limit)
+    found = matlab.read_arrays(data, limit)
     return {k: _wrap_array(np.moveaxis(v, -1, 0) if v.ndim == 3 else v) for k, v in found.items()}
 
 

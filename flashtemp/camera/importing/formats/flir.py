@@ -11,7 +11,7 @@ import math
 import struct
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -19,6 +19,7 @@ import numpy as np
 from flashtemp.camera.image_validation import check_memory
 from flashtemp.camera.importing.formats import png
 from flashtemp.camera.importing.formats.byte_reader import ByteReader, unpack_at
+from flashtemp.camera.importing.formats.camera_file import CameraFile
 from flashtemp.camera.importing.formats.raw_frames import MAX_FRAME_PIXELS, RawFrames, require_module
 from flashtemp.camera.radiometry import (
     AIR_CONSTANTS,
@@ -322,7 +323,21 @@ def radiometric_settings(info: CameraInfo, given: dict[str, float], planck: Plan
     return planck, parameters, own, lowest, highest
 
 
-def read(
+def read(file: CameraFile) -> Iterator[RawFrames]:
+    """Frames of a file of one FFF block, or of many: a sequence (SEQ, CSQ)."""
+    options = file.options
+    pieces = read_fff(file.source, "FLIR FFF", options.parameters, options.planck, options.every, options.limit)
+    first = next(pieces, None)
+    second = next(pieces, None)
+    for frames in (first, second):
+        if frames is not None:
+            many = second is not None or len(frames.temperature) > 1
+            yield replace(frames, format="FLIR sequence") if many else frames
+    for frames in pieces:
+        yield replace(frames, format="FLIR sequence")
+
+
+def read_fff(
     data: bytes | ByteReader,
     name: str,
     given: dict[str, float],

@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Iterator
 
 import numpy as np
 
 from flashtemp.camera.image_validation import check_memory
+from flashtemp.camera.importing.formats.camera_file import CameraFile
 from flashtemp.camera.importing.formats.raw_frames import MAX_FRAME_PIXELS, RawFrames
 from flashtemp.errors import BadInput
 from flashtemp.physics.quantities import KELVIN
 
-MAGIC = b"\xffIRB\0"
+MAGIC = (b"\xffIRB\0",)
 IRB_HEADER_BYTES, IRB_ENTRY_BYTES, IMAGE_BLOCK = 64, 32, 1
 PALETTE_OFFSET, CLOCK_OFFSET, PIXELS_OFFSET = 60, 1624, 1728  # offsets inside an image block
 MAX_PALETTE_UNEVENNESS = (
@@ -27,7 +29,12 @@ DAMAGED_FILE_REMEDY = "copy it again or export it anew; what is there cannot be 
 ASCII_EXPORT_REMEDY = "export it from IRBIS as ASCII (File, Export) and give that"
 
 
-def read(data: bytes, limit: float | None = None) -> RawFrames:
+def read(file: CameraFile) -> Iterator[RawFrames]:
+    """All images of an IRB file, degC, one of `every`."""
+    yield read_irb(file.read_all(), file.options.limit).take_every(file.options.every)
+
+
+def read_irb(data: bytes, limit: float | None = None) -> RawFrames:
     """All images of an IRB file, degC; compressed images and video (another layout) raise BadInput."""
     images, clocks = [], []
     places = list(_iter_image_blocks(data))

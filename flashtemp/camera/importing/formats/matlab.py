@@ -24,7 +24,7 @@ MEMORY_PER_ARRAY_BYTE = 8  # times the bytes of an array that are in memory unti
 MEMORY_REMEDY = "its arrays take more memory than the limit; save fewer of them, or raise --limit (GB)"
 
 
-def read(data: bytes, limit: float | None = None) -> dict[str, np.ndarray]:
+def read_arrays(data: bytes, limit: float | None = None) -> dict[str, np.ndarray]:
     """Real numeric arrays of the file by name, indices in MATLAB's order; others are passed over."""
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
     if order is None:

@@ -18,6 +18,10 @@ MAX_FRAME_PIXELS = 50_000_000  # of one frame: what is larger is a damaged size 
 TEMPERATURE_UNIT_NAMES = {"c": "degC", "celsius": "degC", "centigrade": "degC", "f": "degF", "fahrenheit": "degF", "k": "K",
          "kelvin": "K", "kelvins": "K", "mk": "mK", "millikelvin": "mK"}  # fmt: skip
 MAX_MEDIAN_WITHOUT_UNIT_DEGC = 150.0  # a median above this could be kelvin: ask
+NO_COLOURS = (
+    "holds colours, not temperatures: nobody can turn them back; give the radiometric file of the camera"
+    " or its export as 16-bit TIFF or CSV"
+)
 
 
 @dataclass(frozen=True)
@@ -167,6 +171,27 @@ def scale_counts(counts: np.ndarray, scale: float | None, offset: float | None, 
             " camera's own, often --scale 0.01, 0.04, 0.1 or 0.4 and --offset -273.15"
         )
     return T
+
+
+def saturated_counts(values: np.ndarray) -> np.ndarray:
+    """Mask of the counts at the ends of their type, 0 and 65535, beyond which a camera cannot count."""
+    ends = np.iinfo(values.dtype)
+    return (values == ends.min) | (values == ends.max)
+
+
+def frames_from_pixels(values: np.ndarray, kind: str, unit, scale, offset) -> RawFrames:
+    """Frames of the pixels of an image file: counts in need of `scale` and `offset`, or temperatures in `unit`."""
+    bits = 8 * values.dtype.itemsize
+    if values.dtype.kind in "ui":
+        T, note = scale_counts(values, scale, offset, f"{bits}-bit {kind}"), ""
+        T[saturated_counts(values)] = np.nan
+    elif values.dtype.kind == "f":
+        T, note = to_celsius(values, unit)
+    else:
+        raise BadInput(f"{kind} of {values.dtype}; give 16-bit counts or floating-point temperatures")
+    T = np.where(np.isfinite(T), T, np.nan)
+    outside, counted = int(np.isnan(T).sum()), scale is UNSCALED
+    return RawFrames(f"{bits}-bit {kind}", T, outside=outside, notes=(note,) if note else (), is_unscaled=counted)
 
 
 def as_frame_stack(values: np.ndarray) -> np.ndarray:

@@ -6,13 +6,14 @@ several images in one file.  All of it is recognised, and what was recognised is
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from flashtemp.camera import image_validation
 from flashtemp.camera.importing.formats import fast_text, infratec_ascii
+from flashtemp.camera.importing.formats.camera_file import CameraFile
 from flashtemp.camera.importing.formats.cell_parsing import count_numeric, count_units, parse_cells
 from flashtemp.camera.importing.formats.raw_frames import (
     UNSCALED,
@@ -63,7 +64,17 @@ class TextMatrices:
     commas_part: bool
 
 
-def read(
+def read(file: CameraFile) -> Iterator[RawFrames]:
+    """The images of a text file, degC, one of `every`.  BadInput where the first bytes cannot be text."""
+    if not is_text(file.start):
+        raise BadInput(NO_TEXT)
+    options = file.options
+    names = ("unit", "scale", "offset", "below", "decimal", "rows", "labels")
+    stated = {name: getattr(options, name) for name in names}
+    yield read_text(file.read_all(MEMORY_PER_TEXT_BYTE), **stated).take_every(options.every)
+
+
+def read_text(
     data: bytes, unit=None, scale=None, offset=None, below=None, decimal=None, rows=None, labels=None
 ) -> RawFrames:
     """The images of a text file, degC.

@@ -1,9 +1,9 @@
-"""The block's side wall, which its films cool below the section behind it.
+"""Temperature of the block's side wall, from a 2D run that does not resolve it.
 
-In 2D the section is one that no side wall is near, but for films that the section itself feels (`block.sides`).  The
-wall is cooler, the more the longer ago the heat came that lies behind it: a problem of the block's corner, which is
-solved for what its face has been through (`flashtemp/camera/prediction/wall_temperature/side_wall_conduction.py`).  How good that is:
-docs/explanation/camera_model.md.
+A 2D run solves a section far from the side walls; the only cooling there that it knows is that of `block.sides`.
+Air cools the wall below the section, the more the longer ago the heat behind it arrived.  The difference is the
+solution for the corner between face and wall under the history of the face, eq. (W1) to (W3) of
+`side_wall_conduction.py`.  Its accuracy stands in docs/explanation/camera_model.md.
 """
 
 from __future__ import annotations
@@ -24,18 +24,21 @@ from flashtemp.model.effect_laws import EffectLaws
 from flashtemp.model.scene import LawContext, Scene
 from flashtemp.physics.interpolation import interpolate_linear
 
-FILM_SAMPLE_POINTS = np.array([-2.0, 0.0, 2.0]) / 3.0  # a stretch from -1 to 1, where films are asked for
-FILM_INTERVALS = 8  # of a phase, in each of which the film of the walls is taken for even
-COLUMN_GROUPS = 10  # groups of columns along the block, between which the wall follows splines
-FAINT_PEAK_FRACTION, FAINT_RISE_K = 0.01, 1e-9  # of the warmest place, and K: below, what lacks is no share
-SECANT_RISE_K = 10.0  # K by which a wall has warmed in the mean, for heat that is not proportional to that
-MIN_FACE_RISE_FRACTION = 0.02  # of the largest rise of a face, and K: below, a change is no share of it
+FILM_SAMPLE_POINTS = np.array([-2.0, 0.0, 2.0]) / 3.0  # of an interval from -1 to 1, where coefficients are evaluated
+FILM_INTERVALS = 8  # of a phase, in each of which the heat-transfer coefficient of the walls is constant
+COLUMN_GROUPS = 10  # groups of columns along the block, between which splines interpolate the wall
+FAINT_PEAK_FRACTION, FAINT_RISE_K = 0.01, 1e-9  # of the largest rise, and K: below, the deficit is not scaled
+SECANT_RISE_K = 10.0  # K, typical rise of a wall, over which losses that are not proportional to it are linearised
+MIN_FACE_RISE_FRACTION = 0.02  # of the largest rise of a face, and K: below, a change is not taken relative to it
 
 
 @dataclass(frozen=True)
 class FaceHistory:
-    """The block's face: its `rise` (n, x) in K at `times` (n,) in s, the contact's `contact_conductance` (n - 1, x) in W/m2K, and what
-    that follows from: local `pressure` (n, x) in Pa and how far it is `worn` (n, x), m."""
+    """History of the block's face: `rise` (n, x) in K above ambient at `times` (n,) in s.
+
+    `contact_conductance` (n - 1, x) in W/m2K follows from the rise, the local `pressure` (n, x) in Pa and the depth by
+    which the face is `worn` (n, x), m.
+    """
 
     rise: np.ndarray
     times: np.ndarray
@@ -45,93 +48,106 @@ class FaceHistory:
 
     @classmethod
     def from_run(cls, run, scene: Scene) -> FaceHistory:
-        """That of a run of a scene in 2D."""
+        """History of the face in a 2D run of a scene."""
         rise = run.T_block.astype(float) - run.ambient_degC
         pressure, worn = run.pressure.astype(float), run.worn.astype(float)
         return cls(rise, run.time, effective_contact_conductance(scene, run.time, rise, pressure, worn), pressure, worn)
 
-    def for_perturbed_run(self, run, level, scene: Scene) -> FaceHistory:
-        """That of a neighbour of this run with a scene of its own, which is recorded at few of its times, as is the
-        neighbour's own `level`.
+    def for_perturbed_run(self, run, reference, scene: Scene) -> FaceHistory:
+        """History of the face in a perturbed `run` of another `scene`.
 
-        What a small change does is taken as a share of the rise, linear between records.
+        That run and its `reference` are recorded at few times.  Their relative difference, interpolated linearly in
+        time, scales this history.
         """
-        moved, plain = (one.T_block.astype(float) - one.ambient_degC for one in (run, level))
-        share = (moved - plain) / np.maximum(
-            plain, MIN_FACE_RISE_FRACTION * max(float(plain.max()), MIN_FACE_RISE_FRACTION)
+        perturbed, base = (one.T_block.astype(float) - one.ambient_degC for one in (run, reference))
+        relative_change = (perturbed - base) / np.maximum(
+            base, MIN_FACE_RISE_FRACTION * max(float(base.max()), MIN_FACE_RISE_FRACTION)
         )
-        rise = self.rise * (1.0 + interpolate_linear(share, level.time, self.times))
-        hold = effective_contact_conductance(
-            scene, self.times, self.rise, self.pressure, self.worn
-        )  # its own shapes are of second order
-        return FaceHistory(rise, self.times, hold, self.pressure, self.worn)
+        rise = self.rise * (1.0 + interpolate_linear(relative_change, reference.time, self.times))
+        # the unperturbed profiles of rise, pressure and wear enter here: their change is of second order
+        conductance = effective_contact_conductance(scene, self.times, self.rise, self.pressure, self.worn)
+        return FaceHistory(rise, self.times, conductance, self.pressure, self.worn)
 
 
 def side_wall_rise(
     scene: Scene, films: WallFilmCoefficients, z, times, section, face: FaceHistory, kept: MatrixCache | None = None
 ) -> np.ndarray:
-    """Rise of the wall (frames, x, z) in K at `times` where the `section` behind it has risen by as much.
+    """Temperature rise of the wall (frames, x, z) in K at `times` (s), from the rise of the `section` behind it.
 
-    z (m) above the face; `kept` is what images of one recording share.  In 2D alone: in 3D the wall is resolved.
+    z (m) is the height above the face; `kept` caches matrices for the images of one recording.  For 2D runs only: a 3D
+    run resolves the wall.
     """
     if max(times) <= face.times[0]:
         return section
     corner, moments = build_corner_model(scene, films, times, face)
-    lack, own, _ = corner.temperature_deficit(z, np.zeros(1), moments, kept)
-    lack, first = lack[:, :, 0], _group_starts(scene)
+    deficit, corner_section, _ = corner.temperature_deficit(z, np.zeros(1), moments, kept)
+    deficit, first = deficit[:, :, 0], _group_starts(scene)
     if len(first) > 2:
-        along = CubicSpline(0.5 * (first[1:] + first[:-1]), np.stack([lack, own]), axis=2)
-        lack, own = along(np.arange(first[-1]) + 0.5)
-    # the corner's section is nearly this one: what it lacks, as a share where it is warm
-    faint, conduction = (
-        (FAINT_PEAK_FRACTION * np.abs(own).max(axis=(1, 2), keepdims=True) + FAINT_RISE_K) ** 2,
-        KirchhoffTransform.from_scene(scene),
-    )
-    warm = conduction.theta(section) - corner.air[moments][:, None, None]
-    return conduction.subtract_theta(section, lack * (warm * own + faint) / (own**2 + faint))
+        along = CubicSpline(0.5 * (first[1:] + first[:-1]), np.stack([deficit, corner_section]), axis=2)
+        deficit, corner_section = along(np.arange(first[-1]) + 0.5)
+    # The corner model's section is nearly the run's.  Where it is warm, the deficit is scaled by the ratio of the two;
+    # where it is not, the ratio means nothing and tends to 1.
+    conduction = KirchhoffTransform.from_scene(scene)
+    faint = (FAINT_PEAK_FRACTION * np.abs(corner_section).max(axis=(1, 2), keepdims=True) + FAINT_RISE_K) ** 2
+    above_air = conduction.theta(section) - corner.air[moments][:, None, None]
+    ratio_weighted = deficit * (above_air * corner_section + faint) / (corner_section**2 + faint)
+    return conduction.subtract_theta(section, ratio_weighted)
 
 
 def build_corner_model(
     scene: Scene, films: WallFilmCoefficients, times, face: FaceHistory
 ) -> tuple[WallCornerModel, np.ndarray]:
-    """The corner of a block whose face has such a history, and which of its moments are `times` (s)."""
-    reach = max(times)
-    other = np.append(True, np.any(face.contact_conductance[1:] != face.contact_conductance[:-1], axis=1))
-    records = face.times[:-1][other | (np.arange(len(other)) % 2 == 0)]  # every second, and where the hold changes
-    asked = [records, films.start_times, times, films.air[0] if np.ptp(films.air[1]) else films.start_times]
-    moments = np.unique(np.concatenate([t[(t >= face.times[0]) & (t <= reach)] for t in map(np.asarray, asked)]))
+    """Corner model of a block whose face has such a history, and the indices of `times` (s) among its moments."""
+    last_time = max(times)
+    changes = np.append(True, np.any(face.contact_conductance[1:] != face.contact_conductance[:-1], axis=1))
+    records = face.times[:-1][changes | (np.arange(len(changes)) % 2 == 0)]  # every second, and where H changes
+    required = [records, films.start_times, times, films.air[0] if np.ptp(films.air[1]) else films.start_times]
+    moments = np.unique(np.concatenate([t[(t >= face.times[0]) & (t <= last_time)] for t in map(np.asarray, required)]))
     mid = 0.5 * (moments[1:] + moments[:-1])
-    since = np.clip(np.searchsorted(face.times, mid) - 1, 0, len(face.contact_conductance) - 1)
+    interval = np.clip(np.searchsorted(face.times, mid) - 1, 0, len(face.contact_conductance) - 1)
     edges, mean = group_columns(scene)
     air, conduction = np.interp(moments, *films.air), KirchhoffTransform.from_scene(scene)
     rise = interpolate_linear(face.rise @ mean, face.times, moments)
-    block, felt = conduction.mean_material(rise, moments)
-    hold = (face.contact_conductance @ mean)[since] / conduction.conductivity_ratio(0.5 * (rise[1:] + rise[:-1]))
+    block, film_factor = conduction.mean_material(rise, moments)
+    # per kelvin of Kirchhoff's theta instead of the rise, which the corner model solves for
+    conductance = (face.contact_conductance @ mean)[interval] / conduction.conductivity_ratio(
+        0.5 * (rise[1:] + rise[:-1])
+    )
     corner = WallCornerModel(
-        block, scene.width, scene.height, edges, moments, conduction.theta(rise) - air[:, None], air, hold,
-        felt * films.coefficient_at(mid, films.wall), felt * films.coefficient_at(mid, films.section), conduction.axial_conductivity_ratio,
-    )  # fmt: skip
-    return corner, np.searchsorted(moments, np.clip(times, moments[0], reach))
+        block=block,
+        width=scene.width,
+        height=scene.height,
+        edges=edges,
+        times=moments,
+        rise=conduction.theta(rise) - air[:, None],
+        air=air,
+        contact_conductance=conductance,
+        wall_film=film_factor * films.coefficient_at(mid, films.wall),
+        section_film=film_factor * films.coefficient_at(mid, films.section),
+        axial_conductivity_ratio=conduction.axial_conductivity_ratio,
+    )
+    return corner, np.searchsorted(moments, np.clip(times, moments[0], last_time))
 
 
 def group_columns(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Edges (groups + 1,) in m of groups of columns, and what makes means over them of columns (columns, groups)."""
+    """Edges (groups + 1,) in m of groups of columns, and the matrix (columns, groups) that averages over each group."""
     first, edges = _group_starts(scene), scene.mesh.x[scene.mesh.first : scene.mesh.last + 1]
     inside = np.repeat(np.eye(len(first) - 1), np.diff(first), axis=0)
     return edges[first], inside * np.diff(edges)[:, None] / np.diff(edges[first])
 
 
 def _group_starts(scene: Scene) -> np.ndarray:
-    """Number of the column with which each group of columns begins, and of all."""
+    """Index (groups + 1,) of the first column of each group, and the number of columns."""
     columns = scene.mesh.last - scene.mesh.first
     return np.unique(np.linspace(0, columns, COLUMN_GROUPS + 1).round().astype(int))
 
 
 @dataclass(frozen=True)
 class WallFilmCoefficients:
-    """Films of the side walls (n,) W/m2K, from when (s) each has `start_times`: the `wall`'s, and of that the `section`'s.
+    """Heat-transfer coefficients of the side walls in intervals that begin at `start_times` (n,) s.
 
-    `air`: times (m,) in s, and by how much the air is warmer then than at the start (m,), K; linear between.
+    `wall` (n,) W/m2K is the whole coefficient, `section` (n,) the part that the 2D section already loses as a fin.
+    `air`: times (m,) in s and the warming of the air since the start (m,) in K, linear in between.
     """
 
     start_times: np.ndarray
@@ -141,55 +157,55 @@ class WallFilmCoefficients:
 
     @classmethod
     def from_scene(cls, scene: Scene) -> WallFilmCoefficients:
-        """Those of a scene: in 2D the air cools the side walls as it does the leading one."""
+        """Coefficients of a scene; in 2D the air cools the side walls as it cools the leading wall."""
         laws = EffectLaws(scene)
-        begun, seen, air = [], [], [0.0]
-        calm = laws.base_films_only and not (
-            laws.patches or laws.has_law("ambient.temperature")
-        )  # nothing changes in a phase
+        starts, values, air = [], [], [0.0]
+        is_constant = laws.base_films_only and not (laws.patches or laws.has_law("ambient.temperature"))
         for phase in scene.schedule.phases:
-            edges = np.linspace(phase.begin, phase.end, 1 + (1 if calm else FILM_INTERVALS))
+            edges = np.linspace(phase.begin, phase.end, 1 + (1 if is_constant else FILM_INTERVALS))
             within = 0.5 * (edges[:-1, None] + edges[1:, None] + np.diff(edges)[:, None] * FILM_SAMPLE_POINTS)
-            begun += list(edges[:-1])
-            seen += [
-                np.mean([_film_coefficients(laws, scene.law_context(phase, t), scene) for t in some], axis=0)
-                for some in within
+            starts += list(edges[:-1])
+            values += [
+                np.mean([_film_coefficients(laws, scene.law_context(phase, t), scene) for t in sample_times], axis=0)
+                for sample_times in within
             ]
             air += [laws("ambient.temperature", 0.0, None, scene.law_context(phase, t)) for t in edges[1:]]
-        changed = np.append(True, np.any(np.diff(seen, axis=0) != 0.0, axis=1))
-        on_wall, on_section = np.array(seen)[changed].T
-        clock = np.append(begun, scene.schedule.phases[-1].end)
-        return cls(np.array(begun)[changed], on_wall, on_section, (clock, np.array(air)))
+        changed = np.append(True, np.any(np.diff(values, axis=0) != 0.0, axis=1))
+        on_wall, on_section = np.array(values)[changed].T
+        clock = np.append(starts, scene.schedule.phases[-1].end)
+        return cls(np.array(starts)[changed], on_wall, on_section, (clock, np.array(air)))
 
     def coefficient_at(self, times, films: np.ndarray) -> np.ndarray:
-        """One of the two at some `times` (s), where it changes the one before."""
+        """`wall` or `section` at `times` (s); at the very time of a change, the value before it."""
         return films[np.maximum(np.searchsorted(self.start_times, times) - 1, 0)]
 
 
 def _film_coefficients(laws: EffectLaws, now: LawContext, scene: Scene) -> tuple[float, float]:
-    """What side walls lose for every kelvin, and of that what the section feels as a whole, W/m2K.
+    """Heat-transfer coefficient of the side walls, and the part of it that the 2D section itself loses, W/m2K.
 
-    By films and by what else changes as a wall warms.  In 2D the base's films say nothing of side walls: what they say
-    of the leading one holds there.
+    It covers convection and every other loss that grows as the wall warms, such as radiation.  The base laws of a 2D
+    scene know no side walls: their coefficient of the leading wall is used there.
     """
-    there = now.at_position(scene.mesh, np.array([0.5 * scene.length]), 0.0, local_pressure=now.pressure,
+    at_wall = now.at_position(scene.mesh, np.array([0.5 * scene.length]), 0.0, local_pressure=now.pressure,
                    spot_fraction=scene.spot_fraction, covered=scene.spot_fraction)  # fmt: skip
     base = {acting.name for acting in scene.acting if acting.effect.base}
     sides, leading = laws.films.get("block.sides", []), laws.films.get("block.leading", [])
-    said = {name for _, _, name in sides}
+    side_effects = {name for _, _, name in sides}
     section = sum(part.law(now, p) for part, p, _ in sides)
-    wall = sum(part.law(now, p) for part, p, name in leading if name in base - said)
+    wall = sum(part.law(now, p) for part, p, name in leading if name in base - side_effects)
     for part, p, _ in laws.patches:
         if part.site == "block.sides":
-            cold, warm = (np.mean(part.law(T, there, p)) for T in (there.ambient, there.ambient + SECANT_RISE_K))
+            # heat into the wall falls as it warms: the secant slope is its heat-transfer coefficient
+            cold, warm = (np.mean(part.law(T, at_wall, p)) for T in (at_wall.ambient, at_wall.ambient + SECANT_RISE_K))
             section += max(float(cold - warm), 0.0) / SECANT_RISE_K
     return min(float(section + wall), MAX_CONDUCTANCE_W_M2K), min(float(section), MAX_CONDUCTANCE_W_M2K)
 
 
 def wall_deficit_length(z, half: float):
-    """Length l (m): h l/k is how much cooler the wall is than `half` behind it, at z (m) above a face that is held.
+    """Length l (m) of which h l/k is the relative drop of temperature from a depth of `half` (m) to the wall.
 
-    Exact for even cooling of the wall of a corner without end; `half` far above, where heat flows straight to the wall.
+    z (m) is the height above a face of fixed temperature.  Exact for uniform cooling of the wall of an infinite corner;
+    it tends to `half` far above the face, where heat flows straight to the wall.
 
     >>> [round(float(wall_deficit_length(z, 1.0)), 3) for z in (0.0, 0.1, 1.0, 100.0)]
     [0.0, 0.21, 0.721, 0.997]

@@ -1,10 +1,16 @@
-"""What a JPEG without FLIR's thermal data is: whose own data it carries, and what to export instead."""
+"""JPEG: the radiometric images of FLIR; for those of other makers, what to export instead."""
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
 
+from flashtemp.camera.importing.formats import flir
+from flashtemp.camera.importing.formats.camera_file import COLOUR_IMAGE_REMEDY, CameraFile
+from flashtemp.camera.importing.formats.raw_frames import RawFrames
+from flashtemp.errors import BadInput
+
+MAGIC = (b"\xff\xd8",)
 MAKER_REMEDIES = {  # letters that stand in the header: whose it is, and what to ask for
     b"DJI": (
         "DJI R-JPEG: its temperatures are in a form that only DJI's Thermal SDK reads; convert it there (dji_irp -a"
@@ -18,6 +24,17 @@ MAKER_REMEDIES = {  # letters that stand in the header: whose it is, and what to
 }
 COMMON_SEGMENTS = (b"JFIF", b"JFXX", b"Exif", b"http://ns.adobe.com/", b"ICC_PROFILE", b"Photoshop", b"Adobe", b"MPF")
 MIN_MAKER_BYTES = 10_000  # bytes of a maker's own data: temperatures of the smallest sensors take more
+
+
+def read(file: CameraFile) -> Iterator[RawFrames]:
+    """The image of a radiometric JPEG of FLIR, degC; a JPEG without FLIR's thermal data raises BadInput."""
+    data = file.read_all()
+    block = flir.join_jpeg_pieces(data)
+    if not block:
+        what = describe_foreign_jpeg(data)
+        raise BadInput(what if "give" in what else what + COLOUR_IMAGE_REMEDY)
+    options = file.options
+    yield from flir.read_fff(block, "FLIR radiometric JPEG", options.parameters, options.planck, limit=options.limit)
 
 
 def describe_foreign_jpeg(data: bytes) -> str:

@@ -206,7 +206,7 @@ def test_a_new_campaign_believes_the_case_that_there_is(tmp_path):
     page = CampaignPage(tmp_path)
     for name, case in {"b.toml": "b.toml", "a.toml": "a.toml", "case.toml": "case.toml"}.items():
         (tmp_path / name).write_text(CASE)
-        page.found = folders.list_folder(tmp_path)
+        page.listing = folders.list_folder(tmp_path)
         assert tomllib.loads(page._new_text())["case"] == case
 
 

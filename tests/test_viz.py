@@ -329,7 +329,7 @@ def test_a_module_that_declares_a_picture_is_drawn(runs, tmp_path, monkeypatch):
 
 
 def test_pictures_of_a_run_are_found_in_their_modules():
-    names = "profile map field friction budget run_in worn width spots".split()
+    names = ["profile", "map", "field", "friction", "budget", "run_in", "worn", "width", "spots"]
     assert sorted(flashtemp.viz.PICTURES.values()) == sorted(names)
     assert sorted(flashtemp.viz.ANIMATIONS.values()) == ["run_in", "spots"]
 

@@ -93,8 +93,8 @@ def repetition_axis(run) -> RepetitionAxis:
 
 def sliding_ends(run) -> np.ndarray:
     """Indices (r,) into run.time of the end of sliding of every repetition."""
-    at = np.flatnonzero(run.sliding)
-    return at[np.flatnonzero(np.diff(run.repetition[at], append=-1))]
+    records = np.flatnonzero(run.sliding)
+    return records[np.flatnonzero(np.diff(run.repetition[records], append=-1))]
 
 
 def interval_means(values: np.ndarray, time: np.ndarray, edges: np.ndarray) -> np.ndarray:

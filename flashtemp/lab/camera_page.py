@@ -180,11 +180,11 @@ class CameraPage:
             on_change=lambda: self._show_command(),
         )
         self.view.classes("w-full")
-        self.said: dict[str, Any] = {}
+        self.values: dict[str, Any] = {}
         for key, unit in STATED_VALUE_UNITS.items():
             words = f"{key}{f' ({unit})' if unit else ''}"
-            self.said[key] = ui.number(words, value=getattr(facts, key), on_change=lambda: self._show_command())
-            self.said[key].classes("w-full").props("dense")
+            self.values[key] = ui.number(words, value=getattr(facts, key), on_change=lambda: self._show_command())
+            self.values[key].classes("w-full").props("dense")
         self.starting = ui.input("starts of sliding, s after the first frame", value=_format_times(self.starts))
         self.starting.classes("w-full").props("dense").on("change", lambda: self._starts_typed())
         with ui.row():
@@ -214,12 +214,12 @@ class CameraPage:
 
     def _frame_times(self) -> np.ndarray:
         """Times (s) after the first frame, from the entered frame rate where the files have no times."""
-        rate = self.said["fps"].value
+        rate = self.values["fps"].value
         return self.opened.time if self.opened.has_times or not rate else self.opened.time / float(rate)
 
     def _start_clicked(self, t: float) -> None:
         """Add a start of sliding at a click on the curve, or remove the one there."""
-        t = round(t / float(self.said["fps"].value or 1.0) if not self.opened.has_times else t, 4)
+        t = round(t / float(self.values["fps"].value or 1.0) if not self.opened.has_times else t, 4)
         self.starts = [s for s in self.starts if s != t] if t in self.starts else sorted([*self.starts, t])
         self._update_starts()
 
@@ -233,19 +233,19 @@ class CameraPage:
 
     def _update_starts(self) -> None:
         self.starting.value = _format_times(self.starts)
-        rate = 1.0 if self.opened.has_times else float(self.said["fps"].value or 1.0)
+        rate = 1.0 if self.opened.has_times else float(self.values["fps"].value or 1.0)
         lines = [{"xAxis": t * rate} for t in self.starts]
         self.trace.options["series"][0]["markLine"] = {"symbol": "none", "data": lines, "label": {"show": False}}
         self.trace.update()
         if self.starts:
-            self.said["start"].value = round(-self.starts[0], 4)
+            self.values["start"].value = round(-self.starts[0], 4)
         self._show_command()
 
     # --- options and command ----------------------------------------------------------------------------------------
     def collect_options(self) -> ImportOptions:
         """The import options from marks and entered values."""
         marks = self.marked.marks
-        entered: dict[str, Any] = {k: float(box.value) for k, box in self.said.items() if box.value is not None}
+        entered: dict[str, Any] = {k: float(box.value) for k, box in self.values.items() if box.value is not None}
         if self.starts:
             entered["starts"] = tuple(round(t - self.starts[0], 4) for t in self.starts)
         unplaced = replace(self.inherited, point=None, pixel=None, second=None, at=None, mm_per_pixel=None)
@@ -255,9 +255,9 @@ class CameraPage:
 
     def template_text(self) -> str:
         """The equivalent recording template as TOML."""
-        here = (self.folder / self.out.value).parent
+        template_folder = (self.folder / self.out.value).parent
         rows: dict[str, Any] = {
-            "files": [_relative_path(self.folder / n, here) for n in self.names],
+            "files": [_relative_path(self.folder / n, template_folder) for n in self.names],
             "out": Path(self.out.value).name,
         }
         for f in fields(ImportOptions):

@@ -31,7 +31,7 @@ class CampaignPage:
     def show(self, name: str) -> None:
         """Show a campaign of the folder, or a new one where `name` is ""."""
         with show_errors(self.folder):
-            self.found = list_folder(self.folder)
+            self.listing = list_folder(self.folder)
             text, self.opened = read_text(self.folder, name) if name else (self._new_text(), None)
             with ui.row().classes("w-full items-center"):
                 self.name = ui.input("file", value=name or free_name(self.folder, "campaign.toml")).classes("w-96")
@@ -46,11 +46,11 @@ class CampaignPage:
 
     def _new_text(self) -> str:
         """A new campaign with case.toml, or else the first case of the folder."""
-        cases = [p.as_posix() for p in self.found.cases]
+        cases = [p.as_posix() for p in self.listing.cases]
         return NEW_CAMPAIGN if "case.toml" in cases or not cases else NEW_CAMPAIGN.replace("case.toml", cases[0])
 
     def _add_controls(self, text: str) -> None:
-        cases = [str(p) for p in self.found.cases]
+        cases = [str(p) for p in self.listing.cases]
         try:
             stated = (self.folder / self.name.value).parent / str(parse_toml(text).get("case", ""))
             chosen = next((c for c in cases if (self.folder / c).resolve() == stated.resolve()), None)
@@ -65,16 +65,16 @@ class CampaignPage:
             "change", lambda: self._set_key("free", [k.strip() for k in self.free.value.split(",") if k.strip()])
         )
         ui.label("Add a recording").classes("text-lg font-medium")
-        recordings = [str(p) for p in self.found.recordings]
+        recordings = [str(p) for p in self.listing.recordings]
         self.file = ui.select(recordings, label="recording", with_input=True).classes("w-full")
-        self.given = ui.input("conditions, e.g. contact.pressure=3e5, schedule.speed=0.2").classes("w-full")
-        self.held = ui.checkbox("leave out of the fit")
+        self.conditions = ui.input("conditions, e.g. contact.pressure=3e5, schedule.speed=0.2").classes("w-full")
+        self.held_out = ui.checkbox("leave out of the fit")
         ui.button("Add", on_click=self._add_recording).props("outline")
 
     def _relative_path(self, path: str) -> str:
         """A file of the folder relative to the campaign file."""
-        here = (self.folder / self.name.value).parent
-        return os.path.relpath(self.folder / path, here)
+        campaign_folder = (self.folder / self.name.value).parent
+        return os.path.relpath(self.folder / path, campaign_folder)
 
     def _set_key(self, key: str, value: Any) -> None:
         self.text.value = set_toml_key(self.text.value or "", "", key, value)
@@ -86,9 +86,9 @@ class CampaignPage:
         self.faults.clear()
         with self.faults, show_errors(self.folder):
             rows = ["", "[[recording]]", f"file = {value_text(self._relative_path(self.file.value))}"]
-            if given := _parse_conditions(self.given.value or ""):
-                rows.append(f"with = {value_text(given)}")
-            if self.held.value:
+            if conditions := _parse_conditions(self.conditions.value or ""):
+                rows.append(f"with = {value_text(conditions)}")
+            if self.held_out.value:
                 rows.append("held_out = true")
             self.text.value = (self.text.value or "").rstrip() + "\n" + "\n".join(rows) + "\n"
 

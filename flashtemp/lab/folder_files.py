@@ -30,7 +30,7 @@ class FolderFiles(StaticFiles):
         self.folder = Path(os.path.realpath(folder))
 
     async def get_response(self, path: str, scope: Any) -> Response:
-        """The file, or 404 whatever is wrong with its name.  Raises HTTPException."""
+        """The file.  Raises HTTPException 404 for every name that cannot be served."""
         try:
             return await super().get_response(path, scope)
         except HTTPException as fault:

@@ -64,8 +64,8 @@ class JobsPage:
 
     def _file_choices(self, command: str, of: str) -> list[str]:
         """The files that the command accepts."""
-        found = list_folder(self.folder)
-        kind = found.campaigns if command in ("compare", "discover", "plan") else found.cases
+        listing = list_folder(self.folder)
+        kind = listing.campaigns if command in ("compare", "discover", "plan") else listing.cases
         names = [str(p.parent) if p.name in STANDARD_FILES and p.parent != Path() else str(p) for p in kind]
         return list(dict.fromkeys([*([of] if of else []), *names]))
 
@@ -136,7 +136,7 @@ class JobCard:
                 self.state = ui.badge("running").props('data-is="state"')
                 self.stop = ui.button("Stop", on_click=job.stop).props("flat dense")
             self.bar = ui.linear_progress(0.0, show_value=False).props("instant-feedback")
-            self.said = ui.label("").classes("text-sm text-gray-700")
+            self.progress_line = ui.label("").classes("text-sm text-gray-700")
             with ui.expansion("log").classes("w-full"):
                 self.log = ui.label("").classes("font-mono text-xs whitespace-pre-wrap")
             self.ways = ui.row()
@@ -146,7 +146,7 @@ class JobCard:
         if self.ended:
             return
         fraction, line = self.job.progress()
-        self.said.text = escape_control(line)
+        self.progress_line.text = escape_control(line)
         self.log.text = escape_lines("\n".join(self.job.log_lines()))
         self.state.text = self.job.state
         self.bar.value = fraction or 0.0

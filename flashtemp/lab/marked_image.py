@@ -23,7 +23,7 @@ class MarkedImage:
     def __init__(self, opened: OpenedFrames, facts: ImportOptions, changed: Callable[[], Any]):
         self.opened, self.facts, self.changed = opened, facts, changed
         self.points: dict[str, tuple[float, float]] = {}
-        self.held: str | None = None
+        self.dragged: str | None = None
         self.near, self.middle = CORNER_NAMES[0], (0, 0)
         self.boxes: dict[tuple[str, int], Any] = {}
         if facts.point is not None and len(facts.point) == len(CORNER_NAMES):
@@ -141,14 +141,14 @@ class MarkedImage:
         self.value.text = f"column {c:.1f}, row {r:.1f}: {self.opened.describe_pixel(int(self.frame.value), c, r)}"
         if event.type == "mousedown":
             grips = [n for n, (a, b) in self.points.items() if max(abs(a - c), abs(b - r)) * zoom < GRIP_PX]
-            self.held = grips[0] if grips else str(self.next.value)
+            self.dragged = grips[0] if grips else str(self.next.value)
             if not grips:
-                self._set_mark(self.held, c, r)
-        elif event.type == "mousemove" and self.held and event.buttons:
-            self._set_mark(self.held, c, r)
-        elif event.type == "mouseup" and self.held:
-            self.next.value = next((n for n in CORNER_NAMES if n not in self.points), self.held)
-            self.held = None
+                self._set_mark(self.dragged, c, r)
+        elif event.type == "mousemove" and self.dragged and event.buttons:
+            self._set_mark(self.dragged, c, r)
+        elif event.type == "mouseup" and self.dragged:
+            self.next.value = next((n for n in CORNER_NAMES if n not in self.points), self.dragged)
+            self.dragged = None
 
     def _set_mark(self, name: str, column: float, row: float) -> None:
         self.points[name] = (column, row)

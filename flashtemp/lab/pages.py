@@ -71,24 +71,24 @@ def make_application(folder: Path) -> tuple[Any, JobList]:
 
 def _show_folder(folder: Path) -> None:
     """List the files of the folder by kind, with links to what can be done with each."""
-    found = list_folder(folder)
+    listing = list_folder(folder)
 
     def campaign_links(campaign: Path) -> list[tuple[str, str]]:
         return [(c, _work_link(c, campaign)) for c in ("compare", "discover", "plan")]
 
     groups: dict[str, Sequence[tuple[Path | str, list[tuple[str, str]]]]] = {
-        "Cases": [(p, [("open", page_address("case", open=p)), ("run", _work_link("run", p))]) for p in found.cases],
+        "Cases": [(p, [("open", page_address("case", open=p)), ("run", _work_link("run", p))]) for p in listing.cases],
         "Camera files": [
             (p, [(f"view {format_count(n, 'file')}", page_address("camera", open=p))])
-            for p, n in found.image_series.items()
+            for p, n in listing.image_series.items()
         ],
-        "Recording templates": [(p, [("open", page_address("camera", template=p))]) for p in found.templates],
-        "Recordings": [(p, [("view", page_address("camera", open=p))]) for p in found.recordings],
-        "Campaigns": [(p, [("open", page_address("campaign", open=p)), *campaign_links(p)]) for p in found.campaigns],
-        "Results": [(p, [("open", page_address("result", open=p))]) for p in found.results],
-        "Unfinished runs": [(p, [("resume", _work_link(o.command, p))]) for p, o in found.begun.items()],
+        "Recording templates": [(p, [("open", page_address("camera", template=p))]) for p in listing.templates],
+        "Recordings": [(p, [("view", page_address("camera", open=p))]) for p in listing.recordings],
+        "Campaigns": [(p, [("open", page_address("campaign", open=p)), *campaign_links(p)]) for p in listing.campaigns],
+        "Results": [(p, [("open", page_address("result", open=p))]) for p in listing.results],
+        "Unfinished runs": [(p, [("resume", _work_link(o.command, p))]) for p, o in listing.begun.items()],
     }  # fmt: skip
-    for sentence in found.omissions:
+    for sentence in listing.omissions:
         ui.label(sentence).classes("text-amber-900")
     if not any(groups.values()):
         ui.label("No files yet: create a case, or drop camera files on the camera page.")

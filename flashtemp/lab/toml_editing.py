@@ -22,10 +22,10 @@ def set_toml_key(text: str, table: str, key: str, value: Any) -> str:
     <BLANKLINE>
     """
     lines = text.splitlines()
-    found = KeyLocations("", text).find_line(f"{table}.{key}" if table else key)
+    line_number = KeyLocations("", text).find_line(f"{table}.{key}" if table else key)
     written = None if value is None else f"{key} = {value_text(value)}"
-    if found is not None:
-        first, last = found - 1, _last_line(lines, found - 1)
+    if line_number is not None:
+        first, last = line_number - 1, _last_line(lines, line_number - 1)
         comment = _trailing_comment(lines[first]) if first == last else ""
         lines[first : last + 1] = [] if written is None else [written + comment]
     elif written is not None:
@@ -59,11 +59,11 @@ def _insert_line(lines: list[str], table: str, written: str) -> None:
             before -= 1
         lines.insert(before, written)
         return
-    here = next((k for k in headers if re.fullmatch(rf"\s*\[\s*{re.escape(table)}\s*\]\s*(#.*)?", lines[k])), None)
-    if here is None:
+    header = next((k for k in headers if re.fullmatch(rf"\s*\[\s*{re.escape(table)}\s*\]\s*(#.*)?", lines[k])), None)
+    if header is None:
         lines += ([""] if lines and lines[-1].strip() else []) + [f"[{table}]", written]
         return
-    end = next((k for k in headers if k > here), len(lines))
-    while end > here + 1 and not lines[end - 1].strip():
+    end = next((k for k in headers if k > header), len(lines))
+    while end > header + 1 and not lines[end - 1].strip():
         end -= 1
     lines.insert(end, written)

@@ -65,15 +65,15 @@ def list_folder(folder: Path) -> FolderListing:
     """All files of a folder that a page can open; hidden files are omitted, links are not followed."""
     out = FolderListing()
     for path, names in _walk_folders(folder, out.omissions):
-        here = path.relative_to(folder)
+        relative = path.relative_to(folder)
         made = next((command for name, command in RESULT_COMMANDS.items() if name in names), None)
         if result_folder.MARKER_FILE in names and (owner := read_owner(path)) is not None:
-            out.begun[here] = owner
+            out.begun[relative] = owner
         elif made is not None:
-            out.results[here] = made
+            out.results[relative] = made
         else:
             for name in sorted(names):
-                _add_file(out, folder, here / name)
+                _add_file(out, folder, relative / name)
     return out
 
 

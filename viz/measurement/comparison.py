@@ -180,10 +180,10 @@ def _add_colour_bars(fig, axes) -> None:
 
 def _mark_largest(axes, result) -> None:
     """A square around the pixels of the largest structured difference (mm)."""
-    r, at = result.view.recording, result.largest
+    r, peak = result.view.recording, result.largest
     du, dv = (STRUCTURE_SIZE_PX * 1e3 * p if np.isfinite(p) else 1.0 for p in r.pitch)
     for ax in axes:
-        ax.add_patch(Rectangle((1e3 * at.u - du / 2, 1e3 * at.v - dv / 2), du, dv, fill=False, ec="black", lw=0.9))
+        ax.add_patch(Rectangle((1e3 * peak.u - du / 2, 1e3 * peak.v - dv / 2), du, dv, fill=False, ec="black", lw=0.9))
 
 
 # --- along x, z, time and repetition ----------------------------------------------------------------

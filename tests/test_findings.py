@@ -448,7 +448,11 @@ def test_what_is_long_is_folded(pages):
     assert "edge_pressure.a" not in folds.replace("edge_pressure.a</td><td>", "")
     unlikely = [r.effect.replace("_", " ") for r in RIVALS if r.score <= 0]
     assert all(f"<td>{name}</td>" in folds for name in unlikely)
-    less = next(fold for fold in re.findall(r"<details>.*?</details>", html, re.S) if "would make the data less probable" in fold)
+    less = next(
+        fold
+        for fold in re.findall(r"<details>.*?</details>", html, re.S)
+        if "would make the data less probable" in fold
+    )
     assert f"<td>{RIVALS[0].effect.replace('_', ' ')}</td>" not in less
 
 

@@ -249,7 +249,9 @@ def test_object_parameters_are_read_in_their_own_units(load):
         {"reflected": 20.0, "emissivity": 0.93, "distance": 0.5, "humidity": 0.45}
     )
     head = ["Temperature unit: F", "Reflected temperature: 68", "Object distance (ft): 3"]
-    assert load(join(*head, *lines_of(IN_F))).stated_parameters == pytest.approx({"reflected": 20.0, "distance": 0.9144})
+    assert load(join(*head, *lines_of(IN_F))).stated_parameters == pytest.approx(
+        {"reflected": 20.0, "distance": 0.9144}
+    )
 
 
 # --- labels ---------------------------------------------------------------------------------------------------

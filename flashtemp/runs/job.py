@@ -263,7 +263,7 @@ def _save_result(run: Run, case, work: Path, pvd: bool, say: Callable[[str], Non
 
 def _make_step_hook(work, scene, watch, stop_event=None):
     """Per-step hook: progress to the caller, checkpoints to disk, stop on request."""
-    end, last = scene.schedule.end, float("-inf")
+    end, last = scene.schedule.end_time, float("-inf")
 
     def step_hook(progress: MarchState) -> bool:
         nonlocal last

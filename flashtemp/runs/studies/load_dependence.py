@@ -346,7 +346,7 @@ def _other_law(case: cases.Case, scene: Scene, acting: ActiveEffect) -> dict[str
     phi = case["contact.spot_fraction"]
     if acting.p.spots == "theory":
         wave = 2 * np.pi / scene.spot_diameter
-        phi = float(acting.p.theory.contact(wave, np.sqrt(np.prod(scene.speeds)), scene.ambient, scene.load))
+        phi = float(acting.p.theory.contact_fraction(wave, np.sqrt(np.prod(scene.speeds)), scene.ambient, scene.load))
     return {f"{acting.name}.spots": "given", "contact.spot_exponent": 0.0, "contact.spot_fraction": phi}
 
 

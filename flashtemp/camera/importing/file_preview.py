@@ -166,29 +166,34 @@ def preview_files(
             report_progress(f"{done} of {len(names)} files read")
     if first is None or dead is None:
         raise BadInput("no camera files; give files or a folder of them")
-    notes += describe_order(names)
-    shown, images = kept.select_frames()
-    number_of, edges = counted.binned_counts()
+    (shown, images), (bin_counts, edges) = kept.select_frames(), counted.binned_counts()
     return FilePreview(
         files=tuple(names),
-        format=first.format,
-        camera=first.camera,
         images=images,
         shown=shown,
         mean=np.concatenate(means),
         clock=_concatenate_if_complete(clocks),
         time=_concatenate_if_complete(times),
-        fps=first.fps,
-        said=dict(first.stated_parameters),
         span=(low, high),
-        counts=number_of,
+        counts=bin_counts,
         edges=edges,
         outside=outside,
         dead=dead & (number > 1),
-        notes=tuple(notes),
-        difference=first.difference,
-        counted=first.is_unscaled,
+        notes=(*notes, *describe_order(names)),
+        **_file_facts(first),
     )
+
+
+def _file_facts(first: RawFrames) -> dict[str, Any]:
+    """Fields of the preview that the first frames state for all files."""
+    return {
+        "format": first.format,
+        "camera": first.camera,
+        "fps": first.fps,
+        "said": dict(first.stated_parameters),
+        "difference": first.difference,
+        "counted": first.is_unscaled,
+    }
 
 
 def _without_scale(names: Sequence[Path], facts: ImportOptions) -> ImportOptions:

@@ -49,7 +49,7 @@ def measure(pressure: str, name: str, speed: float) -> dict[str, float]:
     beside, keys = CHOICES[name]
     given = SHORT | keys | {"effects": PRESSURES[pressure] + beside, "schedule.speed": speed}
     run = flashtemp.simulate(ROOT / "cases" / "run_in", given)
-    k, middle = run.last, 0.5 * (run.x[0] + run.x[-1])
+    k, middle = run.last_sliding_index, 0.5 * (run.x[0] + run.x[-1])
     return {
         "face_middle_K": float(np.interp(middle, run.x, run.T_block[k])) - run.ambient_degC,
         "face_largest_K": float(run.T_block[k].max()) - run.ambient_degC,

@@ -52,11 +52,11 @@ def against_alpha(run_of):
     for (name, run), colour in zip(run_of.items(), ("#000000", "#0072B2", "#009E73", "#D55E00"), strict=True):
         ax.plot(
             1e3 * run.x,
-            run.T_spot[run.last],
+            run.T_spot[run.last_sliding_index],
             color=colour,
             label=f"alpha = {name} W/m²K" if name != "inf" else "alpha = inf",
         )
-        ax.plot(1e3 * run.x, run.T_road[run.last], ":", color=colour)
+        ax.plot(1e3 * run.x, run.T_road[run.last_sliding_index], ":", color=colour)
     ax.set(xlabel="x from the leading edge (mm)", ylabel="rubber in the spots, road dotted (°C)", xlim=(0, 25))
     ax.legend()
     return fig

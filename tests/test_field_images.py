@@ -249,7 +249,9 @@ def test_object_parameters_are_read_in_their_own_units(load):
         {"reflected": 20.0, "emissivity": 0.93, "distance": 0.5, "humidity": 0.45}
     )
     head = ["Temperature unit: F", "Reflected temperature: 68", "Object distance (ft): 3"]
-    assert load(join(*head, *lines_of(IN_F))).stated_parameters == pytest.approx({"reflected": 20.0, "distance": 0.9144})
+    assert load(join(*head, *lines_of(IN_F))).stated_parameters == pytest.approx(
+        {"reflected": 20.0, "distance": 0.9144}
+    )
 
 
 # --- labels ---------------------------------------------------------------------------------------------------
@@ -515,7 +517,7 @@ def test_several_images_in_one_file(load, between):
 def test_blocks_that_could_be_one_image_or_several_are_asked_for(load):
     rows = lines_of(separator=";")
     data = join(*rows[:7], "", *rows[7:])
-    refusal(load, data, "line 8: an empty line parts .* --rows 14 for one, --rows 7 for several")
+    refusal(load, data, "line 8: an empty line splits the rows .* --rows 14 for one, --rows 7 for several")
     assert load(data, rows=14).temperature.shape == (1, 14, 20)
     assert load(data, rows=7).temperature.shape == (2, 7, 20)
 

@@ -289,7 +289,9 @@ def test_scale_and_floor_are_chosen_together():
     priors = {mode: (0.0, PRESSURE_MODE_SD), floor: (0.0, LEAST_DISCREPANCY)}
     system = SimpleNamespace(
         known_columns=lambda priors: (mode, floor),
-        evidence_function=lambda priors, equations: lambda sd: known.get((round(sd[0] / PRESSURE_MODE_SD, 6), sd[1]), -99.0),
+        evidence_function=lambda priors, equations: (
+            lambda sd: known.get((round(sd[0] / PRESSURE_MODE_SD, 6), sd[1]), -99.0)
+        ),
     )
     found = prior_widths.find_likeliest_widths(system, priors, {}, object(), (LARGEST_DISCREPANCY, LEAST_DISCREPANCY))
     assert (found.scale, found.floor) == (1.0, LEAST_DISCREPANCY)

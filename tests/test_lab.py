@@ -206,13 +206,13 @@ def test_a_new_campaign_believes_the_case_that_there_is(tmp_path):
     page = CampaignPage(tmp_path)
     for name, case in {"b.toml": "b.toml", "a.toml": "a.toml", "case.toml": "case.toml"}.items():
         (tmp_path / name).write_text(CASE)
-        page.found = folders.list_folder(tmp_path)
+        page.listing = folders.list_folder(tmp_path)
         assert tomllib.loads(page._new_text())["case"] == case
 
 
 @pytest.mark.parametrize("name", ["../outside.toml", "/etc/passwd", "a/../../b"])
 def test_nothing_outside_the_folder_is_touched(tmp_path, name):
-    with pytest.raises(BadInput, match="lies outside the folder"):
+    with pytest.raises(BadInput, match="outside the folder"):
         folders.resolve_inside(tmp_path, name)
 
 
@@ -350,7 +350,7 @@ def at(seen, column, row, zoom=6, columns=160):
 def test_clicks_make_the_recording_that_the_command_line_makes(browser, server, place, width, tmp_path):
     name = f"side{width}"
     with page(browser, server, width) as seen:
-        seen.get_by_role("link", name="look at 24 files").click()
+        seen.get_by_role("link", name="view 24 files").click()
         seen.locator("#image").wait_for()
         seen.get_by_label("fps (1/s)").wait_for()
         seen.locator("#image").scroll_into_view_if_needed()
@@ -459,11 +459,11 @@ def test_from_a_folder_to_a_verdict(browser, tmp_path):
     shutil.copy(next((tmp_path / "twin").glob("*sidewall.nc")), place / "side.nc")
     with served(place) as (address, _), page(browser, address) as seen:
         seen.get_by_role("button", name="New campaign").click()
-        assert seen.get_by_label("case that is believed").input_value() == "case.toml"
+        assert seen.get_by_label("case of the base model").input_value() == "case.toml"
         seen.get_by_label("recording").click()
         seen.get_by_role("option", name="side.nc").click()
         seen.get_by_role("button", name="Add").click()
-        free = seen.get_by_label("free keys, with commas between")  # what the twin draws anew
+        free = seen.get_by_label("free keys, separated by commas")  # what the twin draws anew
         free.fill("friction.mu, contact.spot_fraction, ambient.convection")
         free.press("Tab")
         seen.get_by_role("button", name="discover").click()

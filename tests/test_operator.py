@@ -60,7 +60,9 @@ STANDING = {"ambient_degC": 20.0, "sliding": np.array([False]), "energy": {"into
 @pytest.fixture(scope="module")
 def slid(lab):
     """A short slide with its scene, fields kept at 1 s."""
-    case = lab.assemble_case({}, {"schedule.distance": 0.1, "ambient.convection": 0.0}, lab.KeyLocations("none"), lab.Path(), "x")
+    case = lab.assemble_case(
+        {}, {"schedule.distance": 0.1, "ambient.convection": 0.0}, lab.KeyLocations("none"), lab.Path(), "x"
+    )
     scene = case.scene
     return scene, march(scene, replace(case.settings, times=(0.5, 1.0)))
 

@@ -102,7 +102,7 @@ def test_profile_shows_both_curves_of_the_last_repetition(runs):
     ax = profile.draw(run).axes[0]
     for colour, values in ((theme.SPOT_COLOUR, run.T_spot), (theme.BLOCK_COLOUR, run.T_block)):
         drawn = line(ax, colour, 1.0)
-        np.testing.assert_array_equal(drawn.get_ydata(), values[run.last])
+        np.testing.assert_array_equal(drawn.get_ydata(), values[run.last_sliding_index])
         np.testing.assert_array_equal(drawn.get_xdata(), 1e3 * run.x)
     faint = [i for i in ax.lines if i.get_linewidth() < 0.7 and len(i.get_xdata())]
     assert len(faint) == 2 * profile.MAX_EARLIER_CURVES
@@ -116,7 +116,7 @@ def test_profile_shows_the_road_where_it_differs_or_is_asked_for(runs):
     assert not dashed(profile.draw(runs["one"]))
     assert len(dashed(profile.draw(runs["one"], road=True))) == 1
     run = runs["finite_alpha"]
-    np.testing.assert_array_equal(dashed(profile.draw(run))[0].get_ydata(), run.T_road[run.last])
+    np.testing.assert_array_equal(dashed(profile.draw(run))[0].get_ydata(), run.T_road[run.last_sliding_index])
     assert not dashed(profile.draw(run, road=False))
 
 
@@ -165,7 +165,7 @@ def test_field_shows_ends_of_repetitions_and_the_wait(runs):
     assert len(frames) == 3
     assert run.time[at[0]] == 35.0
     assert not run.sliding[at[1]]
-    assert at[2] == run.last
+    assert at[2] == run.last_sliding_index
     assert len(field.select_moments(runs["one"])) == 1
     assert len(field.select_moments(runs["no_wait"])) == 2
 
@@ -329,7 +329,7 @@ def test_a_module_that_declares_a_picture_is_drawn(runs, tmp_path, monkeypatch):
 
 
 def test_pictures_of_a_run_are_found_in_their_modules():
-    names = "profile map field friction budget run_in worn width spots".split()
+    names = ["profile", "map", "field", "friction", "budget", "run_in", "worn", "width", "spots"]
     assert sorted(flashtemp.viz.PICTURES.values()) == sorted(names)
     assert sorted(flashtemp.viz.ANIMATIONS.values()) == ["run_in", "spots"]
 

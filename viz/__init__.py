@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from flashtemp.display import atomic_write
-from flashtemp.errors import describe_exception
+from flashtemp.errors import describe_exception, warn_renamed
 from flashtemp.viz import run as run_modules
 
 
@@ -106,3 +106,17 @@ def merge_results(results: Iterable[tuple[list[Path], dict[str, str]]]) -> tuple
         written += files
         missing |= faults
     return written, missing
+
+
+RENAMED_MODULES = {  # of earlier releases: still found, with one warning
+    "budget": "run.budget", "comparison": "measurement.comparison", "field": "run.field", "friction": "run.friction",
+    "maps": "run.run_in_maps", "profile": "run.profile", "space_time": "run.space_time", "spots": "run.spots",
+    "width": "run.width_maps", "worn": "run.wear_profile",
+}  # fmt: skip
+
+
+def __getattr__(name: str):
+    if name not in RENAMED_MODULES:
+        raise AttributeError(f"module 'flashtemp.viz' has no attribute '{name}'")
+    warn_renamed(f"flashtemp.viz.{name}", f"flashtemp.viz.{RENAMED_MODULES[name]}")
+    return import_module(f"flashtemp.viz.{RENAMED_MODULES[name]}")

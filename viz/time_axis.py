@@ -17,7 +17,7 @@ TIME_UNITS = (("s", 1.0, 1800.0), ("min", 60.0, 4 * 3600.0), ("h", 3600.0, np.in
 
 @dataclass(frozen=True)
 class RepetitionAxis:
-    """Numbers (r,) of the repetitions, `start` and `end` (r,) of their sliding (s), and `stop`, the end of the run (s)."""
+    """`repetition` numbers (r,), `start` and `end` (r,) of their sliding (s), and `stop`, the end of the run (s)."""
 
     repetition: np.ndarray
     start: np.ndarray
@@ -93,8 +93,8 @@ def repetition_axis(run) -> RepetitionAxis:
 
 def sliding_ends(run) -> np.ndarray:
     """Indices (r,) into run.time of the end of sliding of every repetition."""
-    at = np.flatnonzero(run.sliding)
-    return at[np.flatnonzero(np.diff(run.repetition[at], append=-1))]
+    records = np.flatnonzero(run.sliding)
+    return records[np.flatnonzero(np.diff(run.repetition[records], append=-1))]
 
 
 def interval_means(values: np.ndarray, time: np.ndarray, edges: np.ndarray) -> np.ndarray:

@@ -1,1 +1,1 @@
-"""The laboratory's page in the browser: a folder of files is its only state, and it does what a command line does."""
+"""The web app: pages in the browser for a folder of files.  Every action has an equivalent command line."""

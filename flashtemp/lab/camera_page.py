@@ -1,4 +1,4 @@
-"""The camera's page: see every frame, mark the block, say what the file does not, save recording and template."""
+"""The camera page: view frames, mark the block, enter missing information, save recording and template."""
 
 from __future__ import annotations
 
@@ -45,21 +45,21 @@ from flashtemp.lab.workspace import CAMERA_SUFFIXES, escape_control, free_name, 
 
 STATED_VALUE_UNITS = {"emissivity": "", "reflected": "°C", "fps": "1/s", "start": "s, of the first frame", "netd": "K"}
 RECORDING_VIEWS = ("sidewall", "wake", "profile")
-UPLOAD_FOLDER = "camera"  # folder of files that were dropped on the page together
+UPLOAD_FOLDER = "camera"  # name of the folder for several files uploaded at once
 
 
 class CameraPage:
-    """Camera files being made into a recording: what is marked and said so far, all of it also in words."""
+    """Import of camera files into a recording: marks and entered values, and the equivalent command line."""
 
     def __init__(self, folder: Path):
         self.folder = folder
         self.names: list[str] = []
         self.starts: list[float] = []
         self.inherited = ImportOptions()
-        self.saved: dict[Path, TextVersion] = {}  # recordings that this page wrote, with their templates
+        self.saved: dict[Path, TextVersion] = {}  # recordings written by this page: their templates
 
     async def show(self, name: str, template: str) -> None:
-        """The page for a camera file, a folder of them, or a recording template with its own."""
+        """Show a camera file, a folder of camera files, or the files of a recording template."""
         with ui.row().classes("w-full items-end"):
             self.choice = ui.select(self._file_choices(name), value=name or None, label="camera files", with_input=True)
             self.choice.classes("w-96").on_value_change(
@@ -68,10 +68,10 @@ class CameraPage:
             like = [str(p) for p in list_folder(self.folder).templates]
             if name and like:
                 self.like = ui.select(
-                    like, label="marked like", on_change=lambda: self._open_with_template(name)
+                    like, label="use marks of template", on_change=lambda: self._open_with_template(name)
                 ).classes("w-72")
             drop = ui.upload(
-                label="or drop them here", multiple=True, auto_upload=True, on_multi_upload=self._store_uploads,
+                label="or drop files here", multiple=True, auto_upload=True, on_multi_upload=self._store_uploads,
                 max_total_size=MAX_UPLOAD_BYTES, max_files=MAX_UPLOAD_FILES,
             ).on_rejected(_notify_rejected)  # fmt: skip
             drop.props["accept"] = ",".join(sorted(CAMERA_SUFFIXES))
@@ -79,10 +79,10 @@ class CameraPage:
         with body:
             waiting = ui.spinner(size="lg")
         await ui.context.client.connected()
-        seen: OpenedFrames | None = None
+        opened: OpenedFrames | None = None
         with body, show_errors(self.folder):
             if template:
-                read_text(self.folder, template)  # a short regular file, before it is read in earnest
+                read_text(self.folder, template)  # checks that it is a short regular file before it is parsed
                 names, _, self.inherited = load_template(resolve_inside(self.folder, template))
                 self.names = [name] if name else [str(Path(template).parent / n) for n in names]
             elif name:
@@ -90,23 +90,23 @@ class CameraPage:
             if self.names:
                 files = self._find_files()
                 with refuse_damaged(files[0]):
-                    seen = await run.io_bound(lambda: open_frames(files, self.inherited))
+                    opened = await run.io_bound(lambda: open_frames(files, self.inherited))
         waiting.delete()
-        if seen is not None:
+        if opened is not None:
             with body:
-                self._build_page(seen)
+                self._build_page(opened)
 
     def _file_choices(self, name: str) -> list[str]:
-        seen = list_folder(self.folder)
-        names = [*map(str, seen.image_series), *map(str, seen.images), *map(str, seen.recordings)]
+        listing = list_folder(self.folder)
+        names = [*map(str, listing.image_series), *map(str, listing.images), *map(str, listing.recordings)]
         return list(dict.fromkeys([*([name] if name else []), *names]))
 
     def _open_with_template(self, name: str) -> None:
-        """The same files with the marks and words of a template."""
+        """Open the same files with the marks and values of a template."""
         ui.navigate.to(page_address("camera", open=name, template=self.like.value))
 
     def _find_files(self) -> list[Path]:
-        """Camera files that the page was opened with; links must not lead out of the folder.  Raises BadInput."""
+        """The camera files of this page; links must not lead out of the folder.  Raises BadInput."""
         files = expand_patterns([str(resolve_inside(self.folder, name)) for name in self.names])
         for file in files:
             name = str(file.relative_to(self.folder.resolve()))
@@ -115,8 +115,7 @@ class CameraPage:
         return files
 
     async def _store_uploads(self, event: events.MultiUploadEventArguments) -> None:
-        """Files dropped on the page are put into the folder and opened: one alone under its own name, several in a new
-        folder of theirs."""
+        """Store uploaded files in the folder and open them: one under its own name, several in a new folder."""
         files = [f for f in event.files if Path(f.name).suffix.lower() in CAMERA_SUFFIXES]
         with show_errors(self.folder):
             names = [check_upload_name(file.name) for file in files]
@@ -131,10 +130,10 @@ class CameraPage:
                     page_address("camera", open=str((path if len(files) == 1 else place).relative_to(self.folder)))
                 )
 
-    # --- what is seen ------------------------------------------------------------------------------------
-    def _build_page(self, seen: OpenedFrames) -> None:
-        self.seen, self.starts = seen, [t - (self.inherited.start or 0.0) for t in self.inherited.starts or ()]
-        self.marked = MarkedImage(seen, self.inherited, self._show_command)
+    # --- images and charts ---------------------------------------------------------------------------------
+    def _build_page(self, opened: OpenedFrames) -> None:
+        self.opened, self.starts = opened, [t - (self.inherited.start or 0.0) for t in self.inherited.starts or ()]
+        self.marked = MarkedImage(opened, self.inherited, self._show_command)
         with ui.row().classes("w-full items-start no-wrap max-xl:flex-wrap"):
             with ui.column().classes("grow min-w-0 gap-1 max-xl:w-full"):
                 self.marked.show()
@@ -147,20 +146,21 @@ class CameraPage:
         self._show_command()
 
     def _add_charts(self) -> None:
-        """Mean over time, on which starts of sliding are clicked, and the histogram."""
-        look, title = self.seen.preview, {"fontSize": 12}
+        """Mean of the image over time, in which starts of sliding are clicked, and the histogram."""
+        look, title = self.opened.preview, {"fontSize": 12}
+        means = _finite_pairs(self.opened.time, self.opened.mean)
         with ui.row().classes("w-full no-wrap max-lg:flex-wrap"):
             self.trace = ui.echart({
                 "animation": False, "grid": {"top": 28, "bottom": 36}, "tooltip": {"trigger": "axis"},
                 "title": {"text": "mean of the image (°C); click a start of sliding", "textStyle": title},
-                "xAxis": {"type": "value", "name": "s" if self.seen.has_times else "frame"},
+                "xAxis": {"type": "value", "name": "s" if self.opened.has_times else "frame"},
                 "yAxis": {"type": "value", "scale": True},
-                "series": [{"type": "line", "symbolSize": 7, "data": _finite_pairs(self.seen.time, self.seen.mean)}],
+                "series": [{"type": "line", "symbolSize": 7, "data": means}],
             }, on_point_click=lambda e: self._start_clicked(float(e.data[0]))).classes("grow h-52 min-w-0")  # fmt: skip
             middle = 0.5 * (look.edges[1:] + look.edges[:-1])
             ui.echart({
                 "animation": False, "grid": {"top": 44, "bottom": 36},
-                "title": {"text": "values by temperature (°C)", "textStyle": title},
+                "title": {"text": "number of values by temperature (°C)", "textStyle": title},
                 "xAxis": {"type": "value", "scale": True},
                 "yAxis": {"type": "log", "axisLabel": {":formatter": "v => v < 1000 ? v : '1e' + Math.log10(v)"}},
                 "series": [{"type": "line", "step": "middle", "showSymbol": False, "areaStyle": {},
@@ -169,10 +169,10 @@ class CameraPage:
         for key, words in look.describe_rows():
             ui.label(escape_control(f"{key}: {words}")).classes("text-xs text-gray-700")
 
-    # --- what the file does not say ------------------------------------------------------------------------
+    # --- information missing in the file ---------------------------------------------------------------------
     def _add_option_inputs(self) -> None:
         facts = self.inherited
-        ui.label("What the file does not say").classes("text-lg font-medium")
+        ui.label("Information missing in the file").classes("text-lg font-medium")
         self.view = ui.select(
             list(RECORDING_VIEWS),
             value=facts.view or RECORDING_VIEWS[0],
@@ -180,16 +180,16 @@ class CameraPage:
             on_change=lambda: self._show_command(),
         )
         self.view.classes("w-full")
-        self.said: dict[str, Any] = {}
+        self.values: dict[str, Any] = {}
         for key, unit in STATED_VALUE_UNITS.items():
             words = f"{key}{f' ({unit})' if unit else ''}"
-            self.said[key] = ui.number(words, value=getattr(facts, key), on_change=lambda: self._show_command())
-            self.said[key].classes("w-full").props("dense")
+            self.values[key] = ui.number(words, value=getattr(facts, key), on_change=lambda: self._show_command())
+            self.values[key].classes("w-full").props("dense")
         self.starting = ui.input("starts of sliding, s after the first frame", value=_format_times(self.starts))
         self.starting.classes("w-full").props("dense").on("change", lambda: self._starts_typed())
         with ui.row():
             ui.button("Find starts", on_click=self._find_starts).props("outline dense no-caps")
-            ui.button("Forget marks", on_click=self.marked.clear_marks).props("outline dense no-caps")
+            ui.button("Clear marks", on_click=self.marked.clear_marks).props("outline dense no-caps")
         self.out = ui.input(
             "recording", value=self._free_recording_name(), on_change=lambda: self._show_command()
         ).classes("w-full")
@@ -197,7 +197,7 @@ class CameraPage:
         self.line = ui.column().classes("w-full")
 
     def _free_recording_name(self) -> str:
-        """A name for the recording under which no file of its own kind nor its picture or template lies."""
+        """A name for the recording for which no recording, picture or template exists."""
         name = Path(self.names[0])
         stem = re.sub(r"[*?\[\]]", "", name.stem if name.suffix else name.name).strip(" ()_-.") or "recording"
         free, n = free_name(self.folder, f"{stem}.nc"), 1
@@ -207,19 +207,19 @@ class CameraPage:
         return free
 
     def _find_starts(self) -> None:
-        self.starts = [round(t, 4) for t in find_onsets(self._frame_times(), self.seen.mean)]
+        self.starts = [round(t, 4) for t in find_onsets(self._frame_times(), self.opened.mean)]
         self._update_starts()
         if not self.starts:
-            ui.notify("no steep rise is found; click on the curve")
+            ui.notify("no start found; click on the curve")
 
     def _frame_times(self) -> np.ndarray:
-        """Seconds after the first frame, by the frame rate where the files do not tell."""
-        rate = self.said["fps"].value
-        return self.seen.time if self.seen.has_times or not rate else self.seen.time / float(rate)
+        """Times (s) after the first frame, from the entered frame rate where the files have no times."""
+        rate = self.values["fps"].value
+        return self.opened.time if self.opened.has_times or not rate else self.opened.time / float(rate)
 
     def _start_clicked(self, t: float) -> None:
-        """A start is set where the curve is clicked, or taken away again."""
-        t = round(t / float(self.said["fps"].value or 1.0) if not self.seen.has_times else t, 4)
+        """Add a start of sliding at a click on the curve, or remove the one there."""
+        t = round(t / float(self.values["fps"].value or 1.0) if not self.opened.has_times else t, 4)
         self.starts = [s for s in self.starts if s != t] if t in self.starts else sorted([*self.starts, t])
         self._update_starts()
 
@@ -228,36 +228,36 @@ class CameraPage:
         try:
             self.starts = sorted(float(v) for v in words if v.strip())
         except ValueError:
-            ui.notify("give times in s with commas between", type="negative")
+            ui.notify("enter times in s, separated by commas", type="negative")
         self._update_starts()
 
     def _update_starts(self) -> None:
         self.starting.value = _format_times(self.starts)
-        rate = 1.0 if self.seen.has_times else float(self.said["fps"].value or 1.0)
+        rate = 1.0 if self.opened.has_times else float(self.values["fps"].value or 1.0)
         lines = [{"xAxis": t * rate} for t in self.starts]
         self.trace.options["series"][0]["markLine"] = {"symbol": "none", "data": lines, "label": {"show": False}}
         self.trace.update()
         if self.starts:
-            self.said["start"].value = round(-self.starts[0], 4)
+            self.values["start"].value = round(-self.starts[0], 4)
         self._show_command()
 
-    # --- in words -------------------------------------------------------------------------------------------
+    # --- options and command ----------------------------------------------------------------------------------------
     def collect_options(self) -> ImportOptions:
-        """All that is marked and said."""
+        """The import options from marks and entered values."""
         marks = self.marked.marks
-        said: dict[str, Any] = {k: float(box.value) for k, box in self.said.items() if box.value is not None}
+        entered: dict[str, Any] = {k: float(box.value) for k, box in self.values.items() if box.value is not None}
         if self.starts:
-            said["starts"] = tuple(round(t - self.starts[0], 4) for t in self.starts)
-        placed = replace(self.inherited, point=None, pixel=None, second=None, at=None, mm_per_pixel=None)
-        own = ImportOptions(view=self.view.value, block=(marks.length, marks.height), **said)
-        facts = marks.to_options().merged_over(own.merged_over(placed))
+            entered["starts"] = tuple(round(t - self.starts[0], 4) for t in self.starts)
+        unplaced = replace(self.inherited, point=None, pixel=None, second=None, at=None, mm_per_pixel=None)
+        stated = ImportOptions(view=self.view.value, block=(marks.length, marks.height), **entered)
+        facts = marks.to_options().merged_over(stated.merged_over(unplaced))
         return facts if facts.starts or facts.case or facts.repetition else replace(facts, repetition=1)
 
     def template_text(self) -> str:
-        """The recording template that says the same."""
-        here = (self.folder / self.out.value).parent
+        """The equivalent recording template as TOML."""
+        template_folder = (self.folder / self.out.value).parent
         rows: dict[str, Any] = {
-            "files": [_relative_path(self.folder / n, here) for n in self.names],
+            "files": [_relative_path(self.folder / n, template_folder) for n in self.names],
             "out": Path(self.out.value).name,
         }
         for f in fields(ImportOptions):
@@ -266,33 +266,33 @@ class CameraPage:
         return tomli_w.dumps(rows)
 
     def _show_command(self) -> None:
-        """The command line that does the same."""
+        """Show the equivalent command line."""
         self.line.clear()
         with self.line:
             show_command(command_text(["import", str(Path(self.out.value or "recording.nc").with_suffix(".toml"))]))
 
     async def _save(self) -> None:
-        """Template and recording, by the very code of the command line."""
+        """Write template and recording, by the same code as the command line."""
         self.report.clear()
         with self.report, show_errors(self.folder):
             out, template = self._claim_names()
-            taken = [p.name for p in (out, out.with_suffix(".png"), template) if p.exists()]
-            if out not in self.saved and taken:
-                lines = [*map(escape_control, taken), "exist already, and this page has not written them."]
+            existing = [p.name for p in (out, out.with_suffix(".png"), template) if p.exists()]
+            if out not in self.saved and existing:
+                lines = ["These files exist and were not written by this page:", *map(escape_control, existing)]
                 if not await ask_consent(lines, "Replace them"):
                     return
-            name, own = str(template.relative_to(self.folder.resolve())), self.saved.get(out)
-            self.saved[out] = write_text(self.folder, name, self.template_text(), own, replace=True)
+            name, last = str(template.relative_to(self.folder.resolve())), self.saved.get(out)
+            self.saved[out] = write_text(self.folder, name, self.template_text(), last, replace=True)
             if (result := await run.io_bound(lambda: _import_template(template))) is not None:
                 self._show_saved(result)
         self._scroll_to_report()
 
     def _claim_names(self) -> tuple[Path, Path]:
-        """Where recording and template go: none of them, nor the picture, over a camera file.  Raises BadInput."""
+        """Paths of recording and template; neither they nor the picture may replace a camera file.  Raises BadInput."""
         name = self.out.value or ""
         out = resolve_inside(self.folder, name)
         if out.suffix != ".nc":
-            raise BadInput(f"{escape_control(name)}: a recording is NetCDF; give a name that ends in .nc")
+            raise BadInput(f"{escape_control(name)}: recordings are NetCDF files; give a name that ends in .nc")
         home, sources = self.folder.resolve(), [file.resolve() for file in self._find_files()]
         template, picture = (
             resolve_inside(self.folder, str(out.with_suffix(end).relative_to(home))) for end in (".toml", ".png")
@@ -302,7 +302,7 @@ class CameraPage:
         return out, template
 
     def _show_saved(self, result: ImportResult) -> None:
-        """What was recorded, with its picture."""
+        """Show the saved recording with its picture."""
         text = escape_lines(relative_names(str(result), self.folder))
         ui.label(text).classes("whitespace-pre-wrap font-mono text-sm")
         for note in result.notes:
@@ -311,7 +311,7 @@ class CameraPage:
             ui.image(file_address(result.picture.relative_to(self.folder))).classes("w-full max-w-4xl")
 
     def _scroll_to_report(self) -> None:
-        """What is told of a save stands below all else: bring it before the eye."""
+        """Scroll to the report of a save, which is at the bottom of the page."""
         ui.run_javascript(f"getHtmlElement({self.report.id}).scrollIntoView({{block: 'nearest'}})")
 
 
@@ -320,11 +320,11 @@ def _import_template(template: Path) -> ImportResult:
 
 
 def _notify_rejected() -> None:
-    ui.notify(f"only camera files are taken, {UPLOAD_LIMIT}: {' '.join(sorted(CAMERA_SUFFIXES))}", type="negative")
+    ui.notify(f"only camera files are accepted, {UPLOAD_LIMIT}: {' '.join(sorted(CAMERA_SUFFIXES))}", type="negative")
 
 
 def _relative_path(path: Path, folder: Path) -> str:
-    """A path as a file in that folder names it."""
+    """A path relative to `folder` if it is inside, else unchanged."""
     return str(path.relative_to(folder)) if path.is_relative_to(folder) else str(path)
 
 
@@ -337,5 +337,5 @@ def _format_times(values: list[float]) -> str:
 
 
 def _tuples_to_lists(value: Any) -> Any:
-    """Tuples as the lists that TOML has."""
+    """Tuples as lists, which TOML can write."""
     return [_tuples_to_lists(v) for v in value] if isinstance(value, tuple) else value

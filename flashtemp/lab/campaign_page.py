@@ -1,4 +1,4 @@
-"""The page of a campaign: which case, which recordings under which conditions, what is free; the TOML beside it."""
+"""The campaign page: its case, recordings with conditions, free parameters, and the TOML text."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ NEW_CAMPAIGN = 'title = "my campaign"\ncase = "case.toml"\nfree = ["friction.mu"
 
 
 class CampaignPage:
-    """One campaign as text; the controls only write into the text, so that there is one truth."""
+    """One campaign as text; the controls only edit the text, which alone is saved."""
 
     def __init__(self, folder: Path, allowed: AllowedPrograms | None = None):
         self.folder, self.allowed = folder, allowed or AllowedPrograms()
         self.opened: TextVersion | None = None
 
     def show(self, name: str) -> None:
-        """The page for a file of the folder, or for a new campaign."""
+        """Show a campaign of the folder, or a new one where `name` is ""."""
         with show_errors(self.folder):
-            self.found = list_folder(self.folder)
+            self.listing = list_folder(self.folder)
             text, self.opened = read_text(self.folder, name) if name else (self._new_text(), None)
             with ui.row().classes("w-full items-center"):
                 self.name = ui.input("file", value=name or free_name(self.folder, "campaign.toml")).classes("w-96")
@@ -45,55 +45,55 @@ class CampaignPage:
                 self.text = ui.codemirror(text, language="TOML").classes("w-full lg:w-1/2 h-96")
 
     def _new_text(self) -> str:
-        """A new campaign, of the only case there is where it is one."""
-        cases = [p.as_posix() for p in self.found.cases]
+        """A new campaign with case.toml, or else the first case of the folder."""
+        cases = [p.as_posix() for p in self.listing.cases]
         return NEW_CAMPAIGN if "case.toml" in cases or not cases else NEW_CAMPAIGN.replace("case.toml", cases[0])
 
     def _add_controls(self, text: str) -> None:
-        cases = [str(p) for p in self.found.cases]
+        cases = [str(p) for p in self.listing.cases]
         try:
-            believed = (self.folder / self.name.value).parent / str(parse_toml(text).get("case", ""))
-            now = next((c for c in cases if (self.folder / c).resolve() == believed.resolve()), None)
-        except (ValueError, RecursionError, OSError):  # no TOML, or a name that no file can have
-            now = None
+            stated = (self.folder / self.name.value).parent / str(parse_toml(text).get("case", ""))
+            chosen = next((c for c in cases if (self.folder / c).resolve() == stated.resolve()), None)
+        except (ValueError, RecursionError, OSError):  # not TOML, or an impossible file name
+            chosen = None
         ui.select(
-            cases, value=now, label="case that is believed",
+            cases, value=chosen, label="case of the base model",
             on_change=lambda e: self._set_key("case", self._relative_path(e.value)),
         ).classes("w-full")  # fmt: skip
-        self.free = ui.input("free keys, with commas between", value="friction.mu").classes("w-full")
+        self.free = ui.input("free keys, separated by commas", value="friction.mu").classes("w-full")
         self.free.on(
             "change", lambda: self._set_key("free", [k.strip() for k in self.free.value.split(",") if k.strip()])
         )
         ui.label("Add a recording").classes("text-lg font-medium")
-        recordings = [str(p) for p in self.found.recordings]
+        recordings = [str(p) for p in self.listing.recordings]
         self.file = ui.select(recordings, label="recording", with_input=True).classes("w-full")
-        self.given = ui.input("what was different: contact.pressure=3e5, schedule.speed=0.2").classes("w-full")
-        self.held = ui.checkbox("left out of the fit")
+        self.conditions = ui.input("conditions, e.g. contact.pressure=3e5, schedule.speed=0.2").classes("w-full")
+        self.held_out = ui.checkbox("leave out of the fit")
         ui.button("Add", on_click=self._add_recording).props("outline")
 
     def _relative_path(self, path: str) -> str:
-        """A file as the campaign names it."""
-        here = (self.folder / self.name.value).parent
-        return os.path.relpath(self.folder / path, here)
+        """A file of the folder relative to the campaign file."""
+        campaign_folder = (self.folder / self.name.value).parent
+        return os.path.relpath(self.folder / path, campaign_folder)
 
     def _set_key(self, key: str, value: Any) -> None:
         self.text.value = set_toml_key(self.text.value or "", "", key, value)
 
     def _add_recording(self) -> None:
-        """One more recording at the end of the text."""
+        """Append a recording to the text."""
         if not self.file.value:
             return
         self.faults.clear()
         with self.faults, show_errors(self.folder):
             rows = ["", "[[recording]]", f"file = {value_text(self._relative_path(self.file.value))}"]
-            if given := _parse_conditions(self.given.value or ""):
-                rows.append(f"with = {value_text(given)}")
-            if self.held.value:
+            if conditions := _parse_conditions(self.conditions.value or ""):
+                rows.append(f"with = {value_text(conditions)}")
+            if self.held_out.value:
                 rows.append("held_out = true")
             self.text.value = (self.text.value or "").rstrip() + "\n" + "\n".join(rows) + "\n"
 
     async def _save(self) -> bool:
-        """Write the text, then say what is wrong with it; effect files of its case run only when allowed."""
+        """Save the text, then show its errors; effect files of its case run only with consent."""
         self.faults.clear()
         with self.faults, show_errors(self.folder):
             name, text = self.name.value or "", self.text.value or ""
@@ -101,7 +101,9 @@ class CampaignPage:
                 return False
             self.opened = version
             if not await ask_to_run(programs_of_campaign(text, version.path.parent), self.allowed):
-                show_error(f"{escape_control(name)} is saved but not checked, since no effect file may run")
+                show_error(
+                    f"{escape_control(name)} is saved but not checked, since its effect files were not allowed to run"
+                )
                 return False
             open_campaign(version.path, planned=True)
             return True
@@ -113,7 +115,7 @@ class CampaignPage:
 
 
 def _parse_conditions(typed: str) -> dict[str, Any]:
-    """Keys and values as typed, with commas between.  Raises BadInput.
+    """Parse keys and values separated by commas.  Raises BadInput.
 
     >>> _parse_conditions("contact.pressure=3e5, schedule.speed = 0.2")
     {'contact.pressure': 300000.0, 'schedule.speed': 0.2}

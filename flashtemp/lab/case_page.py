@@ -1,4 +1,4 @@
-"""The page of a case: a form made from the declared keys, the TOML beside it, faults as one types, a drawing."""
+"""The case page: a form of all declared keys, the TOML text, errors while typing, and a sketch."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from flashtemp.model.schema import CASE_TABLES, declared_params
 from flashtemp.model.toml_format import value_text
 from flashtemp.physics.effect import Effect, Param, catalogue
 
-FOLDED_TABLES = ("numerics", "output", "limits")  # tables folded at first
+FOLDED_TABLES = ("numerics", "output", "limits")  # folded when the page opens
 
 
 class CasePage:
-    """One case as text; the form only writes into the text, so that there is one truth."""
+    """One case as text; the form only edits the text, which alone is saved."""
 
     def __init__(self, folder: Path, allowed: AllowedPrograms | None = None):
         self.folder, self.file, self.allowed = folder, "", allowed or AllowedPrograms()
@@ -36,7 +36,7 @@ class CasePage:
         self.filling = False
 
     def show(self, name: str) -> None:
-        """The page for a file of the folder, or for a new case."""
+        """Show a case of the folder, or a new case where `name` is ""."""
         with show_errors(self.folder):
             text, self.opened = read_text(self.folder, name) if name else (new("case").text, None)
             self.file = name or free_name(self.folder, "case.toml")
@@ -53,7 +53,7 @@ class CasePage:
                     self.text = ui.codemirror(text, language="TOML", on_change=lambda: self._text_changed()).classes(
                         "w-full h-96"
                     )
-                    self.drawing = ui.element("img").props('alt="the case, drawn"').classes("w-full")
+                    self.drawing = ui.element("img").props('alt="sketch of the case"').classes("w-full")
             self._build_form()
             self._check()
             show_command(command_text(["check", self.file]))
@@ -77,16 +77,16 @@ class CasePage:
         effect = catalogue().get(table)
         if not keys:
             return
-        given = raw.get(table) if isinstance(raw.get(table), dict) else {}
+        stated = raw.get(table) if isinstance(raw.get(table), dict) else {}
         about = f"{table}: {effect.cause}" if isinstance(effect, type) and issubclass(effect, Effect) else table
-        with ui.expansion(about, value=bool(given) and table not in FOLDED_TABLES).classes("w-full border rounded"):
+        with ui.expansion(about, value=bool(stated) and table not in FOLDED_TABLES).classes("w-full border rounded"):
             for key, param in keys.items():
-                self._add_field(table, key, param, (given or {}).get(key))
+                self._add_field(table, key, param, (stated or {}).get(key))
 
     def _add_field(self, table: str, key: str, param: Param, stated: Any) -> None:
         unit = "" if param.unit in ("", "1") else f" ({param.unit})"
-        rest = "" if param.value is None else f"default {_format_value(param.value)}"
-        field = ui.input(f"{key}{unit}", value="" if stated is None else _format_value(stated), placeholder=rest)
+        default = "" if param.value is None else f"default {_format_value(param.value)}"
+        field = ui.input(f"{key}{unit}", value="" if stated is None else _format_value(stated), placeholder=default)
         field.classes("w-full").props("dense stack-label bottom-slots")
         field.props["aria-label"] = f"{table}.{key}"
         with field.add_slot("hint"):
@@ -95,7 +95,7 @@ class CasePage:
         self.inputs[table, key] = field
 
     def _field_changed(self, table: str, key: str, typed: str) -> None:
-        """A field was filled in: its key in the text follows."""
+        """Write the value of a field into the text."""
         self._set_text(set_toml_key(self.text.value or "", table, key, _parse_value(typed)))
 
     def _effects_chosen(self) -> None:
@@ -109,13 +109,13 @@ class CasePage:
 
     # --- the text -----------------------------------------------------------------------------------------
     def _text_changed(self) -> None:
-        """The text was changed: fields follow."""
+        """Update the fields from the text."""
         raw = self._parse_text()
         self.filling = True
         for (table, key), field in self.inputs.items():
-            own = raw.get(table) if isinstance(raw.get(table), dict) else {}
-            now = (own or {}).get(key)
-            field.value = "" if now is None else _format_value(now)
+            stated = raw.get(table) if isinstance(raw.get(table), dict) else {}
+            value = (stated or {}).get(key)
+            field.value = "" if value is None else _format_value(value)
         effects = raw.get("effects", [])
         if isinstance(effects, list) and set(effects) != set(self.effects.value) and set(effects) <= set(catalogue()):
             self.effects.value = effects
@@ -130,7 +130,7 @@ class CasePage:
             return {}
 
     def _check(self) -> None:
-        """Errors of the text as it stands, or a drawing of what it means; effect files run only when allowed."""
+        """Show the errors of the text, or a sketch of the case; effect files run only with consent."""
         self.faults.clear()
         self.case, drawing = None, ""
         with self.faults, show_errors(self.folder):
@@ -144,7 +144,7 @@ class CasePage:
         self.drawing.set_visibility(bool(drawing))
 
     def _offer_programs(self, programs: list[Path]) -> None:
-        """Say which effect files the check would run, with the button that allows it."""
+        """List the effect files that the check would run, with a button to allow it."""
         show_error("\n".join(["not checked yet", *program_lines(programs)]))
         label = "Run it to check the case" if len(programs) == 1 else "Run them to check the case"
         ui.button(label, on_click=lambda: self._run_programs(programs)).props("outline dense no-caps")
@@ -154,7 +154,7 @@ class CasePage:
         self._check()
 
     async def _save(self) -> None:
-        """Write the text as it stands, whole or not at all; errors in it do not hold it back."""
+        """Save the text atomically, even with errors in it."""
         name = self.name.value or ""
         with self.faults, show_errors(self.folder):
             if (version := await save_text(self.folder, name, self.text.value or "", self.opened)) is None:
@@ -164,12 +164,12 @@ class CasePage:
 
 
 def _format_value(value: Any) -> str:
-    """A value as TOML writes it; text without its quotes."""
+    """A value in TOML; a text without its quotes."""
     return value if isinstance(value, str) else value_text(value)
 
 
 def _parse_value(typed: str | None) -> Any:
-    """What was typed: a TOML value, bare words as text; None for nothing."""
+    """A typed value: TOML, or else the text itself; None where nothing was typed."""
     if not (typed or "").strip():
         return None
     try:
@@ -179,7 +179,7 @@ def _parse_value(typed: str | None) -> Any:
 
 
 def _describe_range(param: Param) -> str:
-    """The range of a key in words, where it has one."""
+    """The range of a numeric key in words, "" for others."""
     if "number" not in param.kinds and "amount" not in param.kinds:
         return ""
     low, high = (f"{v:g}" if abs(v) < float("inf") else "" for v in (param.low, param.high))
@@ -187,7 +187,7 @@ def _describe_range(param: Param) -> str:
 
 
 def _drawing_address(case: Case) -> str:
-    """The drawing of a case as the address of an image, in which no script runs; "" where it cannot be drawn."""
+    """The sketch of a case as a data address of an image, in which no script runs; "" where it cannot be drawn."""
     from flashtemp.viz.run.case_sketch import sketch_svg
 
     try:

@@ -1,4 +1,4 @@
-"""Files of the folder over HTTP: pictures and reports to look at without any right, all others to be saved."""
+"""Files of the folder over HTTP: pictures and reports are shown in a sandbox, all others are downloads."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ FILE_POLICY = (  # Content Security Policy Level 3: no script, no origin, nothin
 
 
 class FolderFiles(StaticFiles):
-    """Regular files of a folder; 404 for hidden ones, for links that leave the folder, and for all that is no name."""
+    """Regular files of a folder; 404 for hidden files, links that leave the folder, and invalid names."""
 
     def __init__(self, folder: Path):
         super().__init__(directory=folder, follow_symlink=False)
         self.folder = Path(os.path.realpath(folder))
 
     async def get_response(self, path: str, scope: Any) -> Response:
-        """The file, or 404 whatever is wrong with its name.  Raises HTTPException."""
+        """The file.  Raises HTTPException 404 for every name that cannot be served."""
         try:
             return await super().get_response(path, scope)
         except HTTPException as fault:
@@ -50,7 +50,7 @@ class FolderFiles(StaticFiles):
     def file_response(
         self, full_path: Any, stat_result: os.stat_result, scope: Any, status_code: int = 200
     ) -> Response:
-        """A file with its type by the end of its name, never by its content."""
+        """The file with the type of its suffix, never guessed from its content."""
         kind = SHOWN_TYPES.get(Path(full_path).suffix.lower())
         headers = {
             "content-security-policy": FILE_POLICY, "x-content-type-options": "nosniff", "cache-control": "no-store",

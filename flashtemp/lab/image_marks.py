@@ -1,4 +1,4 @@
-"""From marks on an image to what an import is told: places of known points, the block's outline, starts of sliding."""
+"""From marks on an image to import options: known points, outline of the block, starts of sliding."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ Pixel = tuple[float, float]  # column, row; the middle of the upper left pixel i
 IMAGE_DIRECTIONS = {"right": (1.0, 0.0), "left": (-1.0, 0.0), "up": (0.0, -1.0), "down": (0.0, 1.0)}
 EDGE_NAMES = ("leading edge", "trailing edge")  # both at the interface
 CORNER_NAMES = ("leading edge", "trailing edge", "trailing edge, top", "leading edge, top")
-SLOPE_IMAGES = 6  # images over which a slope is taken, before and after
-MIN_ONSET_FRACTION, MIN_ONSET_SIGMA = 0.35, 5.0  # of the sharpest turn; standard errors that a turn must have
+SLOPE_IMAGES = 6  # images before and after an onset from which its slopes are fitted
+MIN_ONSET_FRACTION, MIN_ONSET_SIGMA = 0.35, 5.0  # of the largest change of slope; in its standard errors
 SD_PER_MAD = 1.4826  # standard deviation over median absolute deviation
 
 
 @dataclass(frozen=True)
 class BlockMarks:
-    """Marked points by name, the block's `length` and `height` (mm), and where v points in the image."""
+    """Marked points by name, `length` and `height` of the block (mm), and the direction of v in the image, `up`."""
 
     points: dict[str, Pixel]
     length: float
@@ -31,7 +31,7 @@ class BlockMarks:
 
     @property
     def has_edges(self) -> bool:
-        """Whether the marks place the image."""
+        """Whether leading and trailing edge are marked, which fixes position and scale."""
         return all(name in self.points for name in EDGE_NAMES)
 
     @property
@@ -41,12 +41,12 @@ class BlockMarks:
 
     @property
     def downstream(self) -> str:
-        """Where u points in the image: the direction that is nearest to the marks."""
-        way = np.subtract(self.points[EDGE_NAMES[1]], self.points[EDGE_NAMES[0]])
-        return max(IMAGE_DIRECTIONS, key=lambda name: float(np.dot(IMAGE_DIRECTIONS[name], way)))
+        """Direction of u in the image: the one nearest to the line through the marks."""
+        along = np.subtract(self.points[EDGE_NAMES[1]], self.points[EDGE_NAMES[0]])
+        return max(IMAGE_DIRECTIONS, key=lambda name: float(np.dot(IMAGE_DIRECTIONS[name], along)))
 
     def to_options(self) -> ImportOptions:
-        """What an import is told; of four corners the map of an image seen at an angle."""
+        """Import options of the marks; four corners also define the perspective of an oblique image."""
         if self.has_corners:
             known = ((0.0, 0.0), (self.length, 0.0), (self.length, self.height), (0.0, self.height))
             rows = zip((self.points[name] for name in CORNER_NAMES), known, strict=True)
@@ -62,7 +62,7 @@ class BlockMarks:
         )
 
     def block_outline(self) -> list[Pixel]:
-        """Corners of the block in the image, as far as the marks tell."""
+        """Corners of the block in the image; [] without both edges."""
         if self.has_corners:
             return [self.points[name] for name in CORNER_NAMES]
         if not self.has_edges:
@@ -75,12 +75,12 @@ class BlockMarks:
 
 
 def _round_px(value: float) -> float:
-    """To a hundredth of a pixel, as people write it."""
+    """Round to a hundredth of a pixel."""
     return round(float(value), 2)
 
 
 def find_onsets(time: Array, mean: Array) -> list[float]:
-    """Times (s) at which the mean of the images turns sharply upwards: starts of sliding, to be confirmed.
+    """Times (s) at which the slope of the mean temperature increases sharply: likely starts of sliding.
 
     >>> t = np.arange(0.0, 40.0, 0.5)
     >>> rise = np.where(t % 20 < 8, np.sqrt(np.maximum(t % 20 - 4, 0)), 2.0 * np.exp(-(t % 20 - 8) / 5))
@@ -106,10 +106,10 @@ def find_onsets(time: Array, mean: Array) -> list[float]:
     step = float(np.median(np.diff(time)))
     noise = SD_PER_MAD * float(np.median(np.abs(np.diff(mean, 2)))) / 6.0**0.5  # of one image's mean
     error = noise / step * (24.0 / SLOPE_IMAGES**3) ** 0.5  # of a difference of two slopes
-    least = max(MIN_ONSET_SIGMA * error, MIN_ONSET_FRACTION * float(jump.max()))
+    min_jump = max(MIN_ONSET_SIGMA * error, MIN_ONSET_FRACTION * float(jump.max()))
     found: list[int] = []
     for k in np.argsort(-jump):
-        if jump[k] < least or jump[k] <= 0.0:
+        if jump[k] < min_jump or jump[k] <= 0.0:
             break
         if after[k] > 0.0 and all(abs(k - other) > SLOPE_IMAGES for other in found):
             found.append(int(k))
@@ -117,15 +117,15 @@ def find_onsets(time: Array, mean: Array) -> list[float]:
 
 
 def _locate_onset(time: Array, mean: Array, near: int) -> int:
-    """The image at which a rise that goes as sqrt(t) begins, by least squares over those about it."""
+    """The image near `near` at which an increase with sqrt(t) begins, by least squares."""
 
-    def left(k: int) -> float:
+    def squared_error(k: int) -> float:
         part = slice(max(0, near - SLOPE_IMAGES), near + SLOPE_IMAGES + 1)
         t, y = time[part] - time[k], mean[part]
         A = np.stack([np.ones(len(t)), t, np.sqrt(np.maximum(t, 0.0))], axis=1)
         return float(np.sum((y - A @ np.linalg.lstsq(A, y, rcond=None)[0]) ** 2))
 
-    return min(range(near - SLOPE_IMAGES // 2, near + SLOPE_IMAGES // 2 + 1), key=left)
+    return min(range(near - SLOPE_IMAGES // 2, near + SLOPE_IMAGES // 2 + 1), key=squared_error)
 
 
 def _fit_slope(t: Array, y: Array) -> float:

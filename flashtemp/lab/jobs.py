@@ -1,4 +1,4 @@
-"""Commands that the page has started: each a process of its own whose words stand in a log file in the folder."""
+"""Commands started by the web app: each is a process with its output in a log file of the folder."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from flashtemp.runs.results.current_folder import make_python_command
 from flashtemp.runs.results.processes import detached_process_options, interrupt_process
 
 LOG_FOLDER = ".flashtemp-lab"  # folder of the logs
-PROGRESS_INTERVAL_S = "0.5"  # s between lines of progress
+PROGRESS_INTERVAL_S = "0.5"  # between lines of progress, as an environment variable
 PERCENT_PATTERN = re.compile(r"(\d+) %")
 TIME_LEFT_PATTERN = re.compile(r"about (\d+) s left")
-INTERRUPT_GRACE_S = 20.0  # s that an interrupted command gets to leave its checkpoint
+INTERRUPT_GRACE_S = 20.0  # time for an interrupted command to write its checkpoint
 
 
 @dataclass
 class Job:
-    """One command: its `words` after `flashtemp`, the `log` of what it said, its `process`, and when it began (s)."""
+    """One command: its `words` after `flashtemp`, its `log` file and `process`, and the time `began` (s)."""
 
     words: tuple[str, ...]
     log: Path
@@ -31,42 +31,42 @@ class Job:
 
     @property
     def exit_code(self) -> int | None:
-        """Exit code, None while it runs."""
+        """Exit code, None while the command runs."""
         return self.process.poll()
 
     @property
     def state(self) -> str:
-        """In a word."""
+        """State in a word: running, done, stopped or failed."""
         if self.exit_code is None:
             return "running"
         return {0: "done", 130: "stopped"}.get(self.exit_code, f"failed, exit code {self.exit_code}")
 
     def log_lines(self, max_lines: int = 400) -> list[str]:
-        """The last lines of its log."""
+        """The last lines of the log, without the command line."""
         with suppress(OSError):
             return self.log.read_text(encoding="utf-8", errors="replace").splitlines()[1:][-max_lines:]
         return []
 
     def progress(self) -> tuple[float | None, str]:
-        """Share that is done, where it is known, and the last line."""
-        said = self.log_lines(40)
-        for line in reversed(said):
-            if found := PERCENT_PATTERN.search(line):
-                return float(found[1]) / 100.0, line
-            if found := TIME_LEFT_PATTERN.search(line):
-                gone = time.monotonic() - self.began
-                return gone / (gone + float(found[1])), line
-        return None, said[-1] if said else ""
+        """Fraction done (None if unknown), and the latest line about it."""
+        lines = self.log_lines(40)
+        for line in reversed(lines):
+            if match := PERCENT_PATTERN.search(line):
+                return float(match[1]) / 100.0, line
+            if match := TIME_LEFT_PATTERN.search(line):
+                elapsed = time.monotonic() - self.began
+                return elapsed / (elapsed + float(match[1])), line
+        return None, lines[-1] if lines else ""
 
     def stop(self) -> None:
-        """Interrupt it as Ctrl-C does: it leaves what it has."""
+        """Interrupt the command like Ctrl-C: it writes its checkpoint and ends."""
         if self.exit_code is None:
             with suppress(ProcessLookupError):
                 interrupt_process(self.process.pid)
 
 
 class JobList:
-    """All that this server has started in a folder, the newest first."""
+    """The commands that this server has started in a folder, newest first."""
 
     def __init__(self, folder: Path):
         self.folder, self.all = folder, list[Job]()
@@ -76,7 +76,7 @@ class JobList:
         logs = self.folder / LOG_FOLDER
         logs.mkdir(exist_ok=True)
         log = logs / f"{time.strftime('%Y%m%d-%H%M%S')}-{len(self.all) + 1}-{words[0]}.log"
-        command, env = make_python_command("-m", "flashtemp", *words)  # the folder may hold a stranger's random.py
+        command, env = make_python_command("-m", "flashtemp", *words)  # the folder may hold an untrusted random.py
         with log.open("w", encoding="utf-8") as out:
             out.write(f"$ {command_text(words)}\n")
             out.flush()
@@ -89,7 +89,7 @@ class JobList:
         return job
 
     def stop_all(self) -> None:
-        """Interrupt all that run, and wait until each has left its checkpoint."""
+        """Interrupt all running commands and wait until each has written its checkpoint."""
         running = [job for job in self.all if job.exit_code is None]
         for job in running:
             job.stop()
@@ -99,5 +99,5 @@ class JobList:
 
 
 def command_text(words: list[str] | tuple[str, ...]) -> str:
-    """The command line that does the same."""
+    """The command line as text, quoted for a shell."""
     return shlex.join(["flashtemp", *words])

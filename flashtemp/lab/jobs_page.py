@@ -1,4 +1,4 @@
-"""The page of work: start a command, see how far it is, stop it, go on."""
+"""The work page: start a command, follow its progress, stop or resume it."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ from flashtemp.lab.programs import AllowedPrograms, has_trust, programs_of_comma
 from flashtemp.lab.workspace import RESULT_COMMANDS, escape_control, free_name, list_folder, read_owner, resolve_inside
 
 PAGE_COMMANDS = ("run", "compare", "discover", "plan", "sweep", "sensitivity")
-REFRESH_INTERVAL_S = 0.5  # s between looks at what runs
+REFRESH_INTERVAL_S = 0.5  # of the job cards
 
 
 class JobsPage:
-    """A command with its file and words, and all that this server has started."""
+    """The form for a command, and the cards of all commands that this server has started."""
 
     def __init__(self, folder: Path, jobs: JobList, allowed: AllowedPrograms):
         self.folder, self.jobs, self.allowed = folder, jobs, allowed
         self.cards: dict[int, Any] = {}
 
     def show(self, command: str, of: str) -> None:
-        """The page, with a command and its file already chosen."""
-        begun = None
+        """Show the page with a command and its file preselected."""
+        owner = None
         if of:
             with show_errors(self.folder):
-                begun = read_owner(resolve_inside(self.folder, of))
-        self.resumed = of if begun is not None and begun.command == "run" else ""
+                owner = read_owner(resolve_inside(self.folder, of))
+        self.resumed = of if owner is not None and owner.command == "run" else ""
         with ui.card().classes("w-full"):
             with ui.row().classes("w-full items-end"):
                 chosen = command if command in PAGE_COMMANDS else "run"
@@ -48,11 +48,11 @@ class JobsPage:
                     list(PAGE_COMMANDS), value=chosen, label="command", on_change=lambda: self._command_changed()
                 ).classes("w-40")
                 self.of = ui.select(
-                    self._file_choices(chosen, of), value=of or None, label="of", with_input=True
+                    self._file_choices(chosen, of), value=of or None, label="file", with_input=True
                 ).classes("w-80")
                 self.of.on_value_change(lambda: self._show_command())
                 self.more = ui.input(
-                    "more words: keys as table.key=value, options", on_change=lambda: self._show_command()
+                    "further arguments: table.key=value, options", on_change=lambda: self._show_command()
                 )
                 self.more.classes("grow")
                 self.start = ui.button("Start", on_click=self._start)
@@ -63,20 +63,20 @@ class JobsPage:
         ui.timer(REFRESH_INTERVAL_S, self._refresh_cards)
 
     def _file_choices(self, command: str, of: str) -> list[str]:
-        """What the command can be given."""
-        found = list_folder(self.folder)
-        kind = found.campaigns if command in ("compare", "discover", "plan") else found.cases
+        """The files that the command accepts."""
+        listing = list_folder(self.folder)
+        kind = listing.campaigns if command in ("compare", "discover", "plan") else listing.cases
         names = [str(p.parent) if p.name in STANDARD_FILES and p.parent != Path() else str(p) for p in kind]
         return list(dict.fromkeys([*([of] if of else []), *names]))
 
     def _command_changed(self) -> None:
-        """Another command was chosen."""
+        """Offer the files of the newly selected command."""
         self.resumed = ""
         self.of.set_options(self._file_choices(self.command.value, ""), value=None)
         self._show_command()
 
     def command_words(self) -> list[str]:
-        """The command line without `flashtemp`; a folder for its result is named where it needs one."""
+        """The command line without `flashtemp`, with a free result folder where `--out` is not given."""
         if self.resumed and self.of.value == self.resumed:
             return ["run", "--resume", file_word(self.resumed)]
         command, of, more = self.command.value, file_word(self.of.value or ""), shlex.split(self.more.value or "")
@@ -88,12 +88,12 @@ class JobsPage:
         return [command, of, *more, *out]
 
     def _show_command(self) -> None:
-        """The command line as it stands now, and which effect files it would run."""
+        """Show the command line and the effect files that it would run."""
         self.line.clear()
         with self.line, show_errors(self.folder):
             try:
                 words = self.command_words()
-            except ValueError as fault:  # a quote that is not closed
+            except ValueError as fault:  # an unclosed quote
                 ui.label(str(fault))
                 words = []
             self.start.set_enabled(bool(words))
@@ -113,9 +113,9 @@ class JobsPage:
                 self._show_command()
         self._refresh_cards()
 
-    # --- what runs ---------------------------------------------------------------------------------------
+    # --- job cards -------------------------------------------------------------------------------------
     def _refresh_cards(self) -> None:
-        """Cards of new commands, and how far each is."""
+        """Add cards of new jobs and update the progress of all."""
         for job in reversed(self.jobs.all):
             if id(job) not in self.cards:
                 with self.list:
@@ -126,7 +126,7 @@ class JobsPage:
 
 
 class JobCard:
-    """One command that was started: its line, progress, words, and the ways on from it."""
+    """The card of a job: command line, progress, log, and links to the next steps."""
 
     def __init__(self, folder: Path, jobs: JobList, allowed: AllowedPrograms, job: Job):
         self.folder, self.jobs, self.allowed, self.job, self.ended = folder, jobs, allowed, job, False
@@ -136,21 +136,21 @@ class JobCard:
                 self.state = ui.badge("running").props('data-is="state"')
                 self.stop = ui.button("Stop", on_click=job.stop).props("flat dense")
             self.bar = ui.linear_progress(0.0, show_value=False).props("instant-feedback")
-            self.said = ui.label("").classes("text-sm text-gray-700")
-            with ui.expansion("what it says").classes("w-full"):
+            self.progress_line = ui.label("").classes("text-sm text-gray-700")
+            with ui.expansion("log").classes("w-full"):
                 self.log = ui.label("").classes("font-mono text-xs whitespace-pre-wrap")
             self.ways = ui.row()
 
     def refresh(self) -> None:
-        """Show how far it is; at its end, what can be done next."""
+        """Update the progress; at the end of the job, show the next steps."""
         if self.ended:
             return
-        share, line = self.job.progress()
-        self.said.text = escape_control(line)
+        fraction, line = self.job.progress()
+        self.progress_line.text = escape_control(line)
         self.log.text = escape_lines("\n".join(self.job.log_lines()))
         self.state.text = self.job.state
-        self.bar.value = share or 0.0
-        self.bar.props(remove="indeterminate") if share is not None else self.bar.props("indeterminate")
+        self.bar.value = fraction or 0.0
+        self.bar.props(remove="indeterminate") if fraction is not None else self.bar.props("indeterminate")
         if self.job.exit_code is None:
             return
         self.ended = True
@@ -161,6 +161,7 @@ class JobCard:
             self._show_next_steps()
 
     def _show_next_steps(self) -> None:
+        """A link to the result, or a button to resume a stopped command."""
         out = self._result_folder()
         if out and any((self.folder / out / name).exists() for name in RESULT_COMMANDS):
             ui.link("open the result", page_address("result", open=out))
@@ -178,9 +179,10 @@ class JobCard:
             with self.ways, show_errors(self.folder):
                 await start_job(self.folder, self.jobs, self.allowed, words)
 
-        ui.button("Go on", on_click=start).props("outline")
+        ui.button("Resume", on_click=start).props("outline")
 
     def _result_folder(self) -> str:
+        """The result folder named in the command line, "" where there is none."""
         words = self.job.words
         if "--resume" in words:
             begun = words[words.index("--resume") + 1]
@@ -189,7 +191,7 @@ class JobCard:
 
 
 def file_word(name: str) -> str:
-    """A file of the folder as a word of a command line that no command takes for an option.
+    """A file name as a command-line argument that cannot be mistaken for an option.
 
     >>> file_word("--trust"), file_word("case.toml"), file_word("")
     ('./--trust', 'case.toml', '')
@@ -198,12 +200,12 @@ def file_word(name: str) -> str:
 
 
 async def start_job(folder: Path, jobs: JobList, allowed: AllowedPrograms, words: list[str]) -> bool:
-    """Start a command, after a click of its own where effect files would run.  Raises BadInput."""
+    """Start a command, after consent where effect files would run; whether it was started.  Raises BadInput."""
     if not words or not await ask_to_run(programs_of_command(words, folder), allowed, has_trust(words)):
         return False
-    for name in ("results", LOG_FOLDER):  # the page writes there without being asked where
+    for name in ("results", LOG_FOLDER):  # folders chosen by the page, not by the user
         if os.path.islink(folder / name):
-            raise BadInput(f"{name}: a link; remove it, or make a folder of that name")
+            raise BadInput(f"{name}: is a link; replace it by a folder of that name")
     (folder / "results").mkdir(exist_ok=True)
     jobs.start(words)
     return True

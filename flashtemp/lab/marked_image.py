@@ -1,4 +1,4 @@
-"""Images on which the block's edges are marked: clicked, dragged, magnified, or typed; its outline over all frames."""
+"""The image on which the edges of the block are marked by clicking, dragging or typing, with a magnifier."""
 
 from __future__ import annotations
 
@@ -11,22 +11,19 @@ from flashtemp.camera.importing.import_options import ImportOptions
 from flashtemp.lab.image_marks import CORNER_NAMES, IMAGE_DIRECTIONS, BlockMarks
 from flashtemp.lab.opened_frames import OpenedFrames
 
-GRIP_PX, MAGNIFIER_HALF_PX, MAGNIFIER_ZOOM = (
-    12.0,
-    7,
-    18,
-)  # px of the page that a grip is wide; of the magnifier: pixels each way, and zoom
+GRIP_PX = 12.0  # width of a mark that can be dragged, pixels of the page
+MAGNIFIER_HALF_PX, MAGNIFIER_ZOOM = 7, 18  # camera pixels each way from the centre, and their magnification
 MARK_COLOURS = dict(zip(CORNER_NAMES, ("#00E5FF", "#FFD600", "#76FF03", "#FF4081"), strict=True))
-DEFAULT_LENGTH_MM, DEFAULT_HEIGHT_MM = 25.0, 7.0  # mm, of a block that nobody has measured yet
+DEFAULT_LENGTH_MM, DEFAULT_HEIGHT_MM = 25.0, 7.0  # of a block, until its size is entered
 
 
 class MarkedImage:
-    """Frames of camera files with marks on them; `changed` is called when a mark or the block's size is another."""
+    """Frames of camera files with marks; `changed` is called when a mark or the size of the block changes."""
 
     def __init__(self, opened: OpenedFrames, facts: ImportOptions, changed: Callable[[], Any]):
         self.opened, self.facts, self.changed = opened, facts, changed
         self.points: dict[str, tuple[float, float]] = {}
-        self.held: str | None = None
+        self.dragged: str | None = None
         self.near, self.middle = CORNER_NAMES[0], (0, 0)
         self.boxes: dict[tuple[str, int], Any] = {}
         if facts.point is not None and len(facts.point) == len(CORNER_NAMES):
@@ -36,25 +33,25 @@ class MarkedImage:
 
     @property
     def marks(self) -> BlockMarks:
-        """The marks with the block's size."""
+        """The marks with the size of the block."""
         length, height = (float(box.value or 1.0) for box in (self.length, self.height))
         return BlockMarks(dict(self.points), length, height, str(self.up.value))
 
-    # --- what is seen --------------------------------------------------------------------------------------
+    # --- image and controls -----------------------------------------------------------------------------------
     def show(self) -> None:
-        """The image with the sliders for frame and colours."""
+        """Show the image with the sliders for frame and colours."""
         low, high = self.opened.preview.span
         rows, columns = self.opened.frames.shape[1:]
-        zoom, most = self.opened.zoom, len(self.opened.frames) - 1
-        self.value = ui.label("move over the image to read temperatures").classes("font-mono text-sm")
+        zoom, last = self.opened.zoom, len(self.opened.frames) - 1
+        self.value = ui.label("move the mouse over the image to read temperatures").classes("font-mono text-sm")
         self.image = ui.interactive_image(
             self.opened.encode_frame(0, low, high), size=(columns * zoom, rows * zoom), on_mouse=self._handle_mouse,
             events=["mousedown", "mousemove", "mouseup"], cross=True, sanitize=False,
         ).classes("w-full").props('id="image"')  # fmt: skip
         with ui.row().classes("w-full items-center no-wrap"):
             ui.label("frame").classes("w-16")
-            self.frame = ui.slider(min=0, max=max(most, 1), value=0, on_change=lambda: self.update_image())
-            self.frame.props('aria-label="frame"').set_enabled(most > 0)
+            self.frame = ui.slider(min=0, max=max(last, 1), value=0, on_change=lambda: self.update_image())
+            self.frame.props('aria-label="frame"').set_enabled(last > 0)
             self.when = ui.label().classes("w-64")
         with ui.row().classes("w-full items-center no-wrap"):
             ui.label("colours").classes("w-16")
@@ -66,11 +63,13 @@ class MarkedImage:
             ui.label(words).classes("text-sm")
 
     def show_controls(self) -> None:
-        """What is to be marked next, the magnifier, places to be typed, and the block's size."""
+        """Show the choice of the next mark, the magnifier, the coordinates, and the size of the block."""
         second, block = self.facts.second, self.facts.block
-        ui.label("Where the block is").classes("text-lg font-medium")
-        ui.label("Click leading and trailing edge at the interface, or all four corners.  Drag a mark, click in the"
-                 " magnifier or type to correct it.").classes("text-sm")  # fmt: skip
+        ui.label("Position of the block").classes("text-lg font-medium")
+        ui.label(
+            "Click the leading and the trailing edge at the interface, or all four corners. "
+            "To correct a mark, drag it, click in the magnifier or type its coordinates."
+        ).classes("text-sm")
         self.next = ui.toggle(list(CORNER_NAMES), value=CORNER_NAMES[min(len(self.points), 1)]).props("dense no-caps")
         with ui.row().classes("no-wrap items-start"):
             side = (2 * MAGNIFIER_HALF_PX + 1) * MAGNIFIER_ZOOM
@@ -102,7 +101,7 @@ class MarkedImage:
         self._fill_boxes()
 
     def update_image(self) -> None:
-        """The frame as it is chosen, with marks and outline on it."""
+        """Draw the selected frame with marks and outline."""
         k, low, high = int(self.frame.value), *self._colour_range()
         self.image.set_source(self.opened.encode_frame(k, low, high))
         count = len(self.opened.time)
@@ -116,7 +115,7 @@ class MarkedImage:
         return float(self.span.value["min"]), float(self.span.value["max"])
 
     def _draw_overlay(self) -> None:
-        """Marks and the block's outline, the same over all frames."""
+        """Draw marks and the outline of the block, the same over all frames."""
 
         def at(place: tuple[float, float]) -> tuple[float, float]:
             return (place[0] + 0.5) * self.opened.zoom, (place[1] + 0.5) * self.opened.zoom
@@ -129,28 +128,27 @@ class MarkedImage:
         )
         for n, place in self.points.items():
             x, y = at(place)
-            parts.append(
-                f'<circle cx="{x:.2f}" cy="{y:.2f}" r="{GRIP_PX / 2}" fill="none" stroke="{MARK_COLOURS[n]}" stroke-width="2"/>'
-            )
-            parts.append(f'<circle cx="{x:.2f}" cy="{y:.2f}" r="1" fill="{MARK_COLOURS[n]}"/>')
+            centre, colour = f'cx="{x:.2f}" cy="{y:.2f}"', MARK_COLOURS[n]
+            parts.append(f'<circle {centre} r="{GRIP_PX / 2}" fill="none" stroke="{colour}" stroke-width="2"/>')
+            parts.append(f'<circle {centre} r="1" fill="{colour}"/>')
         self.image.content = "".join(parts)
 
-    # --- what is marked ------------------------------------------------------------------------------------
+    # --- marks ---------------------------------------------------------------------------------------------
     def _handle_mouse(self, event: events.MouseEventArguments) -> None:
-        """A mark is set, taken up, moved, let go; the value under the cursor is told."""
+        """Set, grab, move or release a mark, and show the temperature under the cursor."""
         zoom = self.opened.zoom
         c, r = event.image_x / zoom - 0.5, event.image_y / zoom - 0.5
         self.value.text = f"column {c:.1f}, row {r:.1f}: {self.opened.describe_pixel(int(self.frame.value), c, r)}"
         if event.type == "mousedown":
             grips = [n for n, (a, b) in self.points.items() if max(abs(a - c), abs(b - r)) * zoom < GRIP_PX]
-            self.held = grips[0] if grips else str(self.next.value)
+            self.dragged = grips[0] if grips else str(self.next.value)
             if not grips:
-                self._set_mark(self.held, c, r)
-        elif event.type == "mousemove" and self.held and event.buttons:
-            self._set_mark(self.held, c, r)
-        elif event.type == "mouseup" and self.held:
-            self.next.value = next((n for n in CORNER_NAMES if n not in self.points), self.held)
-            self.held = None
+                self._set_mark(self.dragged, c, r)
+        elif event.type == "mousemove" and self.dragged and event.buttons:
+            self._set_mark(self.dragged, c, r)
+        elif event.type == "mouseup" and self.dragged:
+            self.next.value = next((n for n in CORNER_NAMES if n not in self.points), self.dragged)
+            self.dragged = None
 
     def _set_mark(self, name: str, column: float, row: float) -> None:
         self.points[name] = (column, row)
@@ -163,7 +161,7 @@ class MarkedImage:
         self.changed()
 
     def clear_marks(self) -> None:
-        """Take all marks away."""
+        """Remove all marks."""
         self.points.clear()
         for box in self.boxes.values():
             box.value = None
@@ -176,13 +174,13 @@ class MarkedImage:
                 self.boxes[n, axis].value = round(place[axis], 2)
 
     def _place_typed(self, name: str) -> None:
-        """A place typed into its boxes."""
+        """Set a mark from its typed coordinates."""
         column, row = (self.boxes[name, axis].value for axis in (0, 1))
         if column is not None and row is not None:
             self._set_mark(name, float(column), float(row))
 
     def _show_magnified(self, name: str) -> None:
-        """What lies about a mark, to be clicked more exactly."""
+        """Show the surroundings of a mark in the magnifier."""
         self.near, (c, r) = name, self.points[name]
         self.middle = round(c), round(r)
         self.magnifier.set_source(
@@ -197,7 +195,7 @@ class MarkedImage:
         )
 
     def _magnifier_clicked(self, event: events.MouseEventArguments) -> None:
-        """A place clicked in the magnifier."""
+        """Move the magnified mark to a click in the magnifier."""
         if self.near in self.points:
             c, r = ((at / MAGNIFIER_ZOOM - 0.5 - MAGNIFIER_HALF_PX) for at in (event.image_x, event.image_y))
             self._set_mark(self.near, c + self.middle[0], r + self.middle[1])

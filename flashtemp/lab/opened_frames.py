@@ -1,4 +1,4 @@
-"""Images of camera files opened for looking: all frames in order, times where the files tell them."""
+"""All frames of camera files for the camera page, in the order of their times where the files have them."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from flashtemp.camera.importing.file_preview import FilePreview, preview_files
 from flashtemp.camera.importing.frame_buffer import FrameBuffer
 from flashtemp.camera.importing.import_options import ImportOptions
 
-MAX_PICTURE_WIDTH_PX = 960  # pixels of a picture on the page
+MAX_PICTURE_WIDTH_PX = 960  # of a picture on the page
 
 
 @dataclass(frozen=True)
 class OpenedFrames:
-    """Camera `files` with all their `frames` (n, rows, columns) degC, their `time` (s, or numbers), and a look."""
+    """Camera `files` with all `frames` (n, rows, columns) in degC, their `time` (s, or numbers) and a `preview`."""
 
     files: tuple[Path, ...]
     frames: np.ndarray
@@ -27,7 +27,7 @@ class OpenedFrames:
 
     @property
     def zoom(self) -> int:
-        """How many pixels of the page one pixel of the camera takes."""
+        """Pixels of the page per pixel of the camera."""
         return max(1, MAX_PICTURE_WIDTH_PX // self.frames.shape[2])
 
     @property
@@ -42,13 +42,13 @@ class OpenedFrames:
         return np.arange(len(self.preview.mean)) if clock is None else clock
 
     def pixel_value(self, frame: int, column: float, row: float) -> float | None:
-        """Temperature (degC) of the pixel at a place, None outside the image."""
+        """Temperature (degC) of the pixel at a position, None outside the image."""
         c, r = round(column), round(row)
         rows, columns = self.frames.shape[1:]
         return float(self.frames[frame, r, c]) if 0 <= c < columns and 0 <= r < rows else None
 
     def describe_pixel(self, frame: int, column: float, row: float) -> str:
-        """What there is to say of the pixel at a place."""
+        """Temperature or state of the pixel at a position, in words."""
         T = self.pixel_value(frame, column, row)
         if T is None:
             return "outside"
@@ -58,7 +58,7 @@ class OpenedFrames:
 
     @property
     def legend(self) -> str:
-        """What the colours of pixels without a value mean, where there are any."""
+        """The meaning of the colours of pixels without a value; "" where there are none."""
         dead = int(self.preview.dead.sum())
         words = [f"cyan: {dead} dead in every frame"] if dead else []
         missing = int(np.isnan(self.frames).sum()) - dead * len(self.frames)
@@ -66,13 +66,13 @@ class OpenedFrames:
         return "; ".join(words)
 
     def encode_frame(self, frame: int, low: float, high: float) -> str:
-        """One frame as the address of a PNG picture."""
+        """One frame as the data address of a PNG."""
         return _png_address(self.frames[frame], low, high, self.zoom, self.preview.dead)
 
     def encode_detail(
         self, frame: int, column: float, row: float, low: float, high: float, half: int, zoom: int
     ) -> str:
-        """What lies about a place, magnified: 2 half + 1 pixels square, grey beyond the image."""
+        """The surroundings of a position, 2 half + 1 pixels square, magnified; grey outside the image."""
         c, r = round(column), round(row)
         T = np.full((2 * half + 1,) * 2, np.nan)
         rows, columns = self.frames.shape[1:]
@@ -93,13 +93,13 @@ def _png_address(T: np.ndarray, low: float, high: float, zoom: int, dead: np.nda
 
 
 def open_frames(files: list[Path], facts: ImportOptions = ImportOptions()) -> OpenedFrames:  # noqa: B008 (frozen)
-    """All frames of camera files, in order of time where the files tell it.  Raises BadInput."""
+    """Read all frames of camera files, in order of time where the files have it.  Raises BadInput."""
     stack = FrameBuffer()
-    seen = preview_files(files, facts, receive_images=stack.add)
-    clock = seen.time if seen.time is not None else seen.clock
-    timed = clock is not None and bool(np.isfinite(clock).all()) and (len(clock) == 1 or float(np.ptp(clock)) > 0.0)
-    if clock is None or not timed:
-        time = np.arange(len(seen.mean)) / (seen.fps or 1.0)
-        return OpenedFrames(seen.files, stack.ordered_images(np.arange(len(time))), time, bool(seen.fps), seen)
+    preview = preview_files(files, facts, receive_images=stack.add)
+    clock = preview.time if preview.time is not None else preview.clock
+    has_times = clock is not None and bool(np.isfinite(clock).all()) and (len(clock) == 1 or float(np.ptp(clock)) > 0.0)
+    if clock is None or not has_times:
+        time = np.arange(len(preview.mean)) / (preview.fps or 1.0)
+        return OpenedFrames(preview.files, stack.ordered_images(np.arange(len(time))), time, bool(preview.fps), preview)
     order = np.argsort(clock, kind="stable")
-    return OpenedFrames(seen.files, stack.ordered_images(order), clock[order] - clock[order[0]], True, seen)
+    return OpenedFrames(preview.files, stack.ordered_images(order), clock[order] - clock[order[0]], True, preview)

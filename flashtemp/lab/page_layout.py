@@ -1,4 +1,4 @@
-"""What pages share: the frame around each, links, the command line that does the same, errors, questions."""
+"""Shared by all pages: header, addresses, the equivalent command line, error messages and questions."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from flashtemp.lab.programs import AllowedPrograms
 from flashtemp.lab.saving import ReplacesFile, TextVersion, write_text
 from flashtemp.lab.workspace import escape_control
 
-FILES_ADDRESS = "/files"  # address of the folder
-MAX_NAMES_LISTED = 40  # that a list shows
-STANDARD_FILES = ("case.toml", "campaign.toml")  # a folder is named by them
+FILES_ADDRESS = "/files"  # the files of the folder
+MAX_NAMES_LISTED = 40
+STANDARD_FILES = ("case.toml", "campaign.toml")  # a folder with one of them stands for it in a command
 PAGE_ADDRESSES = {"folder": "/", "camera": "/camera", "case": "/case", "campaign": "/campaign", "work": "/work"}
 
 
 @contextmanager
 def page_frame(here: str, folder: Path) -> Iterator[None]:
-    """The head of a page with the ways to the others; below it what follows."""
+    """Context manager: the header of a page with links to the others, and a column for its content."""
     ui.colors(primary="#8C2D04")
     ui.add_css("svg { max-width: 100%; height: auto }")
     ui.page_title("flashtemp")
@@ -40,35 +40,35 @@ def page_frame(here: str, folder: Path) -> Iterator[None]:
         yield
 
 
-def page_address(page: str, **asked: Any) -> str:
-    """The address of a page with what it is to open."""
-    return f"{PAGE_ADDRESSES.get(page, '/' + page)}?{urlencode({k: str(v) for k, v in asked.items()})}"
+def page_address(page: str, **query: Any) -> str:
+    """The address of a page with its query parameters."""
+    return f"{PAGE_ADDRESSES.get(page, '/' + page)}?{urlencode({k: str(v) for k, v in query.items()})}"
 
 
 def file_address(path: Path) -> str:
-    """The address of a file in the folder, by its path there."""
+    """The address of a file by its path in the folder."""
     return f"{FILES_ADDRESS}/{quote(path.as_posix())}"
 
 
 def show_command(words: str) -> None:
-    """The command line that does the same."""
+    """Show the equivalent command line."""
     with ui.row().classes("w-full items-center bg-gray-100 rounded px-3 py-1"):
         ui.label(escape_control(words)).classes("font-mono text-sm break-all").props('data-is="command"')
 
 
 async def save_text(folder: Path, name: str, text: str, opened: TextVersion | None) -> TextVersion | None:
-    """Write a TOML file as `write_text`, after a question where it replaces another; None if the user says no."""
+    """Write a TOML file like `write_text`; asks before it replaces another file.  None if the user declines."""
     try:
         return write_text(folder, name, text, opened)
     except ReplacesFile:
-        question = f"{escape_control(name)} exists already, and this page has not opened it."
+        question = f"{escape_control(name)} exists and was not opened by this page."
         if not await ask_consent([question], "Replace it"):
             return None
         return write_text(folder, name, text, opened, replace=True)
 
 
 async def ask_consent(lines: Sequence[str], consent: str) -> bool:
-    """A question in a window of its own: True only by a click on the button that says `consent`."""
+    """Ask in a dialog: True only after a click on the button labelled `consent`."""
     with ui.dialog() as dialog, ui.card().props("role=alertdialog"):
         for line in lines:
             ui.label(line).classes("break-all")
@@ -81,29 +81,28 @@ async def ask_consent(lines: Sequence[str], consent: str) -> bool:
 
 
 async def ask_to_run(programs: Sequence[Path], allowed: AllowedPrograms, trust: bool = False) -> bool:
-    """Whether effect files may run: asked about those that are new or changed, and about all with `--trust`."""
-    asked = list(programs) if trust else allowed.unconfirmed_files(programs)
-    if not asked and not trust:
+    """Ask whether effect files may run: those that are new or changed, or all with `--trust`."""
+    unconfirmed = list(programs) if trust else allowed.unconfirmed_files(programs)
+    if not unconfirmed and not trust:
         return True
-    if not await ask_consent(
-        program_lines(asked, trust), "Run as a program" if len(asked) < 2 else "Run these programs"
-    ):
+    consent = "Run as a program" if len(unconfirmed) < 2 else "Run these programs"
+    if not await ask_consent(program_lines(unconfirmed, trust), consent):
         return False
-    allowed.allow(asked)
+    allowed.allow(unconfirmed)
     return True
 
 
 def program_lines(programs: Sequence[Path], trust: bool = False) -> list[str]:
-    """What the user has to know before effect files run."""
-    head = "With --trust these effect files run whoever wrote them." if trust else "These effect files would run."
-    none = "The case lists no effect file now; with --trust whatever it lists when it starts would run."
-    rule = "Each is a Python program and can do all that you can do on this computer.  Read it first."
+    """What a user must know before effect files run, in lines."""
+    head = "With --trust these effect files run, whoever wrote them." if trust else "These effect files would run."
+    none = "The case lists no effect file now. With --trust, any file that it lists at the start would run."
+    rule = "Each is a Python program and can do anything that you can do on this computer. Read it first."
     return [head, *(escape_control(str(file)) for file in programs), rule] if programs else [none, rule]
 
 
 @contextmanager
 def show_errors(folder: Path | None = None) -> Iterator[None]:
-    """An error in a file or a key is shown where it was asked for, files by their names in the `folder`."""
+    """Context manager: show errors of files and keys in place, with file names relative to `folder`."""
     try:
         yield
     except (FlashtempError, OSError) as fault:
@@ -112,27 +111,27 @@ def show_errors(folder: Path | None = None) -> Iterator[None]:
 
 @contextmanager
 def refuse_damaged(file: Path) -> Iterator[None]:
-    """Whatever a library raises on reading a damaged or hostile file is BadInput about that file."""
+    """Context manager: any exception of a library that reads a damaged or hostile file becomes BadInput."""
     try:
         yield
     except FlashtempError:
         raise
-    except Exception as fault:  # readers of NetCDF, HDF5 and images raise nearly everything
-        raise BadInput(f"{file}: cannot be read ({type(fault).__name__}); make it again or remove it") from fault
+    except Exception as fault:  # readers of NetCDF, HDF5 and images raise exceptions of many types
+        raise BadInput(f"{file}: cannot be read ({type(fault).__name__}); create it again or remove it") from fault
 
 
 def escape_lines(text: str) -> str:
-    """A text of several lines in which nothing but its line ends acts on the page."""
+    """Escape control characters in every line of a text; only its line ends remain."""
     return "\n".join(map(escape_control, text.splitlines()))
 
 
 def relative_names(text: str, folder: Path | None) -> str:
-    """A text in which files of the folder go by their names there."""
+    """A text with file names relative to `folder`."""
     return text if folder is None else text.replace(f"{folder}{os.sep}", "")
 
 
 def show_error(text: str, folder: Path | None = None) -> None:
-    """An error in words."""
+    """Show an error message."""
     with ui.column().classes("w-full bg-red-50 border-l-4 border-red-700 px-3 py-2 gap-0").props("role=alert"):
         for line in relative_names(text, folder).splitlines():
             ui.label(escape_control(line)).classes("text-red-900 break-all")

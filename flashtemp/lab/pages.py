@@ -1,4 +1,4 @@
-"""The pages put together: what every page shares, and the application that a server runs."""
+"""The web application: the pages with their addresses, and the start page of the folder."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 from fastapi import FastAPI
 from nicegui import ui
 
+from flashtemp.display import format_count
 from flashtemp.lab.camera_page import CameraPage
 from flashtemp.lab.campaign_page import CampaignPage
 from flashtemp.lab.case_page import CasePage
@@ -29,7 +30,7 @@ from flashtemp.lab.workspace import escape_control, list_folder
 
 
 def make_application(folder: Path) -> tuple[Any, JobList]:
-    """The page of a folder, and the commands that it starts."""
+    """The application for a folder, and its list of jobs."""
     jobs, allowed = JobList(folder), AllowedPrograms()
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     app.mount(FILES_ADDRESS, FolderFiles(folder))
@@ -40,7 +41,7 @@ def make_application(folder: Path) -> tuple[Any, JobList]:
             _show_folder(folder)
 
     @ui.page("/camera")
-    async def camera(open: str = "", template: str = "") -> None:  # noqa: A002 (the address says it)
+    async def camera(open: str = "", template: str = "") -> None:  # noqa: A002 (key of the address)
         with page_frame("camera", folder):
             await CameraPage(folder).show(open, template)
 
@@ -69,26 +70,28 @@ def make_application(folder: Path) -> tuple[Any, JobList]:
 
 
 def _show_folder(folder: Path) -> None:
-    """What lies in the folder, each with what can be done with it."""
-    found = list_folder(folder)
-    some = found.image_series.items()
+    """List the files of the folder by kind, with links to what can be done with each."""
+    listing = list_folder(folder)
 
-    def judged(campaign: Path) -> list[tuple[str, str]]:
+    def campaign_links(campaign: Path) -> list[tuple[str, str]]:
         return [(c, _work_link(c, campaign)) for c in ("compare", "discover", "plan")]
 
     groups: dict[str, Sequence[tuple[Path | str, list[tuple[str, str]]]]] = {
-        "Cases": [(p, [("open", page_address("case", open=p)), ("run", _work_link("run", p))]) for p in found.cases],
-        "Camera files": [(p, [(f"look at {n} file{'s' if n > 1 else ''}", page_address("camera", open=p))]) for p, n in some],
-        "Recording templates": [(p, [("open", page_address("camera", template=p))]) for p in found.templates],
-        "Recordings": [(p, [("look", page_address("camera", open=p))]) for p in found.recordings],
-        "Campaigns": [(p, [("open", page_address("campaign", open=p)), *judged(p)]) for p in found.campaigns],
-        "Results": [(p, [("open", page_address("result", open=p))]) for p in found.results],
-        "Begun": [(p, [("go on", _work_link(o.command, p))]) for p, o in found.begun.items()],
+        "Cases": [(p, [("open", page_address("case", open=p)), ("run", _work_link("run", p))]) for p in listing.cases],
+        "Camera files": [
+            (p, [(f"view {format_count(n, 'file')}", page_address("camera", open=p))])
+            for p, n in listing.image_series.items()
+        ],
+        "Recording templates": [(p, [("open", page_address("camera", template=p))]) for p in listing.templates],
+        "Recordings": [(p, [("view", page_address("camera", open=p))]) for p in listing.recordings],
+        "Campaigns": [(p, [("open", page_address("campaign", open=p)), *campaign_links(p)]) for p in listing.campaigns],
+        "Results": [(p, [("open", page_address("result", open=p))]) for p in listing.results],
+        "Unfinished runs": [(p, [("resume", _work_link(o.command, p))]) for p, o in listing.begun.items()],
     }  # fmt: skip
-    for sentence in found.omissions:
+    for sentence in listing.omissions:
         ui.label(sentence).classes("text-amber-900")
     if not any(groups.values()):
-        ui.label("Nothing here yet: begin with a case, or drop camera files on the camera page.")
+        ui.label("No files yet: create a case, or drop camera files on the camera page.")
     with ui.row().classes("w-full gap-6 items-start"):
         for title, rows in groups.items():
             if rows:
@@ -100,18 +103,20 @@ def _show_folder(folder: Path) -> None:
 
 
 def _work_link(command: str, of: Path) -> str:
+    """The address of the work page with a command and its file; a standard file goes by the name of its folder."""
     return page_address(
         "work", command=command, of=of.parent if of.name in STANDARD_FILES and of.parent != Path() else of
     )
 
 
 def _show_group(title: str, rows: Sequence[tuple[Path | str, list[tuple[str, str]]]]) -> None:
+    """A card with the files of one kind and their links."""
     with ui.card().classes("min-w-72 max-w-full"):
         ui.label(title).classes("text-lg font-medium")
-        for path, ways in rows[:MAX_NAMES_LISTED]:
+        for path, links in rows[:MAX_NAMES_LISTED]:
             with ui.row().classes("items-center gap-3 w-full no-wrap"):
                 ui.label(escape_control(str(path))).classes("break-all grow")
-                for words, target in ways:
+                for words, target in links:
                     ui.link(words, target)
         if len(rows) > MAX_NAMES_LISTED:
             ui.label(f"and {len(rows) - MAX_NAMES_LISTED} more")

@@ -1,4 +1,4 @@
-"""Effect files are programs: which of them a case or a command would run, and which the user has allowed to."""
+"""Effect files are programs: which of them a case or command would run, and which the user has allowed."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ TRUST = "--trust"
 
 
 class AllowedPrograms:
-    """Effect files, each with its content, that the user of this server has allowed to run."""
+    """The effect files, with their contents, that the user has allowed to run on this server."""
 
     def __init__(self) -> None:
         self._allowed: set[tuple[Path, str]] = set()
 
     def allow(self, files: Iterable[Path]) -> None:
-        """The user has said that these files may run as they are now."""
+        """Allow these files with their present contents."""
         self._allowed |= {(file, _file_digest(file)) for file in files}
 
     def unconfirmed_files(self, files: Iterable[Path]) -> list[Path]:
-        """Those files that the user has not been asked about, or that have changed since."""
+        """The files that are not allowed yet, or that have changed since."""
         return [file for file in files if (file, _file_digest(file)) not in self._allowed]
 
 
 def has_trust(words: Sequence[str]) -> bool:
-    """Whether a command line lets effect files of others run.
+    """Whether a command line has the option `--trust`, which runs effect files without consent.
 
     >>> has_trust(["run", "case.toml", "--trust"]), has_trust(["run", "case.toml", "--trust=true"]), has_trust(["run"])
     (True, True, False)
@@ -41,7 +41,7 @@ def has_trust(words: Sequence[str]) -> bool:
 
 
 def programs_of_text(text: str, folder: Path) -> list[Path]:
-    """Effect files that a case with this text in `folder` lists; none where it is no TOML."""
+    """Effect files that a case with this text in `folder` lists; none where it is not TOML."""
     return [_resolve_links(folder / name) for name in list_effect_files(_parse_text(text))]
 
 
@@ -64,7 +64,7 @@ def programs_of_campaign(text: str, folder: Path) -> list[Path]:
 
 
 def _only_tables(value: Any) -> list[dict[str, Any]]:
-    """The tables in a list; none in what is no list."""
+    """The tables in a list; [] for any other value."""
     return [table for table in value if isinstance(table, dict)] if isinstance(value, list) else []
 
 
@@ -95,7 +95,7 @@ def programs_of_command(words: Sequence[str], folder: Path) -> list[Path]:
 
 
 def _python_files(word: str) -> list[str]:
-    """Names of Python files in an override as it is typed: effects=["./fan.py"], or effects=./a.py,./b.py in a sweep.
+    """Names of Python files in a typed override: effects=["./fan.py"], or effects=./a.py,./b.py in a sweep.
 
     >>> _python_files('effects=["a", "./fan.py"]'), _python_files("friction.mu=0.8")
     (['./fan.py'], [])
@@ -105,7 +105,7 @@ def _python_files(word: str) -> list[str]:
 
 
 def _resolve_links(file: Path) -> Path:
-    """A path with its links followed, as it stands where it cannot be one."""
+    """A path with its links followed; unchanged where it is not a valid path."""
     try:
         return file.resolve()
     except (OSError, ValueError, RuntimeError):
@@ -113,7 +113,7 @@ def _resolve_links(file: Path) -> Path:
 
 
 def _read_toml(file: Path) -> str:
-    """The text of a TOML file, "" where there is none that a command would read.  Raises BadInput."""
+    """The text of a TOML file, "" where no command could read it.  Raises BadInput for a large file."""
     try:
         if not file.is_file():
             return ""

@@ -1,4 +1,4 @@
-"""The page of a result: report and pictures; of a run T(x) over time with a slider, and the block in space."""
+"""The result page: report, pictures and numbers; for a run also T(x) with a time slider and a 3D scene."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ CURVE_LABELS = {"T_spot": "in the contact spots", "T_block": "block, averaged ac
 
 
 def show_result(folder: Path, name: str) -> None:
-    """What a result folder, or a recording, holds.  Raises BadInput."""
+    """Show the content of a result folder.  Raises BadInput."""
     path = resolve_inside(folder, name)
     if not path.is_dir():
-        raise BadInput(f"{escape_control(name)}: no such result; choose one on the page of the folder")
+        raise BadInput(f"{escape_control(name)}: no such result; choose one on the folder page")
     here = path.relative_to(folder.resolve())
     ui.label(escape_control(str(here))).classes("text-xl")
     with show_errors(folder):
@@ -39,7 +39,7 @@ def show_result(folder: Path, name: str) -> None:
 
 
 def _own_file(folder: Path, name: Path) -> Path | None:
-    """A regular file of the folder by its path there; None where there is none or a link leads out of the folder."""
+    """A regular file of the folder; None where there is none or a link leads out of the folder."""
     try:
         path = resolve_inside(folder, str(name))
         return path if path.is_file() else None
@@ -48,8 +48,8 @@ def _own_file(folder: Path, name: Path) -> Path | None:
 
 
 def _show_report(address: str) -> None:
-    """A report in a frame that may neither run scripts nor act as this page, since anybody may have written it."""
-    ui.link("report in a tab of its own", address, new_tab=True)
+    """Show a report in a sandboxed frame without scripts, since its author is unknown."""
+    ui.link("open the report in a new tab", address, new_tab=True)
     frame = ui.element("iframe").style("width:100%;height:80vh;border:1px solid #ccc")
     for key, value in {"src": address, "title": "report", "sandbox": "", "referrerpolicy": "no-referrer"}.items():
         frame.props[key] = value
@@ -68,18 +68,18 @@ def _show_pictures(folder: Path, path: Path, here: Path) -> None:
 
 
 def _show_profiles(file: Path) -> None:
-    """T(x) of the kept moments, with a slider over time."""
+    """Chart of T(x) at the stored times, with a time slider."""
     import xarray
 
     with refuse_damaged(file), xarray.open_dataset(file) as run:
         names = [k for k in CURVE_LABELS if k in run]
         n_bytes = sum(run[k].nbytes for k in ("time", "x", *names))
         if n_bytes > MAX_PROFILE_BYTES:
-            raise BadInput(f"{file}: holds {n_bytes / 2**20:.0f} MiB of profiles; look at it with xarray")
+            raise BadInput(f"{file}: holds {n_bytes / 2**20:.0f} MiB of profiles; open it with xarray")
         time, x = run["time"].values.astype(float), 1e3 * run["x"].values.astype(float)
         curves = {k: run[k].transpose("time", "x").values.astype(float) for k in names}
         if not curves or not len(time) or not any(np.isfinite(v).any() for v in curves.values()):
-            raise BadInput(f"{file}: holds no temperatures over time and x; it is no run of flashtemp")
+            raise BadInput(f"{file}: has no temperatures over time and x; it is not a run of flashtemp")
     ambient = min(float(np.nanmin(v)) for v in curves.values())
     warmest = max(float(np.nanmax(v)) for v in curves.values())
     chart = ui.echart({
@@ -90,19 +90,19 @@ def _show_profiles(file: Path) -> None:
     }).classes("w-full h-80")  # fmt: skip
     label = ui.label()
 
-    def at(k: int) -> None:
+    def show_time(k: int) -> None:
         label.text = f"t = {time[k]:.4g} s"
         for series, values in zip(chart.options["series"], curves.values(), strict=True):
             series["data"] = [[float(a), float(b)] for a, b in zip(x, values[k], strict=True) if np.isfinite(b)]
         chart.update()
 
-    slider = ui.slider(min=0, max=len(time) - 1, value=len(time) - 1, on_change=lambda e: at(int(e.value)))
+    slider = ui.slider(min=0, max=len(time) - 1, value=len(time) - 1, on_change=lambda e: show_time(int(e.value)))
     slider.props('aria-label="time"')
-    at(len(time) - 1)
+    show_time(len(time) - 1)
 
 
 def _show_in_space(folder: Path, here: Path) -> None:
-    """Cell centres of the last field in their colours, to be turned with the mouse."""
+    """A 3D scene of the last stored field that can be rotated with the mouse."""
     from flashtemp.api.simulation import open_fields
     from flashtemp.viz.run.point_cloud import surface_points
 
@@ -110,22 +110,22 @@ def _show_in_space(folder: Path, here: Path) -> None:
         return
     try:
         with refuse_damaged(file):
-            where, colours = surface_points(open_fields(file.parent))
+            positions, colours = surface_points(open_fields(file.parent))
     except BadInput:
         return
-    with ui.expansion("in space").classes("w-full"), ui.scene(width=900, height=480, grid=False) as scene:
-        scene.point_cloud(where.tolist(), colours.tolist(), point_size=0.12)
+    with ui.expansion("3D view").classes("w-full"), ui.scene(width=900, height=480, grid=False) as scene:
+        scene.point_cloud(positions.tolist(), colours.tolist(), point_size=0.12)
         scene.move_camera(x=0.0, y=-14.0, z=8.0, look_at_x=0.0, look_at_y=0.0, look_at_z=0.0)
 
 
 def _show_numbers(folder: Path, here: Path) -> None:
-    """The numbers of the result.  Raises BadInput for a damaged file."""
+    """Table of the numbers of the result.  Raises BadInput for a damaged file."""
     files = (_own_file(folder, here / n) for n in ("summary.json", "verdict.json", "compare.json"))
     if (file := next(filter(None, files), None)) is None:
         return
     with refuse_damaged(file):
         if file.stat().st_size > MAX_JSON_BYTES:
-            raise BadInput(f"{file}: larger than {MAX_JSON_BYTES // 2**20} MiB; look at it with a text editor")
+            raise BadInput(f"{file}: larger than {MAX_JSON_BYTES // 2**20} MiB; open it with a text editor")
         numbers: dict[str, Any] = dict(json.loads(file.read_text(encoding="utf-8")))
     rows = [
         {"key": escape_control(k), "value": f"{v:.6g}" if isinstance(v, float) else escape_control(str(v))}

@@ -1,4 +1,4 @@
-"""Writing into the folder: whole files under fresh names, never through a link, never over a file that changed."""
+"""Writing into the folder: atomically, never through a link, never over a file that changed since it was read."""
 
 from __future__ import annotations
 
@@ -13,55 +13,55 @@ from pathlib import Path
 from flashtemp.errors import BadInput
 from flashtemp.lab.workspace import CAMERA_SUFFIXES, MAX_NAME_BYTES, MAX_TOML_BYTES, escape_control, resolve_inside
 
-MAX_UPLOAD_BYTES = 2 * 2**30  # of all files dropped on the page at once
-MAX_UPLOAD_FILES = 1000  # parts that the form parser takes in one request
+MAX_UPLOAD_BYTES = 2 * 2**30  # of one upload
+MAX_UPLOAD_FILES = 1000  # limit of the form parser for one request
 UPLOAD_LIMIT = f"at most {MAX_UPLOAD_BYTES // 2**30} GiB and {MAX_UPLOAD_FILES} files at once"
 NEW_FILE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
 
 
 @dataclass(frozen=True)
 class TextVersion:
-    """Which content of a file a page has read or written last: its resolved `path` and SHA-256 `digest`."""
+    """The content of a file that a page has last read or written: its resolved `path` and SHA-256 `digest`."""
 
     path: Path
     digest: str
 
 
 class ReplacesFile(BadInput):
-    """A file of that name exists that this page has not opened: replaced only when the user says so."""
+    """A file of that name exists that this page has not opened; it is replaced only with consent."""
 
 
 def read_text(folder: Path, name: str) -> tuple[str, TextVersion]:
     """The text of a TOML file in the folder, and its version.  Raises BadInput."""
     path, label = _toml_path(folder, name), escape_control(name)
     if not path.is_file():
-        raise BadInput(f"{label}: no such file; choose one on the page of the folder")
+        raise BadInput(f"{label}: no such file; choose one on the folder page")
     if path.stat().st_size > MAX_TOML_BYTES:
         raise BadInput(f"{label}: larger than {MAX_TOML_BYTES // 2**20} MiB; give a shorter TOML file")
     data = path.read_bytes()
     try:
         return data.decode("utf-8").replace("\r\n", "\n"), TextVersion(path, sha256(data).hexdigest())
     except UnicodeDecodeError as fault:
-        raise BadInput(f"{label}: no text in UTF-8, so no TOML; give a .toml file") from fault
+        raise BadInput(f"{label}: not UTF-8 text and therefore not TOML; give a .toml file") from fault
 
 
 def write_text(
     folder: Path, name: str, text: str, opened: TextVersion | None = None, replace: bool = False
 ) -> TextVersion:
-    """Write a TOML file of the folder, whole or not at all, and return its version.
+    """Write a TOML file of the folder atomically and return its version.
 
-    `opened` is what the page has read or written last.  Raises BadInput where that file has changed on disk since, or
-    the name is no .toml file of the folder; ReplacesFile where another file would be replaced and `replace` is False.
+    `opened` is the version that the page has last read or written.  Raises BadInput if that file has since changed on
+    disk or the name is not a .toml file of the folder, ReplacesFile if it would replace another file without `replace`.
     """
     path, label = _toml_path(folder, name), escape_control(name)
     data = _encode_text(text, label)
     if os.path.lexists(path):
         if not path.is_file():
             raise BadInput(f"{label}: not a file; save under another name")
-        own = opened is not None and opened.path == path
-        if own and opened is not None and _file_digest(path) != opened.digest:
+        is_opened = opened is not None and opened.path == path
+        if is_opened and opened is not None and _file_digest(path) != opened.digest:
             raise BadInput(f"{label}: changed on disk since it was opened; reload the page or save under another name")
-        if not own and not replace:
+        if not is_opened and not replace:
             raise ReplacesFile(f"{label}: exists already; replace it, or save under another name")
     path.parent.mkdir(parents=True, exist_ok=True)
     _replace_file(path, data)
@@ -69,18 +69,18 @@ def write_text(
 
 
 async def write_upload(folder: Path, name: str, chunks: AsyncIterator[bytes]) -> Path:
-    """Write an uploaded camera file under a name that is free in the folder.
+    """Write an uploaded camera file under a new name in the folder.
 
-    Raises BadInput for a name with a path, a hidden one, one that is taken or no camera file's, and for too many bytes.
+    Raises BadInput for a name with a path, a hidden or existing name, no camera suffix, and too many bytes.
     """
     path = folder / check_upload_name(name)
     try:
         number = os.open(path, NEW_FILE, 0o666)
     except OSError as fault:
         raise BadInput(
-            f"{escape_control(name)}: cannot be made: {fault.strerror}; give the file another name"
+            f"{escape_control(name)}: cannot be created: {fault.strerror}; give the file another name"
         ) from fault
-    n_bytes, whole = 0, False
+    n_bytes, complete = 0, False
     try:
         with os.fdopen(number, "wb") as out:
             async for chunk in chunks:
@@ -88,27 +88,27 @@ async def write_upload(folder: Path, name: str, chunks: AsyncIterator[bytes]) ->
                 if n_bytes > MAX_UPLOAD_BYTES:
                     raise BadInput(f"{escape_control(name)}: {UPLOAD_LIMIT}; copy the file into the folder instead")
                 out.write(chunk)
-        whole = True
+        complete = True
     finally:
-        if not whole:
+        if not complete:
             path.unlink(missing_ok=True)
     return path
 
 
 def check_upload_name(name: str) -> str:
-    """The name of an uploaded file if it is a plain one of a camera file.  Raises BadInput."""
+    """The name of an uploaded file, if it is a plain name of a camera file.  Raises BadInput."""
     label = escape_control(name)
     if not name or any(c in "/\\" or not c.isprintable() for c in name) or len(name.encode()) > MAX_NAME_BYTES:
         raise BadInput(f"{label!r}: not a plain file name; rename the file")
     if name.startswith("."):
         raise BadInput(f"{label}: a hidden name; rename the file")
     if Path(name).suffix.lower() not in CAMERA_SUFFIXES:
-        raise BadInput(f"{label}: no camera file; these are: {' '.join(sorted(CAMERA_SUFFIXES))}")
+        raise BadInput(f"{label}: not a camera file; accepted are: {' '.join(sorted(CAMERA_SUFFIXES))}")
     return name
 
 
 def _toml_path(folder: Path, name: str) -> Path:
-    """Where a TOML file of the folder lies.  Raises BadInput for every other name."""
+    """The path of a TOML file of the folder.  Raises BadInput for any other name."""
     path = resolve_inside(folder, name)
     if path.suffix != ".toml" or not name.endswith(".toml"):
         raise BadInput(f"{escape_control(name)}: the page opens and saves TOML files; give a name that ends in .toml")
@@ -130,7 +130,7 @@ def _file_digest(path: Path) -> str:
 
 
 def _replace_file(path: Path, data: bytes) -> None:
-    """Put a file in place by a new file beside it, whose name nobody can foresee and which is never a link."""
+    """Replace a file by renaming a new one; its random name and O_EXCL rule out a planted link."""
     work = path.with_name(f".{secrets.token_hex(8)}.new")
     number = os.open(work, NEW_FILE, 0o666)
     try:

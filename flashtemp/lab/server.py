@@ -1,4 +1,4 @@
-"""The page's server: on loopback, for whoever knows the token in its address; what every answer forbids the browser."""
+"""The server of the web app: on loopback, protected by a token, with restrictive headers on every response."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ Send = Callable[[Any], Awaitable[None]]
 
 
 BODY_METHODS = ("POST", "PUT", "PATCH", "DELETE")
-MAX_BODY_BYTES = MAX_UPLOAD_BYTES + 2**20  # the form around the files
-PAGE_HEADERS = {  # of every answer that has none of its own
+MAX_BODY_BYTES = MAX_UPLOAD_BYTES + 2**20  # upload and form
+PAGE_HEADERS = {  # of every response that does not set them
     "x-content-type-options": "nosniff",
     "x-frame-options": "DENY",
-    "referrer-policy": "no-referrer",  # the address holds the token once
+    "referrer-policy": "no-referrer",  # the first address contains the token
     "cross-origin-opener-policy": "same-origin",
     "cross-origin-resource-policy": "same-origin",
 }
 
 
 def page_policy(port: int) -> str:
-    """Content-Security-Policy of the page: nothing from elsewhere, framed by nobody.
+    """Content-Security-Policy of the pages: no other origins, no framing.
 
-    NiceGUI compiles templates and runs handlers in the page, so inline scripts and eval have to stay allowed.
+    NiceGUI compiles templates and runs handlers in the page, so inline scripts and eval must be allowed.
     """
     sockets = " ".join(f"ws://{name}" for name in host_names(port))
     return (
@@ -46,16 +46,16 @@ def page_policy(port: int) -> str:
 
 
 def host_names(port: int) -> tuple[str, str]:
-    """What a browser calls this server in the headers Host and Origin."""
+    """The names of this server in the headers Host and Origin."""
     return f"{HOST}:{port}", f"localhost:{port}"
 
 
 @dataclass(frozen=True)
 class TokenGuard:
-    """Lets through who brings the `token`, in the address once and as a cookie from then on, to this `port` itself.
+    """Middleware that admits requests with the `token`: once in the address, then as a cookie for this `port`.
 
-    Host and Origin are compared with the server's own names, against DNS rebinding and requests of other sites; of
-    pages on other ports of this computer, which share its cookies, only links to a whole page pass (Fetch Metadata).
+    Host and Origin must be the server's own names, against DNS rebinding and cross-site requests.  Pages on other ports
+    of this computer share its cookies; from them only navigation to a whole page is admitted (Fetch Metadata).
     """
 
     app: Callable[[Scope, Receive, Send], Awaitable[None]]
@@ -63,7 +63,7 @@ class TokenGuard:
     port: int
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One request of HTTP or one web socket."""
+        """Handle an HTTP request or a web socket."""
         kind = scope["type"]
         if kind not in ("http", "websocket"):
             await self.app(scope, receive, send)
@@ -76,7 +76,7 @@ class TokenGuard:
             await self._answer_request(scope, receive, _with_headers(send, page_policy(self.port)))
 
     async def _answer_request(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One request of HTTP."""
+        """Handle an HTTP request."""
         if self._is_known(scope):
             status, text = _body_refusal(scope)
             if status:
@@ -105,13 +105,13 @@ class TokenGuard:
 
 
 def _is_embedded(scope: Scope) -> bool:
-    """Whether another site or port asks for more than to show a whole page (W3C Fetch Metadata Request Headers)."""
+    """Whether another site or port requests anything but a whole page (W3C Fetch Metadata Request Headers)."""
     site, mode, dest = (_header_value(scope, b"sec-fetch-" + name) for name in (b"site", b"mode", b"dest"))
     return site in ("same-site", "cross-site") and (mode, dest) != ("navigate", "document")
 
 
 def _body_refusal(scope: Scope) -> tuple[int, str]:
-    """Status and text for a request whose body is too large or of unknown length; 0 for one that may be read."""
+    """Status and text for a body that is too large or of unknown length; status 0 for an acceptable one."""
     length = _header_value(scope, b"content-length")
     if length.isascii() and length.isdigit():
         return (
@@ -120,7 +120,7 @@ def _body_refusal(scope: Scope) -> tuple[int, str]:
             else (0, "")
         )
     has_body = scope["method"] in BODY_METHODS or _header_value(scope, b"transfer-encoding") or length
-    return (411, "say the length of what is sent\n") if has_body else (0, "")
+    return (411, "the request needs a Content-Length\n") if has_body else (0, "")
 
 
 def _header_value(scope: Scope, name: bytes) -> str:
@@ -128,7 +128,7 @@ def _header_value(scope: Scope, name: bytes) -> str:
 
 
 def _cookie_values(scope: Scope, name: str) -> list[str]:
-    """Values of the cookies of that name; cookies of other servers on this computer may be of any kind."""
+    """Values of the cookies of that name; other servers on this computer may set any cookies."""
     pairs = (part.strip().partition("=") for part in _header_value(scope, b"cookie").split(";"))
     return [value for key, _, value in pairs if key == name]
 
@@ -136,18 +136,18 @@ def _cookie_values(scope: Scope, name: str) -> list[str]:
 def _parse_query(scope: Scope) -> dict[str, list[str]]:
     try:
         return parse_qs(scope["query_string"].decode("latin-1"))
-    except ValueError:  # more fields than a query may have
+    except ValueError:  # more fields than urllib accepts
         return {}
 
 
 def _without_token(scope: Scope) -> str:
-    """The same address on this host without the token, whatever the path holds."""
+    """The same address on this host without the token; a path of several slashes cannot lead to another host."""
     rest = [(k, v) for k, values in _parse_query(scope).items() for v in values if k != "token"]
     return "/" + quote(scope["path"].lstrip("/\\")) + ("?" + urlencode(rest) if rest else "")
 
 
 def _with_headers(send: Send, policy: str) -> Send:
-    """Send with the headers that every answer has."""
+    """A `send` that adds PAGE_HEADERS and the policy to every response."""
 
     async def send_with_headers(message: Any) -> None:
         if message["type"] == "http.response.start":
@@ -170,10 +170,10 @@ async def _send_answer(send: Send, status: int, headers: list[tuple[str, str]], 
 
 
 def serve(folder: Path, browser: bool = True, announce: Callable[[str], Any] = print) -> None:
-    """Serve the page of a folder until Ctrl-C; `announce` is given its address.  Raises BadInput."""
+    """Serve the pages of a folder until Ctrl-C; `announce` is called with the address.  Raises BadInput."""
     if not folder.is_dir():
         raise BadInput(f"{folder}: no such folder; give the folder of your case and camera files")
-    # NiceGUI would look for what it keeps in the current folder, where files of strangers may lie
+    # NiceGUI would otherwise load its storage from the current folder, which may hold untrusted files
     os.environ["NICEGUI_STORAGE_PATH"] = str(Path.home() / ".cache" / "flashtemp" / "page")
     try:
         import uvicorn

@@ -1,4 +1,4 @@
-"""A key of a TOML text set or taken out, with everything else in it left as it stands."""
+"""Set or remove a key of a TOML text without changing anything else in it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from flashtemp.model.toml_format import value_text
 
 
 def set_toml_key(text: str, table: str, key: str, value: Any) -> str:
-    """The text with table.key = value, or without it where value is None; `table` "" is what stands before all tables.
+    """The text with table.key = value, or without the key where value is None; `table` "" is the top level.
 
     >>> print(set_toml_key("[block]\\nlength = 0.02  # m\\n", "block", "length", 0.03))
     [block]
@@ -22,10 +22,10 @@ def set_toml_key(text: str, table: str, key: str, value: Any) -> str:
     <BLANKLINE>
     """
     lines = text.splitlines()
-    found = KeyLocations("", text).find_line(f"{table}.{key}" if table else key)
+    line_number = KeyLocations("", text).find_line(f"{table}.{key}" if table else key)
     written = None if value is None else f"{key} = {value_text(value)}"
-    if found is not None:
-        first, last = found - 1, _last_line(lines, found - 1)
+    if line_number is not None:
+        first, last = line_number - 1, _last_line(lines, line_number - 1)
         comment = _trailing_comment(lines[first]) if first == last else ""
         lines[first : last + 1] = [] if written is None else [written + comment]
     elif written is not None:
@@ -34,7 +34,7 @@ def set_toml_key(text: str, table: str, key: str, value: Any) -> str:
 
 
 def _last_line(lines: list[str], first: int) -> int:
-    """The line on which a value ends that begins on line `first`: where its brackets are closed."""
+    """The last line of a value that begins on line `first`: where its brackets are closed."""
     depth = 0
     for k in range(first, len(lines)):
         bare = re.sub(r'"[^"]*"|\'[^\']*\'', "", lines[k]).split("#", 1)[0]
@@ -45,13 +45,13 @@ def _last_line(lines: list[str], first: int) -> int:
 
 
 def _trailing_comment(line: str) -> str:
-    """The comment at the end of a line, with the space before it."""
+    """The comment at the end of a line with its preceding space."""
     bare = re.sub(r'"[^"]*"|\'[^\']*\'', lambda m: "_" * len(m[0]), line)
     return line[len(bare.split("#", 1)[0].rstrip()) :] if "#" in bare else ""
 
 
 def _insert_line(lines: list[str], table: str, written: str) -> None:
-    """Add a line to its table, which is made where there is none."""
+    """Add a line at the end of its table, which is created if necessary."""
     headers = [k for k, line in enumerate(lines) if re.match(r"\s*\[", line)]
     if not table:
         before = headers[0] if headers else len(lines)
@@ -59,11 +59,11 @@ def _insert_line(lines: list[str], table: str, written: str) -> None:
             before -= 1
         lines.insert(before, written)
         return
-    here = next((k for k in headers if re.fullmatch(rf"\s*\[\s*{re.escape(table)}\s*\]\s*(#.*)?", lines[k])), None)
-    if here is None:
+    header = next((k for k in headers if re.fullmatch(rf"\s*\[\s*{re.escape(table)}\s*\]\s*(#.*)?", lines[k])), None)
+    if header is None:
         lines += ([""] if lines and lines[-1].strip() else []) + [f"[{table}]", written]
         return
-    end = next((k for k in headers if k > here), len(lines))
-    while end > here + 1 and not lines[end - 1].strip():
+    end = next((k for k in headers if k > header), len(lines))
+    while end > header + 1 and not lines[end - 1].strip():
         end -= 1
     lines.insert(end, written)

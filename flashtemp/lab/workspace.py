@@ -1,4 +1,4 @@
-"""What lies in a laboratory's folder: cases, campaigns, recordings, templates, camera files, results, begun work."""
+"""The folder of the web app: cases, campaigns, recordings, templates, camera files, results, unfinished runs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ CAMERA_SUFFIXES = {
     ".jpg", ".jpeg", ".fff", ".seq", ".csq", ".irb", ".csv", ".asc", ".txt", ".tif", ".tiff", ".png", ".mat", ".h5",
     ".hdf5",
 }  # fmt: skip
-RESULT_COMMANDS = {  # file that a result folder holds: the command that makes it
+RESULT_COMMANDS = {  # file in a result folder: the command that writes it
     "run.nc": "run", "verdict.json": "discover", "compare.json": "compare", "plan.json": "plan", "sweep.nc": "sweep",
     "sensitivity.json": "sensitivity",
 }  # fmt: skip
@@ -31,7 +31,7 @@ RESULT_COMMANDS = {  # file that a result folder holds: the command that makes i
 class FolderListing:
     """Paths relative to the folder, by kind; `results` with the command that made them, `begun` with their owners.
 
-    `omissions` says in sentences which files are left out, and why.
+    `omissions` are sentences on files that are not listed, with the reason.
     """
 
     cases: list[Path] = field(default_factory=list)
@@ -45,9 +45,9 @@ class FolderListing:
 
     @property
     def image_series(self) -> dict[str, int]:
-        """Camera files that belong together, as `import` takes them, and how many they are.
+        """{camera files that belong together, as `import` accepts them: their number}.
 
-        A folder whose names differ in numbers alone is one series; of any other every such series is a pattern.
+        A folder whose file names differ only in numbers is one series; in other folders each series is a pattern.
         """
         folders: dict[Path, dict[str, list[Path]]] = {}
         for path in self.images:
@@ -62,23 +62,23 @@ class FolderListing:
 
 
 def list_folder(folder: Path) -> FolderListing:
-    """Everything in a folder that a page can open; hidden files are left out, links are not followed."""
+    """All files of a folder that a page can open; hidden files are omitted, links are not followed."""
     out = FolderListing()
     for path, names in _walk_folders(folder, out.omissions):
-        here = path.relative_to(folder)
+        relative = path.relative_to(folder)
         made = next((command for name, command in RESULT_COMMANDS.items() if name in names), None)
         if result_folder.MARKER_FILE in names and (owner := read_owner(path)) is not None:
-            out.begun[here] = owner
+            out.begun[relative] = owner
         elif made is not None:
-            out.results[here] = made
+            out.results[relative] = made
         else:
             for name in sorted(names):
-                _add_file(out, folder, here / name)
+                _add_file(out, folder, relative / name)
     return out
 
 
 def _walk_folders(folder: Path, omissions: list[str]) -> Iterator[tuple[Path, list[str]]]:
-    """Folders in order, with the names of their files; what lies in a result is a part of it."""
+    """(folder, names of its files) in order; folders inside a result are not entered."""
     n_files = n_undecodable = 0
     for n_folders, (at, inside, names) in enumerate(os.walk(folder), 1):
         path = Path(at)
@@ -105,7 +105,7 @@ def _is_utf8(name: str) -> bool:
 
 
 def _add_file(out: FolderListing, folder: Path, path: Path) -> None:
-    """Put one file where it belongs."""
+    """Add one file to the list of its kind."""
     suffix = path.suffix.lower()
     if suffix == ".toml":
         kind = {
@@ -137,7 +137,7 @@ def kind_of(file: Path) -> str:
 
 
 def read_owner(folder: Path) -> result_folder.OwnerMarker | None:
-    """Whose working folder that is; None where no run of flashtemp made it, whatever its marker holds."""
+    """The owner of a working folder; None where its marker is not that of a flashtemp command."""
     try:
         return result_folder.read_marker(folder) if _is_short_file(folder / result_folder.MARKER_FILE) else None
     except (OSError, ValueError, RecursionError):
@@ -145,13 +145,13 @@ def read_owner(folder: Path) -> result_folder.OwnerMarker | None:
 
 
 def _is_short_file(file: Path) -> bool:
-    """Whether a file can be read at once: a pipe would be waited for, a large one would fill the memory."""
+    """Whether a file is regular and short: reading a pipe could block, a large file could fill the memory."""
     state = file.stat()
     return stat.S_ISREG(state.st_mode) and state.st_size <= MAX_TOML_BYTES
 
 
 def resolve_inside(folder: Path, name: str) -> Path:
-    """The resolved path of a name in the folder: below it, links followed, no part of it hidden.  Raises BadInput."""
+    """The resolved path of a name in the folder.  Raises BadInput if it is outside, hidden, or not a file name."""
     try:
         path, home = (folder / name).resolve(), folder.resolve()
         os.lstat(path)
@@ -159,24 +159,24 @@ def resolve_inside(folder: Path, name: str) -> Path:
         pass
     except NotADirectoryError as fault:
         raise BadInput(
-            f"{escape_control(name)}: a part of it is a file; give the name of a file in a folder"
+            f"{escape_control(name)}: a part of the path is a file; give the name of a file in a folder"
         ) from fault
     except (OSError, ValueError, RuntimeError) as fault:  # too long, a NUL byte, links in a circle
-        raise BadInput(f"{escape_control(name)!r}: not the name of a file; give a name in this folder") from fault
+        raise BadInput(f"{escape_control(name)!r}: not a valid file name; give a name in this folder") from fault
     if not path.is_relative_to(home):
-        raise BadInput(f"{escape_control(name)}: lies outside the folder of this page; give a name in it")
+        raise BadInput(f"{escape_control(name)}: outside the folder of this page; give a name inside it")
     if has_hidden_part(path.relative_to(home)) or has_hidden_part(Path(name)):
         raise BadInput(f"{escape_control(name)}: hidden files are not opened here; give a name without a leading dot")
     return path
 
 
 def has_hidden_part(path: Path) -> bool:
-    """Whether a part of a path is hidden, that is, begins with a dot; `..` is none."""
+    """Whether a part of a path other than `..` begins with a dot."""
     return any(part.startswith(".") and part != ".." for part in path.parts)
 
 
 def escape_control(text: str) -> str:
-    r"""A text in which nothing breaks a line, reverses the order of letters or is no character at all.
+    r"""Escape every character that is not printable: line breaks, direction marks, lone surrogates.
 
     >>> escape_control("a\nb\u202ec")
     'a\\nb\\u202ec'
@@ -185,7 +185,7 @@ def escape_control(text: str) -> str:
 
 
 def free_name(folder: Path, name: str) -> str:
-    """That name, or name-2, name-3... where it is taken."""
+    """The name, or name-2, name-3 ... where it exists."""
     stem, suffix, n, free = Path(name).stem, Path(name).suffix, 1, name
     while os.path.lexists(folder / free) or result_folder.list_working_folders(folder / free):
         n += 1

@@ -235,9 +235,9 @@ def _picture_sections(v: Verdict) -> list[Section]:
 
 def _law_section(v: Verdict, figures) -> list[Section]:
     """The section of a learned law; none where no law was learned."""
-    if "law" not in figures:
-        return []
     law = v.law
+    if law is None or "law" not in figures:
+        return []
     argument_unit, unit = ("" if u == "1" else f" {u}" for u in (law.argument_unit, law.unit))
 
     def describe(i: int) -> str:

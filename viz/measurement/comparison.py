@@ -1,6 +1,6 @@
-"""Measured against computed: images side by side, differences along every direction, friction, and an overview.
+"""Measured against computed: images, mean differences along each direction, friction, and an overview.
 
-Temperatures in degC, differences in K = measured - computed and in sigma.  Grey pixels are dead or not compared.
+Temperatures in degC, differences (measured minus computed) in K and in sigma.  Grey: dead or not compared.
 """
 
 from __future__ import annotations
@@ -29,47 +29,47 @@ from flashtemp.viz.measurement.residual_plots import (
 )
 from flashtemp.viz.time_axis import repetition_axis
 
-COMPARISON_WIDTH_IN = 9.6  # inches; four images side by side need more than a column of print
+COMPARISON_WIDTH_IN = 9.6  # four images side by side
 MASKED_COLOUR = "#A9A9A9"
 KELVIN_MAP, SIGMA_MAP = "RdBu_r", "PuOr_r"
-MAX_COLOUR_SIGMA = 5.0  # sigma where the colours end
-MARGIN_PX = 2  # pixels drawn beyond those that are compared
-STRUCTURE_SIZE_PX = 5  # pixels along a side of what counts as structure
-MAX_DOTS_DRAWN = 1500  # readings of a trace that are drawn
+MAX_COLOUR_SIGMA = 5.0  # sigma at the ends of the colour bar
+MARGIN_PX = 2  # pixels drawn around the compared ones
+STRUCTURE_SIZE_PX = 5  # side of the square that counts as one structure
+MAX_DOTS_DRAWN = 1500  # readings of a load cell
 UPWARD_AXES = {
     "sidewall": ("z", "above the interface"),
     "wake": ("y", "from the centre line"),
     "profile": ("", ""),
     "points": ("", ""),
 }
-IMAGE_TITLES = ("measured", "computed", "measured − computed", "the same in sigma")
+IMAGE_TITLES = ("measured", "computed", "measured − computed", "difference in sigma")
 
 
 # --- images -----------------------------------------------------------------------------------------
 def choose_frames(result, run=None) -> dict[int, str]:
-    """Frames worth a picture and why: end of sliding of the first and last repetition, largest difference.
+    """{frame: reason}: end of sliding of the first and last repetition, and the largest difference.
 
-    Without the `run` of the condition, the frame of a repetition that is computed to be hottest.
+    Without the `run` of the condition, the frame of a repetition with the hottest prediction.
     """
-    r, why = result.view.recording, {}
-    on = None if run is None else sliding_mask(r.time, run)
-    seen = np.isfinite(result.residual).any(axis=0)
-    heat = np.sum(result.predicted, axis=(1, 2), where=seen)
+    r, reasons = result.view.recording, {}
+    is_sliding = None if run is None else sliding_mask(r.time, run)
+    compared = np.isfinite(result.residual).any(axis=0)
+    heat = np.sum(result.predicted, axis=(1, 2), where=compared)
     for number in np.unique(r.repetition)[[0, -1]]:
-        own = np.flatnonzero(r.repetition == number)
-        slid = own[on[own]] if on is not None else own[:0]
-        if len(slid):
-            why[int(slid[-1])] = "last frame of sliding"
+        frames = np.flatnonzero(r.repetition == number)
+        sliding = frames[is_sliding[frames]] if is_sliding is not None else frames[:0]
+        if len(sliding):
+            reasons[int(sliding[-1])] = "last frame of sliding"
         else:
-            why[int(own[np.argmax(heat[own])])] = "hottest frame"
+            reasons[int(frames[np.argmax(heat[frames])])] = "hottest frame"
     if result.largest is not None:
         k = _largest_residual_frame(result)
-        why[k] = f"{why[k]},\nlargest difference" if k in why else "largest difference"
-    return dict(sorted(why.items()))
+        reasons[k] = f"{reasons[k]},\nlargest difference" if k in reasons else "largest difference"
+    return dict(sorted(reasons.items()))
 
 
 def _largest_residual_frame(result) -> int:
-    """The frame of the largest structured residual."""
+    """The frame of the largest structured difference."""
     return int(np.argmin(np.abs(result.view.recording.time - result.largest.time)))
 
 
@@ -77,8 +77,8 @@ def _largest_residual_frame(result) -> int:
 def draw_images(result, run=None, only: bool = False) -> Figure:
     """Measured, computed and their difference in K and in sigma for up to three frames; x, z, y in mm.
 
-    With `only` the frame of the largest difference alone.  A profile is drawn as lines in degC, its difference in K
-    with the band of noise of one pixel.
+    With `only`, the frame of the largest difference alone.  A profile is drawn as lines (degC), with its difference (K)
+    and the noise band of one pixel.
     """
     if result.view.recording.places is not None:
         return point_series.draw_points(result)
@@ -122,18 +122,18 @@ def draw_images(result, run=None, only: bool = False) -> Figure:
 
 
 def _compared_limits(result, ends: np.ndarray, other: int) -> tuple[float, float]:
-    """Limits (mm) of what is compared along one direction, with a margin; all when nothing is."""
+    """Limits (mm) of the compared pixels along one direction, with a margin; of all pixels where none is compared."""
     known = np.flatnonzero(np.isfinite(result.residual).any(axis=0).any(axis=1 - other if other == 0 else 0))
     first, last = (known[0], known[-1]) if len(known) else (0, len(ends) - 2)
     return float(ends[max(first - MARGIN_PX, 0)]), float(ends[min(last + 1 + MARGIN_PX, len(ends) - 1)])
 
 
 def _image_columns(result, shown: list[int]) -> list[tuple]:
-    """Colour map and values (rows, nv, nu) of the four columns, NaN where nothing is compared."""
-    apart = np.isfinite(result.residual[shown])
+    """(colour map, values (rows, nv, nu)) of the four columns, NaN where nothing is compared."""
+    compared = np.isfinite(result.residual[shown])
     heat = theme.temperature_map()
-    measured = np.where(apart, result.view.recording.temperature[shown], np.nan)
-    computed = np.where(apart, result.predicted[shown], np.nan)
+    measured = np.where(compared, result.view.recording.temperature[shown], np.nan)
+    computed = np.where(compared, result.predicted[shown], np.nan)
     return [
         (heat, measured),
         (heat, computed),
@@ -143,21 +143,21 @@ def _image_columns(result, shown: list[int]) -> list[tuple]:
 
 
 def _colour_norms(result, shown: list[int]) -> list:
-    """Colour limits of the four columns: one in degC for two of them, both differences centred at zero."""
+    """Colour limits of the four columns: common ones for the two in degC, differences centred at zero."""
     (_, measured), (_, computed), (_, off), _ = _image_columns(result, shown)
     if not np.isfinite(off).any():
         off, measured, computed = np.zeros(1), np.zeros(1), np.zeros(1)
-    usual = np.nanpercentile(measured, (0.5, 99.5))  # a single wild pixel would take all colours
+    usual = np.nanpercentile(measured, (0.5, 99.5))  # a single bad pixel must not stretch the colours
     heat = theme.temperature_norm(usual, computed)
-    most = max(3.0 * result.noise.white, np.nanpercentile(np.abs(off), 99.5))
+    largest = max(3.0 * result.noise.white, np.nanpercentile(np.abs(off), 99.5))
     if result.largest is not None:
-        most = max(most, abs(result.largest.K))
-    limit = theme.nice_ceil(most)
+        largest = max(largest, abs(result.largest.K))
+    limit = theme.nice_ceil(largest)
     return [heat, heat, Normalize(-limit, limit), Normalize(-MAX_COLOUR_SIGMA, MAX_COLOUR_SIGMA)]
 
 
 def _add_colour_bars(fig, axes) -> None:
-    """One colour bar below the columns that it belongs to."""
+    """A colour bar below the columns that it describes."""
     pad = 0.16 / fig.get_figheight()
     spans = [
         (axes[:, :2], f"temperature ({theme.CELSIUS})", 40),
@@ -179,19 +179,19 @@ def _add_colour_bars(fig, axes) -> None:
 
 
 def _mark_largest(axes, result) -> None:
-    """A square around the pixels of the largest structured residual, mm."""
-    r, at = result.view.recording, result.largest
+    """A square around the pixels of the largest structured difference (mm)."""
+    r, peak = result.view.recording, result.largest
     du, dv = (STRUCTURE_SIZE_PX * 1e3 * p if np.isfinite(p) else 1.0 for p in r.pitch)
     for ax in axes:
-        ax.add_patch(Rectangle((1e3 * at.u - du / 2, 1e3 * at.v - dv / 2), du, dv, fill=False, ec="black", lw=0.9))
+        ax.add_patch(Rectangle((1e3 * peak.u - du / 2, 1e3 * peak.v - dv / 2), du, dv, fill=False, ec="black", lw=0.9))
 
 
 # --- along x, z, time and repetition ----------------------------------------------------------------
 @theme.styled
 def draw_mean_residuals(result, run=None) -> Figure:
-    """Mean difference (K) along x, z or y (mm), against time (s) and per repetition, with what noise alone gives.
+    """Mean difference (K) along x, z or y (mm), over time (s) and per repetition, with the band of noise alone.
 
-    The band is two standard errors of the mean; with the `run` of the condition waits are shaded.
+    The band is two standard errors of the mean.  With the `run` of the condition, waits are shaded.
     """
     r, level = result.view.recording, result.noise
     up, where = UPWARD_AXES.get(r.view, ("", ""))
@@ -202,38 +202,38 @@ def draw_mean_residuals(result, run=None) -> Figure:
     if up:
         second = fig.add_subplot(grid[0, 1])
         _draw_curve(second, 1e3 * r.v, mean_residual(result.residual, level, 1), f"along {up}", f"{up} {where} (mm)")
-    several = len(np.unique(r.repetition)) > 1  # a single mean is a number, no curve
+    several = len(np.unique(r.repetition)) > 1  # one mean makes no curve
     _draw_over_time(fig.add_subplot(grid[1, 0] if several else grid[1, :]), result, run)
     if several:
         _draw_per_repetition(fig.add_subplot(grid[1, 1]), result)
     fig.supylabel("mean of measured − computed (K)", fontsize=8.0)
-    note = "blue band: what noise alone would do to the mean, two standard errors; red: beyond it"
+    note = "blue band: two standard errors of the mean due to noise alone; red: outside"
     fig.supxlabel(note, fontsize=7.5)
     return fig
 
 
 def _draw_curve(ax, x, means, title: str, label: str) -> None:
-    """One direction: `means` (values, their standard errors) with the band of noise, from the first to the last."""
+    """One direction: `means` (values, standard errors) with the noise band, from the first to the last finite one."""
     values, error = means
     known = np.flatnonzero(np.isfinite(values))
-    some = slice(known[0], known[-1] + 1) if len(known) else slice(None)
-    draw_residuals(ax, x[some], values[some], BAND_SIGMA * error[some])
+    part = slice(known[0], known[-1] + 1) if len(known) else slice(None)
+    draw_residuals(ax, x[part], values[part], BAND_SIGMA * error[part])
     ax.set(xlabel=label)
     ax.set_title(f"{title}: {count_beyond_noise(values, error)}")
 
 
 def _draw_over_time(ax, result, run) -> None:
-    """Mean of every frame against time, waits shaded where they are known."""
+    """Mean of every frame over time, waits shaded where the run is known."""
     time = result.view.recording.time
     values, error = mean_residual(result.residual, result.noise, 0)
     if run is None:
         _draw_curve(ax, time, (values, error), "frame by frame", "time (s)")
         return
-    when = repetition_axis(run)
-    _draw_curve(ax, when.to_axis_unit(time), (values, error), "frame by frame", "")
-    when.shade_waits(ax)
-    when.set_axis(ax)
-    if when.waits:
+    axis = repetition_axis(run)
+    _draw_curve(ax, axis.to_axis_unit(time), (values, error), "frame by frame", "")
+    axis.shade_waits(ax)
+    axis.set_axis(ax)
+    if axis.waits:
         ax.set_xlabel(f"{ax.get_xlabel()}, grey: waiting")
 
 
@@ -250,36 +250,36 @@ def _draw_per_repetition(ax, result) -> None:
 # --- friction ---------------------------------------------------------------------------------------
 @theme.styled
 def draw_friction(force_result) -> Figure:
-    """Friction coefficient (1) measured and computed against the time slid (s), and their difference."""
+    """Friction coefficient (1) measured and computed over the sliding time (s), and their difference."""
     s, on, starts = sliding_time(force_result)
     mu, computed, off = np.array(force_result.force.mu)[on], force_result.predicted[on], force_result.residual[on]
     fig = make_recording_figure(force_result.force, COMPARISON_WIDTH_IN, 4.2)
     above, below = fig.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
-    some, half = slice(None, None, max(1, -(-len(s) // MAX_DOTS_DRAWN))), BAND_SIGMA * force_result.sigma
-    above.plot(s[some], mu[some], "o", color=MEASURED_COLOUR, ms=2.2, mew=0, label="measured")
-    for n, part in enumerate(np.split(np.arange(len(s)), starts)):
-        above.plot(s[part], computed[part], color=COMPUTED_COLOUR, label=None if n else "computed")
+    part, half = slice(None, None, max(1, -(-len(s) // MAX_DOTS_DRAWN))), BAND_SIGMA * force_result.sigma
+    above.plot(s[part], mu[part], "o", color=MEASURED_COLOUR, ms=2.2, mew=0, label="measured")
+    for n, stretch in enumerate(np.split(np.arange(len(s)), starts)):
+        above.plot(s[stretch], computed[stretch], color=COMPUTED_COLOUR, label=None if n else "computed")
     above.set_ylim(theme.padded_limits(mu, computed, least=0.02, margin=0.08))
     above.set_ylabel("friction coefficient (–)")
     above.legend(loc="best", ncols=2)
     below.axhspan(-half, half, color=BAND_COLOUR, lw=0, zorder=0)
     below.axhline(0.0, color=theme.AMBIENT_COLOUR, lw=0.5)
-    out = np.abs(off[some]) > half
+    out = np.abs(off[part]) > half
     for keep, colour in ((~out, theme.AMBIENT_COLOUR), (out, BEYOND_COLOUR)):
-        below.plot(s[some][keep], off[some][keep], "o", color=colour, ms=2.2, mew=0)
+        below.plot(s[part][keep], off[part][keep], "o", color=colour, ms=2.2, mew=0)
     below.set_ylim(theme.padded_limits(off, [-half, half], least=1e-6, margin=0.1))
-    below.set(xlabel="time slid (s), waits left out", ylabel="measured −\ncomputed (–)")
+    below.set(xlabel="sliding time (s), without waits", ylabel="measured −\ncomputed (–)")
     for ax in (above, below):
         for k in starts:
             ax.axvline(0.5 * (s[k - 1] + s[k]), color=theme.WAITING_COLOUR, lw=1.2, zorder=0)
         ax.set_xlim(0.0, s[-1] if len(s) and s[-1] > 0 else 1.0)
-    note = "blue band: noise of one reading alone, two standard deviations; red: beyond it"
+    note = "blue band: two standard deviations of the noise of one reading; red: outside"
     fig.supxlabel(note + ("; grey lines: waits" if len(starts) else ""), fontsize=7.5)
     return fig
 
 
 def sliding_time(force_result) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time slid (s) of the readings that are compared, their mask (n,), and where sliding starts again.
+    """Sliding time (s) of the compared readings, their mask (n,), and the indices where sliding starts again.
 
     A gap of more than three usual steps is a wait and counts as one step.
     """
@@ -293,10 +293,10 @@ def sliding_time(force_result) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 # --- overview ---------------------------------------------------------------------------------------
 @theme.styled
 def draw_summary(comparison) -> Figure:
-    """RMSE and bias (K; of friction 1) and chi2/dof of every recording and every load-cell trace."""
+    """RMSE and bias (K; 1 for friction) and chi2/dof of every recording and load-cell file."""
     blocks = [(comparison.recordings, "recordings", "K"), (comparison.forces, "friction", "–")]
     blocks = [b for b in blocks if b[0]]
-    rows = [max(len(found), 2) for found, _, _ in blocks]
+    rows = [max(len(results), 2) for results, _, _ in blocks]
     fig = Figure(
         figsize=(COMPARISON_WIDTH_IN, 0.6 + 0.75 * len(blocks) + 0.26 * sum(rows)),
         layout="constrained",
@@ -304,9 +304,9 @@ def draw_summary(comparison) -> Figure:
     )
     fig.suptitle(escape_mathematics(comparison.campaign.title)[:110], x=0.01, ha="left")
     axes = fig.subplots(len(blocks), 2, squeeze=False, height_ratios=rows, width_ratios=[1.3, 1.0])
-    for (left, right), (found, title, unit) in zip(axes, blocks, strict=True):
-        _draw_sizes(left, found, title, unit)
-        _draw_chi2(right, found)
+    for (left, right), (results, title, unit) in zip(axes, blocks, strict=True):
+        _draw_sizes(left, results, title, unit)
+        _draw_chi2(right, results)
     reach = np.array([ax.get_xlim() for ax in axes[:, 1]])
     for ax in axes[:, 1]:
         ax.set_xlim(reach[:, 0].min(), reach[:, 1].max())
@@ -315,7 +315,7 @@ def draw_summary(comparison) -> Figure:
 
 
 def _draw_sizes(ax, results, title: str, unit: str) -> None:
-    """Root mean square and mean of the differences of one kind, beside the noise of one value."""
+    """Root mean square and mean of the differences of one kind, with the noise of one value."""
     y, kelvin = np.arange(len(results)), unit == "K"
     rms = np.array([s.rmse_K if kelvin else s.rmse for s in results])
     bias = np.array([s.bias_K if kelvin else s.bias for s in results])
@@ -333,7 +333,7 @@ def _draw_sizes(ax, results, title: str, unit: str) -> None:
 
 
 def _draw_chi2(ax, results) -> None:
-    """Mean square of the differences in sigma: one where noise explains them all."""
+    """chi2/dof, the mean square of the differences in sigma: 1 where noise explains them."""
     y, value = np.arange(len(results)), np.array([s.chi2_per_dof for s in results])
     ax.axvline(1.0, color=COMPUTED_COLOUR, lw=1.2, zorder=1)
     ax.hlines(y, 1.0, value, color=theme.WAITING_COLOUR, lw=1.0, zorder=1)

@@ -1,4 +1,4 @@
-"""Recordings without an image, measured and computed: thermocouples against time, profiles along the block."""
+"""Recordings without images, measured and computed: thermocouples over time, profiles along the block."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from flashtemp.viz.measurement.residual_plots import (
 
 POINT_COLOURS = ("#2B2B2B", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")
 POINT_FIGURE_WIDTH_IN = 9.6  # inches
-MAX_POINTS_DRAWN = 12  # points that are drawn
+MAX_POINTS_DRAWN = 12
 
 
 @theme.styled
@@ -36,14 +36,16 @@ def draw_points(result) -> Figure:
     above.set_ylabel(f"temperature ({theme.CELSIUS})")
     above.legend(title="dots measured, lines computed", ncols=3)
     below.set(xlabel="time (s)", ylabel="measured −\ncomputed (K)")
-    fig.supxlabel("blue band: noise of one reading alone, two standard deviations", fontsize=7.5)
+    fig.supxlabel("blue band: two standard deviations of the noise of one reading", fontsize=7.5)
     return fig
 
 
 @theme.styled
 def draw_recording(recording, block=None) -> Figure:
-    """Temperatures (degC) of a recording of points over time (s), and where they sit (mm); `block` (length, height in
-    m) is drawn where it is known."""
+    """Temperatures (degC) of a recording of points over time (s), and the positions of the points (mm).
+
+    `block` (length, height in m) is outlined if given.
+    """
     fig = Figure(figsize=(POINT_FIGURE_WIDTH_IN, 3.6), layout="constrained", facecolor="white")
     fig.suptitle(escape_mathematics(recording.source or "thermocouples"), x=0.01, ha="left")
     left, right = fig.subplots(1, 2, width_ratios=[1.6, 1.0])
@@ -67,13 +69,13 @@ def draw_recording(recording, block=None) -> Figure:
     right.axhline(0.0, color=theme.AMBIENT_COLOUR, lw=0.8, ls="--")
     right.margins(0.15)
     left.set(xlabel="time from the first start of sliding (s)", ylabel=f"temperature ({theme.CELSIUS})")
-    right.set(xlabel="x from the leading edge (mm)", ylabel="z above the face (mm)")
+    right.set(xlabel="x from the leading edge (mm)", ylabel="z above the interface (mm)")
     left.legend(ncols=2 if len(many) > 4 else 1)
     return fig
 
 
 def draw_residual_panel(part, own: list) -> None:
-    """Differences (K) over time (s) of all points of recordings, before and, where there is one, after."""
+    """Differences (K) over time (s) of all points, with the base and, where there is one, the extended model."""
     part.suptitle("thermocouples", x=0.01, ha="left", fontsize=8.5)
     stages = ["base", "extended"] if any(p.after is not None for p in own) else ["base"]
     axes = part.subplots(1, len(stages), sharex=True, sharey=True, squeeze=False)[0]
@@ -86,11 +88,11 @@ def draw_residual_panel(part, own: list) -> None:
             r = result.view.recording
             _draw_noise_band(ax, r.time, result)
             for j, name in enumerate(r.places.names[:MAX_POINTS_DRAWN]):
-                fresh = name not in names
+                is_new = name not in names
                 colour = names.setdefault(name, POINT_COLOURS[len(names) % len(POINT_COLOURS)])
                 ax.plot(
                     r.time, result.residual[:, 0, j], "o", color=colour, ms=2.4, mew=0.5,
-                    mfc="white" if result.view.held_out else colour, label=escape_mathematics(name) if fresh else None,
+                    mfc="white" if result.view.held_out else colour, label=escape_mathematics(name) if is_new else None,
                 )  # fmt: skip
         ax.axhline(0.0, color=theme.AMBIENT_COLOUR, lw=0.5)
         ax.set(xlabel="time (s), open dots: left out of the fit", title=stage)
@@ -99,20 +101,20 @@ def draw_residual_panel(part, own: list) -> None:
 
 
 def _draw_noise_band(ax, time: np.ndarray, result) -> None:
-    """Two standard deviations of one reading."""
+    """The band of two standard deviations of one reading."""
     half = BAND_SIGMA * float(np.hypot(result.noise.white, result.noise.pattern))
     ax.fill_between([time[0], time[-1]], -half, half, color=BAND_COLOUR, lw=0, zorder=0)
 
 
 def draw_profile(result, chosen: dict[int, str]) -> Figure:
-    """A profile: curves in degC above their difference in K with the noise of one pixel, against x in mm."""
+    """A profile over x (mm): curves (degC), and below their difference (K) with the noise band of one pixel."""
     r, shown = result.view.recording, list(chosen)
     x, noise = 1e3 * r.u, np.hypot(result.noise.white, result.noise.pattern)
     fig = make_recording_figure(result.view, POINT_FIGURE_WIDTH_IN if len(shown) > 1 else theme.NARROW_FIGURE_IN, 4.4)
     axes = fig.subplots(2, len(shown), sharex=True, sharey="row", squeeze=False, height_ratios=[1.6, 1.0])
     for k, above, below in zip(shown, *axes, strict=True):
-        seen = np.where(np.isfinite(result.residual[k, 0]), r.temperature[k, 0], np.nan)
-        above.plot(x, seen, "o", color=MEASURED_COLOUR, ms=2.2, mew=0, label="measured")
+        measured = np.where(np.isfinite(result.residual[k, 0]), r.temperature[k, 0], np.nan)
+        above.plot(x, measured, "o", color=MEASURED_COLOUR, ms=2.2, mew=0, label="measured")
         above.plot(x, result.predicted[k, 0], color=COMPUTED_COLOUR, label="computed")
         words = chosen[k].replace("\n", " ")
         above.set_title(f"repetition {r.repetition[k]}, t = {theme.format_decimal(r.time[k])} s\n{words}")
@@ -123,5 +125,5 @@ def draw_profile(result, chosen: dict[int, str]) -> Figure:
     axes[0, 0].set_ylabel(f"temperature ({theme.CELSIUS})")
     axes[0, 0].legend()
     axes[1, 0].set_ylabel("measured −\ncomputed (K)")
-    fig.supxlabel("blue band: noise of one pixel alone, two standard deviations; red: beyond it", fontsize=7.5)
+    fig.supxlabel("blue band: two standard deviations of the noise of one pixel; red: outside", fontsize=7.5)
     return fig

@@ -1,4 +1,4 @@
-"""Camera files before anything is known of them: frames with their pixels, mean over time, histogram."""
+"""Preview of camera files before import: frames, mean over time, histogram; and PNG encoding of frames."""
 
 from __future__ import annotations
 
@@ -9,16 +9,14 @@ from matplotlib.figure import Figure
 from flashtemp.viz import theme
 from flashtemp.viz.literal_text import escape_mathematics
 
-IMAGES_PER_ROW, CHARTS_HEIGHT_IN = 3, 2.1  # images in a row; inches of what stands below
-OUT_OF_RANGE_COLOUR, DEAD_PIXEL_COLOUR = (
-    "#D0D0D0",
-    "#00D5D5",
-)  # pixels beyond the camera's range; without a value in any frame
+IMAGES_PER_ROW, CHARTS_HEIGHT_IN = 3, 2.1
+OUT_OF_RANGE_COLOUR = "#D0D0D0"  # pixels outside the camera's range
+DEAD_PIXEL_COLOUR = "#00D5D5"  # pixels without a value in any frame
 
 
 @theme.styled
 def draw(look) -> Figure:
-    """A figure of a `Look`: images over column and row (px), all in one colour scale; below, what the frames hold."""
+    """Images of a FilePreview over column and row (px) in one colour scale; below, mean over time and histogram."""
     n, (high, wide) = len(look.images), look.images.shape[1:]
     columns, rows = min(n, IMAGES_PER_ROW), -(-n // IMAGES_PER_ROW)
     tall = rows * (np.clip(high / wide, 0.2, 1.4) * theme.WIDE_FIGURE_IN / max(columns, 1.6) + 0.35) + 0.3
@@ -43,7 +41,7 @@ def draw(look) -> Figure:
         ax.set_xlabel("column, px")
     above.colorbar(shown, ax=list(axes[:n]), label=label, fraction=0.04)
     *left, right = below.subplots(1, 2, width_ratios=[1.5, 1.0]) if len(look.mean) > 1 else [below.subplots()]
-    for ax in left:  # a single value is no curve
+    for ax in left:  # one value makes no curve
         _draw_mean_course(ax, look)
     right.stairs(look.counts, look.edges, fill=True, color=theme.BLOCK_COLOUR)
     right.set(xlabel=label, ylabel="values", yscale="log")
@@ -51,6 +49,7 @@ def draw(look) -> Figure:
 
 
 def _describe_time(look, number: int) -> str:
+    """Number and time of a frame, as far as the file gives it."""
     if len(look.mean) == 1:
         return "the only frame"
     if look.time is not None:
@@ -61,7 +60,7 @@ def _describe_time(look, number: int) -> str:
 
 
 def _draw_mean_course(ax, look) -> None:
-    """Mean of every frame over the time that the file tells, or its number."""
+    """Mean of every frame over the time in the file, or over the frame number."""
     x, label = np.arange(len(look.mean)), "frame"
     if look.time is not None:
         x, label = look.time, "time, s"
@@ -72,8 +71,10 @@ def _draw_mean_course(ax, look) -> None:
 
 
 def encode_png(image: np.ndarray, low: float, high: float, zoom: int = 1, dead: np.ndarray | None = None) -> bytes:
-    """One image (rows, columns) degC as PNG in the colours of all temperatures, every pixel `zoom` x `zoom`; without a
-    value grey, or cyan where it is `dead` (rows, columns)."""
+    """One image (rows, columns) in degC as PNG in the colours of temperature, every pixel magnified to `zoom` x `zoom`.
+
+    Pixels without a value are grey, or cyan where they are `dead` (rows, columns).
+    """
     from io import BytesIO
 
     from matplotlib.image import imsave

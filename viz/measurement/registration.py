@@ -1,4 +1,4 @@
-"""Where a recording lies: the middle frame with the outline of the block drawn on it."""
+"""Registration of a recording: the middle frame with the outline of the block."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ OUTLINE_COLOUR, ORIGIN_COLOUR = "#56B4E9", "white"
 
 @styled
 def draw(recording, block=None) -> Figure:
-    """A figure of the middle frame in mm; `block` (length, height in m) is drawn where it must be seen.
+    """The middle frame (mm) with the expected outline of the `block` (length, height in m), if given.
 
-    Sidewall: the block's face, from the leading edge at u = 0 and the interface at v = 0.  Wake: the trailing edge.
+    Side wall: the block's face, with the leading edge at u = 0 and the interface at v = 0.  Wake: the trailing edge.
     """
     u, v = 1e3 * recording.u, 1e3 * recording.v
     du, dv = (1e3 * p for p in recording.pitch)

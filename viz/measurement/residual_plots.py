@@ -1,4 +1,4 @@
-"""What pictures of measured against computed share: names, means of differences with their noise, and bands."""
+"""Shared by the pictures of measured against computed: figures, means of differences with noise, and bands."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ VIEW_LABELS = {
 def make_recording_figure(
     entry, width: float, height: float, layout: Literal["constrained", "compressed", "tight"] = "constrained"
 ) -> Figure:
-    """An empty figure (inches) that names a recording or a trace and its condition."""
+    """An empty figure (inches) titled by a recording or load-cell file and its condition."""
     fig = Figure(figsize=(width, height), layout=layout, facecolor="white")
     what = VIEW_LABELS[entry.recording.view] if hasattr(entry, "recording") else "friction"
     lines = textwrap.wrap(f"{entry.file}: {what}, {describe_condition(entry.given)}", round(11 * width), max_lines=2)
@@ -37,22 +37,22 @@ def make_recording_figure(
 
 # --- numbers ----------------------------------------------------------------------------------------
 def sliding_mask(time: np.ndarray, run) -> np.ndarray:
-    """Whether the block slides at times (s) of frames: up to and with the end of each repetition."""
+    """Whether the block slides at the times (s) of frames, up to and including the end of each repetition."""
     at = np.searchsorted(run.time, time - 1e-9 * max(run.time[-1], 1.0))
     return run.sliding[np.minimum(at, len(run.time) - 1)]
 
 
 def mean_residual(residual: np.ndarray, noise, kept_axis: int | None) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (K) of residuals (frames, nv, nu) along the `kept_axis` axis, or of all, and its standard error (K).
+    """Mean (K) of residuals (frames, nv, nu) over all axes but `kept_axis`, and its standard error (K).
 
-    The error is that of noise alone: white noise averages over all values, the pattern only over pixels.
+    The error is that of noise alone: white noise averages over all values, the fixed pattern only over pixels.
     """
     good, others = np.isfinite(residual), tuple(a for a in range(3) if a != kept_axis)
     total = good.sum(axis=others)
     count = np.maximum(total, 1)
-    # n frames of one pixel share its pattern: n^2 of its variance in the sum
-    shared = total if kept_axis == 0 else (good.sum(axis=0, keepdims=True) ** 2).sum(axis=others)
-    error = np.sqrt(noise.white**2 / count + noise.pattern**2 * shared / count**2)
+    # the pattern is the same in all n frames of a pixel: its variance enters the sum n^2 times
+    repeated = total if kept_axis == 0 else (good.sum(axis=0, keepdims=True) ** 2).sum(axis=others)
+    error = np.sqrt(noise.white**2 / count + noise.pattern**2 * repeated / count**2)
     return (
         np.where(total > 0, np.sum(residual, axis=others, where=good) / count, np.nan),
         np.where(total > 0, error, np.nan),
@@ -60,14 +60,14 @@ def mean_residual(residual: np.ndarray, noise, kept_axis: int | None) -> tuple[n
 
 
 def pixel_edges(centres: np.ndarray) -> np.ndarray:
-    """Edges (n + 1,) in mm of even pixels with centres (n,) in m; a single one is 1 mm wide."""
+    """Edges (n + 1,) in mm of evenly spaced pixels with centres (n,) in m; a single one is 1 mm wide."""
     step = 1e3 * (centres[-1] - centres[0]) / (len(centres) - 1) if len(centres) > 1 else 1.0
     return 1e3 * centres[0] + step * (np.arange(len(centres) + 1) - 0.5)
 
 
-# --- differences with the band of noise -------------------------------------------------------------
+# --- differences with a noise band ------------------------------------------------------------------
 def draw_residuals(ax, x, values, half_width, room_steps: float = 0.5) -> None:
-    """Differences at x as dots, red beyond the band of half width `half_width` around zero.
+    """Differences at x as dots, red outside the noise band of half-width `half_width` around zero.
 
     The band ends `room_steps` steps before the first and after the last x.
     """
@@ -82,13 +82,13 @@ def draw_residuals(ax, x, values, half_width, room_steps: float = 0.5) -> None:
     size = 4.0 if len(x) <= 40 else 2.4
     for keep, colour in ((good & ~out, theme.AMBIENT_COLOUR), (out, BEYOND_COLOUR)):
         dots = ax.plot(x[keep], values[keep], "o", color=colour, ms=size, mew=0, zorder=3, clip_on=False)
-        dots[0].set_in_layout(False)  # unclipped and empty it would take the place of the axes
+        dots[0].set_in_layout(False)  # an empty unclipped artist would take space from the axes
     known = half_width[np.isfinite(half_width)]
     ax.set(xlim=(x_band[0], x_band[-1]), ylim=theme.padded_limits(values[good], known, -known, least=1e-6, margin=0.08))
 
 
 def count_beyond_noise(values, error) -> str:
-    """How many means lie beyond the band.
+    """How many means are outside the band of BAND_SIGMA standard errors, in words.
 
     >>> count_beyond_noise(np.array([0.1, 3.0, np.nan]), np.ones(3))
     '1 of 2 beyond noise'

@@ -1,4 +1,4 @@
-"""The run-in as an animation over the kept frames of a run, a GIF or, with ffmpeg, an MP4."""
+"""Animation of the run-in over the stored frames of a run, as GIF or, with ffmpeg, as MP4."""
 
 from __future__ import annotations
 
@@ -20,23 +20,27 @@ from flashtemp.viz.run.animation_frame import ANIMATION_DPI, ANIMATION_SIZE_IN, 
 
 ANIMATION = "run_in"
 MAX_ANIMATION_FRAMES = 80  # frames
-ANIMATION_LENGTH_S = 14.0  # of the whole animation, about
-MIN_FRAME_MS, MAX_FRAME_MS, LAST_FRAME_MS = 80, 400, 1500  # ms of a frame, and of the last one
-MP4_FRAMES_PER_S = 25  # pictures per second of an MP4
-FADING_COLOURS = ("black", theme.SPOT_COLOUR, theme.BLOCK_COLOUR)  # that fade into white where a line ends
+ANIMATION_LENGTH_S = 14.0  # approximate length of the whole animation
+MIN_FRAME_MS, MAX_FRAME_MS, LAST_FRAME_MS = 80, 400, 1500  # of a frame, and of the last one
+MP4_FRAMES_PER_S = 25  # constant rate of an MP4
+FADING_COLOURS = (
+    "black",
+    theme.SPOT_COLOUR,
+    theme.BLOCK_COLOUR,
+)  # anti-aliased lines and letters fade from these into white
 
 
 def applies(run) -> bool:
-    """Whether there are repetitions to follow."""
+    """Whether there are several repetitions."""
     return run_views.has_repetitions(run)
 
 
 @theme.styled
 def draw(run, frame: int = -1) -> Figure:
-    """One picture of the animation: frame `frame` of run.field, temperatures in degC, lengths in mm."""
-    screen = AnimationFigure(run, select_frames(run))
-    screen.show_frame(range(len(run.frames))[frame])
-    return screen.fig
+    """One frame of the animation, `frame` of run.field: temperatures in degC, lengths in mm."""
+    animated = AnimationFigure(run, select_frames(run))
+    animated.show_frame(range(len(run.frames))[frame])
+    return animated.fig
 
 
 @theme.styled
@@ -55,70 +59,71 @@ def write(run, path) -> Path:
 
 
 def select_frames(run) -> list[int]:
-    """Indices into run.field that are shown: all, or those of evenly chosen repetitions, at most MAX_ANIMATION_FRAMES."""
-    of = run.repetition[run.frames]
-    numbers, counts = np.unique(of, return_counts=True)
+    """Indices into run.field: all frames, or at most MAX_ANIMATION_FRAMES of evenly spread repetitions."""
+    repetition = run.repetition[run.frames]
+    numbers, counts = np.unique(repetition, return_counts=True)
     kept = numbers[theme.spread_indices(len(numbers), max(2, MAX_ANIMATION_FRAMES // counts.max()))]
-    found = np.arange(len(of)) if len(of) <= MAX_ANIMATION_FRAMES else np.flatnonzero(np.isin(of, kept))
-    return found[theme.spread_indices(len(found), MAX_ANIMATION_FRAMES)].tolist()
+    few = len(repetition) <= MAX_ANIMATION_FRAMES
+    frames = np.arange(len(repetition)) if few else np.flatnonzero(np.isin(repetition, kept))
+    return frames[theme.spread_indices(len(frames), MAX_ANIMATION_FRAMES)].tolist()
 
 
 def frame_durations(run, kept: list[int]) -> list[int]:
-    """Milliseconds of every frame: as the root of the time to the next, so that fast changes can be followed."""
+    """Durations (ms): proportional to the square root of the time to the next frame, so that fast changes show."""
     steps = np.sqrt(np.diff(run.time[run.frames[kept]]))
     ms = np.clip(1e3 * ANIMATION_LENGTH_S * steps / steps.sum(), MIN_FRAME_MS, MAX_FRAME_MS)
     return [*(10 * round(v / 10) for v in ms), LAST_FRAME_MS]
 
 
 def write_gif(path: Path, pictures, durations_ms: list[int]) -> None:
-    """A GIF that loops, in one palette without dithering: only what changes is stored."""
+    """Write a looping GIF with one palette and no dithering, so that only changed pixels are stored."""
     from PIL import Image
 
-    palette, found = _make_palette(), []
+    palette, images = _make_palette(), []
     nearest = NearestColours(palette)
     for picture in pictures:
-        found.append(Image.fromarray(nearest(picture), mode="P"))
-        found[-1].putpalette(palette.ravel().tolist())
-    found[0].save(path, save_all=True, append_images=found[1:], duration=durations_ms, loop=0, optimize=False)
+        images.append(Image.fromarray(nearest(picture), mode="P"))
+        images[-1].putpalette(palette.ravel().tolist())
+    images[0].save(path, save_all=True, append_images=images[1:], duration=durations_ms, loop=0, optimize=False)
 
 
 def _make_palette() -> np.ndarray:
-    """Colours (n, 3) of 0 to 255: those of temperature, and lines and letters fading into white."""
+    """Colours (n, 3), 0 to 255: those of temperature, and of lines and letters fading into white."""
     fade = np.linspace(0.0, 1.0, 30)[:, None]
     lines = [to_rgb(c) + fade * (1.0 - np.array(to_rgb(c))) for c in FADING_COLOURS]
     return np.rint(255 * np.concatenate([reduced_temperature_map().colors[:, :3], *lines])).astype(np.uint8)
 
 
 class NearestColours:
-    """Numbers of the nearest colours of a palette (n, 3); every colour is looked for once."""
+    """Indices of the nearest colours of a palette (n, 3); the result for every colour is cached."""
 
     def __init__(self, palette: np.ndarray):
         self.tree = cKDTree(palette.astype(float))
         self.number = np.full(256**3, -1, dtype=np.int16)
 
     def __call__(self, pixels: np.ndarray) -> np.ndarray:
-        """Numbers (height, width) of pixels (height, width, 3)."""
+        """Palette indices (height, width) of pixels (height, width, 3)."""
         red, green, blue = (pixels[..., k].astype(np.int32) for k in range(3))
         code = red << 16 | green << 8 | blue
-        found = self.number[code]
-        if len(new := np.unique(code[found < 0])):
+        nearest = self.number[code]
+        if len(new := np.unique(code[nearest < 0])):
             self.number[new] = self.tree.query(np.stack([new >> 16, new >> 8 & 255, new & 255], axis=-1))[1]
-            found = self.number[code]
-        return found.astype(np.uint8)
+            nearest = self.number[code]
+        return nearest.astype(np.uint8)
 
 
 def _write_mp4(path: Path, pictures, durations_ms: list[int]) -> None:
-    """An MP4 of constant rate that every player shows; ffmpeg reads the pixels from a pipe."""
+    """Write an MP4 of constant rate; ffmpeg reads the pixels from a pipe."""
     width, height = (round(inches * ANIMATION_DPI) for inches in ANIMATION_SIZE_IN)
     source = f"-f rawvideo -pix_fmt rgb24 -s {width}x{height} -r {MP4_FRAMES_PER_S} -i -".split()
     target = ["-vf", "crop=trunc(iw/2)*2:trunc(ih/2)*2", "-pix_fmt", "yuv420p", str(path)]
     command = ["ffmpeg", "-loglevel", "error", "-y", *source, *target]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         pipe = cast(IO[bytes], process.stdin)
-        with suppress(BrokenPipeError):  # ffmpeg has given up and says why
+        with suppress(BrokenPipeError):  # ffmpeg has failed; its reason is on stderr
             for picture, duration in zip(pictures, durations_ms, strict=True):
                 pipe.write(picture.tobytes() * max(1, round(1e-3 * duration * MP4_FRAMES_PER_S)))
-        _, said = process.communicate()
+        _, stderr = process.communicate()
     if process.returncode:
-        words = said.decode(errors="replace").strip().splitlines() or ["it does not say why"]
+        words = stderr.decode(errors="replace").strip().splitlines() or ["no reason given"]
         raise BadInput(f"{path}: ffmpeg could not write it: {words[-1]}")

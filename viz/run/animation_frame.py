@@ -1,6 +1,6 @@
-"""One picture of the animation: views of the block beside T(x), p(x) and friction, with parts that can be moved on.
+"""The figure of the animation: views of the block, T(x), p(x) and friction, with artists that follow the frames.
 
-A panel draws what stays on its axes and returns what moves, with the function that sets it to a frame.
+A panel draws its static artists once and returns the moving ones with a function that sets them to a frame.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from flashtemp.viz.run import run_views
 from flashtemp.viz.time_axis import repetition_axis, sliding_ends
 
 ANIMATION_SIZE_IN, ANIMATION_DPI = (8.0, 4.7), 120  # inches, and dots per inch
-N_TEMPERATURE_COLOURS = 160  # colours of temperature: what a GIF has room for beside lines and letters
-LIFT_FRACTION = 0.14  # how far a lifted block is drawn above its place, in heights of the block
+N_TEMPERATURE_COLOURS = 160  # the rest of the 256 colours of a GIF is for lines and letters
+LIFT_FRACTION = 0.14  # lift of a raised block, in heights of the block
 GHOST_STYLE = {"color": "#B0B0B0", "lw": 1.0, "ls": (0, (4, 2))}
-MIN_FRICTION_SPAN = 0.02  # smallest range of the axis of mu
+MIN_FRICTION_SPAN = 0.02  # smallest range of the friction axis
 
 
 class MovingPanel(NamedTuple):
-    """What moves on an axes, and the function of a frame that moves it."""
+    """The moving artists of an axes, and the function that sets them to a frame."""
 
     artists: list
     show: Callable[[int], None]
 
 
 class AnimationFigure:
-    """A figure of a run, for the frames `kept` (indices into run.field)."""
+    """The figure of a run for the frames `kept` (indices into run.field)."""
 
     def __init__(self, run, kept: list[int]):
         self.fig = theme.make_figure(run.title, *ANIMATION_SIZE_IN)
@@ -50,22 +50,23 @@ class AnimationFigure:
         self.show_frame(kept[0])
 
     def show_frame(self, frame: int) -> None:
-        """Move every panel to a frame."""
+        """Set every panel to a frame."""
         for panel in self.panels:
             panel.show(frame)
 
     def render_frames(self, kept: list[int]) -> Iterator[np.ndarray]:
-        """Pixels (height, width, 3) of every kept frame: what stays is drawn once."""
+        """Pixels (height, width, 3) of every frame in `kept`."""
         canvas = FigureCanvasAgg(self.fig)
         self.fig.draw_without_rendering()
         self.fig.set_layout_engine("none")
+        # static artists are drawn once and blitted below the moving ones
         moving = [artist for panel in self.panels for artist in panel.artists]
         for artist in moving:
             artist.set_animated(True)
         canvas.draw()
-        still = canvas.copy_from_bbox(self.fig.bbox)
+        background = canvas.copy_from_bbox(self.fig.bbox)
         for frame in kept:
-            canvas.restore_region(still)
+            canvas.restore_region(background)
             self.show_frame(frame)
             for artist in moving:
                 artist.axes.draw_artist(artist)
@@ -73,12 +74,12 @@ class AnimationFigure:
 
 
 def reduced_temperature_map() -> ListedColormap:
-    """The colour map of temperature in the few colours of the animation."""
+    """The temperature map reduced to N_TEMPERATURE_COLOURS colours."""
     return ListedColormap(theme.temperature_map()(np.linspace(0.0, 1.0, N_TEMPERATURE_COLOURS)), name="animation")
 
 
 def _add_block(ax, run, kept) -> MovingPanel:
-    """Side wall, contact and wake; the block is drawn lifted while it is."""
+    """Side wall, contact and wake; a lifted block is drawn above the road."""
     norm = theme.temperature_norm(run_views.temperature_extremes(run, kept))
     images = run_views.draw_views(ax, run, kept[0], norm, reduced_temperature_map())
     bar = ax.figure.colorbar(images[0], ax=ax, label=f"temperature ({theme.CELSIUS})", pad=0.01, aspect=18)
@@ -99,22 +100,22 @@ def _add_block(ax, run, kept) -> MovingPanel:
         run_views.update_views(images, run, frame)
         images[0].set_extent((left, right, up, up + height))
         apart.set_visible(up > 0.0)
-        for title, said in zip(titles, describe_state(run, k), strict=True):
-            title.set_text(said)
+        for title, text in zip(titles, describe_state(run, k), strict=True):
+            title.set_text(text)
 
     return MovingPanel([*images, *ax.collections, apart, *titles], show)
 
 
 def describe_state(run, k: int) -> tuple[str, str]:
-    """Which repetition and what the block does at record k; its time."""
+    """Repetition and state of the block at record k, and its time, in words."""
     resting = "waiting in contact" if run.pressure[k].any() else "waiting, lifted"
     unit, size = repetition_axis(run).unit
-    what = f"repetition {run.repetition[k]} of {run.repetition[-1]}: {'sliding' if run.sliding[k] else resting}"
-    return what, f"t = {run.time[k] / size:.{1 if size == 1 else 2}f} {unit}"
+    state = f"repetition {run.repetition[k]} of {run.repetition[-1]}: {'sliding' if run.sliding[k] else resting}"
+    return state, f"t = {run.time[k] / size:.{1 if size == 1 else 2}f} {unit}"
 
 
 def _add_temperature(ax, run, kept) -> MovingPanel:
-    """T(x) in the spots and averaged across y, with the end of the first repetition as a ghost."""
+    """T(x) in the spots and averaged across y; dashed: the end of the first repetition."""
     x, first = 1e3 * run.x, sliding_ends(run)[0]
     spots = np.where(run.pressure > 0, run.T_spot, np.nan)
     (spot,) = ax.plot(x, spots[first], color=theme.SPOT_COLOUR, label="in the spots")
@@ -134,7 +135,7 @@ def _add_temperature(ax, run, kept) -> MovingPanel:
 
 
 def _add_pressure(ax, run, kept) -> MovingPanel:
-    """Nominal contact pressure p(x), with the first as a ghost."""
+    """Nominal contact pressure p(x); dashed: the first one."""
     at = run.frames[kept]
     start = int(np.argmax(run.pressure.any(axis=1)))
     x, p = 1e3 * run.x, 1e-6 * run.pressure
@@ -147,13 +148,13 @@ def _add_pressure(ax, run, kept) -> MovingPanel:
 
 
 def _add_friction(ax, run, kept) -> MovingPanel:
-    """Friction over the distance slid: what is to come pale, what has been dark, now a dot."""
+    """Friction over the slid distance: grey ahead, black behind, a dot at the present."""
     mu = np.where(run.sliding, run.friction, np.nan)
     ax.plot(run.slid, mu, color=GHOST_STYLE["color"], lw=0.8)
     (past,) = ax.plot([], [], color="black", lw=1.2)
     (now,) = ax.plot([], [], "o", color=theme.SPOT_COLOUR, ms=5.0)
     ax.set(xlim=(run.slid[0], 1.02 * run.slid[-1]), ylim=theme.padded_limits(mu, least=MIN_FRICTION_SPAN, margin=0.08))
-    ax.set(xlabel="distance slid (m)", ylabel="friction coefficient (–)")
+    ax.set(xlabel="slid distance (m)", ylabel="friction coefficient (–)")
 
     def show(frame):
         k = run.frames[frame]

@@ -1,4 +1,4 @@
-"""Where the friction heat went: block, road, holder and air, over time and in the end."""
+"""Heat budget of a run: heat in block, holder, air and road over time, and the final fractions."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ PART_LABELS = {"block": "kept in the block", "holder": "to the holder", "air": "
 
 @theme.styled
 def draw(run) -> Figure:
-    """Heat (J) kept in the block and given to holder, air and road over time, stacked; final shares in %.
+    """Heat (J) in the block and to holder, air and road over time, stacked; final fractions in %.
 
-    The black line is the friction heat; the areas close with it up to the printed imbalance.
+    The black line is the friction heat; the areas add up to it except for the printed imbalance.
     """
     fig = theme.make_figure(run.title, theme.WIDE_FIGURE_IN, 3.4)
     over, last = fig.subplots(1, 2, width_ratios=[1.6, 1.0])
@@ -30,16 +30,16 @@ def draw(run) -> Figure:
     unit, scale = ("kJ", 1e-3) if size > 2e3 else ("J", 1.0)
     _draw_over_time(over, run, unit, scale)
     _draw_fractions(last, run, unit, scale)
-    words = f"Energy imbalance of the whole run: {run.energy_imbalance:.1e} of the heat moved."
+    words = f"Energy imbalance of the whole run: {run.energy_imbalance:.1e} of the heat exchanged."
     fig.supxlabel(words, x=0.01, ha="left", fontsize=7.0)
     return fig
 
 
 def heat_parts(run) -> dict[str, np.ndarray]:
-    """Heat (J) over time in block, holder, air and road; positive away from the contact."""
+    """{part: heat (J) over time} of block, holder, air and road; positive away from the contact."""
     e, nothing = run.energy, np.zeros(len(run.time))
-    found = {"block": e["block"], "holder": -e.get("holder", nothing), "air": -e.get("air", nothing)}
-    return {k: run.width * v for k, v in (found | {"road": e["into_road"]}).items()}
+    parts = {"block": e["block"], "holder": -e.get("holder", nothing), "air": -e.get("air", nothing)}
+    return {k: run.width * v for k, v in (parts | {"road": e["into_road"]}).items()}
 
 
 def _draw_over_time(ax, run, unit: str, scale: float) -> None:
@@ -64,30 +64,30 @@ def _draw_over_time(ax, run, unit: str, scale: float) -> None:
 
 
 def _set_limits(ax, above: np.ndarray, below: np.ndarray, friction: np.ndarray) -> None:
-    """From zero, or from the lowest loss, to the highest; 0 to 1 when there is no heat at all."""
+    """Limits from zero, or the lowest loss, to the maximum; 0 to 1 where there is no heat."""
     high, low = max(above.max(), friction.max()), below.min()
     lowest = 1.05 * low if low < -1e-3 * high else 0.0
     ax.set_ylim(lowest, 1.05 * high if high > 1e-9 else lowest + 1.0)
 
 
 def _draw_fractions(ax, run, unit: str, scale: float) -> None:
-    """Final shares of the friction heat in %, in the order of the stack."""
+    """Final fractions of the friction heat in %, in the order of the stack."""
     total = run.budget["friction"]
     names = list(PART_COLOURS)[::-1]
     heat = [scale * run.width * run.budget[n] + 0.0 for n in names]
-    share = np.array([100 * run.budget[n] / total if total else 0.0 for n in names])
-    ax.barh(np.arange(len(names)), share, color=[PART_COLOURS[n] for n in names], height=0.55)
-    for i, (s, q) in enumerate(zip(share, heat, strict=True)):
+    percent = np.array([100 * run.budget[n] / total if total else 0.0 for n in names])
+    ax.barh(np.arange(len(names)), percent, color=[PART_COLOURS[n] for n in names], height=0.55)
+    for i, (s, q) in enumerate(zip(percent, heat, strict=True)):
         joules = f"{theme.format_decimal(q, 3)} {unit}"
         words = f"{s + 0.0:.2f} %\n{joules}" if total else joules
         ax.text(max(s, 0.0) + 2.0, i, words, va="center", linespacing=1.15)
     ax.set_yticks(np.arange(len(names)), [PART_LABELS[n] for n in names])
-    low, high = min(0.0, share.min()), max(100.0, share.max())
+    low, high = min(0.0, percent.min()), max(100.0, percent.max())
     ax.set_xlim(low, high + 0.3 * (high - low))
     ax.set_xticks([t for t in range(-500, 501, 50) if low <= t <= high])
     ax.spines.bottom.set_bounds(low, high)
     ax.axvline(0.0, color="black", lw=0.6)
     ax.invert_yaxis()
     ax.tick_params(axis="y", length=0)
-    ax.set_xlabel("share of the friction heat (%)")
+    ax.set_xlabel("fraction of the friction heat (%)")
     ax.set_title(f"at the end, t = {theme.format_decimal(run.time[-1])} s")

@@ -1,4 +1,4 @@
-"""What a case means before it is run: the block on the road to scale, speed and pressure over one repetition."""
+"""Sketch of a case before it runs: the block on the road to scale, speed and pressure over one repetition."""
 
 from __future__ import annotations
 

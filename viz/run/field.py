@@ -1,4 +1,4 @@
-"""Temperature in block and road to scale, and the layers next to the contact stretched in z."""
+"""Temperature field of block and road: to scale, and with the layers next to the contact stretched in z."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from flashtemp.viz.time_axis import repetition_axis, sliding_ends
 
 PICTURE = "field"
 ROAD_SHOWN_M = 3e-3  # m of road drawn to scale
-MAX_BLOCK_NEAR_M, MAX_ROAD_NEAR_M = 2e-3, 1e-3  # m of the stretched panels at most
-MIN_RISE_FRACTION = 0.1  # ... which end where the rise falls below this share of its maximum
-FIELD_COLUMNS, FIELD_ROWS = 400, 120  # of each picture of a body: finer than its pixels at 160 dpi
+MAX_BLOCK_NEAR_M, MAX_ROAD_NEAR_M = 2e-3, 1e-3  # m; maximum reach of the stretched panels
+MIN_RISE_FRACTION = 0.1  # of the maximum temperature rise; the stretched panels end below it
+FIELD_COLUMNS, FIELD_ROWS = 400, 120  # of the image of a body: finer than its pixels at 160 dpi
 
 
 @theme.styled
 def draw(run) -> Figure:
     """Temperatures (degC) over x and z (mm): above to scale, below z stretched next to the contact.
 
-    One column each for the end of the first repetition, the wait after it and the end of the last
-    repetition, as far as they exist.  Road cells are means of the lanes.
+    Columns: end of the first repetition, the wait after it, and end of the last repetition, as far as they exist.
+    Road cells are means over the heated tracks.
     """
     frames = select_moments(run)
     shown = min(ROAD_SHOWN_M, float(run.mesh.depth[-1]))
@@ -53,15 +53,15 @@ def draw(run) -> Figure:
 
 
 def select_moments(run) -> dict[int, str]:
-    """Frames drawn, {index into run.field: words}: ends of first and last repetition, wait after the first."""
-    out, when, last = {}, repetition_axis(run), sliding_ends(run)
-    number = when.repetition
+    """{index into run.field: title} of the frames: ends of the first and last repetition, wait after the first."""
+    out, axis, last = {}, repetition_axis(run), sliding_ends(run)
+    number = axis.repetition
     out[_nearest_frame(run, last[0])] = f"end of repetition {number[0]}"
     waiting = np.flatnonzero(~run.sliding[run.frames] & (run.repetition[run.frames] == number[0]))
     if len(waiting):
         k = run.frames[waiting[-1]]
         lifted = " (lifted)" if not run.pressure[k].any() else ""
-        out[int(waiting[-1])] = f"after {theme.format_decimal(run.time[k] - when.end[0], 3)} s of waiting{lifted}"
+        out[int(waiting[-1])] = f"after {theme.format_decimal(run.time[k] - axis.end[0], 3)} s of waiting{lifted}"
     out[_nearest_frame(run, last[-1])] = f"end of repetition {number[-1]}"
     return {i: f"t = {theme.format_decimal(run.time[run.frames[i]])} s\n{words}" for i, words in out.items()}
 
@@ -86,7 +86,7 @@ def _draw_bodies(ax, run, cells: np.ndarray, norm, up: float, down: float):
 
 
 def _draw_body(ax, values, x_cell, z_cell, x_ends, far: float, norm):
-    """One body, values (lines, cells from the contact outwards); `far` < 0 is the road (m)."""
+    """One body: `values` (lines, cells outwards from the contact), drawn to z = `far` (m), < 0 for the road."""
     x = np.linspace(x_ends[0], x_ends[1], FIELD_COLUMNS + 1)
     z = np.linspace(0.0, abs(far), FIELD_ROWS + 1)
     T = interpolate_linear(values, x_cell, 0.5 * (x[1:] + x[:-1]))
@@ -97,27 +97,27 @@ def _draw_body(ax, values, x_cell, z_cell, x_ends, far: float, norm):
 
 
 def _near_contact_reach(run, cells: np.ndarray) -> tuple[float, float]:
-    """How far (m) the stretched panels reach into block and road: as the heat does, rounded up, with a limit."""
+    """Reach (m) of the stretched panels into block and road: that of the heat, rounded up and limited."""
     mesh, out = run.mesh, []
     under = mesh.road[mesh.first : mesh.last, ::-1]
-    for body, edges, most in ((mesh.block, mesh.height, MAX_BLOCK_NEAR_M), (under, mesh.depth, MAX_ROAD_NEAR_M)):
+    for body, edges, limit in ((mesh.block, mesh.height, MAX_BLOCK_NEAR_M), (under, mesh.depth, MAX_ROAD_NEAR_M)):
         rise = np.abs(cells[body] - run.ambient_degC).max(axis=0)
         warm = np.flatnonzero(rise > MIN_RISE_FRACTION * max(rise[0], 1e-6))
-        far = theme.nice_ceil(float(edges[warm[-1] + 1])) if len(warm) else most
-        out.append(min(far, most, float(edges[-1])))
+        far = theme.nice_ceil(float(edges[warm[-1] + 1])) if len(warm) else limit
+        out.append(min(far, limit, float(edges[-1])))
     return out[0], out[1]
 
 
 def _stretch_axis(ax, block: float, road: float) -> None:
     """z linear on either side of the contact, with its own scale in block and road (mm)."""
 
-    def there(z):
+    def to_scale(z):
         return np.where(z > 0, z / block, z / road)
 
-    def back(s):
+    def from_scale(s):
         return np.where(s > 0, s * block, s * road)
 
-    ax.set_yscale("function", functions=(there, back))
+    ax.set_yscale("function", functions=(to_scale, from_scale))
     ax.set_ylim(-road, block)
     ticks = [-road, -road / 2, 0.0, block / 2, block]
     ax.set_yticks(ticks, [f"{t:.3g}".replace("-", "\N{MINUS SIGN}") for t in ticks])
@@ -129,6 +129,6 @@ def _field_caption(run, shown: float) -> str:
     crop = f", with {1e3 * shown:.3g} mm of the {1e3 * deep:.3g} mm deep road" if deep > shown else ""
     middle = " In the middle of the width." if run.mesh.n_across > 1 else ""
     return (
-        f"Block z > 0, road z < 0 (in the spots' lanes).{middle} Above to scale{crop}; "
-        "below the layers next to the contact, with different scales of z in block and road."
+        f"Block z > 0, road z < 0 (in the heated tracks).{middle} Above: to scale{crop}. "
+        "Below: the layers next to the contact, with different scales of z in block and road."
     )

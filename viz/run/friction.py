@@ -1,4 +1,4 @@
-"""Friction coefficient against slid distance within each repetition, and its mean per repetition."""
+"""Friction coefficient over the slid distance of each repetition, and its mean per repetition."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from matplotlib.ticker import MaxNLocator
 from flashtemp.viz import theme
 
 PICTURE = "friction"
-MIN_FRICTION_SPAN = 0.02  # smallest range of the axis of mu, so that rounding is not drawn as a trend
-MAX_LABELLED_REPETITIONS = 6  # repetitions; more are told apart by a colour bar
+MIN_FRICTION_SPAN = 0.02  # smallest range of the friction axis, so that rounding does not look like a trend
+MAX_LABELLED_REPETITIONS = 6  # more repetitions get a colour bar
 
 
 def applies(run) -> bool:
-    """Whether anything slides."""
+    """Whether any record has a friction coefficient."""
     return bool(np.isfinite(run.friction).any())
 
 
@@ -41,7 +41,7 @@ def repetition_friction(run, repetition: int) -> tuple[np.ndarray, np.ndarray]:
     """Slid distance since the start of a repetition (m) and friction coefficient (1) of its records."""
     on = run.sliding & (run.repetition == repetition) & np.isfinite(run.friction)
     before = np.flatnonzero(on)[:1] - 1
-    start = run.slid[np.maximum(before, 0)]  # the record before stands at the end of the last repetition
+    start = run.slid[np.maximum(before, 0)]  # slid distance at the end of the previous repetition
     return run.slid[on] - start, run.friction[on]
 
 
@@ -52,7 +52,7 @@ def _draw_curves(fig, ax, run, numbers, colours) -> None:
         ax.plot(
             s, mu, color=colour, lw=1.4 if len(numbers) <= MAX_LABELLED_REPETITIONS else 0.9, label=f"repetition {r}"
         )
-    ax.set(xlabel="distance slid in the repetition (m)", ylabel="friction coefficient, load-weighted (–)")
+    ax.set(xlabel="slid distance in the repetition (m)", ylabel="friction coefficient, load-weighted (–)")
     ax.set_xlim(left=0.0)
     ax.set_ylim(*theme.padded_limits(run.friction[run.sliding], least=MIN_FRICTION_SPAN, margin=0.08))
     if len(numbers) > MAX_LABELLED_REPETITIONS:
@@ -66,8 +66,8 @@ def _add_colour_bar(fig, ax, numbers, colours) -> None:
     from matplotlib.cm import ScalarMappable
 
     norm = BoundaryNorm(np.append(numbers, numbers[-1] + 1) - 0.5, len(numbers))
-    named = numbers[theme.spread_indices(len(numbers), 10)]
-    bar = fig.colorbar(ScalarMappable(norm, ListedColormap(colours)), ax=ax, ticks=named, pad=0.01, aspect=25)
+    labelled = numbers[theme.spread_indices(len(numbers), 10)]
+    bar = fig.colorbar(ScalarMappable(norm, ListedColormap(colours)), ax=ax, ticks=labelled, pad=0.01, aspect=25)
     bar.set_label("repetition (–)")
     bar.ax.tick_params(length=0)
     bar.ax.minorticks_off()

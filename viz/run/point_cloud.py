@@ -1,4 +1,4 @@
-"""Block and road as points in space with the colours of their temperature, for a page that can turn them."""
+"""Block and road as a cloud of points coloured by temperature, for the 3D scene of the web page."""
 
 from __future__ import annotations
 
@@ -6,11 +6,16 @@ import numpy as np
 
 from flashtemp.viz import theme
 
-N_POINTS_X, N_POINTS_Y, N_POINTS_Z, SCENE_LENGTH = 90, 24, 28, 10.0  # points of a body, and how long the block is made
+N_POINTS_X, N_POINTS_Y, N_POINTS_Z, SCENE_LENGTH = (
+    90,
+    24,
+    28,
+    10.0,
+)  # points of a body, and length of the block in the scene
 
 
 def surface_points(fields) -> tuple[np.ndarray, np.ndarray]:
-    """Places (n, 3) and colours (n, 3) from 0 to 1 of the surfaces of block and road at the last kept time."""
+    """Positions (n, 3) and colours (n, 3), 0 to 1, on the surfaces of block and road at the last stored time."""
     t = float(fields.times[-1])
     bodies = [_sample_surface(*fields.tensor(name, t)) for name in ("block", "road")]
     x = bodies[0][0][:, 0]
@@ -22,8 +27,10 @@ def surface_points(fields) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sample_surface(x: np.ndarray, y: np.ndarray, z: np.ndarray, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points on the six faces of a body spread evenly, and the temperatures of the cells that they lie in."""
-    width = y if len(y) > 1 else np.array([-0.5, 0.5]) * float(np.ptp(x))  # 2D says nothing of the width
+    """Evenly spread points on the six faces of a body, and the temperatures of their cells."""
+    width = (
+        y if len(y) > 1 else np.array([-0.5, 0.5]) * float(np.ptp(x))
+    )  # a 2D field has no width: draw it as wide as long
     axes = [np.linspace(a[0], a[-1], n) for a, n in ((x, N_POINTS_X), (width, N_POINTS_Y), (z, N_POINTS_Z))]
     places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     edge = np.zeros(places.shape[:3], bool)
@@ -32,8 +39,8 @@ def _sample_surface(x: np.ndarray, y: np.ndarray, z: np.ndarray, T: np.ndarray) 
         for end in (0, -1):
             ends[axis] = end  # type: ignore[call-overload]
             edge[tuple(ends)] = True
-    found = places[edge]
-    at = [np.clip(np.searchsorted(e, found[:, k], side="right") - 1, 0, n - 1)
+    points = places[edge]
+    at = [np.clip(np.searchsorted(e, points[:, k], side="right") - 1, 0, n - 1)
           for k, (e, n) in enumerate(zip((x, y, z), T.shape, strict=True))]  # fmt: skip
-    at[1] = at[1] if len(y) > 1 else np.zeros(len(found), int)
-    return found, T[tuple(at)]
+    at[1] = at[1] if len(y) > 1 else np.zeros(len(points), int)
+    return points, T[tuple(at)]

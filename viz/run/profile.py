@@ -1,4 +1,4 @@
-"""T(x) under the block at the end of the last repetition: in the contact regions and averaged across y."""
+"""T(x) at the end of the last repetition: in the contact regions and averaged across y."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from flashtemp.viz import theme
 from flashtemp.viz.time_axis import sliding_ends
 
 PICTURE = "profile"
-MAX_EARLIER_CURVES = 4  # faint curves at most
+MAX_EARLIER_CURVES = 4  # faint curves
 
 
 @theme.styled
 def draw(run, road: bool | None = None, bands=None) -> Figure:
     """Temperature (degC) against distance from the leading edge (mm) at the end of the last repetition.
 
-    Red: in the macroasperity contact regions; green: averaged across y; faint: ends of earlier
-    repetitions.  `road`: also the road in the lanes; by default where it differs from the spots.  `bands`
-    {"T_spot", "T_block": 95 % band over (time, x)}: shaded.
+    Red: in the macroasperity contact regions; green: averaged across y; faint: ends of earlier repetitions.
+    `road`: whether to draw the road in the heated tracks, by default where it differs from the spots.
+    `bands` {"T_spot", "T_block": 95 % band over (time, x)}: shaded.
     """
     fig = theme.make_figure(run.title, theme.NARROW_FIGURE_IN, 4.0)
     ax = fig.add_subplot()
@@ -32,18 +32,18 @@ def draw(run, road: bool | None = None, bands=None) -> Figure:
     ax.plot(x, run.T_block[k], color=theme.BLOCK_COLOUR, label="averaged across y")
     shown = [run.T_spot[[*earlier, k]], run.T_block[[*earlier, k]], run.ambient_degC]
     if road or (road is None and _road_differs(run, k)):
-        ax.plot(x, run.T_road[k], color=theme.ROAD_COLOUR, lw=0.8, ls="--", label="road in the lanes")
+        ax.plot(x, run.T_road[k], color=theme.ROAD_COLOUR, lw=0.8, ls="--", label="road in the heated tracks")
         shown.append(run.T_road[k])
     for name, colour in (("T_spot", theme.SPOT_COLOUR), ("T_block", theme.BLOCK_COLOUR)) if bands else ():
         band = bands[name]
-        ax.fill_between(x, band.low[k], band.high[k], color=colour, alpha=0.18, lw=0, label="95 % of what may be")
+        ax.fill_between(x, band.low[k], band.high[k], color=colour, alpha=0.18, lw=0, label="95 % band")
         shown += [band.low[k], band.high[k]]
     if len(earlier):
         ax.plot([], [], color=theme.AMBIENT_COLOUR, lw=0.6, alpha=0.6, label=_earlier_label(run, earlier))
     ambient = f"ambient, {theme.format_decimal(run.ambient_degC)} {theme.CELSIUS}"
     ax.axhline(run.ambient_degC, color=theme.AMBIENT_COLOUR, lw=0.8, ls=":", label=ambient)
     ax.set(xlim=(0.0, 1e3 * _block_length(run)), ylim=theme.padded_limits(*shown, least=1.0))
-    edge = "leading edge" if run.direction is None else "edge that leads forward"
+    edge = "leading edge" if run.direction is None else "edge that leads when sliding forward"
     ax.set(xlabel=f"distance from the {edge}, x (mm)", ylabel=f"temperature ({theme.CELSIUS})")
     fig.legend(loc="outside lower left", ncols=2)
     when = f"t = {theme.format_decimal(run.time[k])} s, slid {theme.format_decimal(run.slid[k])} m"
@@ -53,7 +53,7 @@ def draw(run, road: bool | None = None, bands=None) -> Figure:
 
 
 def _road_differs(run, k: int) -> bool:
-    """Whether road and spots are at visibly different temperatures, as at a finite alpha."""
+    """Whether road and spots differ visibly in temperature, as with a finite contact conductance."""
     scale = max(1e-9, float(np.ptp(run.T_spot[k])))
     return bool(np.abs(run.T_road[k] - run.T_spot[k]).max() > 0.005 * scale)
 
@@ -69,7 +69,7 @@ def _earlier_label(run, earlier: np.ndarray) -> str:
 
 
 def _mark_edges(ax, back: bool) -> None:
-    """Name the edges above the frame and point an arrow along the sliding of the block."""
+    """Label the edges above the axes, with an arrow in the direction of sliding."""
     names, arrow = ("leading edge", "trailing edge"), {"xy": (0.33, 1.045), "xytext": (0.455, 1.045)}
     if back:
         names, arrow = names[::-1], {"xy": (0.455, 1.045), "xytext": (0.33, 1.045)}

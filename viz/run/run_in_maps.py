@@ -12,23 +12,23 @@ from flashtemp.viz.run import run_views
 from flashtemp.viz.time_axis import sliding_ends
 
 PICTURE = "run_in"
-MAX_PANELS = 12  # panels
-PANEL_COLUMNS = 2  # of panels, read downwards, so that the hot spot is seen to move along x
-PANEL_WIDTH_IN = 2.75  # inches wide, about
-MIN_HOT_SPOT_K = 0.05  # K within which no place of the contact is called the hottest
+MAX_PANELS = 12
+PANEL_COLUMNS = 2  # read downwards, so that the motion of the hot spot along x is visible
+PANEL_WIDTH_IN = 2.75  # approximate
+MIN_HOT_SPOT_K = 0.05  # smallest temperature range of the contact with a marked hot spot
 
 
 def applies(run) -> bool:
-    """Whether there are repetitions to compare."""
+    """Whether there are several repetitions."""
     return run_views.has_repetitions(run)
 
 
 @theme.styled
 def draw(run) -> Figure:
-    """Temperatures (degC) at the end of every repetition, over x and z (mm), in one scale of colour.
+    """Temperatures (degC) at the end of every repetition, over x and z (mm), in one colour scale.
 
-    Each panel: the side wall, below it one strip of the contact (in the spots) and of the road surface
-    behind the block.  At most MAX_PANELS repetitions, spread evenly, first and last among them.
+    Each panel: the side wall, and below it a strip with the contact (in the spots) and the road surface behind the
+    block.  At most MAX_PANELS repetitions, spread evenly and including first and last.
     """
     frames = list(run_views.last_frames(run).items())
     frames = [frames[i] for i in theme.spread_indices(len(frames), MAX_PANELS)]
@@ -51,7 +51,7 @@ def draw(run) -> Figure:
 
 
 def _label_panel(ax, run, repetition: int, frame: int) -> None:
-    """Name the repetition; mark and name the hottest place of the contact."""
+    """Label the repetition; mark and label the hottest place of the contact."""
     ax.set_title(f"repetition {repetition}", fontweight="bold", pad=3)
     T = np.where(run.pressure[run.frames[frame]] > 0, run.T_spot[run.frames[frame]], np.nan)
     if np.isfinite(T).any() and np.nanmax(T) - np.nanmin(T) > MIN_HOT_SPOT_K:
@@ -67,7 +67,7 @@ def _label_axes(axes, run, count: int) -> None:
         ax, number = axes[row, column], column * rows + row
         lowest = number == count - 1 or (row == rows - 1 and number < count)
         ax.tick_params(axis="x", bottom=lowest, labelbottom=lowest, pad=4)
-        ax.xaxis.set_in_layout(row == rows - 1)  # above an empty place its labels find room there
+        ax.xaxis.set_in_layout(row == rows - 1)  # labels above an empty panel use its space
         if lowest:
             ax.set_xlabel(theme.x_axis_label(run))
         if column == 0:
@@ -75,23 +75,23 @@ def _label_axes(axes, run, count: int) -> None:
 
 
 def _panel_height(run) -> float:
-    """Height (inches) of a panel: to scale, within what can be read."""
+    """Height (inches) of a panel: to scale, within legible limits."""
     ratio = (1.0 + run_views.STRIP_GAP_RATIO + run_views.STRIP_HEIGHT_RATIO) * run.mesh.height[-1] / run.mesh.x[-1]
     return float(np.clip(PANEL_WIDTH_IN * ratio, 0.6, 1.6))
 
 
 def _run_in_caption(run, frames: list[int]) -> str:
-    """Words on what the panels show, in the order in which they are looked at."""
+    """Explanation of the panels, from top to bottom."""
     ended = np.isin(run.frames[frames], sliding_ends(run)).all()
-    words = ["At the end of sliding." if ended else "At the last field kept of sliding."]
+    words = ["At the end of sliding." if ended else "At the last stored field of sliding."]
     words.append("Side wall: in 2D the section of the block.")
     words.append("Contact: in the macroasperity contact regions, hottest at the triangle.")
     if run_views.has_wake(run):
         shown = 1e3 * (run.mesh.x[-1] - run.mesh.x[run.mesh.last])
-        road, side = ("Wake", "behind") if run.direction is None else ("Road", "beside")
-        surface = f"{road}: surface of the road averaged across y, over lanes and what lies between"
+        road, side = ("Wake", "behind") if run.direction is None else ("Road", "next to")
+        surface = f"{road}: surface of the road averaged across y, over heated tracks and gaps"
         words.append(f"{surface}, {theme.format_decimal(shown, 3)} mm {side} the block.")
     if any(np.isnan(run_views.contact_strip(run, i)).any() for i in frames):
         words.append("White: no contact.")
-    ways = {"left" if run.leading_line_index(k) == 0 else "right" for k in run.frames[frames]}
-    return " ".join([*words, f"The block slides to the {' or the '.join(sorted(ways))}."])
+    directions = {"left" if run.leading_line_index(k) == 0 else "right" for k in run.frames[frames]}
+    return " ".join([*words, f"The block slides to the {' or the '.join(sorted(directions))}."])

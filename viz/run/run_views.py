@@ -1,6 +1,6 @@
-"""A kept frame as the run-in is looked at: side wall of the block, its contact, and the wake on the road behind it.
+"""Views of a stored frame: side wall of the block, its contact, and the wake on the road behind it.
 
-Images of even pixels in degC, linear between cell centres.
+Images in degC on evenly spaced pixels, linear between cell centres.
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ from flashtemp.physics.interpolation import interpolate_linear
 from flashtemp.viz import theme
 from flashtemp.viz.time_axis import sliding_ends
 
-VIEW_COLUMNS, VIEW_ROWS = 400, 112  # along the block and up the block: finer than its pixels in every picture
+VIEW_COLUMNS, VIEW_ROWS = 400, 112  # pixels along and up the block: finer than those of every picture
 STRIP_HEIGHT_RATIO, STRIP_GAP_RATIO = (
     0.24,
     0.06,
 )  # height of the strip and its distance from the block, in heights of the block
-MAX_BLOCK_FRACTION_LABELLED = 0.85  # the wake is named where it takes more than the rest of the axis
+MAX_BLOCK_FRACTION_LABELLED = 0.85  # the wake is labelled where the block takes less of the axis
 
 
 def side_wall(run, frame: int) -> np.ndarray:
-    """Block temperature (VIEW_ROWS, VIEW_COLUMNS) over z and x next to the side wall y < 0; in 2D the section of the block."""
+    """Block temperature (VIEW_ROWS, VIEW_COLUMNS) over z and x at the side wall y < 0; in 2D the section."""
     mesh = run.mesh
     T = interpolate_linear(
         run.section(frame, 0)[mesh.block], run.x, _pixel_centres(0.0, mesh.x[mesh.last], VIEW_COLUMNS)
@@ -46,7 +46,7 @@ def wake_strip(run, frame: int) -> np.ndarray:
 
 
 def road_surface(run, frame: int) -> np.ndarray:
-    """Road surface beyond x = L (lines,) in degC, averaged across y as a camera sees it: wake, or road to come."""
+    """Road surface beyond x = L (lines,) in degC, averaged across y as by a camera: wake, or road ahead."""
     k = run.frames[frame]
     back = run.direction is not None and run.direction[k] < 0
     return run.T_ahead[k][::-1] if back else run.T_wake[k]
@@ -58,16 +58,16 @@ def has_wake(run) -> bool:
 
 
 def temperature_extremes(run, frames) -> np.ndarray:
-    """Lowest and highest temperature (degC) that the three views of these frames show."""
-    seen = [run.section(i, 0)[run.mesh.block] for i in frames]
-    seen.append(np.where(run.pressure[run.frames[frames]] > 0, run.T_spot[run.frames[frames]], np.nan))
-    seen.extend(road_surface(run, i) for i in frames)
-    flat = np.concatenate([np.ravel(v) for v in seen])
+    """Lowest and highest temperature (degC) in the three views of these frames."""
+    values = [run.section(i, 0)[run.mesh.block] for i in frames]
+    values.append(np.where(run.pressure[run.frames[frames]] > 0, run.T_spot[run.frames[frames]], np.nan))
+    values.extend(road_surface(run, i) for i in frames)
+    flat = np.concatenate([np.ravel(v) for v in values])
     return np.array([np.nanmin(flat), np.nanmax(flat)])
 
 
 def draw_views(ax, run, frame: int, norm, cmap=None) -> list:
-    """Draw side wall above a strip of contact and wake, in mm; returns the images in this order."""
+    """Draw the side wall above a strip of contact and wake (mm); returns their images in this order."""
     length, height, far = 1e3 * np.array([run.mesh.x[run.mesh.last], run.mesh.height[-1], run.mesh.x[-1]])
     strip = (-(STRIP_GAP_RATIO + STRIP_HEIGHT_RATIO) * height, -STRIP_GAP_RATIO * height)
     extents = {
@@ -84,7 +84,7 @@ def draw_views(ax, run, frame: int, norm, cmap=None) -> list:
         ax.text(far, 0.0, "wake" if run.direction is None else "road", ha="right", fontsize=7.5)
     ax.set(xlim=(0.0, far), ylim=(strip[0], height))
     ax.set_yticks([np.mean(strip), 0.0, height], ["contact", "0", theme.format_decimal(height)])
-    ax.yaxis.get_major_ticks()[1].label1.set_verticalalignment("bottom")  # clear of the word below
+    ax.yaxis.get_major_ticks()[1].label1.set_verticalalignment("bottom")  # clear of the label below
     ax.tick_params(axis="y", length=0)
     ax.spines[["left", "bottom"]].set_visible(False)
     return images
@@ -108,5 +108,5 @@ def has_repetitions(run) -> bool:
 
 
 def _pixel_centres(low: float, high: float, count: int) -> np.ndarray:
-    """Centres (count,) of even pixels from `low` to `high`, m."""
+    """Centres (count,) of evenly spaced pixels from `low` to `high` (m)."""
     return centres(np.linspace(low, high, count + 1))

@@ -1,4 +1,4 @@
-"""T(x, t) of the block's surface over all repetitions, and the same at three places against time."""
+"""Map of the block's surface temperature T(x, t) over all repetitions, and its time series at three places."""
 
 from __future__ import annotations
 
@@ -10,45 +10,44 @@ from flashtemp.viz import theme
 from flashtemp.viz.time_axis import RepetitionAxis, interval_means, repetition_axis
 
 PICTURE = "map"
-MAX_THICK_REPETITIONS = 16  # repetitions; more are drawn with thinner lines
-MAP_COLUMNS, MAP_ROWS = 1200, 300  # of the map: finer than its pixels at 160 dpi
+MAX_THICK_REPETITIONS = 16  # more repetitions are drawn with thinner lines
+MAP_COLUMNS, MAP_ROWS = 1200, 300  # pixels of the map: finer than those at 160 dpi
 
 
 @theme.styled
 def draw(run) -> Figure:
     """Surface temperature averaged across y (degC) over time and distance from the leading edge (mm).
 
-    Above the map a strip of repetitions and waits, below it leading edge, middle and trailing edge
-    against time; waits are shaded.  Records stand at their true times.
+    Above the map: a strip of repetitions and waits.  Below: leading edge, middle and trailing edge over time, waits
+    shaded.  Records are drawn at their true times.
     """
-    when = repetition_axis(run)
-    strip = len(when.start) > 1 or bool(when.waits)
+    axis = repetition_axis(run)
+    strip = len(axis.start) > 1 or bool(axis.waits)
     fig = theme.make_figure(run.title, theme.WIDE_FIGURE_IN, 4.9 if strip else 4.6)
     rows = fig.add_gridspec(3 if strip else 2, 1, height_ratios=[0.09, 1.35, 1.0][0 if strip else 1 :])
     lines = fig.add_subplot(rows[-1])
-    film = fig.add_subplot(rows[-2])
-    _draw_lines(lines, run, when)
-    _draw_map(fig, film, run, when)
+    map_axes = fig.add_subplot(rows[-2])
+    _draw_lines(lines, run, axis)
+    _draw_map(fig, map_axes, run, axis)
     if strip:
-        _draw_strip(fig.add_subplot(rows[0]), when)
+        _draw_strip(fig.add_subplot(rows[0]), axis)
     return fig
 
 
 def _draw_map(fig, ax, run, axis: RepetitionAxis) -> None:
-    """The map: mean over each of its columns, linear between true times and places."""
+    """The map: means over the time of each column, linear between records and between places."""
     time = axis.column_edges(MAP_COLUMNS)
     x = np.linspace(0.0, run.mesh.x[run.mesh.last], MAP_ROWS + 1)
-    at, records = run.time, run.T_block
-    values = interval_means(records, at, time)
+    values = interval_means(run.T_block, run.time, time)
     values = interpolate_linear(values.T, run.x, 0.5 * (x[1:] + x[:-1]))
-    film = ax.pcolormesh(
+    image = ax.pcolormesh(
         axis.to_axis_unit(time), 1e3 * x, values, rasterized=True,
         cmap=theme.temperature_map(), norm=theme.temperature_norm(run.T_block),
     )  # fmt: skip
     axis.set_axis(ax)
     ax.set(xlabel="", ylim=(0.0, 1e3 * x[-1]), ylabel=theme.x_axis_label(run))
     ax.tick_params(labelbottom=False)
-    bar = fig.colorbar(film, ax=ax, label=f"block surface, mean across y ({theme.CELSIUS})", pad=0.01, aspect=14)
+    bar = fig.colorbar(image, ax=ax, label=f"block surface, mean across y ({theme.CELSIUS})", pad=0.01, aspect=14)
     bar.outline.set_linewidth(0.4)
 
 
@@ -69,14 +68,14 @@ def _draw_lines(ax, run, axis: RepetitionAxis) -> None:
 
 
 def _draw_strip(ax, axis: RepetitionAxis) -> None:
-    """Sliding dark, waiting pale; repetitions numbered as far as there is room."""
+    """Sliding dark, waits pale; as many repetitions numbered as there is space for."""
     begin, end = axis.to_axis_unit(axis.start), axis.to_axis_unit(axis.end)
     ax.bar(begin, 1.0, end - begin, align="edge", color=theme.SLIDING_COLOUR, edgecolor="white", lw=0.4)
     for a, b in axis.waits:
         ax.axvspan(*axis.to_axis_unit([a, b]), facecolor=theme.WAITING_COLOUR, edgecolor="white", lw=0.4)
     axis.set_axis(ax)
-    named = _numbered_repetitions(len(begin))
-    ax.set_xticks(0.5 * (begin + end)[named], [str(r) for r in axis.repetition[named]])
+    numbered = _numbered_repetitions(len(begin))
+    ax.set_xticks(0.5 * (begin + end)[numbered], [str(r) for r in axis.repetition[numbered]])
     ax.set(xlabel="", ylim=(0.0, 1.0), yticks=[])
     ax.tick_params(top=True, labeltop=True, bottom=False, labelbottom=False, length=0, pad=1)
     ax.set_title("sliding (dark, numbered by repetition)" + (" and waits (pale)" if axis.waits else ""))
@@ -84,6 +83,6 @@ def _draw_strip(ax, axis: RepetitionAxis) -> None:
 
 
 def _numbered_repetitions(count: int) -> np.ndarray:
-    """Which repetitions get a number: all, or every 2nd, 5th, 10th ... so that at most 25 do."""
+    """Indices of the numbered repetitions: all, or every 2nd, 5th, 10th ..., at most 25."""
     step = next(s * 10**p for p in range(9) for s in (1, 2, 5) if count <= 25 * s * 10**p)
     return np.arange(count) if step == 1 else np.arange(step - 1, count, step)

@@ -1,4 +1,4 @@
-"""Spots that move through the contact: the face of the block with their tracks, and T(x) in and between them."""
+"""Resolved contact spots: the face of the block with their outlines, and T(x) in and between them."""
 
 from __future__ import annotations
 
@@ -13,18 +13,17 @@ from flashtemp.viz.run.animation import select_frames, write_gif
 
 PICTURE = "spots"
 ANIMATION = "spots"
-SPOT_FRAME_MS = 120  # ms of a frame
-SPOT_LAST_FRAME_MS = 1500  # ms of the last one
+SPOT_FRAME_MS, SPOT_LAST_FRAME_MS = 120, 1500  # of a frame, and of the last one
 
 
 def applies(run) -> bool:
-    """Whether spots are resolved."""
+    """Whether the spots are resolved by the mesh."""
     return "cover" in run.maps
 
 
 @theme.styled
 def draw(run, frame: int = -1) -> Figure:
-    """Face of the block (degC, mm) with the spots outlined, and along x: in the spots, mean of the face, each spot."""
+    """Face of the block (degC, mm) with the spots outlined; along x, T in the spots and the mean across y."""
     mesh, k = run.mesh, range(len(run.frames))[frame]
     face, cover = run.maps["T_block"][k].astype(float), run.maps["cover"][k]
     L, y = 1e3 * mesh.x[mesh.last], 1e3 * mesh.y[[0, -1]]
@@ -48,7 +47,7 @@ def draw(run, frame: int = -1) -> Figure:
     bar = fig.colorbar(image, ax=left, label=f"temperature ({theme.CELSIUS})", pad=0.02, shrink=0.8)
     bar.outline.set_linewidth(0.4)
     covered = run.maps["cover"]
-    best = covered.max(axis=(1, 2), keepdims=True)  # coarse cells may be covered in part only
+    best = covered.max(axis=(1, 2), keepdims=True)  # coarse cells may be covered only in part
     inside = (covered >= 0.9 * best) & (covered > 0.0)
     x = np.repeat(1e3 * run.x[:, None], mesh.n_across, axis=1)
     hot = run.maps["T_spot"]
@@ -64,7 +63,7 @@ def draw(run, frame: int = -1) -> Figure:
 
 
 def write(run, path) -> Path:
-    """The film of the contact as .gif, every kept frame or evenly chosen ones."""
+    """Write the animation of the contact as .gif: the stored frames of sliding, at most MAX_ANIMATION_FRAMES."""
     kept = [k for k in select_frames(run) if run.sliding[run.frames[k]]]
     write_gif(
         Path(path),

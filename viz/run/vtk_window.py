@@ -1,4 +1,4 @@
-"""A window for VTK with or without a screen: VTK ends the process where it finds none, so it is tried beforehand."""
+"""Choice of a VTK window with or without a screen; VTK ends the process where it finds none, so it is tested first."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ WINDOW_LIBRARIES = (("libEGL.so.1", "vtkEGLRenderWindow"), ("libOSMesa.so.8", "v
 
 
 def prepare_off_screen() -> bool:
-    """Choose a window that needs no screen, before vtk is imported; False where there is none to be had."""
+    """Choose an off-screen window before vtk is imported; False where none works."""
     if sys.platform == "linux" and WINDOW_VARIABLE not in os.environ:
         for library, window in WINDOW_LIBRARIES:
             if _can_load(library):
@@ -39,7 +39,7 @@ def _can_load(library: str) -> bool:
 
 
 def _can_draw() -> bool:
-    """Draw a few pixels in a child process, which VTK may end by a signal; no settings lie where it starts."""
+    """Whether a child process, which VTK may kill, can draw a few pixels; its folder holds no settings."""
     command, env = make_python_command("-c", TRIAL_CODE)
     try:
         return subprocess.run(command, env=env, cwd=sys.prefix, capture_output=True, timeout=120).returncode == 0

@@ -1,4 +1,4 @@
-"""The worn face of the block before and after, like a laser profile, and the pressure that goes with it."""
+"""The worn face of the block before and after, as a laser profile, and the contact pressure."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from flashtemp.viz import theme
 from flashtemp.viz.time_axis import sliding_ends
 
 PICTURE = "worn"
-MAX_WEAR_CURVES = 4  # repetitions at most
-MIN_PRESSURE_CHANGE = 1e-3  # changes of p(x)/mean(p) that are none
+MAX_WEAR_CURVES = 4  # repetitions
+MIN_PRESSURE_CHANGE = 1e-3  # smaller changes of p(x)/mean(p) do not count
 WORN_COLOUR, RUBBER_COLOUR = "#F7DDD6", "#EDEDED"
 BEFORE_STYLE = {"color": "black", "ls": (0, (4, 2)), "lw": 1.1}
 
 
 def applies(run) -> bool:
-    """Whether the block was worn, or its pressure changed shape."""
+    """Whether the block was worn, or the shape of its pressure changed."""
     p = run.pressure[run.sliding & run.pressure.any(axis=1)]
     shape = p / (p @ run.mesh.dx_block / run.mesh.dx_block.sum())[:, None]
     return bool((run.worn[-1] > run.worn[0]).any() or (len(p) and np.ptp(shape, axis=0).max() > MIN_PRESSURE_CHANGE))
@@ -26,8 +26,8 @@ def applies(run) -> bool:
 def draw(run) -> Figure:
     """Height of the face -w(x) (um) and nominal contact pressure p(x) (MPa) over x (mm).
 
-    Black, dashed: before, and at the start of sliding; coloured as in the picture of friction: at the
-    ends of at most MAX_WEAR_CURVES repetitions.
+    Black, dashed: before, and at the start of sliding.  Coloured as in the friction picture: at the ends of at most
+    MAX_WEAR_CURVES repetitions.
     """
     fig = theme.make_figure(run.title, theme.NARROW_FIGURE_IN, 5.2)
     fig.get_layout_engine().set(hspace=0.05)
@@ -45,7 +45,7 @@ def draw(run) -> Figure:
 
 
 def _draw_face(ax, run, curves) -> None:
-    """The face as a scan of it would show it: rubber below, what has gone since the first start shaded."""
+    """The face as in a scan: rubber below, worn-off volume shaded."""
     x, before, after = 1e3 * run.x, -1e6 * run.worn[0], -1e6 * run.worn[curves[-1][0]]
     low, high = theme.padded_limits(before, after, least=1.0, margin=0.12)
     ax.fill_between(x, after, before, color=WORN_COLOUR, lw=0, label="worn off")
@@ -53,15 +53,15 @@ def _draw_face(ax, run, curves) -> None:
     ax.plot(x, before, **BEFORE_STYLE)
     for k, style in curves:
         ax.plot(x, -1e6 * run.worn[k], **style)
-    mean, most = run.at_mean(run.worn[-1] - run.worn[0]), (run.worn[-1] - run.worn[0]).max()
+    mean, largest = run.at_mean(run.worn[-1] - run.worn[0]), (run.worn[-1] - run.worn[0]).max()
     ax.set(xlim=(0.0, 1e3 * run.mesh.x[run.mesh.last]), ylim=(low, high), ylabel="height of the block's face (µm)")
     ax.text(0.985, 0.02, "rubber", transform=ax.transAxes, ha="right", va="bottom", color=theme.AMBIENT_COLOUR)
-    mean, most, volume = (theme.format_decimal(v, 3) for v in (1e6 * mean, 1e6 * most, 1e9 * run.worn_volume))
-    ax.set_title(f"worn off: {mean} µm on average, {most} µm at most, {volume} mm³")
+    mean, largest, volume = (theme.format_decimal(v, 3) for v in (1e6 * mean, 1e6 * largest, 1e9 * run.worn_volume))
+    ax.set_title(f"worn off: {mean} µm on average, {largest} µm at most, {volume} mm³")
 
 
 def _draw_pressure(ax, run, curves) -> None:
-    """Nominal contact pressure at the first record that presses and at the same repetitions."""
+    """Nominal contact pressure at the first loaded record of sliding, and at the ends of the repetitions."""
     start = int(np.argmax(run.sliding & run.pressure.any(axis=1)))
     for k, style in [(start, BEFORE_STYLE), *curves]:
         ax.plot(1e3 * run.x, 1e-6 * run.pressure[k], **style, label=f"{k}")

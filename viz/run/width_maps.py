@@ -1,4 +1,4 @@
-"""What the width does: contact and wake seen from above, the pressure, and the block at its wall and in its middle."""
+"""Variation across the width: contact and wake from above, pressure, and the block at its wall and middle."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from flashtemp.viz.run.run_views import VIEW_COLUMNS, VIEW_ROWS, has_wake
 
 PICTURE = "width"
 PRESSURE_MAP = "cividis"
-EVEN_PRESSURE_FRACTION = 1e-3  # of the pressure: what differs less is one value
+EVEN_PRESSURE_FRACTION = 1e-3  # of the pressure; smaller differences count as uniform
 
 
 def applies(run) -> bool:
@@ -77,19 +77,19 @@ def draw(run) -> Figure:
         bar = fig.colorbar(image, ax=axes, label=label, pad=0.02, aspect=25)
         bar.outline.set_linewidth(0.4)
     t = theme.format_decimal(run.time[run.frames[frame]])
-    averaged = " Wake: road surface, averaged over lanes and what lies between." if behind else ""
+    averaged = " Wake: road surface, averaged over heated tracks and gaps." if behind else ""
     fig.supxlabel(f"At the end of sliding, t = {t} s.{averaged}", x=0.01, ha="left", fontsize=7.0)
     return fig
 
 
 def _pressure_norm(press: np.ndarray) -> Normalize:
-    """Colour limits (kPa): those of the pressure, or from zero where it is the same everywhere."""
+    """Colour limits (kPa): those of the pressure, or from zero where it is uniform."""
     low, high = float(np.nanmin(press)), float(np.nanmax(press))
     return Normalize(low, high) if high - low > EVEN_PRESSURE_FRACTION * abs(high) else Normalize(0.0, max(high, 1.0))
 
 
 def _resample_evenly(values, x, v, x_ends, v_ends) -> np.ndarray:
-    """Values (len(x), len(v)) on even pixels (ROWS, COLUMNS), linear between cell centres."""
+    """Values (len(x), len(v)) on evenly spaced pixels (VIEW_ROWS, VIEW_COLUMNS), linear between cell centres."""
     along = interpolate_linear(
         np.asarray(values, dtype=float), x, centres(np.linspace(x_ends[0], x_ends[1], VIEW_COLUMNS + 1))
     )

@@ -1,4 +1,4 @@
-"""Area in contact over nominal pressure: elastic contact beside its linear law, and where it saturates."""
+"""Area in contact over nominal pressure: elastic contact, its linear law, and saturation."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from flashtemp.viz import theme
 
 @theme.styled
 def draw(study) -> Figure:
-    """A/A0 (1) over p/E (1), both logarithmic; `study` is runs.area_study.AreaStudy."""
+    """A/A0 (1) over p/E (1), both logarithmic; `study` is an AreaStudy."""
     fig = theme.make_figure(study.case.title, theme.NARROW_FIGURE_IN, 3.4)
     ax = fig.add_subplot()
     ax.axvspan(study.linear_up_to, study.ratio[-1], color=theme.WAITING_COLOUR, alpha=0.45, lw=0)

@@ -1,4 +1,4 @@
-"""What moves a prediction: change by each input of two standard deviations, with its share of the variance."""
+"""Sensitivity of a prediction: change by each input, with its fraction of the variance."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from flashtemp.viz import theme
 from flashtemp.viz.key_labels import describe_key
 
-MAX_INPUTS_DRAWN = 10  # inputs
+MAX_INPUTS_DRAWN = 10
 SIGMA_95 = 1.96
 OUTPUT_PANELS = {
     "T_spot_L": ("T_spot at the trailing edge (K)", theme.SPOT_COLOUR),
@@ -19,9 +19,9 @@ OUTPUT_PANELS = {
 
 @theme.styled
 def draw(result) -> Figure:
-    """Bars: the change by +1.96 sd of an input, by its slope, for the inputs with the largest total shares.
+    """Bars: the change by +1.96 sd of an input, from its slope, for the inputs with the largest total fractions.
 
-    Beside them: first-order and total share of the variance, in per cent.
+    Next to them: first-order and total fraction of the variance, in per cent.
     """
     shown = result.ranked_inputs[:MAX_INPUTS_DRAWN][::-1]
     fig = theme.make_figure(f"Sensitivity of {result.case.title}", theme.WIDE_FIGURE_IN, 1.3 + 0.24 * len(shown))
@@ -43,5 +43,5 @@ def draw(result) -> Figure:
         band = f"{theme.format_decimal(number.low)} to {theme.format_decimal(number.high)}"
         ax.set_title(f"95 %: {band}")
     axes[0].set_yticks(at, [describe_key(result.inputs[k].key).words for k in shown])
-    fig.supxlabel("Change by +1.96 sd of the input; first-order/total share of the variance.", fontsize=7.0)
+    fig.supxlabel("Change by +1.96 sd of the input; first-order/total fraction of the variance.", fontsize=7.0)
     return fig

@@ -1,4 +1,4 @@
-"""A sweep at a glance: profiles coloured by the swept key, and what becomes of temperature and friction."""
+"""Overview of a sweep: profiles coloured by the first key, temperature rises, and maps over two keys."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from matplotlib.figure import Figure
 from flashtemp.viz import theme
 from flashtemp.viz.key_labels import KeyLabel, describe_condition, describe_key
 
-MAX_CURVES_DRAWN = 9  # curves
-MAX_NUMBERED_CELLS = 36  # cells of a map that hold their number
-EQUAL_VALUES_FRACTION = 1e-6  # of a value: what differs less is the same
+MAX_CURVES_DRAWN = 9
+MAX_NUMBERED_CELLS = 36  # cells; a larger map has no numbers in its cells
+EQUAL_VALUES_FRACTION = 1e-6  # relative; smaller differences count as none
 
 
 @theme.styled
 def draw(dataset) -> Figure:
-    """Along the contact at the end (degC) and against the first key; with a second key, maps over both.
+    """Profiles at the end (degC) and temperature rises (K) over the first key; with a second key, maps over both.
 
-    Further keys stay at their first value.
+    Further keys are fixed at their first value.
     """
     keys = [d for d in dataset.T_max_degC.dims]
     first = dataset.isel({k: 0 for k in keys[1:]})
@@ -29,9 +29,9 @@ def draw(dataset) -> Figure:
         both = dataset.isel({k: 0 for k in keys[2:]})
         _draw_map(axes[1, 0], both.T_max_degC, keys, f"highest temperature ({theme.CELSIUS})")
         _draw_map(axes[1, 1], both.friction.isel(repetition=-1), keys, "friction, last repetition")
-    held = describe_condition({k: dataset[k].values[0] for k in keys[1:]}) if keys[1:] else ""
-    if held:
-        fig.supxlabel(f"Above: {held}.", x=0.01, ha="left", fontsize=7.0)
+    fixed = describe_condition({k: dataset[k].values[0] for k in keys[1:]}) if keys[1:] else ""
+    if fixed:
+        fig.supxlabel(f"Above: {fixed}.", x=0.01, ha="left", fontsize=7.0)
     return fig
 
 
@@ -55,7 +55,7 @@ def _draw_rises(ax, dataset, key: str) -> None:
         ax.plot(at, dataset[f"rise_{label}_K"], "o-", color=colour, ms=3, label=name)
     ax.set(
         xlabel=_coordinate_label(dataset[key]).label,
-        ylabel="rise of the block's surface (K)",
+        ylabel="temperature rise, block surface (K)",
         title="end of the last repetition",
     )
     if words:
@@ -67,7 +67,7 @@ def _draw_rises(ax, dataset, key: str) -> None:
 
 
 def _draw_map(ax, values, keys: list[str], words: str) -> None:
-    """Cells of equal size, labelled by the values: a sweep is seldom even."""
+    """A map with cells of equal size labelled by the values, since those of a sweep are rarely evenly spaced."""
     table = values.transpose(keys[0], keys[1]).values
     image = ax.imshow(table.T, origin="lower", aspect="auto", cmap=theme.temperature_map())
     for axis, key in ((ax.xaxis, keys[0]), (ax.yaxis, keys[1])):
@@ -91,14 +91,14 @@ def _draw_map(ax, values, keys: list[str], words: str) -> None:
             )
     known = table[np.isfinite(table)]
     if not known.size or np.ptp(known) <= EQUAL_VALUES_FRACTION * np.abs(known).max():
-        ax.set_title(words)  # one value everywhere: a bar would invent a range
+        ax.set_title(words)  # uniform: a colour bar would suggest a range
         return
     bar = ax.figure.colorbar(image, ax=ax, label=words, pad=0.02, aspect=25)
     bar.outline.set_linewidth(0.4)
 
 
 def _axis_positions(coordinate) -> tuple[np.ndarray, list[str]]:
-    """Places on an axis, and words for values that are no numbers."""
+    """Positions on an axis, and labels for values that are not numbers."""
     if np.issubdtype(coordinate.dtype, np.number):
         return _coordinate_label(coordinate).factor * coordinate.values, []
     return np.arange(coordinate.size), [str(v) for v in coordinate.values]

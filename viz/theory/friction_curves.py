@@ -1,4 +1,4 @@
-"""Friction over speed and temperature by theory: branches, map, contact, and where the heat goes."""
+"""Friction curves of the theory: branches over speed, map over speed and temperature, contact, depth of the heat."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from flashtemp.viz import theme
 
 COLD_COLOUR, HOT_COLOUR = theme.PLACE_COLOURS["leading edge"], theme.SPOT_COLOUR
 BRANCH_STYLES = {"cold": (COLD_COLOUR, "without flash temperature"), "hot": (HOT_COLOUR, "with flash temperature")}
-LINE_WIDTHS = {"cold": 3.2, "hot": 1.6}  # so that both are seen where they are one curve
+LINE_WIDTHS = {"cold": 3.2, "hot": 1.6}  # both branches stay visible where they coincide
 FALLING_DASH = (0, (2.5, 1.5))
 FRICTION_LABEL = "friction coefficient (–)"
 SPEED_LABEL = "sliding speed (m/s)"
-RIDGE_JUMP_DECADES = 1.0  # decades of speed by which a ridge may move between two temperatures
+RIDGE_JUMP_DECADES = 1.0  # largest step of the ridge between two temperatures, in decades of speed
 
 
 @theme.styled
 def draw(curves, title: str) -> Figure:
     """mu over speed (m/s) of both branches, mu over speed and temperature, contact, and depth of the heat.
 
-    `curves` is friction.curves.Curves.  Dashed is what a tester that sets the force cannot hold.
+    `curves` is a FrictionCurves.  Dashed: falling friction, where a tester that sets the force is unstable.
     """
     fig = theme.make_figure(title, theme.WIDE_FIGURE_IN, 5.8)
     fig.get_layout_engine().set(wspace=0.06, hspace=0.07)
@@ -40,15 +40,16 @@ def draw(curves, title: str) -> Figure:
 def _describe_conditions(curves) -> str:
     conditions = (
         f"{_format_temperature(curves)}, {theme.format_decimal(curves.p / 1e6, 3)} MPa, contact regions of "
-        f"{theme.format_decimal(1e3 * curves.spots.diameter, 3)} mm.  Map, contact and depths without flash temperature."
+        f"{theme.format_decimal(1e3 * curves.spots.diameter, 3)} mm.  "
+        "Map, contact and depths without flash temperature."
     )
-    tops = {BRANCH_STYLES[name][1]: find_peak(b.speed, b.mu) for name, b in curves.branches.items()}
-    said = [
+    peaks = {BRANCH_STYLES[name][1]: find_peak(b.speed, b.mu) for name, b in curves.branches.items()}
+    maxima = [
         f"{w} {theme.format_decimal(t.value, 3)} at {theme.format_decimal(t.at, 2)} m/s"
-        for w, t in tops.items()
+        for w, t in peaks.items()
         if not t.is_at_edge
     ]
-    return conditions + (f"\nHighest friction: {', '.join(said)}." if said else "")
+    return conditions + (f"\nHighest friction: {', '.join(maxima)}." if maxima else "")
 
 
 def _format_temperature(curves) -> str:
@@ -61,7 +62,7 @@ def _set_speed_axis(ax, curves) -> None:
 
 
 def _draw_branches(ax, curves) -> None:
-    """Total friction thick, its viscoelastic part thin; what falls is dashed."""
+    """Total friction thick, its viscoelastic part thin; falling parts are dashed."""
     for name, (colour, _) in BRANCH_STYLES.items():
         b = curves.branches[name]
         ax.plot(b.speed, b.viscous, color=colour, lw=0.9, alpha=0.75, zorder=2)
@@ -76,7 +77,7 @@ def _draw_branches(ax, curves) -> None:
 
 
 def _stable_part(mu: np.ndarray, rising: bool) -> np.ndarray:
-    """mu where it can be held, or where it cannot, with the point at which that begins."""
+    """mu where a slope tester is stable, or (not `rising`) where it is not, with the point where that begins."""
     on = held_by_slope_tester(mu)
     if not rising:
         on = ~on | np.append(~on[1:], False)
@@ -88,7 +89,7 @@ def _legend_lines(curves) -> list:
     lines.append(Line2D([], [], color=theme.SLIDING_COLOUR, lw=0.9, label="viscoelastic part"))
     if not all(held_by_slope_tester(b.mu).all() for b in curves.branches.values()):
         lines.append(
-            Line2D([], [], color=theme.SLIDING_COLOUR, lw=1.2, ls=FALLING_DASH, label="no slope tester holds it")
+            Line2D([], [], color=theme.SLIDING_COLOUR, lw=1.2, ls=FALLING_DASH, label="unstable in a slope tester")
         )
     return lines
 
@@ -115,19 +116,19 @@ def _draw_map(ax, curves) -> None:
 
 
 def _friction_ridge(curves) -> tuple[np.ndarray, np.ndarray]:
-    """Speed and temperature (degC) of the maximum, broken where it leaps from one hump to another."""
+    """Speed and temperature (degC) of the maximum, broken by NaN where it jumps from one peak to another."""
     v, T = curves.peak_speeds(), curves.T - KELVIN
-    leaps = np.flatnonzero(np.abs(np.diff(np.log10(v))) > RIDGE_JUMP_DECADES) + 1
-    return np.insert(v, leaps, np.nan), np.insert(T, leaps, np.nan)
+    jumps = np.flatnonzero(np.abs(np.diff(np.log10(v))) > RIDGE_JUMP_DECADES) + 1
+    return np.insert(v, jumps, np.nan), np.insert(T, jumps, np.nan)
 
 
 def _draw_contact(ax, curves) -> None:
-    """Share of the nominal area in contact: in contact regions, and within them down to the shortest wave."""
+    """Fraction of the nominal area in contact: in contact regions, and the real contact at full resolution."""
     size = theme.format_decimal(1e3 * curves.spots.diameter, 3)
     for values, colour, words, end, gap in (
         (curves.phi, theme.BLOCK_COLOUR, f"in contact regions of {size} mm", 0, 5),
         (curves.area, theme.SLIDING_COLOUR, "real contact A/A₀", -1, -6),
-    ):  # both fall with speed: above the first and below the last of their points is room for words
+    ):  # both fall with speed: there is space above the first and below the last point
         ax.plot(curves.speed, values, color=colour, lw=1.8)
         ax.annotate(
             words, (curves.speed[end], values[end]), (-6 if end else 6, gap), textcoords="offset points", color=colour,
@@ -135,12 +136,12 @@ def _draw_contact(ax, curves) -> None:
         )  # fmt: skip
     ax.set_yscale("log")
     _set_speed_axis(ax, curves)
-    ax.set(ylabel="share of the nominal area (–)", title="contact")
+    ax.set(ylabel="fraction of the nominal area (–)", title="contact")
     ax.set_ylim(0.15 * min(curves.area.min(), curves.phi.min()), 3.0)
 
 
 def _draw_depths(ax, curves) -> None:
-    """Share of the viscoelastic heat that is released deeper than a depth 1/(2q)."""
+    """Fraction of the viscoelastic heat released deeper than a depth 1/(2q)."""
     d = curves.depths
     for v, row, colour in zip(d.speed, d.deeper, theme.repetition_colours(len(d.speed)), strict=True):
         ax.plot(1e6 * d.depth, 100 * row, color=colour, lw=1.8, label=f"{theme.format_decimal(v, 2)} m/s")

@@ -1,4 +1,4 @@
-"""The power spectrum of a road with the self-affine law through it."""
+"""Power spectrum of a road surface with the fitted self-affine law."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A tread block on its way from the cold to the hot branch of friction."""
+"""A tread block that passes the footprint: friction from the cold to the hot branch."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from flashtemp.physics.quantities import KELVIN
 from flashtemp.viz import theme
 
 COLD_COLOUR, HOT_COLOUR = theme.PLACE_COLOURS["leading edge"], theme.SPOT_COLOUR
-MIN_SPEED_DRAWN_M_S = 2e-3  # m/s: the branches are drawn from here
+MIN_SPEED_DRAWN_M_S = 2e-3  # the branches are drawn from here
 
 
 @theme.styled
 def draw(rolling, title: str) -> Figure:
     """Friction over sliding speed (m/s), over slid distance (spot diameters), and of the footprint over slip.
 
-    `rolling` is friction.tread.Rolled.  Thick: kernel theory; thin and dark: cold-hot law.
+    `rolling` is a RollingResult.  Thick: kernel theory; thin and dark: cold-hot law.
     """
     fig = theme.make_figure(title, theme.WIDE_FIGURE_IN, 5.6)
     fig.get_layout_engine().set(wspace=0.05, hspace=0.06)
@@ -29,12 +29,12 @@ def draw(rolling, title: str) -> Figure:
 
 
 def _is_moving(path, j):
-    """Where a block slides fast enough to be seen."""
+    """Mask of the times at which a block slides fast enough to be drawn."""
     return path.speed[:, j] > MIN_SPEED_DRAWN_M_S
 
 
 def _draw_speeds(ax, rolling, colours) -> None:
-    """Trajectories between the two stationary curves."""
+    """Paths of the blocks between the two stationary branches."""
     fastest = max(10.0 * MIN_SPEED_DRAWN_M_S, 1.35 * max(float(p.speed.max()) for p, _ in rolling.kernel))
     v = np.geomspace(MIN_SPEED_DRAWN_M_S, fastest, 300)
     cold, hot = rolling.law.branch_friction(v)
@@ -61,13 +61,14 @@ def _describe_conditions(rolling) -> str:
     t = rolling.tread
     return (
         f"{theme.format_decimal(t.speed, 3)} m/s over {theme.format_decimal(1e3 * t.footprint, 3)} mm, "
-        f"{theme.format_decimal(t.pressure / 1e6, 3)} MPa, {theme.format_decimal(rolling.T0 - KELVIN, 3)} {theme.CELSIUS}, "
+        f"{theme.format_decimal(t.pressure / 1e6, 3)} MPa, "
+        f"{theme.format_decimal(rolling.T0 - KELVIN, 3)} {theme.CELSIUS}, "
         f"contact regions of {theme.format_decimal(1e3 * rolling.spots.diameter, 3)} mm"
     )
 
 
 def _draw_distances(ax, rolling, colours) -> None:
-    """The same friction over the distance slid since the block came down."""
+    """The same friction over the slid distance since the block entered the footprint."""
     for j, ((path, _), colour) in enumerate(zip(rolling.kernel, colours, strict=True)):
         on, thin = _is_moving(path, 0), _is_moving(rolling.path, j)
         ax.plot(path.slid[on, 0] / rolling.spots.diameter, path.mu[on, 0], color=colour, lw=2.2)
@@ -84,7 +85,7 @@ def _draw_distances(ax, rolling, colours) -> None:
 
 
 def _draw_slips(ax, rolling, colours) -> None:
-    """Mean over the footprint against slip."""
+    """Mean friction over the footprint against slip."""
     from flashtemp.physics.friction import tread_block
 
     ax.plot(tread_block.SWEPT_SLIPS, rolling.friction, color="#222222", lw=0.9, label="cold-hot law")

@@ -1,4 +1,4 @@
-"""Side force of a tyre over slip angle at several loads, its maxima, and the controls without flash temperature."""
+"""Side force of a tyre over slip angle at several loads, its maxima, and controls without heat memory."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.viz import theme
 
-MIN_CHANGE_PERCENT = 1.0  # %: half the range of changes that is drawn at least
+MIN_CHANGE_PERCENT = 1.0  # smallest half-range of the axis of changes
 CONTROL_COLOURS = {"cold": "#8A8A8A", "hot": "#B9B9B9"}
 CONTROL_DASHES = {"cold": (0, (4, 2)), "hot": (0, (1, 1.5))}
 MODEL_LABELS = {"rigid": "rigid bristles", "brush": "bristles that shear"}
@@ -19,7 +19,7 @@ MODEL_LABELS = {"rigid": "rigid bristles", "brush": "bristles that shear"}
 def draw(cornering, title: str) -> Figure:
     """Side force over load (1) against slip angle (deg) and its maximum against load (kN), rigid and brush.
 
-    `cornering` is friction.tyre.Cornering.  Colours are loads; grey are the controls with both branches alike.
+    `cornering` is a CorneringResult.  Colours are loads; grey are the controls with two equal branches.
     """
     fig = theme.make_figure(title, theme.WIDE_FIGURE_IN, 5.4)
     fig.get_layout_engine().set(wspace=0.05, hspace=0.06)
@@ -43,14 +43,15 @@ def _describe_conditions(cornering) -> str:
     b = cornering.bristle
     return (
         f"{theme.format_decimal(b.speed, 3)} m/s, {theme.format_decimal(b.pressure / 1e6, 3)} MPa at every load, "
-        f"{theme.format_decimal(cornering.T0 - KELVIN, 3)} {theme.CELSIUS}, footprint {theme.format_decimal(1e3 * cornering.tyre.width, 3)} mm "
-        f"wide, r₀ = {cornering.law.memory_text} mm; shear stiffness of the tread "
-        f"{theme.format_decimal(b.stiffness / 1e6, 3)} MPa/m.  Carcass rigid."
+        f"{theme.format_decimal(cornering.T0 - KELVIN, 3)} {theme.CELSIUS}, "
+        f"footprint {theme.format_decimal(1e3 * cornering.tyre.width, 3)} mm wide, "
+        f"r₀ = {cornering.law.memory_text} mm; "
+        f"shear stiffness of the tread {theme.format_decimal(b.stiffness / 1e6, 3)} MPa/m.  Carcass rigid."
     )
 
 
 def _legend_handles(cornering, colours) -> tuple[list, list]:
-    """What colours and marks mean; what dashes mean."""
+    """Legends of colours and markers, and of dashes."""
     loads = [
         Line2D([], [], color=c, lw=1.8, label=f"{theme.format_decimal(load / 1e3)} kN")
         for c, load in zip(colours, cornering.loads, strict=True)
@@ -65,14 +66,14 @@ def _legend_handles(cornering, colours) -> tuple[list, list]:
 
 
 def _describe_peak(peak) -> str:
-    """What a highest point is, in words."""
+    """Whether a highest point is a maximum or at an end of the curve, in words."""
     if peak.first and peak.last:
         return "the only angle"
     return "highest, already falling" if peak.first else "highest, still rising" if peak.last else "maximum"
 
 
 def _peak_marker(edge: bool) -> dict:
-    """A maximum, or the highest point at an end of a curve."""
+    """Marker of a maximum (filled), or of a highest point at an end of the curve (hollow)."""
     face = "white" if edge else theme.SPOT_COLOUR
     return {
         "marker": "v",
@@ -103,7 +104,7 @@ def _draw_angles(ax, cornering, model: str, colours) -> None:
 
 
 def _draw_maxima(ax, cornering, model: str, colours) -> None:
-    """Highest side force over load, relative to that at the lowest load, where there is one inside the angles."""
+    """Maximum side force over load, relative to the lowest load, where it is inside the range of angles."""
     kN = cornering.loads / 1e3
     if not cornering.has_inner_peaks(model):
         words = (
@@ -112,9 +113,7 @@ def _draw_maxima(ax, cornering, model: str, colours) -> None:
             else "no maximum"
         )
         ax.annotate(words, (0.5, 0.5), xycoords="axes fraction", ha="center", va="center", color=theme.SPOT_COLOUR)
-        if not any(
-            cornering.has_inner_peaks(model, n) for n in (*CONTROL_COLOURS, "law")
-        ):  # no range is made up for nothing
+        if not any(cornering.has_inner_peaks(model, n) for n in (*CONTROL_COLOURS, "law")):  # nothing to draw: no axes
             ax.set_axis_off()
             return
     for name in (n for n in (*CONTROL_COLOURS, "law") if cornering.has_inner_peaks(model, n)):

@@ -30,14 +30,14 @@ def rmse_pairs(verdict) -> list[tuple[str, float, float]]:
     """(label, base, extended) of the root mean square differences (K) that are known for both models."""
     if verdict.base is None or verdict.extended is None:
         return []
-    found = [(words, getattr(verdict.base, key), getattr(verdict.extended, key)) for key, words in RMSE_LABELS]
-    return [f for f in found if np.isfinite(f[1]) and np.isfinite(f[2]) and min(f[1:]) > 0]
+    pairs = [(words, getattr(verdict.base, key), getattr(verdict.extended, key)) for key, words in RMSE_LABELS]
+    return [f for f in pairs if np.isfinite(f[1]) and np.isfinite(f[2]) and min(f[1:]) > 0]
 
 
 def parameter_shifts(verdict) -> list[tuple[str, float, float]]:
     """(name, change, standard error) of the free parameters, in % of the base value, largest change first."""
-    found = [(n, 100 * (a - b) / abs(b), 100 * s / abs(b)) for n, b, a, s in verdict.shifts if b]
-    return sorted(found, key=lambda f: -abs(f[1]))[:MAX_SHIFTS_DRAWN]
+    shifts = [(n, 100 * (a - b) / abs(b), 100 * s / abs(b)) for n, b, a, s in verdict.shifts if b]
+    return sorted(shifts, key=lambda f: -abs(f[1]))[:MAX_SHIFTS_DRAWN]
 
 
 def has_changes(verdict) -> bool:
@@ -98,10 +98,10 @@ def _log_ticks(low: float, high: float) -> list[float]:
     """
     powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     for digits in ((1, 1.5, 2, 3, 4, 5, 7), (1, 2, 3, 5), (1, 2, 5), (1, 3), (1,)):
-        found = [v for p in powers for d in digits if low <= (v := float(f"{d}e{p}")) <= high]
-        if all(b > a * (high / low) ** TICK_ROOM_FRACTION for a, b in itertools.pairwise(found)):
+        ticks = [v for p in powers for d in digits if low <= (v := float(f"{d}e{p}")) <= high]
+        if all(b > a * (high / low) ** TICK_ROOM_FRACTION for a, b in itertools.pairwise(ticks)):
             break
-    return found
+    return ticks
 
 
 def _draw_shifts(ax, values: list) -> None:

@@ -13,7 +13,7 @@ SEPARABLE_COLOUR, MIN_SEPARABLE_SIGMA = "#1FA37A", 5.0
 
 @theme.styled
 def draw(report) -> Figure:
-    """Matrix of correlations, and bars of the signal-to-noise ratio that remains beside all other effects."""
+    """Matrix of correlations, and bars of the signal-to-noise ratio orthogonal to all other effects."""
     prospects = [p for p in report.prospects if p.z > 0.1][:MAX_EFFECTS_DRAWN]
     names = [p.effect for p in prospects]
     at = [report.separability.names.index(n) for n in names]
@@ -36,7 +36,7 @@ def draw(report) -> Figure:
     right.set_xlim(0.1, 2.0 * max([*z, MIN_SEPARABLE_SIGMA]))
     right.set_ylim(len(names) - 0.5, -0.5)
     right.set_yticks([])
-    right.set_title("signal beside all other effects (sigma)")
+    right.set_title("remaining signal-to-noise ratio (sigma)")
     right.set_xlabel("typical strength; distinguishable from 5")
     return fig
 

@@ -187,7 +187,7 @@ def test_a_campaign_states_how_well_its_inputs_are_known(made, tmp_path):
         ('{ "numerics.mesh" = 0.02 }', "is no number of this case"),
         ('{ "contact.spot_fraction" = 0.02 }', "is free; say there how well it is known"),
         ('{ "ambient.temperature" = 0.02 }', 'give it with its unit, "0.5 K"'),
-        ('{ "contact.pressure" = "0.3 K" }', "no quantity in Pa"),
+        ('{ "contact.pressure" = "0.3 K" }', "not a quantity in Pa"),
         ('{ "contact.pressure" = "well" }', "give a relative standard deviation"),
         ('{ "contact.pressure" = true }', "give a relative standard deviation"),
         ('{ "contact.pressure" = 0 }', "above 0"),

@@ -45,8 +45,10 @@ def compare_kinds(repeat: int, given: dict) -> list[ErrorRow]:
             spent, runs[kind] = time_case(case)
             times[kind].append(spent)
     return [
-        ErrorRow(f"{kind}, {run.statistics['steps']} steps", run.mesh.n_cells, 100.0 * run.summary["energy_imbalance"], LOST,
-            statistics.median(times[kind][1:]))
+        ErrorRow(
+            f"{kind}, {run.statistics['steps']} steps", run.mesh.n_cells, 100.0 * run.summary["energy_imbalance"], LOST,
+            statistics.median(times[kind][1:]),
+        )
         for kind, run in runs.items()
     ]  # fmt: skip
 

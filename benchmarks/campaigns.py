@@ -145,7 +145,7 @@ def signal_to_noise(verdict: Any, hidden: dict[str, dict[str, float]]) -> dict[s
 def run_campaigns(
     folder: Path, results: Path, pattern: str, engine: str, processes: int, limit: int, store: Path | None = None
 ) -> None:
-    """Append one line to `results` for every campaign that it does not hold yet."""
+    """Append one line to `results` for every campaign that is not in it yet."""
     done = {r["name"] for r in read_records(results, engine)} if results.exists() else set()
     found = sorted(p.parent.parent for p in folder.glob("*/campaign/campaign.toml"))
     waiting = [p for p in found if p.name not in done and fnmatch(p.name, pattern)]
@@ -158,7 +158,7 @@ def run_campaigns(
 
 
 def run_in_child(folder: Path, engine: str, limit: int, store: Path | None = None) -> Record:
-    """Record of one campaign: truth and verdict, `timeout` beyond the limit, `failed` where the process broke."""
+    """Record of one campaign: truth and verdict; `timeout` beyond the limit, `failed` if the process failed."""
     began = time.perf_counter()
     with tempfile.TemporaryDirectory() as scratch:
         out, log = Path(scratch, "record.json"), Path(scratch, "log.txt")
@@ -182,7 +182,7 @@ def run_in_child(folder: Path, engine: str, limit: int, store: Path | None = Non
 
 
 def read_records(file: Path, engine: str | None = None) -> list[Record]:
-    """Records of a file.  Exits where they, or the engine that is to add to them, are of different engines."""
+    """Records of a file.  Exits if they are of different engines, or of another engine than the one to be run."""
     records = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines() if line.strip()]
     engines = {r["engine"] for r in records} | ({engine} if engine else set())
     if len(engines) > 1:
@@ -230,12 +230,12 @@ def classify(r: Record) -> str:
 
 
 def hidden_effects(r: Record) -> dict[str, tuple[str, ...]]:
-    """Hidden effects and mistakes of the set-up, each with the names that it may go by."""
+    """Hidden effects and mistakes of the set-up, each with the names under which a verdict may report it."""
     return {name: (name,) for name in r["hidden"]} | {name: EXPECTED[name] for name in r["setup"] if name in EXPECTED}
 
 
 def is_true(name: str, true: list[tuple[str, ...]]) -> bool:
-    """Whether a name, or its last part (`sidewall.emissivity`), is among the names that a truth goes by."""
+    """Whether a name, or its last part (`sidewall.emissivity`), is one of the accepted names of a truth."""
     return any(name in names or name.rpartition(".")[2] in names for names in true)
 
 
@@ -251,7 +251,7 @@ def label(r: Record) -> str:
 
 
 def source(r: Record) -> str:
-    """Where a campaign comes from, by the first word of its name: realistic, ideal, twin, setup, camera."""
+    """The source of a campaign, by the first word of its name: realistic, ideal, twin, setup, camera."""
     return str(r["name"]).partition("_")[0]
 
 

@@ -1,11 +1,11 @@
-"""What every criterion of discovery does to its verdicts: replays stored evidence with it at half and at double.
+"""Influence of every criterion on the verdicts of discovery: replays stored evidence at half and double its value.
 
     python benchmarks/campaigns.py run FOLDER RESULTS.jsonl --store STORE
     python benchmarks/criteria_replay.py STORE [STORE ...] --out benchmarks/results/criteria_replay.json
 
-The choice of causes among the stored full fits and `decide` are those of the engine; nothing is simulated.  A fit that
-a criterion would have asked for and that was not made cannot be replayed: such campaigns are counted as `not_fitted`,
-and their verdict is that of the fits that are known.  At the present values a replay must give the stored verdict.
+The selection among the stored full fits and `decide` are those of the engine; nothing is simulated.  If a criterion
+requires a fit that was not made, the campaign is counted as `not_fitted`, and its verdict is that of the stored fits.
+At the present values a replay must give the stored verdict.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def select_stored(stored: StoredSearch) -> tuple[Any, set[Names], set[Names]]:
     for _ in range(int(CRITERIA.max_causes)):
         ranked = _ranking(stored, search.best)
         if ranked is None:
-            break  # nobody extended what is accepted now: what is beside it is not known
+            break  # the stored search did not extend this model, so its other candidates are unknown
         for names in _wanted_fits(search, ranked, stored):
             asked.add(names)
             if names in stored.fits:
@@ -102,7 +102,7 @@ def select_stored(stored: StoredSearch) -> tuple[Any, set[Names], set[Names]]:
 
 
 def _ranking(stored: StoredSearch, best: Any) -> Sequence[Any] | None:
-    """Scores beside a model, if they were made: a ranking lacks the effects of the model beside which it was made."""
+    """Scores at a model, if they are stored: a ranking lacks the effects of the model for which it was made."""
     everything = {s.effect for s in stored.rankings[0]} if stored.rankings else set()
     for ranked in stored.rankings:
         if everything - {s.effect for s in ranked} == set(best.model.effects):
@@ -111,7 +111,7 @@ def _ranking(stored: StoredSearch, best: Any) -> Sequence[Any] | None:
 
 
 def _wanted_fits(search: Any, ranked: Sequence[Any], stored: StoredSearch) -> Iterator[Names]:
-    """Effects of the models that are fitted in full beside the best one."""
+    """Effects of the models that are fitted in full as extensions of the best one."""
     own = frozenset(search.best.model.effects)
     yield from (own | {s.effect} for s in forward_selection.shortlist_candidates(ranked))
     if not own and stored.pair is not None:
@@ -122,7 +122,7 @@ def _wanted_fits(search: Any, ranked: Sequence[Any], stored: StoredSearch) -> It
 def _verdict(
     stored: StoredSearch, search: Any, final: StoredFit, is_hint: bool, law_excess: tuple[float, float] | None = None
 ) -> Record:
-    """What campaigns.py takes of a verdict: kind, effects, inputs and group, as `engine.judge` and `describe` say."""
+    """Kind, effects, inputs and group, as `engine.judge_search` and `campaigns.describe_verdict` give them."""
     change = None
     if final.model.effects and final.size is not None:
         mesh_error = CRITERIA.mesh_error_left * final.size.mesh_error_K
@@ -150,13 +150,13 @@ def _verdict(
 
 
 def _assessment(fit: StoredFit) -> Any:
-    """Data left out, as `engine.ModelAssessment` has them."""
+    """Left-out data, as in `assessment.ModelAssessment`."""
     return SimpleNamespace(left_out=SimpleNamespace(density=np.array(fit.heldout), is_held_out=fit.is_held_out))
 
 
 @contextmanager
 def _stored_answers(stored: StoredSearch) -> Iterator[None]:
-    """Functions of the engine that need data and sensitivities, with their stored answers."""
+    """Replace functions of the engine that need data and sensitivities by their stored results."""
 
     def probabilities(problem: Any, fit: StoredFit, effect: str, every: bool = False) -> list[Any]:
         return [SimpleNamespace(probability=p) for p in fit.probabilities[effect][int(every)]]
@@ -175,7 +175,11 @@ def _stored_answers(stored: StoredSearch) -> Iterator[None]:
     with ExitStack() as stack:
         for module, name, answer in (
             (engine, "run_adequacy_tests", adequacy_tests),
-            (adequacy_module, "estimate_effect_by_condition", lambda p, fit, e, every: probabilities(p, fit.fit, e, every)),
+            (
+                adequacy_module,
+                "estimate_effect_by_condition",
+                lambda p, fit, e, every: probabilities(p, fit.fit, e, every),
+            ),
             (adequacy_module, "unnamed_heat_evidence", lambda problem, fit: fit.value("heat")),
             (adequacy_module, "pressure_mode_chi2", lambda fit: fit.value("pressure")),
             (adequacy_module, "normalised_deviations", _deviations),
@@ -191,7 +195,7 @@ def _stored_answers(stored: StoredSearch) -> Iterator[None]:
 
 
 def _for_adequacy(fit: StoredFit) -> Any:
-    """A fit as `adequacy_tests` asks it."""
+    """A stored fit with what `run_adequacy_tests` needs."""
 
     def value(name: str) -> float:
         return next(v for test, v in fit.adequacy.items() if test.startswith(name))
@@ -218,7 +222,7 @@ def changed_values(name: str) -> dict[str, float]:
 
 
 def replay_criterion(name: str, searches: Sequence[StoredSearch], default: Sequence[ReplayedVerdict]) -> Record:
-    """What one criterion changes at half and at double its value.
+    """Changes of verdicts by one criterion at half and double its value.
 
     For each side the changes of the numbers of outcomes, and in `moved` every change of a verdict; `fits` that would
     be added and dropped; campaigns `not_fitted` in which a fit is asked for that nobody made, `law_not_tried` in which
@@ -260,7 +264,7 @@ def count_outcomes(found: Iterable[ReplayedVerdict]) -> Counter[str]:
 
 
 def replay_all(searches: Sequence[StoredSearch]) -> Record:
-    """{criterion: what it changes}."""
+    """{criterion: its record of changes}."""
     default = [replay(s) for s in searches]
     return {f.name: replay_criterion(f.name, searches, default) for f in fields(Criteria)}
 

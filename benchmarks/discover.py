@@ -180,14 +180,14 @@ def time_counting() -> float:
 
 
 def _other_candidates(hidden: list[str]) -> tuple[str, ...]:
-    """The catalogue as if what is hidden were not in it."""
+    """The catalogue without the hidden effects."""
     from flashtemp.physics.effect import catalogue
 
     return tuple(n for n, e in catalogue().items() if e.candidate and not e.alike and n not in hidden)
 
 
 def _record_verdict(verdict, search, truth: dict) -> dict:
-    """Numbers that the tables need."""
+    """The numbers of a verdict for the tables."""
     from flashtemp.physics.effect import find_effect
 
     z = {}
@@ -220,7 +220,7 @@ def _record_verdict(verdict, search, truth: dict) -> dict:
 
 
 def run(first: int, last: int, file: Path, processes: int = 2, mode: str = "") -> None:
-    """All seeds first..last-1 that the file does not hold yet."""
+    """Run all seeds first..last-1 that are not in the file yet."""
     from concurrent.futures import ProcessPoolExecutor, as_completed
 
     done = {json.loads(line)["seed"] for line in file.read_text().splitlines()} if file.exists() else set()

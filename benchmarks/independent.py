@@ -78,8 +78,9 @@ def draw_programme(seed: int):
 
     length, height = draw_within(0.012, 0.05), draw_within(0.005, 0.015)
     pair = Pair(
-        length=length, height=height, width=draw_within(0.03, 0.09), diameter=draw_within(1.5e-3, 5e-3), k=draw_within(0.2, 0.45),
-        rc=1700.0 * draw_within(1050.0, 1250.0), road_k=draw_within(0.8, 2.5), road_rc=950.0 * draw_within(1900.0, 2600.0),
+        length=length, height=height, width=draw_within(0.03, 0.09), diameter=draw_within(1.5e-3, 5e-3),
+        k=draw_within(0.2, 0.45), rc=1700.0 * draw_within(1050.0, 1250.0), road_k=draw_within(0.8, 2.5),
+        road_rc=950.0 * draw_within(1900.0, 2600.0),
     )  # fmt: skip
     pressure, speed = draw_within(0.6e5, 3e5), draw_within(0.05, 0.3)
     conditions = [(pressure, speed), (pressure * draw_within(0.4, 1.0, 2), speed * draw_within(1.5, 4.0, 2))]
@@ -88,11 +89,13 @@ def draw_programme(seed: int):
     beads = [(rng.uniform(0.1, 0.9), rng.uniform(0.1, 0.6)) for _ in range(rng.integers(2, 6))]
     taken = np.linspace(draw_within(0.15, 0.3), 0.9, int(rng.integers(2, 6)))
     return Programme(
-        distance=max(draw_within(0.3, 1.0), 12.0 * length), repetitions=int(rng.integers(1, 5)), wait=draw_within(3.0, 20.0),
+        distance=max(draw_within(0.3, 1.0), 12.0 * length), repetitions=int(rng.integers(1, 5)),
+        wait=draw_within(3.0, 20.0),
         columns=int(np.clip(round(length / 2.5e-4), 60, 140)), convection=draw_within(6.0, 25.0, 2),
         conditions=tuple(conditions), pair=pair, mu=draw_within(0.5, 1.3, 2), fraction=draw_within(0.08, 0.4, 2),
         netd=draw_within(0.03, 0.1, 2), taken=tuple(taken),
-        pitch={"sidewall": draw_within(1.5e-4, 5e-4, 2), "wake": draw_within(3e-4, 1e-3, 2)}, behind=draw_within(0.015, 0.05, 2),
+        pitch={"sidewall": draw_within(1.5e-4, 5e-4, 2), "wake": draw_within(3e-4, 1e-3, 2)},
+        behind=draw_within(0.015, 0.05, 2),
         beads=tuple(beads) if rng.uniform() < 0.5 else (), lag=draw_within(0.1, 1.0, 2),
     )  # fmt: skip
 

@@ -1,11 +1,11 @@
-"""Null controls of learned laws: how often would one be learned where there is nothing to learn?
+"""Null controls of learned laws: how often is a law learned from data without one?
 
     python benchmarks/learned_laws.py 7000 7010 nulls.jsonl    one campaign per seed; those in the file are skipped
     python benchmarks/learned_laws.py table nulls.jsonl
 
 Every seed is a campaign of the independent laboratory in tests/truth, all its errors at their usual size and nothing
-hidden.  Its laws are scored by their traces although no verdict asks for one: `best` is what the campaign itself gives.
-`beyond` counts draws of noise and of all nuisances, on the same traces, whose best law would be fitted in full.
+hidden.  Its laws are scored by their sensitivities although no verdict requires one: `best` is the best law of the
+campaign itself.  `beyond` counts draws of noise and all nuisances whose best law would be fitted in full.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 DRAWS = 10_000  # of noise and nuisances on the traces of one campaign
-TRIED = ("pressure_tilt",)  # the catalogue is not asked
+TRIED = ("pressure_tilt",)  # in place of the whole catalogue
 
 
 @dataclass(frozen=True)
 class LawSignatures:
-    """What nuisances leave of the traces of laws: `information` (k, k), and of every law the columns and its size."""
+    """Projected sensitivities of laws: `information` (k, k), and the columns and typical size of every law."""
 
     information: np.ndarray
     laws: tuple[tuple[np.ndarray, float], ...]
@@ -53,7 +53,7 @@ class LawSignatures:
 
 
 def law_signatures(calibrated, laws) -> LawSignatures:
-    """Of all laws at the calibrated base."""
+    """The projected sensitivities of all laws at the calibrated base."""
     from flashtemp.discovery import law_identification
     from flashtemp.discovery.parameters import ParameterId
 
@@ -72,7 +72,7 @@ def law_signatures(calibrated, laws) -> LawSignatures:
 
 
 def run_seed(seed: int) -> dict:
-    """A null: the best law by its traces, and how many draws of noise would have had one."""
+    """A null campaign: its best law by sensitivities, and how many draws of noise give a law."""
     from truth import laboratory
 
     from flashtemp.comparison import campaign

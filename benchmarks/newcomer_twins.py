@@ -91,7 +91,8 @@ def limit_cpu(seconds: int) -> None:
 def describe(record: Row, like: str) -> Row:
     """Outcome, verdict, names, z of the hidden effect and CPU seconds on the reference core.
 
-    The outcome is one of campaigns.py, or `is_alike`: the effect is not tried, and the one that looks `like` it is named.
+    The outcome is one of campaigns.py, or `is_alike`: the effect is not tried, and the one that resembles it (`like`)
+    is named instead.
     """
     named, outcome = [*record.get("effects", []), *record.get("inputs", [])], classify(record)
     z = [round(v, 1) for v in record.get("z", {}).values()]

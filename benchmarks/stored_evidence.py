@@ -1,8 +1,8 @@
 """Evidence of a finished discovery, stored so that its verdict can be decided again with other criteria.
 
-A file holds, for every full fit of the search, the numbers that the choice of causes and `decide` compare: a few
-kilobytes per campaign in place of 100 MB of sensitivities.  What a criterion would have asked for and nobody simulated
-is not in it; `criteria_replay.py` counts that.
+A file has, for every full fit of the search, the numbers that the selection of effects and `decide` compare: a few
+kilobytes for each campaign in place of 100 MB of sensitivities.  Fits that another criterion would require but that
+were not made are not in it; `criteria_replay.py` counts them.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def criteria_changed(**values: float) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class StoredModel:
-    """Names of the effects of a model, as the keys of `effect_priors`."""
+    """Names of the effects of a model, as the keys of `effects`."""
 
     effects: dict[str, None]
 
@@ -73,7 +73,7 @@ class StoredScore:
 
 @dataclass(frozen=True)
 class StoredPair:
-    """The best pair at the calibrated base, as `scores.Pair` has it."""
+    """The best pair at the calibrated base, as in `scores.EffectPair`."""
 
     ln_bayes: float
     more: float
@@ -94,7 +94,7 @@ class StoredSetup:
 
 @dataclass(frozen=True)
 class StoredFit:
-    """What selection and verdict compare of a `Fit`, under the same names where they ask the fit itself.
+    """The numbers of a `LinearisedFit` that selection and verdict compare, under the same names.
 
     `largest` {free parameters: ln evidence with the model's own error as large as it may be}; `probabilities` of the
     scatter between conditions {effect: of fitted, of all data}; `adequacy` {test: value}; `misfits` (chi2, count) of
@@ -166,8 +166,8 @@ class StoredSearch:
 # --- recording --------------------------------------------------------------------------------------------------
 @dataclass
 class Recorder:
-    """Calls of a running discovery whose answers cannot be had from its search: simulations of stated inputs, the
-    identification of a law, and recordings against the first predictions."""
+    """Results of a running discovery that its search does not contain: checks of stated inputs, the identification of a
+    law, and recordings against the first predictions."""
 
     systems: list[tuple[EffectSearch, LinearSystem]] = field(default_factory=list)
     searches: list[EffectSearch] = field(default_factory=list)
@@ -296,7 +296,7 @@ def store_fit(search: EffectSearch, fit: LinearisedFit, with_inputs: LinearSyste
 
 
 def _with_whole_mesh_error(size: EffectSize) -> EffectSize:
-    """Without the criterion that says how much of the error of the mesh is left."""
+    """The size with the whole mesh error, without the criterion `mesh_error_left`."""
     return replace(size, mesh_error_K=size.mesh_error_K / CRITERIA.mesh_error_left)
 
 

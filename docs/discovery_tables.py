@@ -31,25 +31,25 @@ KINDS = {"null": "nothing", "single": "one effect", "pair": "two effects", "outs
 
 def criteria_table() -> str:
     """Every criterion with value, unit, meaning and reason."""
-    from flashtemp.discovery.criteria import table
+    from flashtemp.discovery.criteria import list_criteria
 
     rows = (
         [f"`{name}`", f"**{value:g}{'' if unit == '1' else f' {unit}'}** {meaning}", reason]
-        for name, value, unit, meaning, reason in table()
+        for name, value, unit, meaning, reason in list_criteria()
     )
     return markdown(("criterion", "value and meaning", "reason"), rows)
 
 
 def replay_table() -> str:
     """What half and double of each criterion change, by the report of benchmarks/criteria_replay.py."""
-    from flashtemp.discovery.criteria import table
+    from flashtemp.discovery.criteria import list_criteria
 
     if not REPLAY.exists():
         return "No replay is stored yet.\n"
     report: Mapping[str, Any] = json.loads(REPLAY.read_text(encoding="utf-8"))
     rows = (
         [f"`{name}`", str(row["campaigns"]), row["decides"], changes(row, "half"), changes(row, "double")]
-        for name, *_ in table()
+        for name, *_ in list_criteria()
         if (row := report.get(name))
     )
     return markdown(("criterion", "campaigns", "decides", "at half", "at double"), rows)

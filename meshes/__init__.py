@@ -1,4 +1,4 @@
-"""Geometries: one per file, each a function of dimensions that returns a Mesh; installed as flashtemp.meshes."""
+"""Mesh generators: one geometry per file, a function of its dimensions that returns a `Mesh`; also flashtemp.meshes."""
 
 if __name__ != "flashtemp.meshes":
     raise ImportError("import flashtemp.meshes, not meshes: a second copy breaks isinstance")

@@ -1,4 +1,4 @@
-"""A rectangular block on a half-space of road that moves past below it, in 2D (x, z) or with cells across in 3D."""
+"""Mesh of a rectangular block on a road that moves past below it, in 2D (x, z) or in 3D with cells across."""
 
 from __future__ import annotations
 
@@ -30,16 +30,19 @@ def build(
     even: bool = False,
     layers: tuple[tuple[float, int | None], ...] = (),
 ) -> Mesh:
-    """Block of `length` x `height` on road of `depth`; all lengths in m.
+    """Mesh of a block of `length` x `height` on a road of `depth`; all lengths in m.
 
-    `cells` = along the block, up the block, down the road; `first_*` the cell sizes at the leading
-    edge and at the interface, `last_x` at the trailing edge; `upstream` and `downstream` the road
-    shown before and behind the block, with cells growing by `behind` from one to the next; `above` cells
-    more are spread evenly up the block; `refine` multiplies the cells on the same map, of every
-    direction or along, up and down.  `across` cells over the `width`, the first at both walls of `first_y`, all
-    refined by `refine_y`; one stays one.  `both`: every edge may lead, so that the mesh is its own mirror image.
-    `even`: lines of one length, and half as many before the block as under it.  `layers`: thickness of each from the
-    face upwards, together `height`, and how many cells it has, None for as many as the block's grading puts there.
+    - `cells`: numbers of cells along the block, up the block and down the road.
+    - `first_x`, `first_block`, `first_road`: cell sizes at the leading edge and on both sides of the interface;
+      `last_x`: at the trailing edge.
+    - `upstream`, `downstream`: length of the road before and behind the block; its cells grow by the factor `behind`.
+    - `above`: additional cells, spread evenly up the block.
+    - `refine`: factor on the numbers of cells, one for all directions or one each for along, up and down.
+    - `across`: cells over the `width`, with the size `first_y` at both walls and refined by `refine_y` unless 1.
+    - `both`: either edge may lead, so the mesh is its own mirror image.
+    - `even`: lines of one length, at least half as many before the block as under it.
+    - `layers`: (thickness, cells) of each layer from the face upwards, together `height`; cells may be None for as many
+      as the grading of the block puts there.
 
     >>> print(build(0.025, 0.007, 0.01, cells=(10, 8, 6)))
     Mesh 140 cells in 10 depth lines
@@ -67,7 +70,7 @@ def build(
 
 
 def _across(width: float, cells: int, first: float | None, refine: float) -> np.ndarray:
-    """Edges in m from the centre line: even, or fine at both side walls."""
+    """Edges (m) across, from the centre line: even, or graded towards both side walls."""
     if cells == 1:
         return np.array([-0.5 * width, 0.5 * width])
     if first is None or cells < 4:
@@ -76,10 +79,17 @@ def _across(width: float, cells: int, first: float | None, refine: float) -> np.
 
 
 def _graded(
-    length: float, first_x: float, last_x: float, along: int, finer: float,
-    upstream: float, downstream: float, behind: float, both: bool,
-) -> tuple[np.ndarray, int, int]:  # fmt: skip
-    """Edges of lines that are fine at both edges of the block, and between which of them it stands."""
+    length: float,
+    first_x: float,
+    last_x: float,
+    along: int,
+    finer: float,
+    upstream: float,
+    downstream: float,
+    behind: float,
+    both: bool,
+) -> tuple[np.ndarray, int, int]:
+    """Edges (m) of lines that are graded towards both edges of the block, and the first and last line of the block."""
     if both:
         last_x = first_x = min(first_x, last_x)
         upstream = downstream = max(upstream, downstream)
@@ -100,9 +110,9 @@ def _graded(
 
 
 def _even(length: float, cells: int, upstream: float, downstream: float) -> tuple[np.ndarray, int, int]:
-    """Edges of lines of one length, and between which of them the block stands.
+    """Edges (m) of lines of one length, and the first and last line of the block.
 
-    So many lie before it that the road can pass on by half the block at a time.
+    Half the block's lines lie before it, so that road in its own frame can be shifted by that much at a time.
     """
     dx = length / cells
     first = max(cells // 2 + 1, round(upstream / dx))
@@ -111,5 +121,5 @@ def _even(length: float, cells: int, upstream: float, downstream: float) -> tupl
 
 
 def _cells_for(length: float, first: float, growth: float) -> int:
-    """Cells of a geometric series with the given growth, at least two."""
+    """Number of cells of a geometric series with the given growth factor, at least two."""
     return max(2, round(np.log1p(length * (growth - 1) / first) / np.log(growth)))

@@ -1,4 +1,4 @@
-"""Cell edges that grow geometrically away from where the temperature changes fast."""
+"""Graded cell edges: cells grow geometrically away from places where the temperature changes fast."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-LEAST = 3  # cells of a layer: a parabola up to its edges
+LEAST = 3  # smallest number of cells of a layer, enough for a parabola
 
 
 def _root(of: Callable[[float], float], low: float, high: float) -> float:
@@ -16,18 +16,18 @@ def _root(of: Callable[[float], float], low: float, high: float) -> float:
     return float(brentq(of, low, high))
 
 
-@lru_cache(1024)  # scenes that differ in a law alone have one mesh
+@lru_cache(1024)  # scenes that differ only in a law have the same mesh
 def _rate(first: float, cells: int) -> float:
-    """The rate a of a map expm1(a s)/expm1(a) whose first of so many cells is the share `first` of the length."""
+    """The rate a of the map expm1(a s)/expm1(a) whose first of `cells` cells is the fraction `first` of the length."""
     return _root(lambda a: np.expm1(a / cells) / np.expm1(a) - first, 1e-9, 300.0)
 
 
 def geometric(length: float, first: float, cells: int, refine: float = 1, even: float = 0.0) -> np.ndarray:
     """Edges (n+1,) of a geometric series on [0, length] in m whose first cell is about `first`.
 
-    `even` cells more are spread evenly over the length, so that none is larger than length/even.  `refine` puts
-    refine times as many cells on the same smooth map, so that observed orders of accuracy are clean.  A first
-    cell larger than length/cells gives uniform cells.
+    `even` additional cells are spread evenly over the length, so no cell is larger than length/even.  `refine` puts
+    `refine` times as many cells on the same smooth map, so that observed orders of accuracy are clean.  A `first` above
+    length/cells gives uniform cells.
 
     >>> geometric(1.0, 0.25, 4).tolist()
     [0.0, 0.25, 0.5, 0.75, 1.0]
@@ -50,9 +50,9 @@ def geometric(length: float, first: float, cells: int, refine: float = 1, even: 
 
 
 def _shared(s: np.ndarray, cells: int, rate: float, even: float) -> np.ndarray:
-    """Places (of 1) where as many of the graded and the even cells together lie below as `s` says."""
+    """Positions (fractions of the length) below which the fraction `s` of all cells lies, graded and even together."""
     z, grow = np.zeros_like(s), np.expm1(rate)
-    for _ in range(100):  # Newton from the left of a concave function: never too far
+    for _ in range(100):  # Newton's method from the left of a concave function cannot overshoot
         below = cells * np.log1p(grow * z) / rate + even * z
         step = (s * (cells + even) - below) / (cells * grow / rate / (1.0 + grow * z) + even)
         z = z + step
@@ -64,10 +64,10 @@ def _shared(s: np.ndarray, cells: int, rate: float, even: float) -> np.ndarray:
 def layered(
     layers: Sequence[tuple[float, int | None]], first: float, cells: int, refine: float = 1, even: float = 0.0
 ) -> tuple[np.ndarray, tuple[int, ...]]:
-    """Edges (n+1,) m up a stack of `layers` with an edge at every joint, and the cells with which layers begin.
+    """Edges (n+1,) m up a stack of `layers` with an edge at every joint, and the first cells of the upper layers.
 
-    The smooth map of `geometric` over the whole stack; each layer (thickness in m, cells) has as many even steps along
-    its stretch of the map as it asks for, or where that is None as the map puts there, at least LEAST.
+    The map is that of `geometric` over the whole stack.  Each layer (thickness in m, cells) divides its part of the map
+    into that many even steps; if cells is None, into as many as the map puts there, and at least `LEAST`.
 
     >>> edges, joints = layered([(0.25, None), (0.75, 6)], 1.0, 16)
     >>> edges[:5].tolist(), joints, len(edges)
@@ -81,10 +81,10 @@ def layered(
         return (cells * np.log1p(np.expm1(rate) * z) / rate + even * z) / (cells + even) if grown else z
 
     out, joints = [np.zeros(1)], [0]
-    for (_, asked), low, high in zip(layers, ends[:-1], ends[1:], strict=True):
+    for (_, n_stated), low, high in zip(layers, ends[:-1], ends[1:], strict=True):
         s = below(np.array([low, high]) / length)
         usual = max(LEAST, round((cells + even) * float(s[1] - s[0])))
-        n = max(LEAST, round((asked or usual) * refine))
+        n = max(LEAST, round((n_stated or usual) * refine))
         inner = np.linspace(*s, n + 1)[1:]
         z = length * (_shared(inner, cells, rate, even) if grown else inner)
         z[-1] = high
@@ -94,13 +94,13 @@ def layered(
 
 
 def two_sided(length: float, first: float, last: float, cells: int, refine: float = 1) -> np.ndarray:
-    """Edges on [0, length] in m, fine at both ends and coarsest where the two series meet.
+    """Edges on [0, length] in m with cells of about `first` and `last` at the ends, coarsest where two series meet.
 
     >>> e = two_sided(1.0, 0.05, 0.1, 12)
     >>> bool(e[1] < 0.06), bool(abs(e[-1] - e[-2] - 0.1) < 0.02), len(e)
     (True, True, 13)
     """
-    # a much finer leading end needs more of the cells
+    # a leading end that is much finer than the trailing end needs more of the cells
     lead = max(1, round(cells * (0.62 if first < 0.2 * last else 0.5)))
     trail = max(1, cells - lead)
 
@@ -112,7 +112,7 @@ def two_sided(length: float, first: float, last: float, cells: int, refine: floa
 
 @lru_cache(1024)
 def _meeting(length: float, first: float, last: float, lead: int, trail: int) -> float:
-    """Where two series from both ends reach the same cell size, so that the map stays smooth; m."""
+    """Position (m) at which the two series have the same cell size, so that the map is smooth there."""
 
     def jump(split: float) -> float:
         a = geometric(split, first, lead)

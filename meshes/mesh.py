@@ -1,9 +1,9 @@
-"""Frozen geometry: depth lines of finite volumes through road and block.
+"""The mesh: finite volumes of road and block, ordered by depth lines (theory.md, section 8).
 
-One line runs from deep in the road up to its surface and, where the block stands, on through the
-interface to the holder.  All cells of a line are neighbours in memory, so that a line solve is one
-pass; lines are ordered in the direction of sliding, so that a sweep follows the road.  Across the
-direction of sliding all planes (x, z) are alike: cell c of plane j has the number c n_across + j.
+A depth line runs from deep in the road up to its surface and, under the block, on through the interface to the holder.
+Cells of a line are contiguous in memory, so a line solve is one pass; lines are ordered in the direction in which the
+road moves, so a sweep follows the road.  All planes (x, z) across y have the same cells: cell c of plane j has the
+number c n_across + j.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ def centres(edges: np.ndarray) -> np.ndarray:
 class Mesh:
     """Cells of road and block on a tensor grid, packed line by line.
 
-    `x` (n_lines+1,) line edges in m, downstream positive, leading edge at 0; `depth` (n_road+1,)
-    road cell edges in m below the surface; `height` (n_block+1,) block cell edges in m above it;
-    `first`, `last`: the block stands on lines first..last-1; `y` (n_across+1,) edges in m across, from the centre
-    line: two in 2D; `joints` block cells of a line, counted from the face, with which another layer begins.
-    What belongs to a plane (`line`, `level`, `block`, `road`, ...) has n_plane cells.  Areas and
-    volumes are per metre of the block's width: summed across they are those of a 2D mesh.
+    `x` (n_lines+1,) are the edges of the lines in m, increasing downstream, with the leading edge at 0; `depth`
+    (n_road+1,) the edges of road cells in m below the surface; `height` (n_block+1,) those of block cells above it.
+    The block covers lines `first` to `last` - 1.  `y` (n_across+1,) are edges in m across from the centre line, two in
+    2D.  `joints` are the block cells of a line, counted from the face, with which another layer begins.  Arrays of one
+    plane (`line`, `level`, `block`, `road`, ...) have n_plane cells.  Areas and volumes are per metre of the block's
+    width: summed across y they are those of a 2D mesh.
 
     >>> from flashtemp.meshes import block_on_road
     >>> m = block_on_road.build(length=0.025, height=0.007, depth=0.01, cells=(8, 6, 5))
@@ -64,7 +64,7 @@ class Mesh:
 
     @property
     def layers(self) -> list[slice]:
-        """Block cells of a line, from the face upwards, by layer: all of them where there is one material."""
+        """Block cells of a line by layer, from the face upwards; one slice for a block of one material."""
         ends = (0, *self.joints, self.n_block)
         return [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
 
@@ -91,7 +91,7 @@ class Mesh:
 
     @cached_property
     def share(self) -> np.ndarray:
-        """Share (n_across,) of the block's width that each plane stands for."""
+        """Fraction (n_across,) of the block's width that each plane stands for."""
         return np.diff(self.y) / (self.y[-1] - self.y[0])
 
     @cached_property
@@ -101,7 +101,7 @@ class Mesh:
 
     @cached_property
     def level(self) -> np.ndarray:
-        """Place (n_plane,) in the line, 0 = deepest road cell, n_road = block surface cell."""
+        """Level (n_plane,) in the line: 0 for the deepest road cell, n_road for the cell at the block's face."""
         return np.arange(self.n_plane) - self.start[self.line]
 
     @cached_property
@@ -150,15 +150,15 @@ class Mesh:
         """Lengths of the lines under the block, m."""
         return np.diff(self.x)[self.first : self.last]
 
-    # --- the other way round ---------------------------------------------------------------------
+    # --- mirror image, for the other direction of sliding ------------------------------------------
     def mirrored(self) -> Mesh:
-        """The same cells with x counted from the block's other edge: `mirror` says which is which."""
+        """The same cells with x counted from the block's other edge; `mirror` maps the cells."""
         n, ends = self.n_lines, self.x[self.first] + self.x[self.last]
         return replace(self, x=ends - self.x[::-1], first=n - self.last, last=n - self.first)
 
     @cached_property
     def mirror(self) -> np.ndarray:
-        """Numbers (n_plane,) here of the cells of the mirrored mesh, in its order."""
+        """Numbers (n_plane,) in this mesh of the cells of the mirrored mesh, in the order of the latter."""
         sizes = np.diff(self.start)[::-1]
         return (
             np.repeat(self.start[:-1][::-1], sizes)
@@ -168,7 +168,7 @@ class Mesh:
 
     # --- all planes ---------------------------------------------------------------------------
     def everywhere(self, cells: np.ndarray) -> np.ndarray:
-        """Numbers (..., n_across) of the cells of all planes at cells (...,) of one plane."""
+        """Numbers (..., n_across) in all planes of the cells (...,) of one plane."""
         return np.asarray(cells)[..., None] * self.n_across + np.arange(self.n_across)
 
     def planes(self, values: np.ndarray) -> np.ndarray:
@@ -186,12 +186,12 @@ class Mesh:
 
     @cached_property
     def column_x(self) -> np.ndarray:
-        """Place (columns,) in m from the leading edge of the columns under the block: line by line, then across."""
+        """x (columns,) in m from the leading edge of the columns under the block: line by line, then across."""
         return np.repeat(self.x_block, self.n_across)
 
     @cached_property
     def column_y(self) -> np.ndarray:
-        """Place (columns,) in m from the centre line of the columns under the block."""
+        """y (columns,) in m from the centre line of the columns under the block."""
         return np.tile(self.y_centre, self.last - self.first)
 
     @cached_property
@@ -203,7 +203,7 @@ class Mesh:
     def patches(self) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Named boundary patches: cells, face areas per metre across (m), half cell widths (m).
 
-        In 2D "block.sides" are both side walls, met by the whole section: a fin.
+        In 2D "block.sides" are both side walls, and every cell of the section has a part of them: a fin.
         """
         top, under = self.block[:, -1], self.block[:, 0]
         free = np.r_[0 : self.first, self.last : self.n_lines]
@@ -225,7 +225,7 @@ class Mesh:
         return out | {"block.sides": self._sides(self.block), "road.sides": self._sides(self.road)}
 
     def _sides(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The two walls at the ends of y of cells of a plane, as a patch."""
+        """The two side walls, as a patch, of `cells` of one plane."""
         cells, n = cells.ravel(), self.n_across
         area = self.volume[cells] / (self.y[-1] - self.y[0])
         if n == 1:
@@ -238,7 +238,7 @@ class Mesh:
         )
 
     def place(self, cell) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """x, y, z in m of the centres of cells (numbers among n_cells)."""
+        """x, y, z in m of the centres of cells by their number."""
         plane, j = np.divmod(cell, self.n_across)
         return self.x_centre[self.line[plane]], self.y_centre[j], self.z_centre[plane]
 

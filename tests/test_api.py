@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import inspect
 import re
 import xml.etree.ElementTree as ET
@@ -12,8 +13,7 @@ import numpy as np
 import pytest
 
 import flashtemp
-from flashtemp.cli.commands import COMMAND_NAMES as COMMAND_NAMES
-from flashtemp.cli.commands import app
+from flashtemp.cli.commands import COMMAND_NAMES, app
 from flashtemp.discovery.verdict import CandidateReport, Cause, ParameterEstimate, Verdict
 from flashtemp.display import MAX_TABLE_ROWS, DisplayMixin, DisplayTable
 from flashtemp.runs.studies.load_dependence import PROCESS_NAMES, LoadDependence, list_subsets
@@ -261,3 +261,29 @@ def test_what_the_docs_show_is_there(lab):
     seen = flashtemp.compare(lab / "twin").recordings[0]
     assert seen.residual.ndim == 3
     assert seen.rmse_K > 0
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("flashtemp.look", "flashtemp.inspect_files"), ("flashtemp.area", "flashtemp.compute_contact_area"),
+        ("flashtemp.viz.field", "flashtemp.viz.run.field"),
+        ("flashtemp.physics.effect.find", "flashtemp.physics.effect.find_effect"),
+        ("flashtemp.Run.last", "flashtemp.Run.last_sliding_index"),
+    ],
+)  # fmt: skip
+def test_a_name_of_an_earlier_release_works_and_warns_once(old, new, monkeypatch):
+    monkeypatch.setattr(flashtemp.errors, "REPORTED_NAMES", set())
+
+    def find(dotted: str):
+        parts, found = dotted.split("."), flashtemp
+        for part in parts[1:]:
+            try:
+                found = getattr(found, part)
+            except AttributeError:
+                found = importlib.import_module(f"{found.__name__}.{part}")
+        return found
+
+    with pytest.warns(FutureWarning, match=r"is now \S*" + new.rpartition(".")[2]):
+        first = find(old)
+    assert first is find(old) is find(new)  # the second time without a warning: warnings are errors here

@@ -130,8 +130,8 @@ def test_a_modulus_at_rest_is_needed():
             "without load",
         ),
         (elastic(1e7), -0.05, LOADS, "work of adhesion >= 0"),
-        (elastic(1e7), 0.05, LOADS[::-1], "rising pressures"),
-        (elastic(1e7), 0.05, [0.0, 1e5], "rising pressures"),
+        (elastic(1e7), 0.05, LOADS[::-1], "increasing pressures"),
+        (elastic(1e7), 0.05, [0.0, 1e5], "increasing pressures"),
     ],
 )
 def test_bad_wishes(theory, work, p, says):

@@ -101,7 +101,7 @@ FAULTS = [
     table("text in a file", "time_s,v\n0,0.1\n1,fast\n", "fast", r"v\.csv:3"),
     table("header only", "time_s,v\n", "v.csv", "rows"),
     table("two decimal signs", "time_s;v\n0;0.1\n2;0,2\n3;0.1\n", "0,2", r"v\.csv:3"),
-    table("empty file", "", "v.csv", "nothing in it"),
+    table("empty file", "", "v.csv", "the file is empty"),
     table("ragged rows", "time_s,v\n0,0.1\n1,0.1,3\n", "3 values", r"v\.csv:3"),
     table("time goes back", "time_s,v\n0,0.1\n2,0.1\n1,0.1\n", "from 2 to 1", "increase"),
     table("negative time", "time_s,v\n-1,0.1\n2,0.1\n", "-1", ">= 0"),

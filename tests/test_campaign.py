@@ -78,7 +78,7 @@ def test_a_campaign_is_read(folder):
         (HEAD + "candidates = 3\n" + VIEW, "give a list of names in quotes"),
         (HEAD + 'free = "friction.mu"\n' + VIEW, "give a list of names in quotes"),
         (HEAD + 'candidates = ["weer"]\n' + VIEW, "did you mean 'wear'"),
-        (HEAD + 'candidates = ["./dust.py"]\n' + VIEW, "a file of your own belongs into the case, its candidates"),
+        (HEAD + 'candidates = ["./dust.py"]\n' + VIEW, "list a file of your own in the candidates of the case"),
         (HEAD + VIEW + '[[recording]]\nfile = "b.nc"\n', "campaign.toml:4: recording: recording 2: file"),
         (
             HEAD + VIEW + VIEW,

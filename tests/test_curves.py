@@ -235,7 +235,7 @@ def test_json_is_all_that_is_printed(tmp_path, capsys, monkeypatch):
     told = json.loads(capsys.readouterr().out)
     assert told["out"] == str(Path("results") / "slope_tester-friction")
     assert told["curves"]["speed_m_s"][0] == pytest.approx(1e-5)
-    assert told["remarks"][0].startswith("friction is the theory's alone")
+    assert told["remarks"][0].startswith("friction is that of the theory alone")
     assert main(["friction", str(SLOPE)]) == 0
     assert (tmp_path / "results" / "slope_tester-friction-2").is_dir()
     text = capsys.readouterr().out

@@ -261,8 +261,7 @@ NAMED = {  # modules that name an effect, and why they must
     "api/friction.py": {"persson_friction", "resolved_spots"},  # explains what a case needs for these studies
     "model/case_template.py": {"friction_softening", "track_memory"},  # examples in the text of a case to begin with
     "api/templates.py": {"edge_pressure"},  # an example in the text of a campaign to begin with
-    "cli/friction.py": {"persson_friction"},  # helps of commands that serve one effect
-    "cli/road.py": {"persson_friction", "resolved_spots"},
+    "cli/friction.py": {"persson_friction", "resolved_spots"},  # helps of commands that serve one effect
     "physics/tables/wanted.py": {"wear"},  # a word in headers of tables of worn depth
     "physics/friction/friction_table.py": {"persson_friction"},  # the table is that effect's
 }

@@ -515,7 +515,7 @@ def test_several_images_in_one_file(load, between):
 def test_blocks_that_could_be_one_image_or_several_are_asked_for(load):
     rows = lines_of(separator=";")
     data = join(*rows[:7], "", *rows[7:])
-    refusal(load, data, "line 8: an empty line parts .* --rows 14 for one, --rows 7 for several")
+    refusal(load, data, "line 8: an empty line splits the rows .* --rows 14 for one, --rows 7 for several")
     assert load(data, rows=14).temperature.shape == (1, 14, 20)
     assert load(data, rows=7).temperature.shape == (2, 7, 20)
 

@@ -391,7 +391,7 @@ def test_files_are_taken_by_the_numbers_in_their_names_as_a_shell_does_not():
         ),
         (["--out", "r.nc", "--fps", "0"], "fps: 0; give"),
         (["--out", "r.nc", "--mm-per-pixel", "-1"], "mm_per_pixel: -1; give"),
-        (["--out", "r.nc", "--mm-per-pixel", "2 s"], "mm_per_pixel: '2 s' is no quantity in mm"),
+        (["--out", "r.nc", "--mm-per-pixel", "2 s"], "mm_per_pixel: '2 s' is not a quantity in mm"),
         (["--out", "r.nc", "--downstream", "up"], "--up left or right"),
         (["--out", "r.nc", "--downstrem", "up"], "--downstrem"),
         (["--out", "r.nc", "--zero", "noon", "--start", "0", "--psf-sigma", "-1"], "psf_sigma_px: -1; give"),

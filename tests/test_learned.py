@@ -170,7 +170,10 @@ def test_a_law_counts_only_where_it_explains_more_than_the_catalogue_does(monkey
     monkeypatch.setattr(law_identification, "_fit_laws", lambda search, likely, watch: [fitted])
     monkeypatch.setattr(law_identification, "_refine_nodes", lambda search, best, watch: best)
     monkeypatch.setattr(law_identification, "_finish_law", lambda search, best, scored, watch: best)
-    base, other = SimpleNamespace(ln_evidence=0.0, is_comparable=True), SimpleNamespace(ln_evidence=known, is_comparable=True)
+    base, other = (
+        SimpleNamespace(ln_evidence=0.0, is_comparable=True),
+        SimpleNamespace(ln_evidence=known, is_comparable=True),
+    )
     problem = SimpleNamespace(case=SimpleNamespace(effects=()))
     search = EffectSearch(problem, None, base, base, {frozenset(): base, frozenset({"side_cooling"}): other})
     assert (law_identification.identify_law(search, lambda text: None) is not None) is goes_on

@@ -95,7 +95,7 @@ def test_the_unit_above_the_table_counts_and_an_unsaid_one_is_told(tmp_path):
     [
         ("Time (s),U1 (mV),U2 (mV)", ("column 2 'U1 (mV)'", "mV", "--unit")),
         ("Time (foo),A,B", ("column 1 'Time (foo)'", "'foo' is not known")),
-        ("Time (m),A,B", ("column 1 'Time (m)'", "turned into s")),
+        ("Time (m),A,B", ("column 1 'Time (m)'", "converted to s")),
         ("Time (s),A (K),B (K)", ("K is no usual temperature", "type of the thermocouple")),
         ("Time (s),A,B\nms,C,C", ("column 1 'Time (s)'", "'s' in the name, 'ms' in the row of units")),
         ("Time (s),A (C),B (C)\ns,F,F", ("column 2 'A (C)'", "'F' in the row of units")),
@@ -280,7 +280,10 @@ def test_zero_is_a_moment_of_the_logger_s_clock(tmp_path, cell, zero, first):
         (["2024-05-31 25:00:00"] * 3, ("'2024-05-31 25:00:00' is a time that does not exist",)),
         (["2024-02-30 12:00:00"] * 3, ("'2024-02-30 12:00:00' is a date that does not exist",)),
         (["01:02", "01:03", "01:04"], ("'01:02' may be hours and minutes or minutes and seconds",)),
-        (["01/02/2024 12:00:00", "02/03/2024 12:00:00", "03/04/2024 12:00:00"], ("either order",)),
+        (
+            ["01/02/2024 12:00:00", "02/03/2024 12:00:00", "03/04/2024 12:00:00"],
+            ("order of day and month is ambiguous",),
+        ),
         (["12:59:59", "1:00:00", "1:00:01"], ("time goes from 12:59:59 to 1:00:00",)),
         (["13:00:00 PM"] * 3, ("no time of 12 hours",)),
         (["12:00:00", "2024-05-31 12:00:01", "12:00:02"], ("not written as the first time",)),
@@ -375,7 +378,7 @@ def test_reading_goes_on_after_what_stands_between(tmp_path, between):
         ("Time;A;B\n0;20,5;30,2\n1;21.5;31,2\n2;22,5;32,2\n", (":3:", "'21.5'")),
         (HEADER, ("no rows of numbers",)),
         ("Datum;20260617\n\nUhrzeit;A;B\n144640;22", ("log.csv",)),
-        ("", ("nothing in it",)),
+        ("", ("the file is empty",)),
         ("PK\x03\x04xl", ("spreadsheet", "CSV")),
         (HEADER + "0,20,30\n1,21\0,31\n", (":3:", "NUL")),
         (HEADER + "0,20,30\n1,21,31\n\x02\x03garb\n", (":4:", "damaged")),
@@ -612,7 +615,7 @@ def test_columns_are_exchanged_where_their_names_are(tmp_path, header):
     [
         ("time_s,time_ms", SPEEDS, "'time_s' and 'time_ms' both say time"),
         ("time_s,temperature", SPEEDS, "says temperature"), ("time_s,force_N", SPEEDS, "'N' is no unit of speed"),
-        ("time (s),speed (rpm)", SPEEDS, "'rpm' is no unit"), ("time,mu (N)", FORCES, "'N' is no unit"),
+        ("time (s),speed (rpm)", SPEEDS, "the unit 'rpm' cannot be converted"), ("time,mu (N)", FORCES, "the unit 'N' cannot be converted"),
         ("mu,cof", FORCES, "both say friction coefficient"), ("time (foo),speed", SPEEDS, "'foo' is not known"),
     ],
 )  # fmt: skip

@@ -165,7 +165,7 @@ def test_listed_and_shown(case, capsys):
 
 # --- files that cannot be used -----------------------------------------------------------------------
 FAULTS = {
-    "two effects": ({"text": DUST + "\n\nclass More(Effect):\n    pass\n"}, r"dust.py:22: holds 2 effects", "file of its own"),
+    "two effects": ({"text": DUST + "\n\nclass More(Effect):\n    pass\n"}, r"dust.py:22: contains 2 effects", "file of its own"),
     "no effect": ({"text": "x = 1\n"}, r"dust.py:1: contains no effect", "derived from Effect"),
     "does not import": ({"text": "\nimport nonsense\n"}, r"dust.py:2: does not run.*nonsense", "import from"),
     "does not run": ({"text": "\n\n1 / 0\n"}, r"dust.py:3: does not run: ZeroDivisionError", "repair"),
@@ -176,7 +176,7 @@ FAULTS = {
     "bounds that none meets": ({"text": DUST.replace("high=4.0", "high=-1.0")}, r"dust.py:15: does not run: ValueError: no number is >= 0 and <= -1", "repair"),
     "name of the catalogue": ({"file": "wear.py", "effects": '["./wear.py"]'}, "wear.py: the catalogue has", "another name"),
     "name of a table": ({"file": "block.py", "effects": '["./block.py"]'}, "'block' is a key of every case", "another name"),
-    "name that is none": ({"file": "My-dust.py", "effects": '["./My-dust.py"]'}, "My-dust.py: the name of the file", "small"),
+    "name that is none": ({"file": "My-dust.py", "effects": '["./My-dust.py"]'}, "My-dust.py: the file names the effect", "lower-case"),
     "unknown quantity": (
         {"text": DUST.replace("friction.mu", "friction.my")},
         r"case.toml:1: effects: effect 'dust' \(.*dust.py:19\): Factor\(\"friction.my\"\)",
@@ -220,7 +220,7 @@ def test_a_law_that_cannot_be_asked_or_answers_no_number_is_told_with_its_line(t
 def test_a_law_that_gives_no_number_is_named(tmp_path, capsys):
     text = DUST.replace("1.0 - p.rate * now.slid)", 'float("nan"))')
     line = line_of(capsys, ["run", str(written(tmp_path, text)), "--out", str(tmp_path / "out")], 1)
-    assert "no number comes from effect dust" in line
+    assert "effect dust returns no number" in line
 
 
 def test_a_film_that_holds_the_section_is_refused_in_2d_alone(tmp_path, capsys):
@@ -231,7 +231,8 @@ def test_a_film_that_holds_the_section_is_refused_in_2d_alone(tmp_path, capsys):
     case = written(tmp_path, law)
     words = ["run", str(case), "schedule.repetitions=2", "schedule.wait=1", "--out"]
     assert main([*words, str(tmp_path / "flat")]) == 2
-    assert "its film on block.sides is inf, which would hold the whole section in 2D" in capsys.readouterr().err
+    said = "its film on block.sides is inf, which would fix the temperature of the whole section in 2D"
+    assert said in capsys.readouterr().err
     assert not (tmp_path / "flat").exists()
     assert main([*words, str(tmp_path / "wide"), "numerics.across=4"]) == 0
 

@@ -185,7 +185,7 @@ def test_the_command_writes_numbers_and_a_picture(written, tmp_path, capsys):
     folder, out = written(planned("{}", views=("profile",))), tmp_path / "out"
     assert main(["plan", str(folder), "--out", str(out), "--workers", "1"]) == 0
     text = capsys.readouterr().out
-    assert "effects can be told from all others" in text
+    assert "effects can be distinguished from all others" in text
     assert sorted(p.name for p in out.iterdir()) == ["plan.json", "separability.png"]
     assert (out / "separability.png").read_bytes().startswith(b"\x89PNG")
     found = json.loads((out / "plan.json").read_text())

@@ -258,7 +258,7 @@ def test_places_may_have_units(tmp_path):
         (0.01, 0.002, 0.5, 1e-3), (0.02, -0.001, 0.1, 2e-4),
     ]  # fmt: skip
     (tmp_path / "places.csv").write_text("name,x,z\na,10 s,0.002\n")
-    with pytest.raises(BadInput, match="thermocouple 1: x: '10 s' is no quantity in m"):
+    with pytest.raises(BadInput, match="thermocouple 1: x: '10 s' is not a quantity in m"):
         flashtemp.import_recording(tmp_path / "log.csv", start=0.0, **told)
 
 
@@ -299,7 +299,7 @@ def test_a_logger_table_that_cannot_be_read_is_told(tmp_path, text, changes, sai
 @pytest.mark.parametrize(
     ("places", "said"),
     [
-        ("", "nothing in it|no text"),
+        ("", "the file is empty|not text"),
         ("x,z\n", "no thermocouple in it"),
         ("x,depth\n0.01,0.002\n", "'depth': unknown column"),
         ("x,z\n0.01\n", "1 values for 2 names"),

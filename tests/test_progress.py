@@ -86,7 +86,7 @@ def test_discovery_says_how_long_it_takes_as_soon_as_it_can(monkeypatch):
     for at, text in (
         (0.0, "simulating the stated model"), (10.0, "simulating coarser meshes"), (30.0, "calibrating the stated model"),
         (35.0, "  evaluation 1"), (60.0, "sensitivities of 8 candidates"), (80.0, "fitting tilt"), (85.0, "judging"),
-        (90.0, "questioning 22 stated inputs"), (90.0, "looking for a law: 20 are scored"), (95.0, "judging"),
+        (90.0, "questioning 22 stated inputs"), (90.0, "identifying a law: 20 are scored"), (95.0, "judging"),
     ):  # fmt: skip
         now[0] = at
         say(text)

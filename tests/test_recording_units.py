@@ -115,7 +115,7 @@ def test_a_unit_that_cannot_be_converted_is_refused(written, tmp_path, name, tex
         ("temperature", {"standard_name": "air_pressure"}, "give the variable that holds temperature"),
         ("time", {"standard_name": "forecast_period"}, "give the variable that holds time"),
         ("temperature", {"units_metadata": "temperature: difference"}, "give temperatures, not differences"),
-        ("v", {"positive": "down"}, "it grows upwards"),
+        ("v", {"positive": "down"}, "it increases upwards"),
         ("temperature", {"valid_range": "all"}, "give two numbers"),
         ("temperature", {"valid_range": [1.0, 2.0, 3.0]}, "give two numbers"),
     ],

@@ -95,8 +95,8 @@ def plain():
 
 
 def test_rises_are_proportional_to_friction_and_pressure(plain):
-    rise = plain.run.T_block[plain.run.last] - plain.run.ambient_degC
-    pressure, mu, air = plain.slopes["T_block"][:, plain.run.last]
+    rise = plain.run.T_block[plain.run.last_sliding_index] - plain.run.ambient_degC
+    pressure, mu, air = plain.slopes["T_block"][:, plain.run.last_sliding_index]
     scale = rise.max()
     np.testing.assert_allclose(mu / scale, 0.05 * rise / scale, atol=2e-4)
     np.testing.assert_allclose(pressure / scale, 0.02 * rise / scale, atol=1e-4)
@@ -107,7 +107,7 @@ def test_linear_shares_of_heat(plain):
     """(0.02 R)^2, (0.05 R)^2 and (0.5 K)^2 for a rise R."""
     name = list(OUTPUT_SPECS).index("T_block_L")
     slopes = plain.slopes["numbers"][:, name]
-    R = float(plain.run.T_block[plain.run.last][-1] - plain.run.ambient_degC)
+    R = float(plain.run.T_block[plain.run.last_sliding_index][-1] - plain.run.ambient_degC)
     expected = np.array([0.02 * R, 0.05 * R, 0.5]) ** 2
     np.testing.assert_allclose(variance_decomposition.linear_shares(slopes), expected / expected.sum(), atol=2e-3)
 
@@ -196,7 +196,7 @@ def test_the_sign_of_friction_over_temperature_is_that_of_the_theory():
         assert sign.change == pytest.approx(np.log(theory(1e-2, 333.15, 1.5e5).mu / theory(1e-2, 293.15, 1.5e5).mu))
         found.append(sign)
     assert found[1].change > found[0].change
-    assert found[1].rises >= found[0].rises
+    assert found[1].rise_probability >= found[0].rises
 
 
 def test_softening_falls_for_sure():
@@ -206,7 +206,7 @@ def test_softening_falls_for_sure():
     assert sign.over == "T"
     assert sign.change == pytest.approx(-0.006 * 40.0, rel=1e-9)
     assert sign.rise_probability < 1e-6
-    assert "the sign holds for 100 %" in str(sign)
+    assert "the sign has a probability of 100 %" in str(sign)
 
 
 def test_a_sign_that_flips_names_the_input():
@@ -219,7 +219,7 @@ def test_a_sign_that_flips_names_the_input():
     assert value == pytest.approx(0.0, abs=1e-5)
     assert away == pytest.approx(-1.0, abs=1e-2)
     assert sign.rise_probability == pytest.approx(0.1587, abs=0.02)
-    assert "flips within what is known of friction_softening.b" in str(sign)
+    assert "the sign reverses within the uncertainty of friction_softening.b" in str(sign)
 
 
 # --- what a case says --------------------------------------------------------------------------------
@@ -271,7 +271,7 @@ def test_bad_requests_are_told_in_one_line(tmp_path, capsys, keys, said):
     assert main(["sensitivity", str(tmp_path), *keys, "--out", str(tmp_path / "out")]) == 2
     err = capsys.readouterr().err.strip()
     assert said in err
-    assert "\n" not in err.replace("1 inputs: runs beside the run\n", "")
+    assert "\n" not in err.replace("1 inputs: derivatives together with the run\n", "")
     assert not (tmp_path / "out").exists()
 
 

@@ -157,12 +157,12 @@ def check_cannot(answer, says: str) -> None:
 
 
 def test_three_values():
-    check_cannot(fit_relaxation(repetitions(8.0, 3)), "cannot say from 3 values; 4 repetitions are the least")
+    check_cannot(fit_relaxation(repetitions(8.0, 3)), "3 values are too few; at least 4 repetitions are needed")
 
 
 def test_no_trend():
     answer = fit_relaxation(noisy(np.random.default_rng(1), 3.0, 12, 0.0027, False, start=FINAL))
-    check_cannot(answer, "no relaxation seen: the change is below the scatter; already reproducible to 0.18 %")
+    check_cannot(answer, "no relaxation detected: the change is below the scatter; already reproducible to 0.18 %")
     assert answer.scatter == pytest.approx(0.0027, rel=0.5)
 
 
@@ -221,7 +221,7 @@ def test_sigma_too_small_widens():
     data = noisy(rng, 3.0, 15, 0.004, True)
     honest = fit_relaxation(data)
     bold = fit_relaxation(MeanRecord(data.begin, data.end, data.value, data.sigma / 10, 1.0))
-    assert "times as much as their sigma says" in str(bold)
+    assert "times as much as their sigma states" in str(bold)
     wide = [a.s_w_interval[1] - a.s_w_interval[0] for a in (bold, honest)]
     assert wide[0] > 0.5 * wide[1]
 
@@ -231,7 +231,7 @@ def test_structured_residuals_are_told():
     n = np.arange(20)
     two = 0.9 - 0.1 * np.exp(-n / 4.0) + 0.05 * np.exp(-n / 1.0) + 1e-5 * np.random.default_rng(0).normal(size=20)
     answer = fit_relaxation(MeanRecord(n, n, two, length=1.0, unit="repetitions"))
-    assert "not one exponential alone" in str(answer)
+    assert "not a single exponential" in str(answer)
     assert "without the first 1 to 3 values s_w = " in str(answer)
     told = sum(
         "not one" in str(fit_relaxation(noisy(np.random.default_rng(k), 4.0, 20, 0.003, False))) for k in range(60)
@@ -267,7 +267,7 @@ def test_pressure_of_a_simulation_relaxes_as_theory_says(result):
     assert answer.final < 0.01
     rms = math.sqrt(((run.pressure[0] / 1.5e5 - 1) ** 2) @ run.mesh.dx_block / run.mesh.dx_block.sum())
     assert answer.start == pytest.approx(rms, rel=2e-3)
-    assert "a simulation does not scatter" in str(answer)
+    assert "a simulation has no scatter" in str(answer)
 
 
 def test_an_elastic_block_has_no_length_to_compare_with(result, tmp_path):
@@ -288,7 +288,7 @@ def test_values_are_those_of_the_summary(result):
     np.testing.assert_allclose(data.value, summary["friction_per_repetition"], rtol=1e-12)
     assert data.length == pytest.approx(0.2)
     np.testing.assert_allclose(data.end, 0.2 * np.arange(1, 7))
-    check_cannot(analyse_running_in(out), "no relaxation seen")  # friction is constant
+    check_cannot(analyse_running_in(out), "no relaxation detected")  # friction is constant
 
 
 def test_result_without_its_case(result, tmp_path):
@@ -350,28 +350,28 @@ def test_command(tmp_path, capsys):
 BAD = {
     "nothing there": (None, ["nowhere.csv"], "nowhere.csv: no such file or folder; give"),
     "no result": (None, ["."], ".: no run.nc there; give a result folder"),
-    "no header": ("1,0.9\n2,0.8\n", [], "mu.csv: no names of columns; write the header repetition"),
+    "no header": ("1,0.9\n2,0.8\n", [], "mu.csv: no column names; write the header repetition"),
     "unknown column": ("repetition,my\n1,0.9\n", [], "column 'my'; did you mean 'mu'?; write the header repetition"),
     "no place": ("mu,sigma\n0.9,0.1\n", [], "mu.csv: header 'mu,sigma'; write repetition,mu[,sigma] or"),
     "two places": ("repetition,slid_m,mu\n1,2,0.9\n", [], "header 'repetition,slid_m,mu'; write"),
     "semicolons": ("repetition;my\n1;0,9\n", [], "column 'my'; did you mean 'mu'?"),
     "no rows": ("repetition,mu\n", [], "mu.csv: no rows of numbers in it; give a table"),
-    "empty": ("", [], "mu.csv: nothing in it; give a table"),
-    "binary": (b"\x89PNG\0\xff\xfe", [], "mu.csv:1: holds a NUL byte"),
+    "empty": ("", [], "mu.csv: the file is empty; give a table"),
+    "binary": (b"\x89PNG\0\xff\xfe", [], "mu.csv:1: contains a NUL byte"),
     "text": ("repetition,mu\n1,0.9\n2,low\n", [], "mu.csv:3: ['2', 'low'] is not numeric"),
     "nan": ("repetition,mu\n1,0.9\n2,nan\n", [], "mu.csv:3: nan is not a finite number"),
     "ragged": ("repetition,mu\n1,0.9\n2\n", [], "mu.csv:3: '2' has 1 values, others 2"),
     "from zero": ("repetition,mu\n0,0.9\n1,0.8\n", [], "mu.csv: repetition: 0 in row 1; it must count from 1"),
     "half": ("repetition,mu\n1,0.9\n1.5,0.8\n", [], "repetition: 1.5 in row 2; it must count from 1 in whole numbers"),
-    "goes back": ("slid_m,mu\n1,0.9\n0.5,0.8\n", [], "slid_m: 0.5 in row 2; it must rise"),
+    "goes back": ("slid_m,mu\n1,0.9\n0.5,0.8\n", [], "slid_m: 0.5 in row 2; it must increase"),
     "not the middle": ("slid_m,mu\n1,0.9\n4,0.8\n", ["--distance", "3.5"], "slid_m: 1 in row 1; it must be at least half of --distance 3.5"),
     "sigma": ("repetition,mu,sigma\n1,0.9,0\n", [], "sigma: 0 in row 1; it must be > 0, or leave the column out"),
     "a trace": ("slid_m,mu\n" + "".join(f"{k},0.9\n" for k in range(5001)), [], "mu.csv: mu: 5001 rows; give means over repetitions"),
     "pressure of a table": ("repetition,mu\n1,0.9\n", ["--of", "pressure"], "--of: pressure; "),
     "of what": ("repetition,mu\n1,0.9\n", ["--of", "load"], "load"),
     "distance": ("repetition,mu\n1,0.9\n", ["--distance", "0"], "--distance: 0; give the metres"),
-    "within": ("repetition,mu\n1,0.9\n", ["--within", "1"], "--within: 1; give a share between 0 and 1"),
-    "within nan": ("repetition,mu\n1,0.9\n", ["--within", "nan"], "--within: nan; give a share"),
+    "within": ("repetition,mu\n1,0.9\n", ["--within", "1"], "--within: 1; give a fraction between 0 and 1"),
+    "within nan": ("repetition,mu\n1,0.9\n", ["--within", "nan"], "--within: nan; give a fraction"),
 }  # fmt: skip
 
 
@@ -397,7 +397,7 @@ def test_damaged_result(result, tmp_path, capsys):
 
 
 def test_distance_of_a_result_is_known(result):
-    with pytest.raises(BadInput, match="knows its distance, leave it out"):
+    with pytest.raises(BadInput, match="contains its distance; leave --distance out"):
         read_record(result[0], distance=3.5)
 
 

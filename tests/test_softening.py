@@ -128,7 +128,7 @@ def test_the_default_of_a_case_is_one_factor_and_the_keys_arrive(tmp_path):
     assert payne(payne_rest=0.4, payne_loss_peak=1.2, payne_loss_rest=0.9) == PayneSoftening(0.4, 0.05, 0.6, 1.2, 0.9)
     assert payne(payne_loss_peak=1.2) is None
     acting = find_theory(load_case(tmp_path, {"persson_friction.payne_loss_peak": 1.2}))[1]
-    assert any("payne_loss_peak has no say" in line for line in acting.p.assumed)
+    assert any("payne_loss_peak has no effect" in line for line in acting.p.assumed)
 
 
 def test_a_peak_below_its_flanks_is_refused(tmp_path, capsys):

@@ -293,7 +293,7 @@ def test_a_load_that_is_told_wrong_is_contradicted_by_as_much(wrong_load):
     assert abs(found.estimate - true) < 4 * found.sd
     assert found.shift == pytest.approx(np.log(1 / 1.1) / 0.02, abs=4 * found.sd / true / 0.02)
     assert found.ln_bayes == max(c.ln_bayes for c in checks.values()) > 5
-    assert "data want" in found.words
+    assert "data require" in found.summary_line
     assert all(c.verdict is not InputVerdict.CONTRADICTED for k, c in checks.items() if k != "contact.pressure")
     assert not any("contact.pressure" in g for g in groups)
 
@@ -303,7 +303,7 @@ def test_an_input_that_does_not_act_cannot_be_checked(wrong_load):
     found = wrong_load[True].checks["block.modulus"]
     assert (found.verdict, found.influence) == (InputVerdict.NOT_CHECKABLE, pytest.approx(0.0, abs=0.1))
     assert found.ln_bayes == pytest.approx(0.0, abs=1e-6)
-    assert "hardly depend" in found.words
+    assert "hardly depend" in found.summary_line
 
 
 def test_an_input_that_would_change_less_than_the_model_may_err_is_not_contradicted(wrong_load):
@@ -315,7 +315,7 @@ def test_an_input_that_would_change_less_than_the_model_may_err_is_not_contradic
     plain, faint = made.checks["contact.pressure"], made.faint["contact.pressure"]
     assert (plain.verdict, faint.verdict) == (InputVerdict.CONTRADICTED, InputVerdict.NOT_CHECKABLE)
     assert faint.pull == plain.pull
-    assert "hardly depend" in faint.words
+    assert "hardly depend" in faint.summary_line
 
 
 @pytest.mark.parametrize(

@@ -285,18 +285,18 @@ def test_the_picture_shows_points_and_law():
     ("argv", "says"),
     [
         (["missing.x3p", "--out", "a.csv"], "missing.x3p: not found"),
-        (["words.txt", "--out", "a.csv"], "no topography: no format that SurfaceTopography knows; give"),
+        (["words.txt", "--out", "a.csv"], "not a topography: no format that SurfaceTopography can read; give"),
         (["matrix.txt", "--out", "a.csv"], "heights without the size of their area; give"),
         (["flat.txt", "--out", "a.csv"], "a line, not an area; give"),
         (["words.txt", "--out", "a.csv", "--profile"], "no rows of numbers"),
-        (["words.txt", "--out", "a.csv", "--pixel", "1e-4"], "no table of heights"),
+        (["words.txt", "--out", "a.csv", "--pixel", "1e-4"], "not a table of heights"),
         (["flat.npy", "--out", "a.csv", "--pixel", "1e-4"], "flat"),
         (["flat.npy", "--out", "a.csv", "--pixel", "-1"], "--pixel"),
         (["flat.npy", "--out", "a.csv", "--pixel", "1e-4", "--profile"], "2 dimensions"),
         (["flat.npy", "--out", "a.npz", "--pixel", "1e-4"], ".csv"),
         (["flat.csv", "--out", "a.csv", "--profile"], "give one from 1e-9"),
-        (["empty.npy", "--out", "a.csv", "--pixel", "1e-4"], "no table of heights"),
-        (["empty.txt", "--out", "a.csv", "--pixel", "1e-4"], "no table of heights"),
+        (["empty.npy", "--out", "a.csv", "--pixel", "1e-4"], "not a table of heights"),
+        (["empty.txt", "--out", "a.csv", "--pixel", "1e-4"], "not a table of heights"),
         (["lost.csv", "--out", "a.csv", "--profile"], "100 % are missing"),
         (["steps.csv", "--out", "a.csv", "--profile"], "even steps"),
         (["metres.csv", "--out", "a.csv", "--profile"], "rms height"),
@@ -339,7 +339,7 @@ def test_what_a_reader_says_ends_with_a_whole_word(tmp_path, capsys, monkeypatch
     (tmp_path / "a.nc").touch()
     assert main(["spectrum", str(tmp_path / "a.nc"), "--out", str(tmp_path / "a.csv")]) == 2
     said = capsys.readouterr().err
-    assert "no topography: damaged damaged" in said
+    assert "not a topography: damaged damaged" in said
     assert "damaged ...; give a height map" in said
 
 

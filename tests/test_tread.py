@@ -239,7 +239,7 @@ def test_stick_slip_is_told_and_both_theories_take_the_same_steps(tmp_path, caps
     said, told = capsys.readouterr().out, json.loads((out / "tread.json").read_text())
     assert "remark: at slip 0.03 the block sticks and slips" in said
     assert "of those tried for the maximum" in said
-    assert "steps through the footprint are few" not in said
+    assert "steps in the footprint are few" not in said
     assert [row["chatter"] for row in told["slips"]] == [False, True]
     assert any(told["curve"]["chatter"])
     assert told["moved_by_twice_the_steps"] < 0.02
@@ -258,9 +258,7 @@ def test_too_few_steps_for_stick_slip_are_told(tmp_path, capsys, monkeypatch):
     assert main(["tread", str(CASE), *CHATTERS, "--out", str(out)]) == 0
     moved = json.loads((out / "tread.json").read_text())["moved_by_twice_the_steps"]
     assert moved > 0.02
-    wanted = (
-        f"200 steps through the footprint are few: twice as many change the friction (law) by up to {100 * moved:.1f}"
-    )
+    wanted = f"200 steps in the footprint are few: doubling them changes the friction (law) by up to {100 * moved:.1f}"
     assert wanted in capsys.readouterr().out
 
 
@@ -278,7 +276,7 @@ def test_a_block_that_only_sticks_is_drawn(tmp_path, capsys, given):
     assert printed.out.splitlines()[2].split()[-5] == "-"
     assert printed.err == ""
     assert (out / "tread.png").exists()
-    assert ("the largest that was tried" in printed.out) == (len(given) == 2) == told["maximum"]["at_last"]
+    assert ("the largest slip computed" in printed.out) == (len(given) == 2) == told["maximum"]["at_last"]
 
 
 @pytest.mark.parametrize("command", ["tread", "tyre"])
@@ -327,7 +325,7 @@ def test_slow_speeds_beyond_the_master_curve_are_refused_too(tmp_path, capsys, c
         ("tread.slip=[0.05,0.05]", "give every number once"),
         ("tread.slips=[0.05]", "did you mean 'slip'"),
         ("tread.mass=0", "give a number > 0"),
-        ("tread.mass=1000", "tread.mass: 1000 kg/m2: mass and spring ring with a period of 4.4 of the contact time"),
+        ("tread.mass=1000", "tread.mass: 1000 kg/m2: the bristle oscillates with a period of 4.4 of the contact time"),
         ("tread.stiffness=1", "give a number >= 1000"),
         ("tread.speed=1e-6", "give a number >= 0.1"),
         ("effects=[]", 'add "persson_friction"'),

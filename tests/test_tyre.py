@@ -43,7 +43,7 @@ def synthetic():
 class OfThree(ContactSpots):
     """The reference figures for 10 mm were computed with the contact fraction of spots of 3 mm."""
 
-    def covered(self, theory, v, T0, p):
+    def contact_fraction(self, theory, v, T0, p):
         return float(theory.contact_fraction(2 * np.pi / 3e-3, v, T0, p))
 
 
@@ -138,7 +138,7 @@ def test_brush_maxima_of_set_a(corner, D, k, maxima):
     found = corner(20.0, D, k)
     print(found.peaks["brush", "law"])
     np.testing.assert_allclose(values(found, "brush"), maxima, rtol=0.042)
-    assert found.fall("brush") == pytest.approx(1 - maxima[-1] / maxima[0], abs=0.02)
+    assert found.peak_fall("brush") == pytest.approx(1 - maxima[-1] / maxima[0], abs=0.02)
 
 
 def test_controls_do_not_fall(corner):
@@ -155,7 +155,7 @@ def test_controls_do_not_fall(corner):
 
 @pytest.mark.long
 def test_small_spots_show_nothing_through_a_brush(corner):
-    assert abs(corner(20.0, 0.003).fall("brush")) < 0.01 < corner(20.0, 0.003).fall("rigid")
+    assert abs(corner(20.0, 0.003).peak_fall("brush")) < 0.01 < corner(20.0, 0.003).peak_fall("rigid")
 
 
 @pytest.mark.long
@@ -169,7 +169,7 @@ def test_inertia_fakes_a_fall_and_is_refused(tmp_path, capsys):
     assert heavy._control_fall("brush", "cold") > tyre.MIN_FORCE_FALL
     out = tmp_path / "found"
     assert main(["tyre", str(CASE), "tyre.mass=5", "--out", str(out)]) == 2
-    assert "tyre.mass: 5 kg/m2: mass and spring ring with a period of 0.34" in capsys.readouterr().err
+    assert "tyre.mass: 5 kg/m2: the bristle oscillates with a period of 0.34" in capsys.readouterr().err
     assert not out.exists()
 
 
@@ -214,7 +214,7 @@ def test_no_maximum_is_told_in_one_sentence(tmp_path, capsys):
     assert main(["tyre", str(CASE), *given, "--out", str(tmp_path / "found")]) == 0
     said = capsys.readouterr().out
     for model in tyre.TYRE_MODELS:
-        assert f"  {model}: side force has no maximum up to 45 deg; what load does to it is not told" in said
+        assert f"  {model}: side force has no maximum up to 45 deg, so its load dependence is unknown" in said
     assert not any(line.rstrip().endswith("%") for line in said.splitlines())
     assert "heat that flows into the road or is released by the adhesive part" in said
 
@@ -324,4 +324,4 @@ def test_bounds_of_speed_and_stiffness(tmp_path, capsys, given):
 def test_the_usual_contact_fraction_decides(corner):
     """With P(2 pi/10 mm) = 0.5 the flash is spread so thin that the brush's maximum falls by 1 % only: case.toml says so."""
     assert float(THEORY.contact_fraction(2 * np.pi / 0.01, 1.0, 293.15, P)) == pytest.approx(0.53, abs=0.01)
-    assert 0.0 < corner(20.0, 0.01, spots=ContactSpots).fall("brush") < 0.03
+    assert 0.0 < corner(20.0, 0.01, spots=ContactSpots).peak_fall("brush") < 0.03

@@ -136,7 +136,7 @@ def test_six_hours_do_not_help(case):
     assert answer.reached == pytest.approx(kept, abs=0.2)
     assert answer.tried[0].first < answer.below < answer.reached
     assert "even with 6 h of it" in str(answer)
-    assert "the rise must fall by" in str(answer)
+    assert "the temperature rise must decrease by" in str(answer)
 
 
 @pytest.mark.parametrize(

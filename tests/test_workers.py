@@ -260,10 +260,10 @@ if __name__ == "__main__":
 CLIENT = """
 import sys, time
 from flashtemp.errors import SolverFailure
-from flashtemp.runs.results.worker_pool import stream
+from flashtemp.runs.results.worker_pool import stream_results
 
 try:
-    for k, _ in stream(time.sleep, [0.2] * 100, scheduler=sys.argv[1]):
+    for k, _ in stream_results(time.sleep, [0.2] * 100, scheduler=sys.argv[1]):
         print(k, flush=True)
 except SolverFailure as fault:
     sys.exit(str(fault))

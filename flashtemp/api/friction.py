@@ -40,15 +40,15 @@ def friction(
     friction_study.refuse_speeds(slowest, fastest)
     loaded = resolve_case(case, overrides)
     with optional_folder(out) as work:
-        found = friction_study.study_friction(loaded, slowest, fastest)
+        result = friction_study.study_friction(loaded, slowest, fastest)
         if work is not None and out is not None:
-            found.save(work, Path(out))
-            with report_drawing_faults(found, out or work, "friction.png", RERUN_ELSEWHERE_HINT):
+            result.save(work, Path(out))
+            with report_drawing_faults(result, out or work, "friction.png", RERUN_ELSEWHERE_HINT):
                 from flashtemp.viz import theme
                 from flashtemp.viz.theory import friction_curves as picture
 
-                theme.save_figure(picture.draw(found.curves, loaded.title), work / "friction.png")
-    return found
+                theme.save_figure(picture.draw(result.curves, loaded.title), work / "friction.png")
+    return result
 
 
 def compute_contact_area(
@@ -60,13 +60,13 @@ def compute_contact_area(
     """
     loaded = resolve_case(case, overrides)
     with optional_folder(out) as work:
-        found = area_study.study_contact_area(loaded)
+        result = area_study.study_contact_area(loaded)
         if work is not None and out is not None:
             from flashtemp.viz.studies import contact_area as picture
 
-            found.save(work, Path(out))
-            picture.draw(found).savefig(work / "area.png")
-    return found
+            result.save(work, Path(out))
+            picture.draw(result).savefig(work / "area.png")
+    return result
 
 
 def loads(
@@ -93,19 +93,19 @@ def loads(
     load_dependence.refuse_values("--pressures", pressures, 2)
     load_dependence.refuse_values("--speeds", speeds, 1)
     with optional_folder(out) as work:
-        found = load_dependence.attribute_load_dependence(loaded, pressures, speeds, workers, watch)
+        result = load_dependence.attribute_load_dependence(loaded, pressures, speeds, workers, watch)
         trends = friction_trends.find_trends(loaded, priors.find_uncertain_inputs(loaded)[0])
-        found = replace(found, signs=tuple(trend for trend in trends if trend.over in "Tp"))
+        result = replace(result, signs=tuple(trend for trend in trends if trend.over in "Tp"))
         if work is not None:
             (work / "case.toml").write_text(loaded.toml(loaded.copy_files(work)), encoding="utf-8")
-            write_json(found.as_dict(), work / "loads.json")
-            found.save(work / "loads.csv")
-            with report_drawing_faults(found, out or work, "loads.png", RERUN_ELSEWHERE_HINT):
+            write_json(result.as_dict(), work / "loads.json")
+            result.save(work / "loads.csv")
+            with report_drawing_faults(result, out or work, "loads.png", RERUN_ELSEWHERE_HINT):
                 from flashtemp.viz import theme
                 from flashtemp.viz.studies import load_dependence as picture
 
-                theme.save_figure(picture.draw(found), work / "loads.png")
-    return found
+                theme.save_figure(picture.draw(result), work / "loads.png")
+    return result
 
 
 def tread(
@@ -185,10 +185,10 @@ def spots(
         if Path(out).exists():
             raise BadInput(f"--out: {out} exists; choose another name")
     road = SelfAffineRoad(length, width, pixel, hurst, rms, rolloff, seed)
-    found = roads.find_contact_regions(None if file is None else Path(file), road, cutoff, pressure, modulus)
+    result = roads.find_contact_regions(None if file is None else Path(file), road, cutoff, pressure, modulus)
     if out is not None:
-        found.save(Path(out))
-    return found
+        result.save(Path(out))
+    return result
 
 
 def spectrum(
@@ -210,16 +210,16 @@ def spectrum(
         for path in (Path(out), Path(out).with_suffix(".png")):
             if path.exists():
                 raise BadInput(f"--out: {path} exists; choose another name")
-    found = roads.read_road_spectrum(Path(file), profile, highpass, pixel)
+    result = roads.read_road_spectrum(Path(file), profile, highpass, pixel)
     if out is not None:
-        found.save(Path(out))
-        with report_drawing_faults(found, Path(out).parent, Path(out).with_suffix(".png").name, RERUN_ELSEWHERE_HINT):
+        result.save(Path(out))
+        with report_drawing_faults(result, Path(out).parent, Path(out).with_suffix(".png").name, RERUN_ELSEWHERE_HINT):
             from flashtemp.viz import theme
             from flashtemp.viz.theory import spectrum as picture
 
-            drawn = picture.draw(found.points, found.summary.law, found.file.name)
+            drawn = picture.draw(result.points, result.summary.law, result.file.name)
             theme.save_figure(drawn, Path(out).with_suffix(".png"))
-    return found
+    return result
 
 
 def _check_file_path(out: Path, suffix: str) -> None:

@@ -39,14 +39,14 @@ def sweep(
     if out is None:
         return sweeps.run_sweep(sweep_plan, None, workers, scheduler, watch)
     with sweeps.open_sweep_folder(Path(out), sweep_plan) as work:
-        found = sweeps.run_sweep(sweep_plan, work, workers, scheduler, watch)
-        found.save(work)
-        with report_drawing_faults(found, out, "sweep.png", f"flashtemp draw {out}"):
+        result = sweeps.run_sweep(sweep_plan, work, workers, scheduler, watch)
+        result.save(work)
+        with report_drawing_faults(result, out, "sweep.png", f"flashtemp draw {out}"):
             from flashtemp.viz import theme
             from flashtemp.viz.studies import sweep as picture
 
-            theme.save_figure(picture.draw(found.dataset), work / "sweep.png")
-    return found
+            theme.save_figure(picture.draw(result.dataset), work / "sweep.png")
+    return result
 
 
 def converge(case: str | Path | Case, overrides: Overrides | None = None, *, say: Say = ignore_message) -> Convergence:
@@ -116,14 +116,14 @@ def sensitivity(
         else nullcontext()
     )
     with folder as work:
-        found = uncertainty_propagation.study_uncertainty(
+        result = uncertainty_propagation.study_uncertainty(
             loaded, keys, samples, linear, workers, scheduler, watch, say, work
         )
         if work is not None:
             from flashtemp.viz.run import profile
             from flashtemp.viz.studies import sensitivity as picture
 
-            found.save(work)
-            picture.draw(found).savefig(work / "sensitivity.png")
-            profile.draw(found.run, bands=found.bands).savefig(work / "profile.png")
-    return found
+            result.save(work)
+            picture.draw(result).savefig(work / "sensitivity.png")
+            profile.draw(result.run, bands=result.bands).savefig(work / "profile.png")
+    return result

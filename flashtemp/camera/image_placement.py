@@ -1,7 +1,7 @@
-"""An image whose scale or clock is off or that is turned: where its pixels lie.
+"""Errors of an image's placement: scale, rotation and clock, and the points about which they act.
 
-The scale is counted from the corner where the block's contact begins to be seen, and the image turns about the middle
-of what it shows of the wall.
+The scale acts about the corner at which the image of the contact begins, the rotation about the middle of the visible
+wall.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from flashtemp.errors import BadInput
 
 @dataclass(frozen=True)
 class ImagePlacement:
-    """How an image lies otherwise than told: pixels larger by a share `scale`, all of it turned by `turn` (rad); by
-    `clock` (s) its frames are stamped late.
+    """Deviation of an image from its stated placement: relative `scale`, rotation `turn` (rad), late `clock` (s).
 
-    Pixels grow from `scale_origin`; what they show then x, y from `rotation_centre` is x cos turn - y sin turn, y cos + x sin from it.
+    Pixels grow about `scale_origin`.  A point that is then at x, y from `rotation_centre` is at x cos(turn) - y
+    sin(turn), y cos(turn) + x sin(turn).
     """
 
     scale: float = 0.0
@@ -31,15 +31,17 @@ STATED_PLACEMENT = ImagePlacement()
 
 
 def scale_origin(recording: Recording, length: float) -> float:
-    """u (m) that the scale is counted from: the leading edge; for a wake the trailing edge that it follows."""
+    """Fixed point of the scale, u (m): the leading edge, or for a wake the edge of the block that it follows."""
     if recording.view != "wake":
         return 0.0
     return length if float(np.median(recording.u)) > 0.5 * length else 0.0
 
 
 def rotation_centre(recording: Recording, length: float) -> tuple[float, float]:
-    """u and v (m) about which an image is turned: the middle of what it shows of the wall, so that its edges stay where
-    they are on the mean; of a wake the middle of the edge that it begins at."""
+    """Fixed point of the rotation, u and v (m): the middle of the visible wall, so that its edges stay on the mean.
+
+    For a wake it is the middle of the edge at which the wake begins.
+    """
     if recording.view == "wake":
         return scale_origin(recording, length), 0.0
     high = recording.v[recording.v >= 0.0]
@@ -47,7 +49,7 @@ def rotation_centre(recording: Recording, length: float) -> tuple[float, float]:
 
 
 def check_block_in_view(recording: Recording, block: tuple[float, float] | None) -> None:
-    """BadInput where the whole image of a side wall lies beside the `block` (length, height in m), if that is known."""
+    """BadInput where the image of a side wall shows no part of the `block` (length, height in m), if that is known."""
     if block is None or recording.view != "sidewall":
         return
     for name, at, size in zip("uv", (recording.u, recording.v), block, strict=True):

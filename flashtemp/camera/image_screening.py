@@ -1,13 +1,13 @@
-"""Bad pixels, bad lines, frozen frames and shutter events of a recording, found from its own frames.
+"""Screening of a recording from its own frames: bad pixels, bad lines, frozen frames and shutter events.
 
 Robust methods with published names: scales from the median absolute deviation (Rousseeuw & Croux, J. Am. Stat. Assoc.
 88, 1993, 1273), outliers against order statistics of neighbours (conditional rank filter; Tukey 1977, Pitas &
 Venetsanopoulos 1990) and over time, components of noise in space and time as in the 3-D noise model (D'Agostino &
 Webb, Proc. SPIE 1488, 1991).  Every threshold follows from FALSE_ALARMS by Bonferroni's inequality.
 
-Three things keep edges and real heat from being taken for defects.  A value must stand outside the range of its
-neighbours along both axes, which no edge and no corner does.  It must be sharper than the point spread of the optics
-allows.  And it must be the same in the coldest frames as in the hottest, or change at random.
+Three conditions distinguish defects from edges and real heat.  A value must lie outside the range of its neighbours
+along both axes, unlike an edge or a corner.  It must be sharper than the point spread of the optics allows.  And it
+must be equal in the coldest and the hottest frames, or change at random.
 """
 
 from __future__ import annotations
@@ -25,32 +25,28 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
-FALSE_ALARMS = 0.01  # expected per recording and kind of defect where there is none
+FALSE_ALARMS = 0.01  # expected number per recording and kind of defect
 MAD_TO_SD = 1.482602218505602  # standard deviation over median absolute deviation of a normal distribution
-MAD_EFFICIENCY = 0.37  # of the MAD against the standard deviation (Rousseeuw & Croux 1993): its degrees of freedom
-MIN_CAMERA_NOISE_K = 1e-3  # less noise than any camera has: frames were computed, not measured
-USUAL_PSF_PX = 0.7  # width of a point spread that a recording does not state
+MAD_EFFICIENCY = 0.37  # statistical efficiency of the MAD (Rousseeuw & Croux 1993), for degrees of freedom
+MIN_CAMERA_NOISE_K = 1e-3  # K: frames with less noise were computed, not measured
+USUAL_PSF_PX = 0.7  # px, standard deviation of the point spread where a recording states none
 PIXEL_APERTURE_SD_PX = 12.0**-0.5  # standard deviation of a pixel's own aperture, px
-COMMON_STEP_FRACTION, COMMON_STEP_SDS = (
-    0.98,
-    3.0,
-)  # fraction of pixels that a common step explains within so many standard deviations
-MAX_SCREENED_VALUES = 10_000_000  # values of those frames, evenly taken, in which pixels and lines are judged
-BATCH = 64  # frames at a time
+COMMON_STEP_FRACTION = 0.98  # fraction of the pixels that a step of the offset must explain,
+COMMON_STEP_SDS = 3.0  # within so many standard deviations
+MAX_SCREENED_VALUES = 10_000_000  # values of the evenly spaced frames in which pixels and lines are tested
+BATCH = 64  # frames that are processed at a time
 NEIGHBOURS_PER_SIDE = 2  # neighbours on each side
-MIN_SCALE_PIXELS = 100  # pixels of which a scale is taken
-FLICKER_SIGMA = 3.0  # standard deviations of the noise of a pixel by which a line must flicker to be left out
-MIN_DIFFERENCE_FRACTION = (
-    0.5  # of the variance that half the mean square successive difference is, for independent frames 1
-)
+MIN_SCALE_PIXELS = 100  # pixels needed for an estimate of scale
+FLICKER_SIGMA = 3.0  # standard deviations of pixel noise by which a line must flicker to be masked
+MIN_DIFFERENCE_FRACTION = 0.5  # half the mean square successive difference over the variance; 1 for independent frames
 
 
 @dataclass(frozen=True, eq=False)
 class ScreeningResult:
-    """What a recording (frames, nv, nu) shows of its camera's defects.
+    """Defects of the camera in a recording (frames, nv, nu).
 
     `stuck`, `off_level` and `flickering` pixels (nv, nu); bad `rows` and `columns` by index; `frozen` frames (frames,)
-    repeat the one before; `find_shutter_events` are indices of the first frame after a jump of the common offset.
+    repeat the one before; `shutter_events` are indices of the first frame after a jump of the common offset.
     """
 
     stuck: Mask
@@ -63,7 +59,7 @@ class ScreeningResult:
 
     @property
     def bad_pixels(self) -> Mask:
-        """Pixels (nv, nu) that no comparison may use."""
+        """Mask (nv, nu) of pixels that no comparison may use."""
         out = self.stuck | self.off_level | self.flickering
         out[list(self.rows)] = True
         out[:, list(self.columns)] = True
@@ -71,7 +67,7 @@ class ScreeningResult:
 
     @property
     def summary(self) -> str:
-        """One line for people, empty where nothing was found."""
+        """Defects in one line for people; empty where there are none."""
         single = ~self._line_mask
         found = (
             (int((self.stuck & single).sum()), "stuck pixel"),
@@ -110,7 +106,7 @@ def _pluralise_defect(name: str, n: int) -> str:
 
 
 def screen_recording(recording: Recording) -> ScreeningResult:
-    """Find the defects of a recording's camera; points (thermocouples) and computed frames have none."""
+    """Defects of a recording's camera; points (thermocouples) and computed frames have none."""
     T = recording.temperature
     n, shape = len(T), T.shape[1:]
     none = np.zeros(shape, bool)
@@ -135,9 +131,9 @@ def screen_recording(recording: Recording) -> ScreeningResult:
 
 
 def temporal_noise(T: Array) -> float:
-    """Standard deviation (K) of a pixel from frame to frame; smooth heat, common offsets and edges count for little.
+    """Standard deviation (K) of a pixel from frame to frame, robust against smooth heat, common offsets and edges.
 
-    MAD of second differences along the image of first differences in time; of the image alone where it is one frame.
+    MAD of second differences along the image of first differences in time (without the latter for a single frame).
     """
     axis = 2 if T.shape[2] > 2 else 1
     steps = np.diff(np.diff(T, axis=0) if len(T) > 1 else T, n=2, axis=axis)
@@ -150,31 +146,31 @@ def _mad_scale(values: Array) -> float:
 
 
 def _outlier_limit(tests: int, sample: int) -> float:
-    """Standard deviations that none of so many `tests` exceeds by chance, the scale being known from a `sample`."""
+    """Limit in standard deviations for so many `tests`, with a scale from a `sample` (Bonferroni, Student t)."""
     from scipy.stats import t
 
     return float(t.isf(0.5 * FALSE_ALARMS / max(tests, 1), max(MAD_EFFICIENCY * sample, 2.0)))
 
 
 def _find_frozen_frames(T: Array) -> Mask:
-    """Frames (frames,) that repeat the one before in all values, where that is no chance of coarse digits."""
+    """Mask (frames,) of frames that repeat the one before in all values, unless coarse digits explain that."""
     out = np.zeros(len(T), bool)
     if len(T) < 3:
         return out
     same = np.array([np.mean(a == b) for a, b in zip(T[1:], T[:-1], strict=True)])
     known = np.array([np.isfinite(a).mean() for a in T[1:]])
     equal = same / np.maximum(known, 1e-9)
-    usual = float(np.median(equal))  # of pixels that repeat their value because the digits are coarse
+    usual = float(np.median(equal))  # fraction of pixels that repeat their value because of coarse digits
     by_chance = np.log(max(usual, 1e-12)) * known * T[0].size
     out[1:] = (equal == 1.0) & (known > 0) & (np.log(len(T)) + by_chance < np.log(FALSE_ALARMS))
     return out
 
 
 def _find_stuck_pixels(T: Array, sigma: float) -> Mask:
-    """Pixels (nv, nu) that change less from frame to frame than noise alone would make them.
+    """Mask (nv, nu) of pixels that change less from frame to frame than noise alone.
 
-    Differences of frames in pairs are independent; their squares over 2 sigma^2 follow a chi-squared distribution, and
-    real heat only adds to it.
+    Differences of disjoint pairs of frames are independent.  The sum of their squares over 2 sigma^2 follows a
+    chi-squared distribution, which real heat can only increase.
     """
     from scipy.stats import chi2
 
@@ -185,25 +181,25 @@ def _find_stuck_pixels(T: Array, sigma: float) -> Mask:
     total = np.sum(step**2, axis=0, where=known) / (2.0 * sigma**2)
     chance = chi2.cdf(total, np.maximum(pairs, 1))
     alive = known & (total > 0.0)
-    equal = np.mean(step[alive] == 0.0) if alive.any() else 0.0  # of coarse digits
+    equal = np.mean(step[alive] == 0.0) if alive.any() else 0.0  # fraction of equal values due to coarse digits
     still = np.where(total == 0.0, float(equal) ** np.maximum(pairs, 1), 0.0)
     out: Mask = (pairs > 1) & (np.maximum(chance, still) * max(int((pairs > 1).sum()), 1) < FALSE_ALARMS)
     return out
 
 
 def _sharpness_limit(psf_sigma_px: float | None) -> float:
-    """Half of what a point source leaves between the next neighbours and the ones beyond, over what it stands out."""
+    """Half the ratio of (first - second neighbour) to (peak - first neighbour) in the image of a point source."""
     sd = np.hypot(USUAL_PSF_PX if psf_sigma_px is None else psf_sigma_px, PIXEL_APERTURE_SD_PX)
     first, second = np.exp(-0.5 / sd**2), np.exp(-2.0 / sd**2)
     return float(0.5 * (first - second) / (1.0 - first))
 
 
 def _excess_over_neighbours(T: Array, axis: int, sharp: float) -> Array:
-    """By how much (K, signed) values stand outside the range of their neighbours along an axis; 0 inside it.
+    """Signed excess (K) of values over the range of their neighbours along an axis; 0 inside the range.
 
-    The range is that of the four next neighbours, without the most extreme one, and of what they extrapolate to from
-    either side: what is hottest next to an edge follows from its own side.  0 too where neighbours rise towards a value
-    as any point does that optics show, and where one of them is unknown: one side alone tells no defect from an edge.
+    The range is that of the four nearest neighbours without the most extreme one, extended by the linear extrapolation
+    from either side, so that a hot edge is no excess.  The excess is 0 where the neighbours rise towards the value as
+    in the image of a point, and where one of them is unknown, since one side cannot distinguish a defect from an edge.
     """
     T = np.moveaxis(T, axis, -1)
     out = np.zeros(T.shape)
@@ -211,16 +207,14 @@ def _excess_over_neighbours(T: Array, axis: int, sharp: float) -> Array:
     if size < 1:
         return np.moveaxis(out, -1, axis)
     near = np.stack([T[..., NEIGHBOURS_PER_SIDE + s : NEIGHBOURS_PER_SIDE + s + size] for s in (-2, -1, 1, 2)])
-    own, ordered = (
-        T[..., NEIGHBOURS_PER_SIDE : NEIGHBOURS_PER_SIDE + size],
-        np.sort(near, axis=0),
-    )  # comparisons with NaN are false
+    value, ordered = T[..., NEIGHBOURS_PER_SIDE : NEIGHBOURS_PER_SIDE + size], np.sort(near, axis=0)
     sides = 2.0 * near[1] - near[0], 2.0 * near[2] - near[3]
     high, low = np.maximum.reduce((ordered[-2], *sides)), np.minimum.reduce((ordered[1], *sides))
-    away = np.where(own > high, own - high, np.where(own < low, own - low, 0.0))
-    rising = 0.5 * (near[1] + near[2] - near[0] - near[3]) * np.sign(away)
-    away[(rising > sharp * np.abs(away)) | ~np.isfinite(near).all(axis=0)] = 0.0
-    out[..., NEIGHBOURS_PER_SIDE : NEIGHBOURS_PER_SIDE + size] = away
+    # comparisons with NaN are false
+    excess = np.where(value > high, value - high, np.where(value < low, value - low, 0.0))
+    rising = 0.5 * (near[1] + near[2] - near[0] - near[3]) * np.sign(excess)
+    excess[(rising > sharp * np.abs(excess)) | ~np.isfinite(near).all(axis=0)] = 0.0
+    out[..., NEIGHBOURS_PER_SIDE : NEIGHBOURS_PER_SIDE + size] = excess
     return np.moveaxis(out, -1, axis)
 
 
@@ -232,9 +226,9 @@ def _smaller_deviation(a: Array, b: Array) -> Array:
 
 
 def _robust_sd(T: Array, axes: tuple[int, ...]) -> float:
-    """Robust standard deviation (K) of values (maps, nv, nu) that smooth shapes do not change, along the quieter axis.
+    """Robust standard deviation (K) of values (maps, nv, nu) without smooth structure, along the quieter axis.
 
-    From fourth differences, whose coefficients have a sum of squares of 70; of short axes from second ones, 6.
+    From fourth differences, whose squared coefficients sum to 70; along short axes from second differences, 6.
     """
     orders = [(a, 4 if T.shape[a] > 8 else 2) for a in axes if T.shape[a] > 2]
     found = [_mad_scale(np.diff(T, n=order, axis=a)) / np.sqrt(70.0 if order == 4 else 6.0) for a, order in orders]
@@ -257,7 +251,7 @@ def _time_mean(T: Array) -> Array:
 
 
 def _static_outliers(T: Array, axes: tuple[int, ...], sigma: float, sharp: float) -> Mask:
-    """Where a map stands out along all `axes`, by as much in the coldest frames as in the hottest."""
+    """Mask of values that stand out along all `axes`, equally in the coldest and in the hottest frames."""
     ends = _cold_and_hot_means(T)
     found = [_excess_over_neighbours(ends, a, sharp) for a in axes]
     out = found[0] if len(found) == 1 else _smaller_deviation(*found)
@@ -270,7 +264,7 @@ def _static_outliers(T: Array, axes: tuple[int, ...], sigma: float, sharp: float
 
 
 def _flickering_outliers(T: Array, axes: tuple[int, ...], sigma: float, sharp: float) -> Mask:
-    """Where at least two frames stand out by more or less than others, beyond what grows with the heat around."""
+    """Mask of values whose excess differs in at least two frames, beyond its trend with the surrounding heat."""
     if len(T) < 5:
         return np.zeros(T.shape[1:], bool)
     out, around = np.empty_like(T), np.empty_like(T)
@@ -288,7 +282,7 @@ def _flickering_outliers(T: Array, axes: tuple[int, ...], sigma: float, sharp: f
 
 
 def _neighbour_mean(T: Array, axis: int) -> Array:
-    """Mean of the next neighbours along an axis, 0 where one is unknown."""
+    """Mean of the two nearest neighbours along an axis, 0 where one is unknown."""
     T = np.moveaxis(T, axis, -1)
     out = np.zeros(T.shape)
     out[..., 1:-1] = np.nan_to_num(0.5 * (T[..., 2:] + T[..., :-2]))
@@ -296,7 +290,7 @@ def _neighbour_mean(T: Array, axis: int) -> Array:
 
 
 def _find_bad_pixels(T: Array, sigma: float, sharp: float) -> tuple[Mask, Mask]:
-    """Pixels (nv, nu) with a level of their own, and pixels that flicker."""
+    """Masks (nv, nu) of pixels that are off level, and of pixels that flicker."""
     axes = (2,) if T.shape[1] == 1 else (1, 2)
     return _static_outliers(T, axes, sigma, sharp), _flickering_outliers(T, axes, sigma, sharp)
 
@@ -304,7 +298,7 @@ def _find_bad_pixels(T: Array, sigma: float, sharp: float) -> tuple[Mask, Mask]:
 def _find_bad_lines(T: Array, stuck: Mask, axis: int, sigma: float, sharp: float) -> tuple[int, ...]:
     """Indices of rows (`axis` 1) or columns (2) that are stuck, off level or flicker as a whole.
 
-    `T` is NaN at bad pixels.  Lines are compared by their means over those places along them where none has a bad one.
+    `T` is NaN at bad pixels.  Lines are compared by their means over the positions at which no line has a bad pixel.
     """
     other = 3 - axis
     if min(T.shape[1:]) < 2 * NEIGHBOURS_PER_SIDE + 1:
@@ -315,17 +309,17 @@ def _find_bad_lines(T: Array, stuck: Mask, axis: int, sigma: float, sharp: float
     if places.sum() < NEIGHBOURS_PER_SIDE:
         return tuple(map(int, np.flatnonzero(dead)))
     mean = np.where(dead, np.nan, lines[:, :, places].mean(axis=2))[:, None]
-    own = max(_robust_sd(np.diff(mean, axis=0), (2,)) / np.sqrt(2.0), sigma / np.sqrt(places.sum()))
-    off = _static_outliers(mean, (2,), own, sharp)[0] | _flickering_outliers(mean, (2,), own, sharp)[0]
+    line_sd = max(_robust_sd(np.diff(mean, axis=0), (2,)) / np.sqrt(2.0), sigma / np.sqrt(places.sum()))
+    off = _static_outliers(mean, (2,), line_sd, sharp)[0] | _flickering_outliers(mean, (2,), line_sd, sharp)[0]
     return tuple(map(int, np.flatnonzero(dead | off)))
 
 
 def find_outlying_pixels(residual: Array) -> Mask:
-    """Pixels (nv, nu) whose residuals (frames, nv, nu) K no noise explains: rejection of outliers against neighbours.
+    """Mask (nv, nu) of pixels whose residuals (frames, nv, nu) K, NaN if masked, are outliers among their neighbours.
 
-    A residual counts by how far it is from the median of its four next neighbours, along that axis along which it is
-    nearer: what a model misses is wider than one pixel along one axis at least.  Both its mean over the frames and its
-    scatter are judged against those of all pixels, by their median and MAD.  NaN where masked.
+    Tested is the deviation from the median of the four nearest neighbours, along the axis where it is smaller: an error
+    of the model is wider than one pixel along one axis at least.  Its mean over the frames and its scatter are compared
+    with those of all pixels, by their median and MAD.
     """
     from scipy.stats import chi2
 
@@ -339,9 +333,8 @@ def find_outlying_pixels(residual: Array) -> Mask:
     tests = int((count > 0).sum())
     if tests < MIN_SCALE_PIXELS:
         return none
-    single = [
-        _time_moments(one) for one in found
-    ]  # along one axis a deviation is larger than along both: cautious scales
+    # along one axis deviations are larger than along both, so these scales are on the safe side
+    single = [_time_moments(one) for one in found]
     far: Mask = np.abs(mean) > _outlier_limit(tests, tests) * max(min(_mad_scale(one) for one, _, _ in single), 1e-12)
     free = np.maximum(count - 1, 1)
     if len(residual) < 3 or not (count > 1).any():
@@ -352,11 +345,11 @@ def find_outlying_pixels(residual: Array) -> Mask:
 
 
 def find_flickering_lines(residual: Array, axis: int, sigma: float) -> tuple[int, ...]:
-    """Indices of rows (`axis` 1) or columns (2) whose residuals (frames, nv, nu) K flicker as a whole, NaN if masked.
+    """Indices of rows (`axis` 1) or columns (2) whose residuals (frames, nv, nu) K, NaN if masked, flicker as a whole.
 
-    Three things tell a defect from what a model misses.  It changes from frame to frame: the mean square successive
-    difference is about twice the variance (von Neumann, Ann. Math. Stat. 12, 1941, 367).  It does so by more than the
-    noise `sigma` (K) of a pixel.  And it is one line wide, while optics spread heat over the next lines.
+    Three conditions distinguish a defect from an error of the model.  It changes from frame to frame: the mean square
+    successive difference is about twice the variance (von Neumann, Ann. Math. Stat. 12, 1941, 367).  It changes by more
+    than the noise `sigma` (K) of a pixel.  And it is one line wide, while optics spread heat over neighbouring lines.
     """
     lines = np.moveaxis(residual, axis, 1)
     known = np.isfinite(lines)
@@ -364,7 +357,7 @@ def find_flickering_lines(residual: Array, axis: int, sigma: float) -> tuple[int
     enough = count >= max(NEIGHBOURS_PER_SIDE, 0.5 * count.max(initial=0))
     mean = np.where(enough, np.sum(lines, axis=2, where=known) / np.maximum(count, 1), np.nan)
     out: list[int] = []
-    while True:  # the worst first: it disturbs its neighbours
+    while True:  # the worst line first, because it disturbs its neighbours
         alone = _deviation_from_known_neighbours(mean)
         step = np.diff(alone, axis=0)
         judged = np.isfinite(step).sum(axis=0) > NEIGHBOURS_PER_SIDE
@@ -380,13 +373,13 @@ def find_flickering_lines(residual: Array, axis: int, sigma: float) -> tuple[int
 
 
 def _is_one_line(mean: Array, line: int) -> bool:
-    """Whether the next lines take no part in what a line does from frame to frame, as they do in all that optics show.
+    """Whether the neighbours of a line do not follow its changes; `mean` (frames, lines).
 
-    `mean` (frames, lines).
+    Optics spread any real change over the neighbouring lines.
     """
     step = np.diff(mean, axis=0)
     sd = np.hypot(USUAL_PSF_PX, PIXEL_APERTURE_SD_PX)
-    spread = float(np.exp(-0.5 / sd**2))  # what the point spread of a pixel leaves on the next one
+    spread = float(np.exp(-0.5 / sd**2))  # response of the next pixel to a point
     for near in {line - 1, line + 1} & set(range(mean.shape[1])):
         both = np.isfinite(step[:, line]) & np.isfinite(step[:, near])
         if both.sum() > NEIGHBOURS_PER_SIDE:
@@ -397,7 +390,7 @@ def _is_one_line(mean: Array, line: int) -> bool:
 
 
 def _deviation_from_known_neighbours(values: Array) -> Array:
-    """Values (frames, lines) less the median of those of four next neighbours that are known."""
+    """Values (frames, lines) minus the median of the known ones among the four nearest neighbours."""
     padded = np.pad(values, [(0, 0), (NEIGHBOURS_PER_SIDE, NEIGHBOURS_PER_SIDE)], constant_values=np.nan)
     near = np.stack(
         [padded[:, NEIGHBOURS_PER_SIDE + s : NEIGHBOURS_PER_SIDE + s + values.shape[1]] for s in (-2, -1, 1, 2)]
@@ -408,7 +401,7 @@ def _deviation_from_known_neighbours(values: Array) -> Array:
 
 
 def _time_moments(values: Array) -> tuple[Array, Array, npt.NDArray[np.int64]]:
-    """Mean, variance and number of known values over the frames, each (nv, nu); the mean NaN where there is none."""
+    """Mean, variance and number of known values over the frames, each (nv, nu); the mean is NaN where there is none."""
     known = np.isfinite(values)
     count = known.sum(axis=0)
     mean = np.where(count > 0, np.sum(values, axis=0, where=known) / np.maximum(count, 1), np.nan)
@@ -416,8 +409,7 @@ def _time_moments(values: Array) -> tuple[Array, Array, npt.NDArray[np.int64]]:
 
 
 def _deviation_from_neighbours(T: Array, axis: int) -> Array:
-    """Values less the median of their known next neighbours, two on each side along an axis; NaN where a side has
-    none."""
+    """Values minus the median of their known neighbours, two per side along an axis; NaN if a side has none."""
     T = np.moveaxis(T, axis, -1)
     padded = np.pad(T, [(0, 0)] * (T.ndim - 1) + [(NEIGHBOURS_PER_SIDE, NEIGHBOURS_PER_SIDE)], constant_values=np.nan)
     near = np.stack(
@@ -432,19 +424,19 @@ def _deviation_from_neighbours(T: Array, axis: int) -> Array:
 
 
 def _smaller_known_deviation(a: Array, b: Array) -> Array:
-    """As `_smaller_deviation`, NaN where either is."""
+    """`_smaller_deviation`, NaN where either value is."""
     return np.where(np.isfinite(a) & np.isfinite(b), _smaller_deviation(a, b), np.nan)
 
 
 def find_shutter_events(
     T: Array, recording: Recording, sigma: float, min_fraction: float = COMMON_STEP_FRACTION
 ) -> npt.NDArray[np.int64]:
-    """Frames at which the offset of the image jumps by more than its drift, a Wiener process, may do.
+    """Indices of frames at which the offset of the image jumps by more than its drift, a Wiener process, explains.
 
-    The common step is the mean of the shortest interval that holds half of all pixels' steps (the shorth, Andrews et
-    al. 1972; Rousseeuw & Leroy 1988).  It is an offset where it explains the steps of nearly all pixels, a fraction
-    `min_fraction`, within noise: heat that sets in changes pixels differently.  `T` (frames, nv, nu) K may as well be what a
-    prediction leaves.
+    The common step is the mean of the shortest interval that contains half of all pixels' steps (the shorth, Andrews et
+    al. 1972; Rousseeuw & Leroy 1988).  It is a jump of the offset if it explains the steps of nearly all pixels, a
+    fraction `min_fraction`, within noise: heat that sets in changes pixels differently.  `T` (frames, nv, nu) K may
+    also be a residual.
     """
     from scipy.stats import norm
 
@@ -456,16 +448,15 @@ def find_shutter_events(
     common, fraction, pixels = np.array(found).T
     drift = CAMERA_CLASSES[recording.camera].drift_K_per_sqrt_s
     error = np.hypot(drift * np.sqrt(np.diff(recording.time)), 1.5 * noise / np.sqrt(np.maximum(pixels, 1.0)))
-    beside = np.stack([common - np.append(common[1:], np.nan), common - np.append(np.nan, common[:-1])])
-    away = np.fmin.reduce(
-        np.abs([*beside, common - np.median(common)])
-    )  # heat goes on from frame to frame, no jump does
+    next_to = np.stack([common - np.append(common[1:], np.nan), common - np.append(np.nan, common[:-1])])
+    # heating continues from frame to frame, a jump does not
+    away = np.fmin.reduce(np.abs([*next_to, common - np.median(common)]))
     far = away > norm.isf(0.5 * FALSE_ALARMS / len(common)) * error
     return np.flatnonzero(far & (fraction > min_fraction)) + 1
 
 
 def _common_step(steps: Array, within: float) -> tuple[float, float, int]:
-    """The common part of steps (pixels,) K, which fraction of them lies `within` so much of it, and their number."""
+    """Common part of steps (pixels,) K, the fraction of the steps `within` so much of it, and their number."""
     n = len(steps)
     if n < 4:
         return 0.0, 0.0, n

@@ -1,4 +1,4 @@
-"""Whether numbers can be an infrared image: size in memory, temperatures, shape, clipped ends."""
+"""Checks of infrared images: memory, temperature range, shape, saturated pixels."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from flashtemp.errors import BadInput
 from flashtemp.physics.quantities import KELVIN
 
 DEFAULT_MEMORY_GB = 1.0  # GB of memory that reading one file may take
-PIXELS_PER_CHUNK = 4_000_000  # pixels that are looked at at a time
+PIXELS_PER_CHUNK = 4_000_000  # pixels that are processed at a time
 BYTES_PER_PIXEL = 32  # bytes: a temperature in double precision, what it is computed from, and masks
 MAX_CAMERA_DEGC = 3500.0  # degC: no infrared camera reaches it
 MIN_SENSOR_COLUMNS = 8  # columns of the smallest sensor
@@ -23,22 +23,17 @@ SENSOR_SIZES = {  # columns: rows of the sensors that have so many
     240: (180, 240), 256: (192,), 320: (240, 256), 336: (256,), 382: (288,), 384: (288,), 464: (348,),
     640: (480, 512), 1024: (768,), 1280: (960, 1024), 2048: (1536,),
 }  # fmt: skip
-MIN_DISTINCT_VALUES, COMPARED_VALUES = (
-    50,
-    30,
-)  # values that an image has at least for its ends to be judged; neighbours they are held against
-MIN_PLATEAU_PX, PLATEAU_RATIO, MARK_RATIO = (
-    16,
-    10,
-    3,
-)  # pixels; times the pixels of any neighbouring value; of a maker's mark
-RANGE_STEP_K, MARK_OFFSET_K = 10.0, 0.01  # degC: ranges end at tens, and a mark stands so much beyond
+MIN_DISTINCT_VALUES = 50  # distinct values that an image needs for a test of saturation
+COMPARED_VALUES = 30  # neighbouring values with which the lowest and the highest one are compared
+MIN_PLATEAU_PX, PLATEAU_RATIO = 16, 10  # pixels of a plateau, and their ratio to those of any neighbouring value
+MARK_RATIO = 3  # the same ratio for a maker's mark
+RANGE_STEP_K, MARK_OFFSET_K = 10.0, 0.01  # K: ranges end at multiples of ten degC, marks lie this much beyond
 MARK_GAP_RATIO = 5.0  # times the widest gap between neighbouring values
-MARK_TOLERANCE_K = 1.5e-3  # degC
+MARK_TOLERANCE_K = 1.5e-3  # K
 
 
 def iter_chunks(images: np.ndarray, step: int | None = None) -> Iterator[tuple[int, np.ndarray]]:
-    """Images (frames, ...) a few at a time, with the number of the first; what has been read of a file is let go."""
+    """Images (frames, ...) a few at a time with the index of the first; a mapped file is released after use."""
     step = step or max(1, PIXELS_PER_CHUNK // max(1, images[0].size))
     for begin in range(0, len(images), step):
         yield begin, images[begin : begin + step]
@@ -58,7 +53,7 @@ def finite_range(T: np.ndarray) -> tuple[float, float, int]:
 
 
 def check_memory(pixels: float, limit: float | None, what: str) -> None:
-    """BadInput where so many pixels would need more memory than `limit` (GB, 1 unless said)."""
+    """BadInput where so many pixels would need more memory than `limit` (GB, by default 1)."""
     limit = DEFAULT_MEMORY_GB if limit is None else limit
     if (need := BYTES_PER_PIXEL * pixels / 1e9) > limit:
         raise BadInput(
@@ -68,22 +63,23 @@ def check_memory(pixels: float, limit: float | None, what: str) -> None:
 
 
 def check_camera_range(T: np.ndarray) -> None:
-    """BadInput where values (degC, NaN allowed) are none that an infrared camera measures."""
+    """BadInput where values (degC, NaN allowed) lie outside the range of infrared cameras."""
     low, high = float(np.nanmin(T)), float(np.nanmax(T))
     if low < -KELVIN or high > MAX_CAMERA_DEGC:
         raise BadInput(
-            f"values from {low:.6g} to {high:.6g} degC are no temperatures of a camera ({-KELVIN:g} to {MAX_CAMERA_DEGC:g}): a"
-            " table of other quantities, another unit (--unit) or a damaged file; give the camera's own file"
+            f"values from {low:.6g} to {high:.6g} degC are no temperatures of a camera ({-KELVIN:g} to"
+            f" {MAX_CAMERA_DEGC:g}): a table of other quantities, another unit (--unit) or a damaged file; give the"
+            " camera's own file"
         )
 
 
 def check_matrix(
     values: np.ndarray, stated: tuple[int | None, int | None], rows_said: int | None, labels_said: bool = False
 ) -> None:
-    """BadInput where a text matrix (rows, columns) is no whole image.
+    """BadInput where a text matrix (rows, columns) is no complete image.
 
-    `stated` rows and columns of its header, None where unsaid; `rows_said` by a person for a part of it, 0: any;
-    `labels_said`: a person said which lines are labels.
+    `stated`: rows and columns of its header, None where unknown; `rows_said`: rows that the user states for a part of
+    an image, 0 for any; `labels_said`: the user states which lines are labels.
     """
     rows, columns = values.shape
     if columns < MIN_SENSOR_COLUMNS or rows > MAX_ROWS_PER_COLUMN * columns or max(rows, columns) > MAX_SIDE_PX:
@@ -106,7 +102,7 @@ def check_matrix(
             " damaged: copy it again or export it anew and give that"
         )
     if rows_said and rows_said != rows:
-        raise BadInput(f"rows: {rows_said} said, {rows} in the file; copy it again or repair that number")
+        raise BadInput(f"rows: {rows_said} stated, {rows} in the file; copy it again or correct that number")
     if rows == 1 and rows_said is None:
         raise BadInput(
             f"one row of {columns} values: the file is cut off; copy it again, or give --rows 1 if it is a line"
@@ -120,10 +116,10 @@ def check_matrix(
 
 
 def saturated_pixels(T: np.ndarray) -> np.ndarray:
-    """Mask of the pixels that stand at the end of the camera's range: a plateau at the lowest or the highest value.
+    """Mask of saturated pixels: a plateau at the lowest or the highest value of an image.
 
-    In an image with noise far fewer pixels share a value than are clipped.  A few are recognised too where they stand
-    at a maker's mark, 0.01 K beyond a multiple of ten degC, apart from the others.
+    In an image with noise far fewer pixels share one value than are clipped.  Fewer pixels are recognised where they
+    lie at a maker's mark, 0.01 K beyond a multiple of ten degC, with a gap to all others.
     """
     known = np.isfinite(T)
     values, counts = np.unique(T[known], return_counts=True)

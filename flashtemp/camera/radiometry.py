@@ -1,4 +1,4 @@
-"""What an infrared camera counts of an object, the air and a window before it, and the way back to degC."""
+"""Radiometry: counts of an infrared camera for an object behind air and a window, and the inverse."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ PARAMETER_RANGES = {  # attribute: lowest, highest value, unit
     "window": (0.01, 1.0, ""),
     "window_temperature": (-273.0, 3000.0, "degC"),
 }
-USUAL_DISTANCE_M = 100.0  # up to which constants of the air must make sense
-PATH_STEPS = 8  # parts of the path, even in its square root, after which the air's transmission is looked at
-TRANSMISSION_ROUNDING = 1e-6  # of a transmission: constants are stored in single precision
+USUAL_DISTANCE_M = 100.0  # m, up to which constants of the air must give a valid transmission
+PATH_STEPS = 8  # points of the path, uniform in its square root, at which the transmission is checked
+TRANSMISSION_ROUNDING = 1e-6  # tolerance above 1: constants are stored in single precision
 
 
 @dataclass(frozen=True)
 class PlanckCalibration:
-    """A camera's calibration: counts S(T) = R1/(R2 (exp(B/T) - F)) - O, T in K; O with the sign FLIR stores.
+    """A camera's calibration: counts S(T) = R1/(R2 (exp(B/T) - F)) - O, T in K; O with the sign that FLIR stores.
 
     Works on numbers and arrays of any shape, real or complex (complex steps pass through).
 
@@ -52,7 +52,7 @@ class PlanckCalibration:
         return self.R1 / (self.R2 * (np.exp(self.B / (T + KELVIN)) - self.F)) - self.O
 
     def temperature(self, counts):
-        """Temperature, degC, of a black body that gives these counts; NaN where no temperature gives so few."""
+        """Temperature, degC, of a black body with these counts; NaN for counts below those of any temperature."""
         light = counts + self.O
         real = np.real(light) > 0
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -60,7 +60,7 @@ class PlanckCalibration:
         return np.where(real, T, np.nan)
 
     def temperature_per_count(self, counts):
-        """dT/dS (K per count) there."""
+        """dT/dS (K per count) at these counts."""
         T, light = self.temperature(counts) + KELVIN, counts + self.O
         with np.errstate(divide="ignore", invalid="ignore"):
             return T**2 / (self.B * light * (1.0 + self.F * self.R2 * light / self.R1))
@@ -71,11 +71,11 @@ LONG_WAVE = PlanckCalibration(1.0, 1.0, 1428.0)  # a generic 8-14 um band, for f
 
 @dataclass(frozen=True)
 class ObjectParameters:
-    """What stands between object and camera: `emissivity`, what it reflects, the air, a window at the camera.
+    """Emissivity of the object, its reflected surroundings, the air and a window between object and camera.
 
-    Temperatures in degC, `humidity` relative, 0 to 1, `distance` m, `window` transmission; at distance 0 the air
-    does nothing.  alpha, beta and X are the maker's constants of the air's transmission.  BadInput names a value
-    that cannot be.
+    Temperatures in degC, `humidity` relative, 0 to 1, `distance` in m, `window` a transmission; at distance 0 the air
+    has no effect.  alpha, beta and X are the maker's constants of the air's transmission.  BadInput names a value
+    outside its range.
     """
 
     emissivity: float = 1.0
@@ -107,7 +107,7 @@ class ObjectParameters:
         return float(self.path_transmission(np.array([self.distance]))[0])
 
     def path_transmission(self, distances: np.ndarray) -> np.ndarray:
-        """Transmission of the air over paths (n,) in m; 1 over a path of length 0 whatever the constants are."""
+        """Transmission of the air over paths (n,) in m; 1 at length 0 for any constants."""
         t, path = self.air, np.sqrt(distances)
         water = np.sqrt(self.humidity * np.exp(1.5587 + t * (6.939e-2 + t * (-2.7816e-4 + t * 6.8455e-7))))
         with np.errstate(over="ignore", invalid="ignore"):
@@ -116,7 +116,7 @@ class ObjectParameters:
             return np.where(path > 0, self.X * first + (1 - self.X) * second, 1.0)
 
     def with_values(self, given: dict[str, float]) -> ObjectParameters:
-        """The same with some values replaced."""
+        """Copy with some values replaced."""
         return replace(self, **given)
 
     def __str__(self) -> str:
@@ -130,9 +130,9 @@ class ObjectParameters:
 
 
 def _check_air(p: ObjectParameters) -> None:
-    """BadInput where the air's transmission leaves (0, 1] on the way to the object, or within usual distances.
+    """BadInput where the air's transmission leaves (0, 1] on the way to the object or within usual distances.
 
-    Cameras write constants of very different sizes, so that only what follows from them can be judged.
+    Cameras write constants of very different sizes, so only the resulting transmission can be checked.
     """
     if p.distance == 0:
         return
@@ -150,19 +150,19 @@ def _check_air(p: ObjectParameters) -> None:
         )
 
 
-PARAMETER_NAMES = tuple(PARAMETER_RANGES)  # what a person may change
+PARAMETER_NAMES = tuple(PARAMETER_RANGES)  # parameters that a user may change
 AIR_CONSTANTS = tuple(f.name for f in fields(ObjectParameters) if f.name not in PARAMETER_RANGES)
 
 
 def _gain_and_background(planck: PlanckCalibration, p: ObjectParameters) -> tuple[float, float]:
-    """Gain on the object's counts and counts that come from elsewhere: S = gain S(T) + added."""
+    """Gain of the object's counts and the counts of everything else: S = gain S(T) + background."""
     tau = p.transmission
     before = (1 - p.emissivity) * tau * planck.counts(p.reflected) + (1 - tau) * planck.counts(p.air)
     return p.window * p.emissivity * tau, p.window * before + (1 - p.window) * planck.counts(p.window_temperature)
 
 
 def apparent_counts(T, planck: PlanckCalibration, p: ObjectParameters):
-    """Counts that the camera sees of an object at T degC (any shape, real or complex).
+    """Counts of the camera for an object at T degC (any shape, real or complex).
 
     S = w (eps tau S(T) + (1 - eps) tau S(reflected) + (1 - tau) S(air)) + (1 - w) S(window).
     """
@@ -171,11 +171,11 @@ def apparent_counts(T, planck: PlanckCalibration, p: ObjectParameters):
 
 
 def object_temperature(counts, planck: PlanckCalibration, p: ObjectParameters):
-    """Temperature of the object, degC, from the counts that the camera saw; NaN where they are too few."""
+    """Temperature of the object, degC, from the counts of the camera; NaN for too few counts."""
     gain, added = _gain_and_background(planck, p)
     return planck.temperature((counts - added) / gain)
 
 
 def recompute_temperature(T, old: ObjectParameters, new: ObjectParameters, band: PlanckCalibration = LONG_WAVE):
-    """Temperatures (degC) that were computed with `old` parameters, as they are with `new` ones."""
+    """Temperatures (degC) that were computed with `old` parameters, converted to `new` ones."""
     return T if old == new else object_temperature(apparent_counts(T, band, old), band, new)

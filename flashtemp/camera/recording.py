@@ -1,4 +1,4 @@
-"""A recording: what one camera saw of one test, in degC, with time and place of every pixel (contract 5.4)."""
+"""Recordings: temperatures of one camera view or of sensors, degC, with the time and position of every pixel."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ VIEW_DESCRIPTIONS = {
     "sidewall": "u = x from the leading edge, v = z above the interface",
     "wake": "road behind the block: u = x > L, v = y from the centre line",
     "profile": "no v: block surface along x",
-    "points": "thermocouples or pyrometers at places x, y, z; u counts them",
+    "points": "thermocouples or pyrometers at positions x, y, z; u counts them",
 }
-MAX_WRITE_AT_ONCE_BYTES = 64 * 2**20  # bytes of images: larger recordings are written piece by piece
+MAX_WRITE_AT_ONCE_BYTES = 64 * 2**20  # bytes of images: larger recordings are written in chunks
 CHUNK_PIXELS = 1_000_000  # pixels that are compressed together
 RECORDING_VARIABLES = ("temperature", "time", "repetition", "u", "v", *SENSOR_KEYS)
 NAME_SEPARATOR = ";"  # between the names of points
@@ -45,12 +45,12 @@ OPTIONAL_ATTRIBUTES = {  # attribute: unit, lowest, highest value
 class Recording(DisplayMixin):
     """Frames of one view: `temperature` (frames, nv, nu) degC, NaN = dead pixel; a profile has nv = 1.
 
-    `time` (frames,) s from the first start of sliding, `repetition` (frames,) 1-based, during a wait the
-    one before; `u` (nu,), `v` (nv,) pixel centres in m, increasing; `source` where it came from.  The rest
-    is what is known of the camera, None where it is not: `netd_K` noise of one pixel of one frame,
-    `fixed_pattern_K` scatter between pixels that stays, `psf_sigma_px` blur, `registration_sigma_px` how well
-    the origin of the image is known.  A view of points has their `places`; u counts them and nv = 1.  The class of the
-    `camera`, uncooled or cooled, says how large its errors usually are.
+    `time` (frames,) s from the first start of sliding; `repetition` (frames,) from 1, during a wait the preceding one;
+    `u` (nu,), `v` (nv,) pixel centres in m, increasing; `source` of the data.  Facts of the camera are None where
+    unknown: `netd_K` noise of one pixel of one frame, `fixed_pattern_K` constant scatter between pixels,
+    `psf_sigma_px` blur, `registration_sigma_px` standard deviation of the origin.  A view of points has sensor
+    positions `places`; u counts them and nv = 1.  The class of the `camera`, uncooled or cooled, sets the usual size of
+    its errors.  Raises BadInput for values outside their ranges.
     """
 
     view: str
@@ -76,7 +76,7 @@ class Recording(DisplayMixin):
             raise BadInput(fault)
 
     def _find_fault(self) -> str | None:
-        """What makes this no recording, in one line, or None."""
+        """The first fault of the recording in one line, or None."""
         return self._shape_fault() or self._place_fault() or self._value_fault()
 
     def _shape_fault(self) -> str | None:
@@ -96,7 +96,7 @@ class Recording(DisplayMixin):
         return None
 
     def _place_fault(self) -> str | None:
-        """In the coordinates."""
+        """Fault of the coordinates, or None."""
         for name in ("time", "u", "v"):
             values = getattr(self, name)
             if not np.all(np.isfinite(values)):
@@ -112,7 +112,7 @@ class Recording(DisplayMixin):
         return None
 
     def _value_fault(self) -> str | None:
-        """In temperatures and what is known of the camera."""
+        """Fault of the temperatures or of the camera's facts, or None."""
         if self.camera not in CAMERA_CLASSES:
             return f"camera: {self.camera!r}; give {' or '.join(CAMERA_CLASSES)}"
         low, high, known = self.span
@@ -129,7 +129,7 @@ class Recording(DisplayMixin):
 
     @property
     def is_single_row(self) -> bool:
-        """Whether its values lie in one row: a profile, or points."""
+        """Whether the values form one row: a profile or points."""
         return self.view in ("profile", "points")
 
     @property
@@ -138,7 +138,7 @@ class Recording(DisplayMixin):
 
     @cached_property
     def span(self) -> tuple[float, float, int]:
-        """Lowest and highest temperature, degC, and how many of all are known."""
+        """Lowest and highest temperature, degC, and the number of known values."""
         return finite_range(self.temperature)
 
     @property
@@ -148,7 +148,7 @@ class Recording(DisplayMixin):
         return u, v
 
     def to_dataset(self):
-        """The xarray Dataset of contract 5.4."""
+        """The recording as an xarray Dataset (docs/reference/file_formats.md)."""
         import xarray as xr
 
         flat, along = self.is_single_row, "point" if self.view == "points" else "u"
@@ -175,7 +175,7 @@ class Recording(DisplayMixin):
         )
 
     def save(self, path) -> None:
-        """Write NetCDF-4; replaces the file only when whole."""
+        """Write NetCDF-4; an existing file is replaced only by a complete one."""
         path = Path(path)
         with atomic_write(path) as fresh:
             if self.temperature.nbytes <= MAX_WRITE_AT_ONCE_BYTES:
@@ -185,7 +185,7 @@ class Recording(DisplayMixin):
                 self._write_frames(fresh)
 
     def _write_frames(self, path: Path) -> None:
-        """Write a file frame by frame: images that are no more in memory at once than a few."""
+        """Write a file a few frames at a time, for images that need not fit into memory."""
         import h5netcdf
 
         ds = self.to_dataset()
@@ -205,7 +205,7 @@ class Recording(DisplayMixin):
                 variable[begin : begin + len(images)] = images[:, 0] if flat else images
 
     def select_frames(self, keep: np.ndarray) -> Recording:
-        """The same with some of its frames: indices or a mask (frames,)."""
+        """Recording with some of the frames: indices or a mask (frames,)."""
         return replace(self, temperature=self.temperature[keep], time=self.time[keep], repetition=self.repetition[keep])
 
     def __str__(self) -> str:
@@ -240,9 +240,9 @@ class Recording(DisplayMixin):
 
 
 def load(path: str | Path, limit: float | None = None) -> Recording:
-    """Read a recording (NetCDF), units by CF conventions; BadInput names the file and what is missing or wrong.
+    """Read a recording (NetCDF), with units by CF conventions.  BadInput names the file and the fault.
 
-    Its size is looked at before anything is read: at most `limit` GB of memory, 1 unless said.
+    Its size is checked before anything is read: at most `limit` GB of memory, by default 1.
     """
     import xarray as xr
 
@@ -329,20 +329,20 @@ def _read_positions(ds, n: int) -> SensorPositions:
 
 
 def _read_variable(ds, name: str, variable=None) -> np.ndarray:
-    """A variable of a file, in the unit of the contract.  Raises BadInput."""
+    """A variable of a file, in the unit of recordings.  Raises BadInput."""
     unit = SENSOR_KEYS[name][0] if name in SENSOR_KEYS else cf_attributes.VARIABLE_UNITS[name]
     return cf_attributes.read_variable(name, ds[name] if variable is None else variable, unit)
 
 
 def _check_dataset(limit: float | None, size: int, what: str, usual: bool) -> None:
-    """BadInput where a dataset takes too much memory or holds numbers that no program writes."""
+    """BadInput where a dataset takes too much memory or has an unusual number type, a sign of damage."""
     check_memory(size, limit, what)
     if not usual:
         raise BadInput(f"{what} holds numbers of an unusual kind: damaged; write it again with flashtemp import")
 
 
 def _whole_numbers(values: np.ndarray) -> np.ndarray:
-    """Numbers of repetitions as integers; BadInput where they are none."""
+    """Numbers of repetitions as integers.  BadInput where they are not whole."""
     if not np.all(np.isfinite(values)) or np.any(values != np.round(values)):
         raise BadInput("repetition: give whole numbers, counted from 1")
     return values.astype(int)

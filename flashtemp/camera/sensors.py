@@ -1,4 +1,4 @@
-"""Places of thermocouples and pyrometers: where each sits, how slowly it follows, how well its place is known."""
+"""Positions of thermocouples and pyrometers, their time constants, and the uncertainties of both."""
 
 from __future__ import annotations
 
@@ -23,14 +23,15 @@ SENSOR_KEYS = {  # of one point: unit, lowest, highest value, default
     "gain_sigma": ("1", 0.0, 0.2, 0.0),
 }
 REQUIRED_SENSOR_KEYS = ("z",)
-FALLBACK_KEYS = {"depth_sigma_m": "place_sigma_m"}  # what a key is where it is not given
+FALLBACK_KEYS = {"depth_sigma_m": "place_sigma_m"}  # key whose value replaces a missing one
 
 
 @dataclass(frozen=True, eq=False)
 class SensorPositions:
-    """Points (n,): `x` from the leading edge, `y` from the centre line, `z` > 0 above the face in the block, < 0 in the
-    road, all m; `lag_s` time constant; standard deviations `lag_sigma_s` of that, `place_sigma_m` of the place along x
-    and y, `depth_sigma_m` along z, `gain_sigma` of the rise that it shows, relative; `names` for people.
+    """Positions of n sensors, m: `x` from the leading edge, `y` from the centre line, `z` up (< 0: road).
+
+    `lag_s` is the time constant.  Standard deviations: `lag_sigma_s` of the lag, `place_sigma_m` of x and y,
+    `depth_sigma_m` of z, `gain_sigma` (relative) of the indicated temperature rise.  `names` are for people.
     """
 
     names: tuple[str, ...]
@@ -58,18 +59,18 @@ class SensorPositions:
                 raise BadInput(f"{key}: {values[bad][0]:g} of a point; give {low:g} to {high:g} {unit}")
 
     def place_sigma(self, axis: int) -> np.ndarray:
-        """Standard deviation (n,) m of the place along x, y or z."""
+        """Standard deviation (n,) m of the position along axis 0, 1 or 2 (x, y or z)."""
         return self.depth_sigma_m if axis == 2 else self.place_sigma_m
 
     def perturb_key(self, key: str, step: float, point: int | None = None) -> SensorPositions:
-        """The same with x, y, z or `lag_s` of one point, or of all, changed by `step`; may leave bounds a little."""
+        """Copy with x, y, z or `lag_s` of one point, or of all, changed by `step`; bounds are not checked."""
         values = getattr(self, key).copy()
         values[slice(None) if point is None else point] += step
         return _build_unchecked({f.name: getattr(self, f.name) for f in fields(self)} | {key: values})
 
-    def subset(self, own: slice) -> SensorPositions:
-        """Some of the points."""
-        return _build_unchecked({f.name: getattr(self, f.name)[own] for f in fields(self)})
+    def subset(self, points: slice) -> SensorPositions:
+        """Positions of some of the points."""
+        return _build_unchecked({f.name: getattr(self, f.name)[points] for f in fields(self)})
 
     def as_rows(self) -> list[dict[str, Any]]:
         """One table per point, as in campaign.toml."""
@@ -84,7 +85,7 @@ def _build_unchecked(values: dict[str, Any]) -> SensorPositions:
 
 
 def positions_from_rows(rows: Any, key: str = "points") -> SensorPositions:
-    """Places from tables such as { z = 0.00572, lag_s = 0.5 }; `name` counts from 1 unless given.  Raises BadInput."""
+    """Positions from tables such as { z = 0.00572, lag_s = 0.5 }; `name` is by default a number.  Raises BadInput."""
     if not isinstance(rows, list) or not rows or not all(isinstance(r, dict) for r in rows):
         raise BadInput(f"{key}: {rows!r}; give a table per point, for example [{{ x = 0.01, z = 0.002 }}]")
     known, rows = ["name", *SENSOR_KEYS], [dict(row) for row in rows]
@@ -92,8 +93,8 @@ def positions_from_rows(rows: Any, key: str = "points") -> SensorPositions:
         for name, value in [*row.items()]:
             if name not in known:
                 raise BadInput(f"{key}: point {number}: {name}: unknown key{suggest_name(name, known)}")
-            if name == "name" and (said := find_title_fault(value)):
-                raise BadInput(f"{key}: point {number}: name: {said}")
+            if name == "name" and (fault := find_title_fault(value)):
+                raise BadInput(f"{key}: point {number}: name: {fault}")
             if name != "name" and units.looks_like_quantity(value):
                 row[name] = value = _convert_unit(key, number, name, value)
             if name != "name" and (isinstance(value, bool) or not isinstance(value, (int, float))):
@@ -108,7 +109,7 @@ def positions_from_rows(rows: Any, key: str = "points") -> SensorPositions:
 
 
 def _row_value(row: dict[str, Any], key: str) -> float:
-    """A key of a point, or what stands for it."""
+    """Value of a key of a point, of its fallback key, or the default."""
     if key not in row and key in FALLBACK_KEYS:
         return _row_value(row, FALLBACK_KEYS[key])
     default = SENSOR_KEYS[key][3]
@@ -123,7 +124,7 @@ def _convert_unit(key: str, number: int, name: str, value: str) -> float:
 
 
 def positions_from_arrays(names: Sequence[str], given: dict[str, Any]) -> SensorPositions:
-    """Places of points by name from a value per point of each key; those left out take their defaults.
+    """Positions from one value per point of each key; missing keys take their defaults.
 
     Raises BadInput.
     """

@@ -8,7 +8,7 @@ from typing import Any
 from cyclopts import App, CycloptsError, Group
 
 from flashtemp.camera.importing import import_options
-from flashtemp.cli import camera, campaigns, effects, friction, road, simulate, studies, templates, tyre, web_app
+from flashtemp.cli import camera, campaigns, effects, friction, simulate, studies, templates, web_app
 from flashtemp.cli.argument_checks import refuse_odd_words
 from flashtemp.physics import units
 
@@ -32,7 +32,9 @@ COMMAND_GROUPS: dict[str, tuple[Any, ...]] = {  # groups and order of the help: 
     "Compare with measurements": (
         camera.import_, campaigns.compare, campaigns.discover, campaigns.plan, campaigns.twin,
     ),
-    "Rubber and road": (friction.friction, friction.loads, road.spots, road.spectrum, tyre.tread, tyre.tyre),
+    "Rubber and road": (
+        friction.friction, friction.loads, friction.spots, friction.spectrum, friction.tread, friction.tyre,
+    ),
 }  # fmt: skip
 COMMAND_FUNCTIONS: tuple[Any, ...] = tuple(command for commands in COMMAND_GROUPS.values() for command in commands)
 SECOND_SPELLINGS = {  # an alias with the standard term of the field

@@ -25,8 +25,8 @@ def effects(name: str | None = None, *values: str, check: Annotated[bool, Switch
     if not check:
         if values:
             raise BadInput(f"effects: {values[0]}: one name at a time; key=value goes with --check")
-        found = api.effects(name)
-        print_result(list(found.entries), json, str(found))
+        result = api.effects(name)
+        print_result(list(result.entries), json, str(result))
         return EXIT_DONE
     if name is None:
         raise BadInput("effects --check: give a FILE.py with an effect, or a name that `flashtemp effects` prints")

@@ -1,10 +1,20 @@
-"""Commands for friction theory: friction over speed and temperature, and loads, the causes of load dependence."""
+"""Commands for rubber friction: friction theory, load dependence, road surfaces, tread blocks and tyres."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
-from flashtemp.cli.terminal import EXIT_DONE, Json, Trust, print_result, progress_counter, result_folder
+from flashtemp.cli.terminal import (
+    EXIT_DONE,
+    Json,
+    Switch,
+    Trust,
+    print_message,
+    print_result,
+    progress_counter,
+    result_folder,
+)
 from flashtemp.errors import BadInput
 
 
@@ -48,8 +58,8 @@ def friction(
         print_result(study.as_dict() | {"out": str(folder)}, json, f"{study}\n  results in {folder}/")
         return EXIT_DONE
     folder = result_folder(out, f"{loaded.name}-friction")
-    found = api.friction(loaded, slowest=slowest, fastest=fastest, out=folder)
-    print_result(found.as_dict() | {"out": str(folder)}, json, f"{found}\n  results in {folder}/")
+    result = api.friction(loaded, slowest=slowest, fastest=fastest, out=folder)
+    print_result(result.as_dict() | {"out": str(folder)}, json, f"{result}\n  results in {folder}/")
     return EXIT_DONE
 
 
@@ -94,10 +104,152 @@ def loads(
     p, v = _parse_numbers("--pressures", pressures, 2), _parse_numbers("--speeds", speeds, 1)
     folder = result_folder(out, f"{loaded.name}-loads")
     with progress_counter(loaded.name) as watch:
-        found = api.loads(
+        result = api.loads(
             loaded, pressures=p, speeds=v, skewness_cutoff=skewness_cutoff, out=folder, workers=workers, watch=watch
         )
-    print_result(found.as_dict() | {"out": str(folder)}, json, f"{found}\n  results in {folder}/")
+    print_result(result.as_dict() | {"out": str(folder)}, json, f"{result}\n  results in {folder}/")
+    return EXIT_DONE
+
+
+def spots(
+    file: Path | None = None,
+    /,
+    *,
+    out: Path,
+    cutoff: float,
+    pressure: float = 1.5e5,
+    modulus: float = 1.33e7,
+    synthetic: Annotated[bool, Switch] = False,
+    length: float | None = None,
+    width: float | None = None,
+    pixel: float = 1e-4,
+    hurst: float = 0.85,
+    rms: float = 3e-4,
+    rolloff: float = 5e-3,
+    seed: int = 1,
+    json: Json = False,
+) -> int:
+    """Compute which macroasperity regions of a road touch: a contact map for resolved_spots.contact_map.
+
+    Parameters
+    ----------
+    file
+        Height map of an instrument (any format of SurfaceTopography), or a text matrix of heights in m separated by
+        blanks, whose rows run along the direction of sliding.
+    out
+        Contact map to write, a .npz file.
+    cutoff
+        Shortest wavelength of the road to include, m; it sets the magnification of the macroasperities.
+    pressure
+        Nominal contact pressure, Pa.
+    modulus
+        Contact modulus E/(1 - nu^2) of the rubber, Pa.
+    synthetic
+        Generate a self-affine road instead of reading a file.
+    length
+        Length of the road along x, m; 0.05 if synthetic.  For a file only where it does not state its size.
+    width
+        Width of the road, m; 0.02 if synthetic.  For a file only where it does not state its size.
+    pixel
+        Pixel size of the synthetic road, m.
+    hurst
+        Hurst exponent of the synthetic road.
+    rms
+        Root mean square height of the synthetic road, m.
+    rolloff
+        Roll-off wavelength of the synthetic road, m.
+    seed
+        Seed of the synthetic road.
+    """
+    from flashtemp.api import friction
+
+    if (file is None) != synthetic:
+        raise BadInput("spots: give one FILE of heights, or --synthetic")
+    result = friction.spots(
+        file, cutoff=cutoff, pressure=pressure, modulus=modulus, length=length, width=width, pixel=pixel, hurst=hurst,
+        rms=rms, rolloff=rolloff, seed=seed, out=out,
+    )  # fmt: skip
+    print_result(result.as_dict() | {"out": str(out)}, json, f"{result}\n  resolved_spots.contact_map: {out}")
+    return EXIT_DONE
+
+
+def spectrum(
+    file: Path,
+    /,
+    *,
+    out: Path,
+    profile: Annotated[bool, Switch] = False,
+    highpass: float | None = None,
+    pixel: float | None = None,
+    json: Json = False,
+) -> int:
+    """Compute the power spectrum C(q) of a measured road for persson_friction.spectrum, with a picture.
+
+    Parameters
+    ----------
+    file
+        Height map of an instrument (any format of SurfaceTopography), or a line profile.
+    out
+        Spectrum to write, a new .csv file (q in 1/m, C in m^4); the picture is the .png file of the same name.
+    profile
+        The file is a line profile with columns of distance and height; not needed where a header states both units.
+    highpass
+        Longest wavelength to include, m; half the length of the measurement when not given.
+    pixel
+        Pixel size in m of a file that contains only heights in m (.npy or text, one row per line).
+    """
+    from flashtemp.api import friction
+
+    result = friction.spectrum(file, profile=profile, highpass=highpass, pixel=pixel, out=out)
+    for note in result.notes:
+        print_message(note)
+    picture = str(out.with_suffix(".png"))
+    text = f"{result}\n  persson_friction.spectrum: {out}\n  picture: {picture}"
+    print_result(result.as_dict() | {"out": str(out), "picture": picture}, json, text)
+    return EXIT_DONE
+
+
+def tread(case: str, /, *overrides: str, out: Path | None = None, trust: Trust = False, json: Json = False) -> int:
+    """Compute the friction of one tread block along its footprint, from the cold to the hot branch, at several slips.
+
+    Parameters
+    ----------
+    case
+        A case folder or a .toml file; its table [tread] describes the block and the footprint.
+    overrides
+        Keys of the case to change, as table.key=value.
+    out
+        Result folder; results/CASE-tread when not given.
+    """
+    from flashtemp.api import friction, inputs
+
+    loaded = inputs.load(case, list(overrides), trust=trust)
+    folder = result_folder(out, f"{loaded.name}-tread")
+    with progress_counter(loaded.name) as watch:
+        result = friction.tread(loaded, out=folder, watch=watch)
+    print_result(result.as_dict() | {"out": str(folder)}, json, f"{result}\n  results in {folder}/")
+    return EXIT_DONE
+
+
+def tyre(case: str, /, *overrides: str, out: Path | None = None, trust: Trust = False, json: Json = False) -> int:
+    """Compute the side force of a tyre over slip angle at several loads, with the cold-hot law and its controls.
+
+    Parameters
+    ----------
+    case
+        A case folder or a .toml file; its table [tyre] describes the footprint and the bristles.
+    overrides
+        Keys of the case to change, as table.key=value.
+    out
+        Result folder; results/CASE-tyre when not given.
+    """
+    from flashtemp.api import friction, inputs
+
+    loaded = inputs.load(case, list(overrides), trust=trust)
+    folder = result_folder(out, f"{loaded.name}-tyre")
+    with progress_counter(loaded.name) as watch:
+        result = friction.tyre(loaded, out=folder, watch=watch)
+    print_result(result.as_dict() | {"out": str(folder)}, json, f"{result}\n  results in {folder}/")
     return EXIT_DONE
 
 

@@ -53,9 +53,9 @@ def sweep(
     folder = out or Path("results") / f"{plan.case.name}-sweep"
     with progress_counter(plan.case.name) as watch:
         how: dict[str, Any] = {"out": folder, "workers": workers, "scheduler": scheduler, "watch": watch}
-        found, code = run_and_report(lambda: studies.sweep(plan, **how))
-    print_result({"out": str(folder), **found.as_dict()}, json, f"{found}\n  results in {folder}/")
-    return EXIT_FAILED if found.failed else code
+        result, code = run_and_report(lambda: studies.sweep(plan, **how))
+    print_result({"out": str(folder), **result.as_dict()}, json, f"{result}\n  results in {folder}/")
+    return EXIT_FAILED if result.failed else code
 
 
 def converge(case: str, /, *overrides: str, trust: Trust = False, json: Json = False) -> int:
@@ -176,9 +176,9 @@ def sensitivity(
     loaded = inputs.load(case, changes, trust=trust)
     folder = result_folder(out, f"{loaded.name}-sensitivity", resumable=True)
     with progress_counter(loaded.name) as watch:
-        found = studies.sensitivity(
+        result = studies.sensitivity(
             loaded, chosen or None, samples=samples, linear=linear, out=folder, workers=workers, scheduler=scheduler,
             watch=watch, say=message_printer(json),
         )  # fmt: skip
-    print_result(found.as_dict() | {"out": str(folder)}, json, f"{found}\n  results in {folder}/")
+    print_result(result.as_dict() | {"out": str(folder)}, json, f"{result}\n  results in {folder}/")
     return EXIT_DONE

@@ -1,4 +1,4 @@
-"""A campaign: the case that is believed, and the recordings and load-cell traces that it is held to (contract 5.4)."""
+"""Campaigns: a stated case, and the recordings and load-cell time series that are compared with it."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from flashtemp.physics import units
 from flashtemp.physics.interpolation import read_xy_pairs
 from flashtemp.physics.tables.wanted import FRICTION, TIME
 
-PLANNED_NETD_K = 0.05  # K, of a camera that is imagined
-PLANNED_READINGS = 40  # times that imagined thermocouples are read per repetition
+PLANNED_NETD_K = 0.05  # K, noise of the camera in a planned recording
+PLANNED_READINGS = 40  # readings of planned thermocouples per repetition
 MAX_FREE_SD = 3.0  # relative standard deviation of a free key: a factor of 20
 TOP_KEYS = {"title", "case", "free", "known", "candidates", "recording", "force"}
 ENTRY_KEYS = {
@@ -36,14 +36,14 @@ ENTRY_KEYS = {
 }
 
 
-CaseLoader = Callable[..., cases.Case]  # the case under overrides
+CaseLoader = Callable[..., cases.Case]  # loads the case with overrides
 
 
 @dataclass(frozen=True)
 class RecordingEntry:
-    """A recording of a campaign: `given` overrides of the case, `sigma_K` noise of one pixel of one frame.
+    """A recording of a campaign: overrides `given` of the case, noise `sigma_K` of one pixel of one frame.
 
-    `means`: of which of the camera's frames each frame is the mean, None where it is one of them.
+    `means` says over which frames of the camera each frame is averaged; None: over none.
     """
 
     file: str
@@ -56,7 +56,7 @@ class RecordingEntry:
 
 @dataclass(frozen=True)
 class LoadCellEntry:
-    """A load-cell trace: `time` (n,) s, `mu` (n,), `sigma` of one reading."""
+    """A time series of the load cell: `time` (n,) s, friction coefficient `mu` (n,), `sigma` of one reading."""
 
     file: str
     time: tuple[float, ...]
@@ -68,7 +68,7 @@ class LoadCellEntry:
 
 @dataclass(frozen=True)
 class Condition:
-    """What was measured under the same overrides `given` of the case, so that it is simulated once."""
+    """All measurements with the same overrides `given` of the case, which need one simulation."""
 
     given: dict[str, Any]
     views: tuple[RecordingEntry, ...]
@@ -85,10 +85,10 @@ class Condition:
 
 @dataclass(frozen=True, repr=False)
 class Campaign(DisplayMixin):
-    """`read_case` file, names of `read_free_keys` nuisance parameters, views and forces; `folder` where files are looked up.
+    """A `case` file, its `free` nuisance parameters, the recordings `views` and `forces`; `folder` of relative paths.
 
-    `trust`: effect files of the case run whose ever they are; `read_priors` {free key: relative standard deviation} that
-    the campaign states; `read_uncertainties` {key: how well it says that any other stated number is known}.
+    `candidates`: effects that may be missing.  `trust`: effect files of the case run whoever owns them.  `priors`
+    {free key: relative standard deviation} and `known` {other key: standard deviation} as the campaign states them.
     """
 
     title: str
@@ -108,19 +108,19 @@ class Campaign(DisplayMixin):
 
     @property
     def conditions(self) -> tuple[Condition, ...]:
-        """Entries that share their overrides, in the order in which these first appear."""
+        """Entries grouped by equal overrides, in the order of their first appearance."""
         groups: dict[str, Condition] = {}
         for entry in self.entries:
             key = repr(sorted((k, _as_float(v)) for k, v in entry.given.items()))
-            now = groups.get(key, Condition(entry.given, (), ()))
+            group = groups.get(key, Condition(entry.given, (), ()))
             if isinstance(entry, RecordingEntry):
-                groups[key] = replace(now, views=(*now.views, entry))
+                groups[key] = replace(group, views=(*group.views, entry))
             else:
-                groups[key] = replace(now, forces=(*now.forces, entry))
+                groups[key] = replace(group, forces=(*group.forces, entry))
         return tuple(groups.values())
 
     def load(self, given: dict[str, Any]) -> cases.Case:
-        """The case under the conditions of one entry."""
+        """The case with the overrides `given` of one entry."""
         return cases.load_case(self.case, given, trust=self.trust)
 
     def to_table(self) -> DisplayTable:
@@ -138,7 +138,7 @@ class Campaign(DisplayMixin):
 
 
 def describe_overrides(given: dict[str, Any]) -> str:
-    """A condition in words.
+    """A condition in words, from its overrides.
 
     >>> describe_overrides({"schedule.speed": 0.1}), describe_overrides({})
     ('schedule.speed = 0.1', 'the case')
@@ -147,11 +147,11 @@ def describe_overrides(given: dict[str, Any]) -> str:
 
 
 def load(path: str | Path, planned: bool = False, trust: bool = False, limit: float | None = None) -> Campaign:
-    """Read campaign.toml (or a folder that holds it) and everything it names.
+    """Read campaign.toml (or a folder that contains it) and all files that it refers to.
 
-    With `planned`, a recording may give a `read_recording` instead of a file: what a camera would take is then imagined.
-    `trust` lets effect files of the case run whose ever they are; `limit`: GB of memory that reading one recording may
-    take.  Raises BadInput with all faults at once, one line each.
+    With `planned`, a recording may state a `view` instead of a file; it is then empty, with the pixels and frames of a
+    typical camera.  `trust` lets effect files of the case run whoever owns them; `limit`: GB of memory for reading one
+    recording.  Raises BadInput with all faults at once, one line each.
     """
     path = Path(path)
     file = path / "campaign.toml" if path.is_dir() else path
@@ -163,22 +163,22 @@ def load(path: str | Path, planned: bool = False, trust: bool = False, limit: fl
     for key in raw.keys() - TOP_KEYS:
         reader.add_fault(key, f"unknown key{suggest_name(key, sorted(TOP_KEYS))}")
     case = reader.read_case(raw)
-    believed = reader.load_believed(case, trust)
-    under = None if case is None or believed is None else partial(cases.load_case, case, trust=trust)
+    stated_case = reader.load_stated_case(case, trust)
+    load_case_with = None if case is None or stated_case is None else partial(cases.load_case, case, trust=trust)
     entries = {kind: reader.read_entries(raw, kind) for kind in ENTRY_KEYS}
-    views = {n: v for n, e in enumerate(entries["recording"], 1) if (v := reader.read_recording(e, n, under))}
-    forces = {n: f for n, e in enumerate(entries["force"], 1) if (f := reader.read_load_cell(e, n, under))}
+    views = {n: v for n, e in enumerate(entries["recording"], 1) if (v := reader.read_recording(e, n, load_case_with))}
+    forces = {n: f for n, e in enumerate(entries["force"], 1) if (f := reader.read_load_cell(e, n, load_case_with))}
     reader.refuse_repeated("recording", {n: v for n, v in views.items() if "file" in entries["recording"][n - 1]})
     reader.refuse_repeated("force", forces)
     if not reader.faults and not views and not forces:
         reader.faults.append(f"{file}: holds no [[recording]] and no [[force]]; add at least one")
     priors = reader.read_priors(raw)
-    free = reader.read_free_keys(tuple(priors) if priors is not None else reader.read_names(raw, "free"), believed)
-    known = reader.read_uncertainties(raw, believed, free)
-    candidates = reader.read_candidates(raw, believed)
-    if said := case_file.find_title_fault(raw.get("title", "")):
-        reader.add_fault("title", said)
-    if reader.faults or case is None or believed is None:
+    free = reader.read_free_keys(tuple(priors) if priors is not None else reader.read_names(raw, "free"), stated_case)
+    known = reader.read_uncertainties(raw, stated_case, free)
+    candidates = reader.read_candidates(raw, stated_case)
+    if fault := case_file.find_title_fault(raw.get("title", "")):
+        reader.add_fault("title", fault)
+    if reader.faults or case is None or stated_case is None:
         raise BadInput(*reader.faults)
     title = raw.get("title", file.resolve().parent.name)
     entered = tuple(views.values()), tuple(forces.values())
@@ -187,7 +187,7 @@ def load(path: str | Path, planned: bool = False, trust: bool = False, limit: fl
 
 @dataclass(frozen=True)
 class _CampaignReader:
-    """A campaign file being read: `where` its keys stand, its `folder`, and the `faults` found so far."""
+    """Reader of a campaign file: `where` maps keys to lines, `folder` is that of the file; it collects `faults`."""
 
     where: case_file.KeyLocations
     folder: Path
@@ -196,23 +196,23 @@ class _CampaignReader:
     faults: list[str] = field(default_factory=list)
 
     def add_fault(self, key: str, text: str, nth: int = 1) -> None:
-        """Keep a fault of a key, or of the `nth` table of that name."""
+        """Add a fault of a key, or of the `nth` table of that name."""
         self.faults.append(f"{self.where(key, nth)}: {text}")
 
     def read_case(self, raw: dict[str, Any]) -> Path | None:
-        """The case file that is believed."""
+        """Path of the case file; None, with a fault, where it does not exist."""
         name = raw.get("case", "case.toml")
         if not isinstance(name, str):
             self.add_fault("case", f"{name!r}; give the name of a case file in quotes")
             return None
         path = self.folder / name
         if not _path_exists(path):
-            self.add_fault("case", f"no file '{name}' in {self.folder}; give the case that is believed")
+            self.add_fault("case", f"no file '{name}' in {self.folder}; give the case file of the campaign")
             return None
         return path
 
-    def load_believed(self, case: Path | None, trust: bool) -> cases.Case | None:
-        """The case as it stands; None, and its faults told once, when it cannot be loaded."""
+    def load_stated_case(self, case: Path | None, trust: bool) -> cases.Case | None:
+        """The case without overrides; None, with its faults, where it cannot be loaded."""
         try:
             return None if case is None else cases.load_case(case, trust=trust)
         except BadInput as fault:
@@ -220,7 +220,7 @@ class _CampaignReader:
             return None
 
     def read_entries(self, raw: dict[str, Any], kind: str) -> list[dict[str, Any]]:
-        """Tables [[recording]] or [[force]], with known keys only."""
+        """Tables [[recording]] or [[force]]; unknown keys are faults."""
         entries = raw.get(kind, [])
         if not isinstance(entries, list) or not all(isinstance(e, dict) for e in entries):
             self.add_fault(kind, f"write [[{kind}]] and its keys below it")
@@ -233,7 +233,7 @@ class _CampaignReader:
         return entries
 
     def read_names(self, raw: dict[str, Any], key: str) -> tuple[str, ...] | None:
-        """A list of names, None where it is not given."""
+        """A list of names; None where the key is missing."""
         value = raw.get(key, [])
         if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
             self.add_fault(key, f"{value!r}; give a list of names in quotes")
@@ -241,7 +241,7 @@ class _CampaignReader:
         return tuple(value) if key in raw else None
 
     def read_priors(self, raw: dict[str, Any]) -> dict[str, float] | None:
-        """Free keys with the relative standard deviation of what is known of them; None where `read_free_keys` is a list."""
+        """Free keys with the relative standard deviations of their priors; None where `free` is a list."""
         given = raw.get("free")
         if not isinstance(given, dict):
             return None
@@ -258,45 +258,45 @@ class _CampaignReader:
         return flat
 
     def read_uncertainties(
-        self, raw: dict[str, Any], believed: cases.Case | None, free: tuple[str, ...]
+        self, raw: dict[str, Any], stated_case: cases.Case | None, free: tuple[str, ...]
     ) -> dict[str, StatedUncertainty]:
-        """How well stated numbers are known, by key."""
-        if believed is None or "known" not in raw:
+        """Stated uncertainties of fixed inputs, by key."""
+        if stated_case is None or "known" not in raw:
             return {}
-        found, faults = read_known(raw["known"], believed, free)
-        for said in faults:
-            self.add_fault("known", said)
-        return found
+        uncertainties, faults = read_known(raw["known"], stated_case, free)
+        for fault in faults:
+            self.add_fault("known", fault)
+        return uncertainties
 
-    def read_candidates(self, raw: dict[str, Any], believed: cases.Case | None) -> tuple[str, ...] | None:
-        """Effects that may be missing, all of them known to the case."""
-        found = self.read_names(raw, "candidates")
-        known = cases.collect_effects() if believed is None else believed.known_effects
-        for name in dict.fromkeys(n for n in found or () if (found or ()).count(n) > 1):
+    def read_candidates(self, raw: dict[str, Any], stated_case: cases.Case | None) -> tuple[str, ...] | None:
+        """Effects that may be missing; each must be known to the case."""
+        names = self.read_names(raw, "candidates")
+        known = cases.collect_effects() if stated_case is None else stated_case.known_effects
+        for name in dict.fromkeys(n for n in names or () if (names or ()).count(n) > 1):
             self.add_fault("candidates", f"effect '{name}' is listed twice; once is enough")
-        for name in found or ():
+        for name in names or ():
             if name not in known:
-                own = name.endswith(".py")
+                is_file = name.endswith(".py")
                 what = (
-                    "; a file of your own belongs into the case, its candidates" if own else suggest_name(name, known)
+                    "; list a file of your own in the candidates of the case" if is_file else suggest_name(name, known)
                 )
                 self.add_fault("candidates", f"effect '{name}' is not in the catalogue{what}")
-        return found
+        return names
 
-    def read_free_keys(self, given: tuple[str, ...] | None, believed: cases.Case | None) -> tuple[str, ...]:
-        """Free keys, those of the case unless given; each a number of its physics, named once."""
-        if believed is None:
+    def read_free_keys(self, given: tuple[str, ...] | None, stated_case: cases.Case | None) -> tuple[str, ...]:
+        """Free keys, by default those of the case; each must be a number of its physics and appear once."""
+        if stated_case is None:
             return ()
-        free = believed.free if given is None else given
+        free = stated_case.free if given is None else given
         for n, key in enumerate(free):
-            if said := schema.find_free_key_fault(key, believed.values, believed.known_effects):
-                self.add_fault("free", said)
+            if fault := schema.find_free_key_fault(key, stated_case.values, stated_case.known_effects):
+                self.add_fault("free", fault)
             elif key in free[:n]:
                 self.add_fault("free", f"'{key}' is listed twice; once is enough")
         return free
 
     def refuse_repeated(self, kind: str, entries: Mapping[int, RecordingEntry] | Mapping[int, LoadCellEntry]) -> None:
-        """Note entries, by number, that are an earlier one again: a measurement counts once."""
+        """Add a fault for entries, by number, that repeat an earlier one: a measurement counts once."""
         for number, entry in entries.items():
             for earlier, other in entries.items():
                 if earlier >= number:
@@ -306,60 +306,69 @@ class _CampaignReader:
                     self.add_fault(kind, f"{kind} {number}: file: {what}; list it once", number)
                     break
 
-    def read_recording(self, entry: dict[str, Any], number: int, under: CaseLoader | None) -> RecordingEntry | None:
-        imagined = self.planned and "view" in entry and "file" not in entry
+    def read_recording(
+        self, entry: dict[str, Any], number: int, load_case_with: CaseLoader | None
+    ) -> RecordingEntry | None:
+        """A [[recording]]; None, with a fault, where it cannot be used."""
+        is_planned = self.planned and "view" in entry and "file" not in entry
         if (
-            imagined
+            is_planned
             and entry["view"] not in synthetic_recording.VIEW_GEOMETRY
             and not ("points" in entry and entry["view"] == "points")
         ):
             known = ", ".join(synthetic_recording.VIEW_GEOMETRY) + ", or points with their places"
             self.add_fault("recording", f"recording {number}: view: {entry['view']!r}; give {known}", number)
             return None
-        sound = self._has_file(entry, "recording", number) if not imagined else True
-        if not (self._has_valid_keys(entry, "recording", number, under) and sound):
+        sound = self._has_file(entry, "recording", number) if not is_planned else True
+        if not (self._has_valid_keys(entry, "recording", number, load_case_with) and sound):
             return None
-        given, sigma, held = _read_overrides(entry, under), entry.get("sigma_K"), entry.get("held_out", False)
-        if imagined:
-            if under is None:
+        given, sigma, held = _read_overrides(entry, load_case_with), entry.get("sigma_K"), entry.get("held_out", False)
+        if is_planned:
+            if load_case_with is None:
                 return None
             try:
-                taken = _planned_recording(entry, under(given), f"recording {number}")
+                recorded = _planned_recording(entry, load_case_with(given), f"recording {number}")
             except BadInput as fault:
                 self.faults.extend(f"{self.where('recording', number)}: {line}" for line in fault.lines)
                 return None
             return RecordingEntry(
-                f"planned {number} {entry['view']}", _with_camera_class(taken, entry), given, sigma, held
+                f"planned {number} {entry['view']}", _with_camera_class(recorded, entry), given, sigma, held
             )
         try:
             if "points" not in entry:
-                taken = recording.load(self.folder / entry["file"], self.limit)
-            elif under is None:
+                recorded = recording.load(self.folder / entry["file"], self.limit)
+            elif load_case_with is None:
                 return None
             else:
-                taken = thermocouple_files.read_campaign_points(
-                    entry, self.folder, under(given).scene.schedule, f"recording {number}"
+                recorded = thermocouple_files.read_campaign_points(
+                    entry, self.folder, load_case_with(given).scene.schedule, f"recording {number}"
                 )
-            return RecordingEntry(entry["file"], _with_camera_class(taken, entry), given, sigma, held)
+            return RecordingEntry(entry["file"], _with_camera_class(recorded, entry), given, sigma, held)
         except BadInput as fault:
-            own = "points" in entry
-            self.faults.extend(f"{self.where('recording', number)}: {line}" if own else line for line in fault.lines)
+            # errors of image files name their file already, those of points name the entry alone
+            is_table = "points" in entry
+            self.faults.extend(
+                f"{self.where('recording', number)}: {line}" if is_table else line for line in fault.lines
+            )
             return None
 
-    def read_load_cell(self, entry: dict[str, Any], number: int, under: CaseLoader | None) -> LoadCellEntry | None:
+    def read_load_cell(
+        self, entry: dict[str, Any], number: int, load_case_with: CaseLoader | None
+    ) -> LoadCellEntry | None:
+        """A [[force]]; None, with a fault, where it cannot be used."""
         sound = self._has_file(entry, "force", number)
-        if not (self._has_valid_keys(entry, "force", number, under) and sound):
+        if not (self._has_valid_keys(entry, "force", number, load_case_with) and sound):
             return None
         try:
             time, mu = read_xy_pairs(entry["file"], self.folder, "file", columns=(TIME, FRICTION))
         except BadInput as fault:
             self.faults.extend(f"{self.where('force', number)}: force {number}: {line}" for line in fault.lines)
             return None
-        given, sigma, held = _read_overrides(entry, under), entry.get("sigma"), entry.get("held_out", False)
+        given, sigma, held = _read_overrides(entry, load_case_with), entry.get("sigma"), entry.get("held_out", False)
         return LoadCellEntry(entry["file"], time, mu, given, sigma, held)
 
     def _has_file(self, entry: dict[str, Any], kind: str, number: int) -> bool:
-        """Whether the file of an entry is there."""
+        """Whether the file of an entry exists; if not, a fault is added."""
         file = entry.get("file")
         if not isinstance(file, str):
             more = "; a view without a file is for flashtemp plan" if "view" in entry else ""
@@ -370,8 +379,8 @@ class _CampaignReader:
             return False
         return True
 
-    def _has_valid_keys(self, entry: dict[str, Any], kind: str, number: int, under: CaseLoader | None) -> bool:
-        """Whether the keys that recordings and forces share can be used."""
+    def _has_valid_keys(self, entry: dict[str, Any], kind: str, number: int, load_case_with: CaseLoader | None) -> bool:
+        """Whether the keys that recordings and forces share are valid; if not, faults are added."""
         before, place = len(self.faults), f"{kind} {number}"
         given, held = entry.get("with", {}), entry.get("held_out", False)
         if not isinstance(held, bool):
@@ -380,9 +389,9 @@ class _CampaignReader:
             self.add_fault(kind, f'{place}: with: {given!r}; write with = {{ "contact.pressure" = 1.5e5 }}', number)
         elif campaign_wide := sorted({"title", "free", "known", "candidates"} & given.keys()):
             self.add_fault(kind, f"{place}: with: '{campaign_wide[0]}' holds for all; write it at the top", number)
-        elif under is not None:
+        elif load_case_with is not None:
             try:
-                under(given, by="with")
+                load_case_with(given, by="with")
             except BadInput as fault:
                 self.faults.extend(f"{self.where(kind, number)}: {place}: {line}" for line in fault.lines)
         camera = entry.get("camera", UNCOOLED)
@@ -402,18 +411,18 @@ class _CampaignReader:
         return len(self.faults) == before
 
 
-def _read_overrides(entry: dict[str, Any], under: CaseLoader | None) -> dict[str, Any]:
-    """What an entry says of its condition, {"table.key": value}, numbers without their units."""
+def _read_overrides(entry: dict[str, Any], load_case_with: CaseLoader | None) -> dict[str, Any]:
+    """Overrides of an entry, {"table.key": value}, as numbers in the units of their keys."""
     given = case_file.flatten_tables(entry.get("with", {}))
     with_units = [key for key, value in given.items() if units.looks_like_quantity(value)]
-    if under is None or not with_units:
+    if load_case_with is None or not with_units:
         return given
-    case = under(given)
+    case = load_case_with(given)
     return given | {key: case[key] for key in with_units}
 
 
 def _path_exists(path: Path) -> bool:
-    """Whether there is something of that name; there is nothing of a name that no file can have."""
+    """Whether a path exists; False also for a name that no file can have."""
     try:
         return path.exists()
     except (OSError, ValueError):
@@ -425,7 +434,7 @@ def _is_same_measurement(
 ) -> bool:
     """Whether two entries hold the same values at the same times, or are one file.
 
-    Two columns of one logger's table are two measurements.  A constant trace may have been typed twice.
+    Two columns of one logger's table are two measurements.  A constant series may have been typed twice.
     """
     if isinstance(one, RecordingEntry) and isinstance(other, RecordingEntry):
         a, b = one.recording, other.recording
@@ -442,13 +451,13 @@ def _as_float(value: Any) -> Any:
     return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
-def _with_camera_class(taken: Recording, entry: dict[str, Any]) -> Recording:
-    """A recording with the class of its camera as the campaign states it."""
-    return replace(taken, camera=entry["camera"]) if "camera" in entry else taken
+def _with_camera_class(recorded: Recording, entry: dict[str, Any]) -> Recording:
+    """A recording with the camera class that the campaign states."""
+    return replace(recorded, camera=entry["camera"]) if "camera" in entry else recorded
 
 
 def _planned_recording(entry: dict[str, Any], case: cases.Case, key: str) -> Recording:
-    """What a camera would take of a condition: four frames of every sliding, one of every wait; of points, more."""
+    """An empty recording of a planned view: four frames per repetition and one per wait; more readings of points."""
     scene = case.scene
     if entry["view"] == "points":
         places = positions_from_rows(entry["points"], f"{key}: points")

@@ -1,4 +1,4 @@
-"""Measured against computed: simulate what the cameras of a campaign saw, subtract, and say where it differs."""
+"""Comparison of a campaign with its stated case: simulate, predict every recording, subtract and test the residuals."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ from flashtemp.model.scene import Scene
 from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
 
-ROAD_MARGIN_PX = 3.0  # pixels of road simulated beyond the last one seen
-SCHEDULE_ROUNDING = 1e-4  # of the schedule: times in tables are rounded
-MAX_CLOCK_DIFFERENCE_S = 0.2  # s: how far the clocks of a camera and of a schedule may be apart; discovery estimates it
-MAX_LOAD_CELL_OVERRUN_S = 0.1  # s that the clock of a load cell may run beyond the end: what comes then is left out
-WHITE_NOISE_LIMIT_SDS = 4.0  # standard errors of a correlation that white noise does not reach
+ROAD_MARGIN_PX = 3.0  # pixels of road that are simulated beyond the last recorded one
+SCHEDULE_ROUNDING = 1e-4  # of the schedule's length, for rounded times in tables
+MAX_CLOCK_DIFFERENCE_S = 0.2  # s, between the clocks of camera and schedule; discovery estimates it
+MAX_LOAD_CELL_OVERRUN_S = 0.1  # s, of load-cell readings beyond the end of the schedule, which are left out
+WHITE_NOISE_LIMIT_SDS = 4.0  # standard errors: a larger autocorrelation is not white noise
 
 
 @dataclass(frozen=True)
 class RecordingComparison:
-    """One recording against its prediction, (frames, nv, nu) degC and K, NaN where not compared.
+    """One recording and its prediction, (frames, nv, nu) degC and K, NaN where not compared.
 
     `noise` white and fixed, K; `sigmas` the whitened residual, for the tests; `shift` of the image in px with its
-    `shift_error`, or the one `shift_refused` because the image cannot be that far off; `correlation` of
-    neighbours along u, v and from frame to frame, and in standard errors.
+    `shift_error`, or `shift_refused`, a shift that contradicts the stated origin; lag-1 `correlation` along u, v and
+    time, each with its value in standard errors.
     """
 
     view: RecordingEntry
@@ -87,27 +87,27 @@ class RecordingComparison:
     def point_statistics(self) -> list[dict[str, Any]]:
         """Name, rms and mean difference (K) of every point of a recording of points."""
         places = self.view.recording.places
-        left = self.residual[:, 0].T
+        series = self.residual[:, 0].T
         return [
             {"name": n, "rmse_K": float(np.sqrt(np.nanmean(r**2))), "bias_K": float(np.nanmean(r))}
-            for n, r in zip(places.names if places is not None else (), left, strict=False)
+            for n, r in zip(places.names if places is not None else (), series, strict=False)
             if np.isfinite(r).any()
         ]
 
     @property
     def sigma_residual(self) -> np.ndarray:
-        """The residual (frames, nv, nu) over the noise of one pixel, its fixed pattern included: for the eye."""
+        """The residual (frames, nv, nu) over the noise of one pixel with its fixed pattern, for pictures."""
         return self.residual / np.hypot(self.noise.white, self.noise.pattern)
 
     @property
     def is_white(self) -> bool:
-        """Whether no structure is left between neighbouring pixels and frames."""
+        """Whether the residual has no significant lag-1 autocorrelation in space and time."""
         return all(abs(s) < WHITE_NOISE_LIMIT_SDS for _, s in self.correlation.values())
 
 
 @dataclass(frozen=True)
 class ForceComparison:
-    """One load-cell trace against its prediction: friction coefficients (n,), `sigma` of one reading."""
+    """One load-cell series and its prediction: friction coefficients (n,), `sigma` of one reading."""
 
     force: LoadCellEntry
     predicted: np.ndarray
@@ -130,9 +130,9 @@ class ForceComparison:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(DisplayMixin):
-    """A campaign against the case that is believed: every recording and every load-cell trace.
+    """Comparison of a campaign with its stated case, for every recording and every load-cell series.
 
-    `screening` {file: which defects of its camera were found and left out}.
+    `screening` {file: defects of its camera that were found and masked}.
     """
 
     campaign: Campaign
@@ -162,8 +162,8 @@ class Comparison(DisplayMixin):
             (s.view.file, s.rmse_K, s.bias_K, "K", s.chi2_per_dof, s.is_white) for s in self.recordings
         ]
         rows += [(p.force.file, p.rmse, p.bias, "mu", p.chi2_per_dof, None) for p in self.forces]
-        told = [f"{s.view.file}: {summary_line(s)}" for s in self.recordings if not s.is_white]
-        return DisplayTable(f"Comparison '{self.campaign.title}'", rows, head, [*told, *self.warnings])
+        notes = [f"{s.view.file}: {summary_line(s)}" for s in self.recordings if not s.is_white]
+        return DisplayTable(f"Comparison '{self.campaign.title}'", rows, head, [*notes, *self.warnings])
 
     def __str__(self) -> str:
         lines = [f"Comparison '{self.campaign.title}'"]
@@ -180,7 +180,7 @@ class Comparison(DisplayMixin):
 
 
 def summary_line(s: RecordingComparison) -> str:
-    """What a comparison found, in one line for people."""
+    """Result of a comparison in one line for people."""
     line = f"{s.rmse_K:.3f} K rms, {s.bias_K:+.3f} K on average, chi2/dof {s.chi2_per_dof:.3g}"
     if s.largest is not None and not s.is_white:
         at = s.largest
@@ -194,38 +194,38 @@ def summary_line(s: RecordingComparison) -> str:
     if len(s.point_statistics) > 1:
         line += "; rms of each point: " + ", ".join(f"{p['name']} {p['rmse_K']:.3g} K" for p in s.point_statistics)
     if s.shift_refused is not None:
-        far = " and ".join(f"{v:.2f}" for v in s.shift_refused)
-        line += f"; a shift by {far} px would fit better than the image can be off: not applied"
-    plain = s.is_white and s.chi2_per_dof < WHITE_NOISE_LIMIT_SDS
-    return line if not plain else f"{line}; no structure left in space or time"
+        shift = " and ".join(f"{v:.2f}" for v in s.shift_refused)
+        line += f"; a shift by {shift} px fits best but contradicts the stated origin: not applied"
+    is_adequate = s.is_white and s.chi2_per_dof < WHITE_NOISE_LIMIT_SDS
+    return line if not is_adequate else f"{line}; no structure left in space or time"
 
 
 def compare(campaign: Campaign, watch: Callable[[str], Any] = lambda text: None) -> Comparison:
-    """Simulate every condition of a campaign once and compare all its recordings and forces with it.
+    """Simulate every condition of a campaign once and compare its recordings and forces with the result.
 
-    Raises BadInput, SolverFailure.
+    `watch` is called with one line of progress per condition.  Raises BadInput, SolverFailure.
     """
     campaign, screening = screen_campaign(campaign)
-    seeings, pullings, runs = {}, {}, []
+    recordings, forces, runs = {}, {}, []
     for number, condition in enumerate(campaign.conditions, 1):
         watch(f"condition {number} of {len(campaign.conditions)}: {condition.words}")
         scene, run = simulate_condition(campaign, condition)
         runs.append(run)
         for view in condition.views:
-            seeings[id(view)] = compare_recording(run, scene, view)
+            recordings[id(view)] = compare_recording(run, scene, view)
         for force in condition.forces:
-            pullings[id(force)] = compare_force(run, force)
+            forces[id(force)] = compare_force(run, force)
     return Comparison(
         campaign,
-        tuple(seeings[id(v)] for v in campaign.views),
-        tuple(pullings[id(f)] for f in campaign.forces),
+        tuple(recordings[id(v)] for v in campaign.views),
+        tuple(forces[id(f)] for f in campaign.forces),
         tuple(runs),
         screening,
     )
 
 
 def simulate_condition(campaign: Campaign, condition: Condition) -> tuple[Scene, Run]:
-    """March the believed case under one condition, with fields at all times that its recordings show."""
+    """Simulate the stated case in one condition, with fields at all times that its recordings show."""
     given, views = condition.given, condition.views
     case = campaign.load(given | view_overrides(campaign.load(given), views))
     scene = case.scene
@@ -236,7 +236,7 @@ def simulate_condition(campaign: Campaign, condition: Condition) -> tuple[Scene,
 
 
 def view_overrides(case: Case, views) -> dict[str, Any]:
-    """Overrides of a case for what its recordings see: even cells up a side wall, road as far as a wake reaches."""
+    """Overrides of a case that its recordings need: uniform cells up a side wall, road as far as a wake reaches."""
     out, wakes = {}, [v for v in views if v.recording.view == "wake"]
     if any(v.recording.view == "sidewall" for v in views):
         out["numerics.above"] = max(SIDE_WALL_CELLS, case["numerics.above"])
@@ -253,8 +253,10 @@ def view_overrides(case: Case, views) -> dict[str, Any]:
 
 
 def required_times(views, scene: Scene, late: Mapping[str, float] = MappingProxyType({})) -> tuple[float, ...]:
-    """All times (s) that the frames of recordings show, stamped `late` (s) by file; outside the schedule they show its
-    beginning or its end."""
+    """All times (s) that the frames of recordings show, limited to the schedule.
+
+    `late` {file: s}: by how much frames are stamped late.
+    """
     shown = (CameraModel(v.recording, scene.acting, late.get(v.file, 0.0)).required_times() for v in views)
     return tuple(sorted({float(t) for times in shown for t in np.clip(times, 0.0, scene.schedule.end_time)}))
 
@@ -266,53 +268,53 @@ def check_recording(view: RecordingEntry, scene: Scene) -> None:
     if len(late):
         raise BadInput(
             f"{view.file}: time: frame {late[0] + 1} is of {time[late[0]]:g} s, but the schedule of its condition ends "
-            f"at {schedule.end_time:g} s; mend schedule.* in with, or the times of the recording"
+            f"at {schedule.end_time:g} s; correct schedule.* in with, or the times of the recording"
         )
     observation.check_view(view.recording, scene, view.file)
     near = SCHEDULE_ROUNDING * schedule.end_time + MAX_CLOCK_DIFFERENCE_S
-    for t, said in zip(time, view.recording.repetition, strict=True):
+    for t, stated in zip(time, view.recording.repetition, strict=True):
         possible = [schedule.phase_at(at).repetition for at in (t - near, t + near)]
-        if said not in possible:
+        if stated not in possible:
             raise BadInput(
-                f"{view.file}: repetition: {said} at {t:g} s, where the schedule of its condition is in repetition "
-                f"{possible[0]}; mend schedule.* in with, or the recording"
+                f"{view.file}: repetition: {stated} at {t:g} s, where the schedule of its condition is in repetition "
+                f"{possible[0]}; correct schedule.* in with, or the recording"
             )
 
 
 def compare_recording(run: Run, scene: Scene, view: RecordingEntry) -> RecordingComparison:
-    """One recording against a run of its condition."""
+    """Compare one recording with a run of its condition."""
     recording = view.recording
     stated = stated_noise(view)
 
-    def left(seen: PredictedImage) -> np.ndarray:
-        out: np.ndarray = recording.temperature - seen.temperature
-        out[:, ~seen.inside] = np.nan
+    def residual_of(predicted: PredictedImage) -> np.ndarray:
+        out: np.ndarray = recording.temperature - predicted.temperature
+        out[:, ~predicted.inside] = np.nan
         return out
 
     plain = observe(run, scene, recording, scene.acting)
-    if not np.isfinite(left(plain)).any():
+    if not np.isfinite(residual_of(plain)).any():
         raise BadInput(
-            f"{view.file}: no pixel of it lies on the block or the road, clear of their edges; check u, v and view, "
+            f"{view.file}: no pixel lies on the block or the road, away from their edges; check u, v and view, "
             "or give smaller pixels"
         )
-    guess = estimate_noise(left(plain), *stated)
-    found = align_image(
-        run, scene, recording, plain, lambda r: whiten(r, guess), recording.registration_sigma_px or 0.0
+    first_noise = estimate_noise(residual_of(plain), *stated)  # of an image that may be misaligned: only for weights
+    alignment = align_image(
+        run, scene, recording, plain, lambda r: whiten(r, first_noise), recording.registration_sigma_px or 0.0
     )
-    residual = left(found.seen)
+    residual = residual_of(alignment.seen)
     return compare_with_prediction(
         view,
-        found.seen.temperature,
+        alignment.seen.temperature,
         residual,
         estimate_noise(residual, *stated),
-        found.shift,
-        found.error,
-        found.refused,
+        alignment.shift,
+        alignment.error,
+        alignment.refused,
     )
 
 
 def stated_noise(view: RecordingEntry) -> tuple[float | None, float | None]:
-    """White and fixed noise (K) that a recording states; points have no pattern between neighbours to estimate."""
+    """White and fixed noise (K) that a recording states, None where unknown; points have no fixed pattern."""
     recording = view.recording
     pattern = 0.0 if recording.fixed_pattern_K is None and recording.places is not None else recording.fixed_pattern_K
     return view.sigma_K if view.sigma_K is not None else recording.netd_K, pattern
@@ -321,7 +323,7 @@ def stated_noise(view: RecordingEntry) -> tuple[float | None, float | None]:
 def compare_with_prediction(
     view: RecordingEntry, predicted, residual, level: NoiseLevels, shift=(0.0, 0.0), error=(0.0, 0.0), refused=None
 ) -> RecordingComparison:
-    """A recording against a prediction, residual (frames, nv, nu) K, with its noise and shift found already."""
+    """Statistics of a recording's residual (frames, nv, nu) K for a given prediction, noise and shift."""
     sigmas = whiten(residual, level)
     good = np.isfinite(residual)
     count = int(good.sum())
@@ -344,19 +346,19 @@ def compare_with_prediction(
 
 
 def compare_force(run: Run, force: LoadCellEntry) -> ForceComparison:
-    """One load-cell trace against a run of its condition; readings while nothing slides are left out."""
+    """Compare one load-cell series with a run of its condition; readings while nothing slides are left out."""
     on, predicted = predict_friction(run, force)
     residual = np.where(on, np.array(force.mu) - predicted, np.nan)
     return compare_force_with_prediction(force, predicted, residual)
 
 
 def predict_friction(run: Run, force: LoadCellEntry) -> tuple[np.ndarray, np.ndarray]:
-    """Which readings (n,) of a load cell were taken while the block slides, and the friction predicted for them."""
+    """Mask (n,) of load-cell readings taken while the block slides, and the friction predicted for all readings."""
     good, time = np.isfinite(run.friction), np.array(force.time)
     if time[-1] > run.time[-1] + MAX_LOAD_CELL_OVERRUN_S:
         raise BadInput(
             f"{force.file}: time_s: goes to {time[-1]:g} s, but the schedule of its condition ends at "
-            f"{run.time[-1]:g} s; mend schedule.* in with, or the table"
+            f"{run.time[-1]:g} s; correct schedule.* in with, or the table"
         )
     on = (np.interp(time, run.time, run.sliding.astype(float)) > 0.99) & (
         time <= run.time[-1] * (1 + SCHEDULE_ROUNDING)
@@ -367,7 +369,7 @@ def predict_friction(run: Run, force: LoadCellEntry) -> tuple[np.ndarray, np.nda
 
 
 def compare_force_with_prediction(force: LoadCellEntry, predicted, residual) -> ForceComparison:
-    """A load-cell trace against a prediction, residual (n,) NaN where not compared."""
+    """Statistics of a load-cell series for a given prediction; residual (n,) is NaN where not compared."""
     kept = residual[np.isfinite(residual)]
     sigma = force.sigma or estimate_reading_noise(kept)
     return ForceComparison(
@@ -380,6 +382,6 @@ def compare_force_with_prediction(force: LoadCellEntry, predicted, residual) -> 
 
 
 def estimate_reading_noise(residual: np.ndarray) -> float:
-    """Standard deviation of one reading (n,) that changes slowly otherwise, from second differences."""
+    """Standard deviation of one reading from second differences (n,), which a slow change does not enter."""
     steps = np.diff(residual, n=2) / np.sqrt(6.0)
     return float(max(1.4826 * np.median(np.abs(steps)), 1e-6) if len(steps) else 1e-3)

@@ -1,4 +1,4 @@
-"""How well a campaign says that its stated numbers are known: the table `known` of campaign.toml."""
+"""Stated uncertainties of fixed inputs: the table `known` of campaign.toml."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from flashtemp.model.schema import is_physical_number
 from flashtemp.physics import units
 
 MAX_RELATIVE_SD = 3.0  # a factor of 20
-VIEW_KEYS = {"emissivity": "1", "reflected_temperature": "degC"}  # that every recording of a view shares, with unit
+VIEW_KEYS = {"emissivity": "1", "reflected_temperature": "degC"}  # shared by all recordings of a view, with unit
 PERCENT = "%"
 SD_REMEDY = 'give a relative standard deviation, such as 0.02, or one with its unit, such as "0.3 K"'
 
 
 @dataclass(frozen=True)
 class StatedUncertainty:
-    """A standard deviation `sd` that a campaign states of an input: of its value where `relative`, else in its unit."""
+    """Standard deviation `sd` that a campaign states for an input, relative to its value or in its unit."""
 
     sd: float
     relative: bool
@@ -32,7 +32,7 @@ class StatedUncertainty:
 
 
 def known_keys(case: Case) -> dict[str, str]:
-    """Keys whose uncertainty a campaign may state, with their units: numbers of the physics, and of its cameras."""
+    """Keys whose uncertainty a campaign may state, with their units: numbers of the physics and of the cameras."""
     full = expand_materials(case)
     out = {
         f"{table}.{name}": param.unit
@@ -46,24 +46,24 @@ def known_keys(case: Case) -> dict[str, str]:
 
 
 def read_known(given: Any, case: Case, free: tuple[str, ...]) -> tuple[dict[str, StatedUncertainty], tuple[str, ...]]:
-    """The uncertainties that a table `known` states by key, and what is wrong with it, one line each.
+    """Uncertainties by key from a table `known`, and its faults, one line each.
 
-    A key that is `free` states there how well it is known.
+    The uncertainty of a `free` key belongs to the table `free`.
     """
     if not isinstance(given, dict):
         return {}, (f'{shorten_text(repr(given))}; write known = {{ "contact.pressure" = 0.02 }}',)
-    found: dict[str, StatedUncertainty] = {}
+    uncertainties: dict[str, StatedUncertainty] = {}
     faults = []
     for key, value in flatten_tables(given).items():
         try:
-            found[key] = _read_uncertainty(key, value, case, free)
+            uncertainties[key] = _read_uncertainty(key, value, case, free)
         except BadInput as fault:
             faults.append(f"{key}: {fault}")
-    return found, tuple(faults)
+    return uncertainties, tuple(faults)
 
 
 def _read_uncertainty(key: str, value: Any, case: Case, free: tuple[str, ...]) -> StatedUncertainty:
-    """What a value says of a key.  Raises BadInput."""
+    """Uncertainty of a key from its value in the table.  Raises BadInput."""
     keys = known_keys(case)
     if key not in keys:
         raise BadInput(f"is no number of this case or its cameras{suggest_name(key, keys)}")
@@ -73,7 +73,7 @@ def _read_uncertainty(key: str, value: Any, case: Case, free: tuple[str, ...]) -
     if not out.sd > 0 or (out.relative and out.sd > MAX_RELATIVE_SD):
         raise BadInput(f"{value!r}; {SD_REMEDY}, above 0 and at most {MAX_RELATIVE_SD:g} of the value")
     if out.relative and keys[key] == "degC":
-        raise BadInput(f'{value!r}; a share of a temperature in degC means nothing: give it with its unit, "0.5 K"')
+        raise BadInput(f'{value!r}; a fraction of a temperature in degC means nothing: give it with its unit, "0.5 K"')
     return out
 
 

@@ -1,4 +1,4 @@
-"""Noise of a recording estimated from its frames, and residuals in sigma: fixed pattern, whitening, structure."""
+"""Noise of a recording, estimated from its frames; whitened residuals and tests of their structure."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from flashtemp.comparison.line_noise import (
     estimate_line_noise,
 )
 
-FRAMES_PER_BATCH = 256  # that are worked on at a time
-DIFFERENCE_OVERLAP = 18.0  # values that differences along three axes share
+FRAMES_PER_BATCH = 256  # processed at a time
+DIFFERENCE_OVERLAP = 18.0  # values in one difference along three axes (2 x 3 x 3)
 RAISED_WHITE = "white above the stated one"
-MAX_DIGIT_VALUES = 20_000  # values of which the step between digits is taken
+MAX_DIGIT_VALUES = 20_000  # values from which the quantisation step is determined
 MAD_TO_SD = 1.482602218505602  # standard deviation over median absolute deviation of a normal distribution
 
 
 @dataclass(frozen=True)
 class NoiseLevels:
-    """`white` of one pixel of one frame, `pattern` between pixels that stays in all frames; K.
+    """Standard deviations, K: `white` of one pixel of one frame, fixed `pattern` between pixels; `lines` of lines.
 
-    `estimated`: the names of those that the data themselves had to give.  `averaged`: how many frames of the camera
-    each frame (frames,) is the mean of, None where it is one of them.  `lines`: noise of rows and columns.
+    `estimated`: names of those that were estimated from the data.  `averaged` (frames,): number of camera frames in
+    each frame, None where frames are single ones.
     """
 
     white: float
@@ -37,7 +37,7 @@ class NoiseLevels:
     lines: LineNoise = NO_LINES
 
     def frame_weights(self) -> np.ndarray | float:
-        """Frames of the camera in each frame, to multiply images (frames, nv, nu)."""
+        """Number of camera frames in each frame, in a shape that multiplies images (frames, nv, nu)."""
         return 1.0 if self.averaged is None else np.array(self.averaged, float)[:, None, None]
 
 
@@ -45,11 +45,11 @@ def estimate_noise(
     residual: np.ndarray, white: float | None, pattern: float | None, averaged: tuple[int, ...] | None = None,
     rest: np.ndarray | None = None,
 ) -> NoiseLevels:  # fmt: skip
-    """Noise of residuals (frames, nv, nu) K, NaN where masked; what is not given is estimated.
+    """Noise of residuals (frames, nv, nu) K, NaN where masked; levels that are not stated are estimated.
 
-    White noise from differences of successive frames, the fixed pattern from differences between
-    neighbouring pixels of the mean over frames, so that smooth structure counts for neither.  That of lines is taken
-    from the `rest` of a first fit where there is one, since a gradient across few lines looks like it.
+    White noise follows from differences of successive frames, the fixed pattern from differences between neighbouring
+    pixels of the mean over frames: smooth structure enters neither.  Line noise is estimated from the residual `rest`
+    of a first fit where there is one, because a gradient across few lines looks like it.
     """
     estimated, n = [], len(residual)
     if white is None:
@@ -72,49 +72,50 @@ def estimate_noise(
     return _without_line_noise(NoiseLevels(white, pattern, tuple(estimated), averaged, lines), residual)
 
 
-def raise_stated_noise(found: NoiseLevels, recording, residual: np.ndarray) -> NoiseLevels:
-    """Noise of which the stated white part is raised to what frames show: coarse digits add step^2/12 (Sheppard 1898),
-    and a data sheet's NETD may be too low for the camera at hand.
+def raise_stated_noise(noise: NoiseLevels, recording, residual: np.ndarray) -> NoiseLevels:
+    """Noise with its stated white part raised to that of the frames.
 
-    What frames show is the MAD of residuals (frames, nv, nu) K differenced in time and twice along both axes, in which
-    neither smooth misfit nor noise of lines is left; it counts where chance explains it once in a thousand.
+    Quantisation adds step^2/12 (Sheppard 1898), and the NETD of a data sheet may be too low for the camera.  The noise
+    of the frames is the MAD of residuals (frames, nv, nu) K after a first difference in time and second
+    differences along both axes, which remove smooth misfit and line noise.  It replaces the stated noise where it is
+    larger by more than chance, once in a thousand.
     """
-    if "white" in found.estimated or found.averaged is not None:
-        return found
-    white = float(np.hypot(found.white, quantisation_step(recording.temperature) / np.sqrt(12.0)))
+    if "white" in noise.estimated or noise.averaged is not None:
+        return noise
+    white = float(np.hypot(noise.white, quantisation_step(recording.temperature) / np.sqrt(12.0)))
     if len(residual) > 2 and min(residual.shape[1:]) > 2:
         steps = np.diff(np.diff(np.diff(residual, axis=0), n=2, axis=1), n=2, axis=2)
         count = int(np.isfinite(steps).sum()) / DIFFERENCE_OVERLAP
-        shown = _robust_sd(steps) / np.sqrt(72.0)
-        if count > 1 and shown > white * (1.0 + CHANCE_LIMIT_SDS / np.sqrt(2.0 * MAD_EFFICIENCY * count)):
-            return replace(found, white=shown, estimated=(*found.estimated, RAISED_WHITE))
-    return replace(found, white=white)
+        observed = _robust_sd(steps) / np.sqrt(72.0)  # sum of squared weights: 2 x 6 x 6
+        if count > 1 and observed > white * (1.0 + CHANCE_LIMIT_SDS / np.sqrt(2.0 * MAD_EFFICIENCY * count)):
+            return replace(noise, white=observed, estimated=(*noise.estimated, RAISED_WHITE))
+    return replace(noise, white=white)
 
 
 def quantisation_step(temperature: np.ndarray) -> float:
-    """Step (K) of which all differences between values are multiples, 0 where there is none or it is below 1 mK."""
+    """Quantisation step (K) that divides all differences between values; 0 where there is none or it is below 1 mK."""
     values = temperature[np.isfinite(temperature)][:MAX_DIGIT_VALUES]
     different = np.unique(values)
     steps = np.diff(different)
-    steps = steps[steps > 1e-6]  # else of rounding
+    steps = steps[steps > 1e-6]  # smaller ones are rounding
     if len(steps) < 2 or 2 * len(different) > len(values) or (step := float(steps.min())) < 1e-3:
         return 0.0
     return step if np.all(np.abs(steps / step - np.round(steps / step)) < 0.01) else 0.0
 
 
-def _without_line_noise(found: NoiseLevels, residual: np.ndarray) -> NoiseLevels:
-    """Noise whose estimates for single pixels do not count that of lines once more."""
-    if found.lines.is_none or min(residual.shape[1:]) < 3:
-        return found
-    n, lines = len(residual), found.lines
-    white, pattern = found.white, found.pattern
-    if "white" in found.estimated and n > 2:
+def _without_line_noise(noise: NoiseLevels, residual: np.ndarray) -> NoiseLevels:
+    """Noise with the line noise subtracted from the estimates for single pixels."""
+    if noise.lines.is_none or min(residual.shape[1:]) < 3:
+        return noise
+    n, lines = len(residual), noise.lines
+    white, pattern = noise.white, noise.pattern
+    if "white" in noise.estimated and n > 2:
         white = np.sqrt(max(white**2 - lines.frame_rows**2 - lines.frame_columns**2, (0.5 * white) ** 2))
-    if "pattern" in found.estimated:  # second differences along both axes, in which no line shows
+    if "pattern" in noise.estimated:  # second differences along both axes cancel lines
         total = _robust_sd(np.diff(np.diff(frame_mean(residual), n=2, axis=0), n=2, axis=1)) / 6.0
-        frames = n if found.averaged is None else sum(found.averaged)
+        frames = n if noise.averaged is None else sum(noise.averaged)
         pattern = np.sqrt(max(total**2 - white**2 / max(frames, 1), 0.0))
-    return replace(found, white=float(white), pattern=float(pattern))
+    return replace(noise, white=float(white), pattern=float(pattern))
 
 
 def _robust_sd(values: np.ndarray) -> float:
@@ -131,7 +132,7 @@ def frame_mean(residual: np.ndarray) -> np.ndarray:
 
 
 def whiten(residual: np.ndarray, noise: NoiseLevels) -> np.ndarray:
-    """Residuals (frames, nv, nu) in sigma: independent and of unit variance where only `estimate_noise` is in them.
+    """Whitened residuals (frames, nv, nu) in sigma: independent and of unit variance if they are noise alone.
 
     Per pixel with n frames of the camera, w in each frame: sqrt(w) (y - c mean(y))/sigma, mean weighted by w,
     c = 1 - (1 + n pattern^2/sigma^2)^(-1/2).
@@ -153,14 +154,14 @@ def _line_whitening(values: np.ndarray, noise: NoiseLevels) -> LineWhitening:
 
 
 def unwhiten(whitened: np.ndarray, noise: NoiseLevels) -> np.ndarray:
-    """Kelvin (frames, nv, nu) of what `whiten` made of it, NaN where that is NaN."""
+    """Inverse of `whiten`: residuals (frames, nv, nu) K, NaN where `whitened` is NaN."""
     if not noise.lines.is_none:
         whitened = _line_whitening(whitened, noise).inverse(whitened)
     w = noise.frame_weights()
     known = np.isfinite(whitened)
     n = (known * w).sum(axis=0)
     out = whitened * (noise.white / np.sqrt(w))
-    mean = np.sum(out * w, axis=0, where=known) / np.maximum(n, 1)  # of it `whiten` leaves 1 - c
+    mean = np.sum(out * w, axis=0, where=known) / np.maximum(n, 1)  # `whiten` has multiplied it by 1 - c
     out += (np.sqrt(1.0 + n * (noise.pattern / noise.white) ** 2) - 1.0) * mean
     return out
 
@@ -184,7 +185,7 @@ def lag1_autocorrelation(whitened: np.ndarray, axis: int) -> tuple[float, float]
 
 @dataclass(frozen=True)
 class ResidualPeak:
-    """Where a residual is largest: `K` and in `sigma`, at `u`, `v` (m), `time` (s) and `repetition`."""
+    """Largest residual, in `K` and in `sigma`, at `u`, `v` (m), `time` (s) and `repetition`."""
 
     K: float
     sigma: float
@@ -197,27 +198,28 @@ class ResidualPeak:
 def largest_structured_residual(
     residual: np.ndarray, noise: NoiseLevels, recording, size: int = 5
 ) -> ResidualPeak | None:
-    """The largest residual that is wider than a pixel: of means over `size` x `size` pixels of one frame."""
+    """Largest residual that is wider than a pixel: among means over `size` x `size` pixels of one frame."""
+    # sensors are not neighbours, so their residuals are not averaged
     axes = [a for a in (1, 2) if residual.shape[a] >= size and getattr(recording, "places", None) is None]
-    best, where = (-1.0, 0.0), (0, 0, 0)  # points are no neighbours
+    best, where = (-1.0, 0.0), (0, 0, 0)
     for begin in range(0, len(residual), FRAMES_PER_BATCH):
         mean, error, known = _box_means(residual[begin : begin + FRAMES_PER_BATCH], noise, axes, size)
         if known.any():
             k, j, i = map(int, np.unravel_index(int(np.argmax(np.abs(mean) / error)), mean.shape))
-            far = abs(mean[k, j, i]) / error[k, j, i]
-            if far > best[0]:
-                best, where = (far, float(mean[k, j, i])), (begin + k, j, i)
+            sigmas = abs(mean[k, j, i]) / error[k, j, i]
+            if sigmas > best[0]:
+                best, where = (sigmas, float(mean[k, j, i])), (begin + k, j, i)
     if best[0] < 0.0:
         return None
-    (far, K), (k, j, i) = best, where
+    (sigmas, K), (k, j, i) = best, where
     return ResidualPeak(
-        K, float(np.copysign(far, K)), float(recording.u[i]), float(recording.v[j]), float(recording.time[k]),
+        K, float(np.copysign(sigmas, K)), float(recording.u[i]), float(recording.v[j]), float(recording.time[k]),
         int(recording.repetition[k]),
     )  # fmt: skip
 
 
 def _box_means(residual: np.ndarray, noise: NoiseLevels, axes: list[int], size: int):
-    """Means (frames, nv, nu) over `size` pixels along `axes`, their standard errors, and what is known at all."""
+    """Means (frames, nv, nu) over `size` pixels along `axes`, their standard errors, and the mask of known pixels."""
     from scipy.ndimage import uniform_filter1d
 
     known = np.isfinite(residual)

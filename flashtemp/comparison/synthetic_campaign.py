@@ -1,7 +1,7 @@
-"""A synthetic campaign with a hidden effect, made by another discretisation than the one that will judge it.
+"""Synthetic campaigns with a hidden effect, computed with another discretisation than the one that analyses them.
 
-The truth is computed on a finer mesh with other grading, tolerance and order, with nuisance parameters drawn
-within what is known of them, and is sealed in a file of its own that nothing else reads.
+The truth has a finer mesh with other grading, tolerance and order, and nuisance parameters drawn from their priors.  It
+is sealed in a separate file that no command reads.
 """
 
 from __future__ import annotations
@@ -29,27 +29,27 @@ from flashtemp.runs.results.result_folder import atomic_folder
 from flashtemp.solver.march import march
 
 NETD_K = {IDEAL: 0.05, UNCOOLED: 0.05, COOLED: 0.02}
-REAL_CAMERA_FRAMES = (24, 4)  # frames per repetition and per wait of a camera with errors, which runs all the time
+REAL_CAMERA_FRAMES = (24, 4)  # minimum per repetition and per wait of a camera with errors, which runs all the time
 LOAD_CELL_SD = 0.005  # standard deviation of one reading of the load cell
-NUISANCE_SDS = {  # how well a laboratory knows what it may calibrate: relative standard deviation
+NUISANCE_SDS = {  # relative standard deviations of the priors
     "friction.mu": 0.05,
     "contact.spot_fraction": 0.05,
     "ambient.convection": 0.2,
 }
-ALONE_NUISANCE_SD = 0.1  # of free keys where nothing slides
-SENSOR_READINGS = 60  # times that thermocouples are read per repetition
-FRICTION_JITTER_SD = 0.02  # of friction, from run to run
+ALONE_NUISANCE_SD = 0.1  # relative, of free keys where nothing slides
+SENSOR_READINGS = 60  # of thermocouples per repetition
+FRICTION_JITTER_SD = 0.02  # relative, of friction between conditions
 CONDITION_FACTORS = ((1.0, 1.0), (0.5, 1.0), (1.0, 3.0), (0.5, 3.0))  # factors on contact.pressure and schedule.speed
 SEALED_TRUTH = "sealed/truth.json"
 
 
 @dataclass(frozen=True)
 class SyntheticPlan:
-    """What a twin is made of: names of `hidden` effects, `seed`, number of `conditions`, `views` and frames.
+    """Plan of a synthetic campaign: names of `hidden` effects, `seed`, number of `conditions`, `views` and frames.
 
-    `nuisance` scales everything that is drawn within what is known: 0 leaves noise, pattern and dead pixels.
-    `points` of the view of that name: tables of x, z, lag_s and place_sigma_m as in campaign.toml.  The `camera` of
-    every view is ideal (noise, fixed pattern and dead pixels only) or has the errors of its class, and then takes at
+    `nuisance` scales everything that is drawn from priors: 0 leaves noise, fixed pattern and dead pixels.  `points` are
+    the sensors of the view "points", tables of x, z, lag_s and place_sigma_m as in campaign.toml.  The `camera` of
+    every view is ideal (noise, fixed pattern and dead pixels only) or has the errors of its class; it then takes at
     least REAL_CAMERA_FRAMES frames.
     """
 
@@ -86,11 +86,11 @@ def make_synthetic_campaign(
 
 
 def _with_effect_files(case: Case, plan: SyntheticPlan) -> tuple[Case, SyntheticPlan]:
-    """The case with effect files that are to be hidden, each read where the user names it, and the plan by names."""
+    """The case with the effect files that are to be hidden, and the plan with their names instead of paths."""
     files = [user_effects.read_user_effect(h, Path()) for h in plan.hidden if h.endswith(".py")]
-    held = {o.name: o for o in (*case.own, *files)}
+    by_name = {o.name: o for o in (*case.own, *files)}
     hidden = tuple(Path(h).stem if h.endswith(".py") else h for h in plan.hidden)
-    return replace(case, own=tuple(held.values())), replace(plan, hidden=hidden)
+    return replace(case, own=tuple(by_name.values())), replace(plan, hidden=hidden)
 
 
 def _check_plan(case: Case, plan: SyntheticPlan) -> None:
@@ -111,7 +111,9 @@ def _check_plan(case: Case, plan: SyntheticPlan) -> None:
         raise BadInput(f"--conditions: {plan.conditions}; give 1 to {len(CONDITION_FACTORS)}")
     for key in ("contact.pressure", "schedule.speed"):
         if not isinstance(case[key], (int, float)):
-            raise BadInput(f"{case.name}: {key}: a twin varies it by factors; give a number instead of a table")
+            raise BadInput(
+                f"{case.name}: {key}: a synthetic campaign varies it by factors; give a number instead of a table"
+            )
 
 
 def _check_hidden(case: Case, plan: SyntheticPlan) -> None:
@@ -140,9 +142,9 @@ def _write_campaign(case: Case, plan: SyntheticPlan, work: Path, watch) -> None:
     import tomli_w
 
     rng = np.random.default_rng(plan.seed)
-    believed = replace(case, effects=tuple(e for e in case.effects if e not in plan.hidden))
-    believed = replace(believed, values={t: v for t, v in case.values.items() if t not in plan.hidden})
-    (work / "case.toml").write_text(believed.toml(believed.copy_files(work)), encoding="utf-8")
+    stated_case = replace(case, effects=tuple(e for e in case.effects if e not in plan.hidden))
+    stated_case = replace(stated_case, values={t: v for t, v in case.values.items() if t not in plan.hidden})
+    (work / "case.toml").write_text(stated_case.toml(stated_case.copy_files(work)), encoding="utf-8")
     strengths = {name: draw_effect_parameters(name, case, rng) for name in plan.hidden}
     known = (
         {k: ALONE_NUISANCE_SD for k in case.free if not k.startswith("friction.")}
@@ -167,11 +169,11 @@ def _write_campaign(case: Case, plan: SyntheticPlan, work: Path, watch) -> None:
         }
         watch(f"condition {number} of {plan.conditions}: {', '.join(f'{k} = {v:g}' for k, v in given.items())}")
         jitter = 1.0 + plan.nuisance * FRICTION_JITTER_SD * float(rng.normal())
-        own = {k: _clip_to_bounds(k, case[k] * f) for k, f in drawn.items()}
-        if "friction.mu" in own:
-            own["friction.mu"] *= jitter
+        nuisances = {k: _clip_to_bounds(k, case[k] * f) for k, f in drawn.items()}
+        if "friction.mu" in nuisances:
+            nuisances["friction.mu"] *= jitter
         values = {f"{name}.{k}": v for name, p in strengths.items() for k, v in p.items()}
-        made = _true_case(case, plan, given | own | numerics | values)
+        made = _true_case(case, plan, given | nuisances | numerics | values)
         name = f"condition{number}"
         files, faults = _measure_condition(made, plan, rng, work, name)
         truth["recordings"][name] = {"friction_jitter": jitter, **faults}
@@ -192,14 +194,14 @@ def _write_campaign(case: Case, plan: SyntheticPlan, work: Path, watch) -> None:
 
 
 def _clip_to_bounds(key: str, value: float) -> float:
-    """A drawn value kept within the bounds of its key."""
+    """A drawn value, limited to the bounds of its key."""
     table, name = key.rsplit(".", 1)
     param = declared_params(table)[name]
     return float(np.clip(value, param.low, param.high))
 
 
 def draw_effect_parameters(name: str, case: Case, rng) -> dict[str, float]:
-    """Parameters of a hidden effect: half to one and a half times its default, or what the case says of it."""
+    """Parameters of a hidden effect: half to one and a half times its default or the value in the case."""
     out = {}
     for key, param in case.known_effects[name].params().items():
         base = case.values.get(name, {}).get(key, param.value)
@@ -213,7 +215,7 @@ def draw_effect_parameters(name: str, case: Case, rng) -> dict[str, float]:
 
 
 def draw_discretisation(case: Case, rng) -> dict[str, Any]:
-    """Another mesh, grading, tolerance and order than the case's own: at least 1.7 times as many cells a direction."""
+    """Another mesh, grading, tolerance and order than in the case, with 1.75 to 2 times the cells per direction."""
     n = case.values["numerics"]
     other = [b for b in installed_bindings() if b != choose_binding(n["integrator"])]
     finer = refinement_factor(n["mesh"]) * float(rng.uniform(1.75, 2.0))
@@ -224,25 +226,28 @@ def draw_discretisation(case: Case, rng) -> dict[str, Any]:
         "numerics.order": 2 if n["order"] == 3 else 3,
     }
     first_road = float(case.scene.mesh.depth[1]) * refinement_factor(n["mesh"])
-    for key in ("first_x", "last_x", "first_road"):  # of the map that is refined: another grading
+    for key in ("first_x", "last_x", "first_road"):  # first cells of the refined mesh: another grading
         out[f"numerics.{key}"] = (n[key] or first_road) * float(rng.uniform(0.6, 0.8))
     return out | ({"numerics.integrator": other[0]} if other else {})
 
 
 def _true_case(case: Case, plan: SyntheticPlan, given: dict[str, Any]) -> Case:
-    """The case with its hidden effects, drawn parameters and own discretisation."""
+    """The case with its hidden effects, drawn parameters and the discretisation of the truth."""
     effects = [*case.effects, *(e for e in plan.hidden if e not in case.effects)]
     behind = max(
         (synthetic_recording.VIEW_GEOMETRY[v][2] or 0.0) if v in synthetic_recording.VIEW_GEOMETRY else 0.0
         for v in plan.views
     )
-    seen = {"road.downstream": max(case["road.downstream"], behind + 2e-3 if behind else 0.0), "numerics.behind": WAKE_CELL_GROWTH,
-            "numerics.above": SIDE_WALL_CELLS}  # fmt: skip
-    return case.with_values(given | seen | {"effects": effects})
+    numerics = {
+        "road.downstream": max(case["road.downstream"], behind + 2e-3 if behind else 0.0),
+        "numerics.behind": WAKE_CELL_GROWTH,
+        "numerics.above": SIDE_WALL_CELLS,
+    }
+    return case.with_values(given | numerics | {"effects": effects})
 
 
 def _measure_condition(made: Case, plan: SyntheticPlan, rng, work: Path, name: str) -> tuple[list[str], dict]:
-    """March the truth of one condition and write what a laboratory measured of it."""
+    """Simulate the truth of one condition, write its recordings, and return their files and errors."""
     scene, netd = made.scene, NETD_K[plan.camera]
     times, repetition = synthetic_recording.frame_schedule(
         scene.schedule, *plan.frames, 1.5 if plan.camera == IDEAL else 1.0
@@ -259,23 +264,23 @@ def _measure_condition(made: Case, plan: SyntheticPlan, rng, work: Path, name: s
         blanks["points"] = synthetic_recording.empty_sensor_recording(
             positions_from_rows(list(plan.points)), scene, *often, NETD_K[IDEAL]
         )
-    asked = {float(t) for r in blanks.values() for t in synthetic_recording.exposure_times(r, scene.acting)}
-    inside = tuple(sorted(t for t in asked if 0.0 <= t <= scene.schedule.end_time))
+    required = {float(t) for r in blanks.values() for t in synthetic_recording.exposure_times(r, scene.acting)}
+    inside = tuple(sorted(t for t in required if 0.0 <= t <= scene.schedule.end_time))
     run = march(scene, replace(made.settings, times=inside, fields=2), made.title)
     files, faults = [], {}
     for view, recording in blanks.items():
-        own = synthetic_recording.draw_errors(recording, rng, plan.nuisance)
-        faults[view] = asdict(own)
+        errors = synthetic_recording.draw_errors(recording, rng, plan.nuisance)
+        faults[view] = asdict(errors)
         camera = None
         if plan.camera != IDEAL and recording.places is None:
             camera = SyntheticCamera.draw_random(plan.camera, (plan.seed, plan.views.index(view)))
             faults[view]["camera"] = asdict(camera.errors)
-        synthetic_recording.render_recording(run, scene, recording, own, rng, camera=camera).save(
+        synthetic_recording.render_recording(run, scene, recording, errors, rng, camera=camera).save(
             work / f"{name}_{view}.nc"
         )
         files.append(f"{name}_{view}.nc")
     on = run.sliding & np.isfinite(run.friction)
-    if not on.any():  # the block is alone
+    if not on.any():  # schedule.alone: nothing slides
         return files, faults
     t = np.linspace(0.0, scene.schedule.end_time, 200)
     t = t[np.interp(t, run.time, run.sliding.astype(float)) > 0.99]

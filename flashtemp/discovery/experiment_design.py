@@ -1,4 +1,4 @@
-"""Before measuring: which effects planned views and conditions can tell apart, and which experiment to add.
+"""Design of experiments: which effects planned views and conditions can distinguish, and which experiment to add.
 
 Nothing measured is needed: what a camera would show of every effect, and what calibration would take of it,
 follows from the model.  The experiment to add is the one that leaves most of the worst-known effect
@@ -36,9 +36,9 @@ from flashtemp.display import DisplayMixin, DisplayTable
 from flashtemp.errors import FlashtempError
 from flashtemp.physics.quantities import KELVIN
 
-DETECTION_Z = 5.0  # signal to noise at which an effect is told from all others
-RIVAL_PRIOR_STRENGTHS = 3.0  # typical strengths that every rival may take meanwhile
-DEFAULT_WHITE_NOISE_K, DEFAULT_PATTERN_NOISE_K = 0.05, 0.03  # K: noise of a camera of which nothing is said
+DETECTION_Z = 5.0  # signal-to-noise ratio at which an effect is distinguished from all others
+RIVAL_PRIOR_STRENGTHS = 3.0  # prior width of every other effect, in typical strengths
+DEFAULT_WHITE_NOISE_K, DEFAULT_PATTERN_NOISE_K = 0.05, 0.03  # K: noise of a camera without stated noise
 CANDIDATE_CONDITIONS: tuple[tuple[str, str, float, float], ...] = (  # words, key, factor or difference
     ("at three times the speed", "schedule.speed", 3.0, 0.0),
     ("at a third of the speed", "schedule.speed", 1 / 3, 0.0),
@@ -51,8 +51,9 @@ CANDIDATE_CONDITIONS: tuple[tuple[str, str, float, float], ...] = (  # words, ke
 
 @dataclass(frozen=True)
 class Detectability:
-    """What planned data would say of one effect: `z` of its typical strength beside all nuisances, `z_left` beside
-    all rivals too, `detectable` strength at 5 sigma in `unit`, and the `nearest` rival with correlation `rho`."""
+    """Detectability of one effect by planned data: signal-to-noise ratio `z` of its typical strength with all nuisances
+    free, `z_left` with all other effects free too, `detectable` strength at 5 sigma in `unit`, and the `nearest` other
+    effect with correlation `rho`."""
 
     effect: str
     parameter: str
@@ -70,7 +71,7 @@ class Detectability:
 
 @dataclass(frozen=True)
 class ProposedExperiment:
-    """One more condition: `words`, its overrides, and what it would leave of every effect `z_left` {effect: z}."""
+    """An additional condition: `words`, its overrides, and `z_left` {effect: z} of every effect with it."""
 
     words: str
     given: dict[str, Any]
@@ -80,7 +81,7 @@ class ProposedExperiment:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DesignReport(DisplayMixin):
-    """Everything that can be said before measuring; `rank_experiments` the most useful first."""
+    """The detectability of all effects before a measurement, and suggestions, the most useful first."""
 
     title: str
     prospects: tuple[Detectability, ...]
@@ -99,7 +100,7 @@ class DesignReport(DisplayMixin):
         }
 
     def to_table(self) -> DisplayTable:
-        head = ("effect", "z", "z left", "told", "5 sigma at", "unit", "nearest rival", "correlation")
+        head = ("effect", "z", "z left", "distinct", "5 sigma at", "unit", "nearest rival", "correlation")
         rows = [
             (p.effect, p.z, p.z_left, p.is_separable, p.detectable, p.unit, p.nearest, p.rho) for p in self.prospects
         ]  # fmt: skip
@@ -110,7 +111,7 @@ class DesignReport(DisplayMixin):
 
     def _heading(self) -> str:
         good = sum(p.is_separable for p in self.prospects)
-        return f"Plan '{self.title}': {good} of {len(self.prospects)} effects can be told from all others"
+        return f"Plan '{self.title}': {good} of {len(self.prospects)} effects can be distinguished from all others"
 
     def __str__(self) -> str:
         lines = [self._heading()]
@@ -127,15 +128,15 @@ class DesignReport(DisplayMixin):
 
 
 def _describe_sensor(e: ProposedExperiment) -> str:
-    """Where the next thermocouple belongs, and what it would leave of every effect."""
+    """A position for an additional thermocouple, and `z_left` of every effect with it."""
     left = ", ".join(f"{name} {z:.1f}" for name, z in sorted(e.z_left.items(), key=lambda item: item[1]))
-    return f"next thermocouple {e.words}: sigma left beside all rivals {left}"
+    return f"next thermocouple {e.words}: signal-to-noise ratio left with all rivals free: {left}"
 
 
 def assess_design(problem: Problem, watch: ProgressCallback = lambda text: None) -> DesignReport:
-    """The outlook of a campaign whose recordings may be blank.  Raises BadInput, SolverFailure."""
+    """The design report of a campaign, whose recordings may be empty.  Raises BadInput, SolverFailure."""
     model, began = problem.stated_model, time.monotonic()
-    watch(f"traces of all candidates under {len(problem.conditions)} conditions")
+    watch(f"sensitivities of all candidates under {len(problem.conditions)} conditions")
     predictions = problem.predict(problem.make_tasks(model, _all_derivatives(problem)))
     fit = _blank_fit(problem, model, predictions)
     separable = compute_separability(fit, problem.candidates)
@@ -151,7 +152,7 @@ def assess_design(problem: Problem, watch: ProgressCallback = lambda text: None)
 
 
 def rank_sensor_positions(problem: Problem, fit: LinearisedFit, effects: list[str]) -> tuple[ProposedExperiment, ...]:
-    """One more thermocouple at every place of a grid in the block of the first condition, the most useful first.
+    """A thermocouple at every position of a grid in the block of the first condition, the most useful first.
 
     Only where the campaign has thermocouples; ranked by what each leaves of the worst-known of some effects.
     """
@@ -159,8 +160,8 @@ def rank_sensor_positions(problem: Problem, fit: LinearisedFit, effects: list[st
     if not views or not effects:
         return ()
     task = PredictionTask(
-        problem.case, problem.conditions[0].given, problem.mesh_overrides[0], replace(fit.model, shifts={}), tuple(views), (),
-        _all_derivatives(problem),
+        problem.case, problem.conditions[0].given, problem.mesh_overrides[0], replace(fit.model, shifts={}),
+        tuple(views), (), _all_derivatives(problem),
     )  # fmt: skip
     [prediction] = problem.predict([task])
     now, out = _remaining_z(problem, fit, effects), []
@@ -172,7 +173,7 @@ def rank_sensor_positions(problem: Problem, fit: LinearisedFit, effects: list[st
 
 
 def suggest_experiment(problem: Problem, fit: LinearisedFit, alike: tuple[str, ...]) -> str:
-    """The experiment that would separate effects which explain the same data equally well, in words."""
+    """The experiment that best distinguishes effects that explain the data equally well, in words."""
     found = rank_experiments(problem, fit, list(alike))
     if not found:
         return "no further condition was found that separates them; measure the pressure or the friction directly"
@@ -182,7 +183,7 @@ def suggest_experiment(problem: Problem, fit: LinearisedFit, alike: tuple[str, .
 
 
 def rank_experiments(problem: Problem, fit: LinearisedFit, effects: list[str]) -> tuple[ProposedExperiment, ...]:
-    """One more condition of each kind, ranked by what it leaves of the worst of some effects."""
+    """An additional condition of each kind, ranked by the smallest z of some effects with it."""
     now = _remaining_z(problem, fit, effects)
     asked = [
         (words, _condition_task(problem, fit.model, key, factor, step))
@@ -199,7 +200,7 @@ def rank_experiments(problem: Problem, fit: LinearisedFit, effects: list[str]) -
 
 
 def _extend_fit(problem: Problem, fit: LinearisedFit, task: PredictionTask, prediction: Prediction) -> LinearisedFit:
-    """A fit with the data of one more condition, of which nothing but their noise is known."""
+    """A fit with the data of an additional condition, of which only the noise is known."""
     campaign = replace(problem.campaign, views=task.views, forces=())
     more = replace(problem, campaign=campaign, conditions=(Condition(task.given, task.views, ()),))
     data = WhitenedData.from_predictions(more, [prediction], noises=_assume_noise(more))
@@ -223,7 +224,7 @@ def _assume_noise(problem: Problem) -> dict[str, NoiseLevels]:
 
 
 def _blank_fit(problem: Problem, model: ModelPoint, predictions: list[Prediction]) -> LinearisedFit:
-    """A fit of nothing: priors and products only."""
+    """A fit without measured values: priors and products only."""
     system = LinearSystem(
         WhitenedData.from_predictions(problem, predictions, noises=_assume_noise(problem)).make_blocks(predictions)
     )
@@ -238,7 +239,7 @@ def _typical_strengths(tried: Sequence[CandidateEffect]) -> dict[str, tuple[Para
 
 
 def _remaining_z(problem: Problem, fit: LinearisedFit, effects: list[str]) -> dict[str, float]:
-    """Signal to noise that is left of typical strengths while all nuisances and rivals are free."""
+    """Signal-to-noise ratio of typical strengths with all nuisances and other effects free."""
     sizes = {e: v for e, v in _typical_strengths(problem.candidates).items() if v[0] in fit.system.index}
     own = {p: v for p, v in fit.priors.items() if p not in {column for column, _ in sizes.values()}}
     out = {}
@@ -267,7 +268,7 @@ def _assess_detectability(problem: Problem, fit: LinearisedFit, separable: Separ
 
 
 def _condition_task(problem: Problem, model: ModelPoint, key: str, factor: float, step: float) -> PredictionTask | None:
-    """The first condition with one key changed, seen by the same cameras; None where that cannot be."""
+    """The first condition with one key changed and the same cameras; None if that is impossible."""
     first = problem.conditions[0]
     case = problem.campaign.load(first.given)
     value = case[key]

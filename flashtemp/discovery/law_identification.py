@@ -1,8 +1,8 @@
-"""Identification of a law that no member of the catalogue has: which quantity depends on what, and how.
+"""Identification of a law outside the catalogue: which quantity depends on which variable, and how.
 
-Every pair of a quantity and a regressor is scored by the sensitivities of its nodes beside the calibrated base; the
-best pairs are fitted in full, and nodes are added between nodes while the evidence asks for them.  Whether the law
-predicts data that it did not see is judged from `heldout_excess` in `decision.py`.
+Every pair of a quantity and a regressor is scored by the sensitivities of its nodes at the calibrated base.  The best
+pairs are fitted in full, and nodes are added while the evidence requires them.  `decision.decide` judges from
+`heldout_excess` whether the law predicts left-out data.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from flashtemp.errors import SolverFailure
 
 # Prior standard deviation of a law at its nodes, in units of the typical size of its quantity; evidence chooses one.
 RELATIVE_WIDTHS = (0.1, 0.3, 1.0, 3.0)
-# Laws simulated together: each batch simulates the base again, and every node keeps a column of all data.  The fewest,
-# with some 30 columns, take about as much memory as a base.
+# Laws simulated in one batch: each batch simulates the base again, and every node has a column of all data.  The
+# smallest batch has some 30 columns and needs about as much memory as a base.
 MIN_BATCH_LAWS, MAX_BATCH_BYTES = 6, 2.0e8
 # Points of a reported curve, and of the mean of a pressure factor over the block (error below 1e-4): plotting only.
 CURVE_POINTS, AVERAGING_POINTS = 41, 400
@@ -43,8 +43,8 @@ BAND_STANDARD_ERRORS = 1.959964  # half width of a 95 % band of a normal distrib
 
 @dataclass(frozen=True)
 class ScoredLaw:
-    """A law by the sensitivities of its nodes: `ln_bayes` against the base at the best `relative_width` of its prior,
-    and the `values` at its nodes there; `fitted_ln_bayes` the same by a full fit, if there was one."""
+    """The score of a law from the sensitivities of its nodes: `ln_bayes` against the base at the best `relative_width`
+    of its prior, with the `values` at its nodes; `fitted_ln_bayes` is that of its full fit, if there is one."""
 
     law: PiecewiseLinearLaw
     relative_width: float
@@ -90,23 +90,23 @@ class IdentifiedLaw:
 
     @property
     def alternatives(self) -> dict[str, float]:
-        """{other law: its ln Bayes factor} of those that the data do not tell from this one.
+        """{law in words: ln Bayes factor} of other laws that the data do not distinguish from this one.
 
-        Laws that were fitted in full are compared by their fits, others by their scores.
+        Laws with a full fit are compared by their fits, others by their scores.
         """
         own = next(s for s in self.scored if s.law.name == self.law.name)
         gain = self.search.best.ln_evidence - self.search.base.ln_evidence
         out = {}
         for other in self.scored:
-            found, best = (other.ln_bayes, own.ln_bayes)
+            ln_bayes, best = (other.ln_bayes, own.ln_bayes)
             if other.fitted_ln_bayes is not None:
-                found, best = other.fitted_ln_bayes, gain
-            if other is not own and found > best - CRITERIA.ln_bayes_distinct:
-                out[other.law.description] = found
+                ln_bayes, best = other.fitted_ln_bayes, gain
+            if other is not own and ln_bayes > best - CRITERIA.ln_bayes_distinct:
+                out[other.law.description] = ln_bayes
         return out
 
     def to_report(self) -> LearnedLaw:
-        """The curve with its 95 % band, a formula where one fits, and the alternatives."""
+        """The curve with its 95 % band, a formula if one fits, and the alternatives."""
         law, formula = self.law, fit_simplest_formula(self.law, self.covariance)
         at = np.linspace(*law.domain, CURVE_POINTS)
         weights = law.hat_functions(at)
@@ -131,20 +131,20 @@ class IdentifiedLaw:
 
 
 def ln_choice_odds(laws: Sequence[object]) -> float:
-    """ln of the prior odds against any one of the laws that are compared."""
+    """ln of the prior odds against any one of the compared laws."""
     return float(np.log(len(laws)))
 
 
 def identify_law(search: EffectSearch, watch: ProgressCallback) -> IdentifiedLaw | None:
-    """The law that explains what the catalogue does not; None where no law is worth its choice among all of them.
+    """The law that explains more than any effect of the catalogue; None if no law does.
 
-    A law must gain as much against the base as names a cause, and more than the best fit of the catalogue gains, ln of
-    the number of laws beyond that.  Raises SolverFailure.
+    The ln Bayes factor of a law against the base must reach `ln_bayes_named` and that of the best fit of the catalogue,
+    plus ln of the number of compared laws.  Raises SolverFailure.
     """
     laws = [] if LEARNED_LAW_NAME in search.problem.case.effects else list(list_possible_laws(search))
     if not laws:
         return None
-    watch(f"looking for a law: {len(laws)} are scored")
+    watch(f"identifying a law: {len(laws)} are scored")
     scored = score_laws(search, laws)
     known = max((f.ln_evidence for f in search.fits.values() if f.is_comparable), default=search.base.ln_evidence)
     gain = known - search.base.ln_evidence
@@ -162,17 +162,17 @@ def identify_law(search: EffectSearch, watch: ProgressCallback) -> IdentifiedLaw
 
 
 def heldout_excess(search: EffectSearch) -> tuple[float, float]:
-    """chi2 less the number of data left out, as predicted by the base and by the best fit of a search.
+    """chi2 minus the number of left-out data, as predicted by the base and by the best fit of a search.
 
-    Recordings marked held out, else every condition predicted from the others; what is unknown of the cameras of data
-    that were left out is fitted to these data.
+    Left out are the held-out recordings, or without any each condition in turn.  Camera unknowns of left-out data are
+    fitted to these data.
     """
     before, after = (cross_validate(search.data, fit).excess for fit in (search.base, search.best))
     return before, after
 
 
 def list_possible_laws(search: EffectSearch) -> Iterator[PiecewiseLinearLaw]:
-    """All pairs of a quantity and a regressor that varies among the conditions that are fitted."""
+    """All pairs of a quantity and a regressor that varies under the fitted conditions."""
     problem, runs, scenes = search.problem, [], []
     for condition, pins, prediction in zip(
         problem.conditions, problem.mesh_overrides, search.base.predictions, strict=True
@@ -185,7 +185,7 @@ def list_possible_laws(search: EffectSearch) -> Iterator[PiecewiseLinearLaw]:
 
 # --- scores -----------------------------------------------------------------------------------------------------
 def score_laws(search: EffectSearch, laws: Sequence[PiecewiseLinearLaw]) -> tuple[ScoredLaw, ...]:
-    """All laws by the sensitivities of their nodes at the calibrated base, best first.  Raises SolverFailure."""
+    """Score all laws by the sensitivities of their nodes at the calibrated base, best first.  Raises SolverFailure."""
     out: list[ScoredLaw] = []
     size = batch_size(laws, sum(b.count for b in search.base.blocks))
     for first in range(0, len(laws), size):
@@ -198,7 +198,7 @@ def score_laws(search: EffectSearch, laws: Sequence[PiecewiseLinearLaw]) -> tupl
 
 
 def batch_size(laws: Sequence[PiecewiseLinearLaw], data: int) -> int:
-    """Laws that are simulated together where there are so many data: even batches of what memory holds."""
+    """Number of laws in a batch for a number of data: batches of equal size within the memory limit."""
     bytes_each = max(len(law.nodes) for law in laws) * data * np.dtype(np.float32).itemsize
     most = max(MIN_BATCH_LAWS, int(MAX_BATCH_BYTES / max(bytes_each, 1)))
     return -(-len(laws) // -(-len(laws) // most))
@@ -207,7 +207,7 @@ def batch_size(laws: Sequence[PiecewiseLinearLaw], data: int) -> int:
 def _score_law(
     problem: Problem, fit: LinearisedFit, plain: float, law: PiecewiseLinearLaw, c: CandidateEffect
 ) -> ScoredLaw:
-    """A law at that width of its prior which has the largest evidence, given the other hyperparameters."""
+    """Score a law at the prior width of largest evidence, with the other hyperparameters given."""
     columns = [p for p in c.strength_columns() if p in fit.system.index]
     nodes, found = _solve_within_bounds(problem, fit, law, columns, 1.0)
     width = _likeliest_width(problem, fit, law, nodes, found.hyper)
@@ -220,7 +220,7 @@ def _score_law(
 def _likeliest_width(
     problem: Problem, fit: LinearisedFit, law: PiecewiseLinearLaw, nodes: Sequence[ParameterId], hyper: Hyperparameters
 ) -> float:
-    """The relative width of the prior of some nodes that has the largest evidence at given hyperparameters."""
+    """The relative prior width of some nodes that has the largest evidence at given hyperparameters."""
     own = _free_effect_priors(fit)
 
     def evidence_at(width: float) -> float:
@@ -234,7 +234,7 @@ def _likeliest_width(
 def _solve_within_bounds(
     problem: Problem, fit: LinearisedFit, law: PiecewiseLinearLaw, columns: Sequence[ParameterId], width: float
 ) -> tuple[list[ParameterId], EvidenceMaximum]:
-    """The linearised fit with those nodes of a law free whose values are possible; others stay off."""
+    """The linearised fit with the nodes of a law free whose values are within bounds; the others stay neutral."""
     low, high = law.quantity.lower_bound, law.quantity.upper_bound
     nodes = list(columns)
     while True:
@@ -247,8 +247,10 @@ def _solve_within_bounds(
 
 
 def shortlist_laws(scored: Sequence[ScoredLaw], known: float = 0.0) -> list[ScoredLaw]:
-    """Laws that are fitted in full: worth their choice, and not far behind the best of them and of the catalogue, whose
-    ln Bayes factor is `known`: a law must exceed it in the end; best first."""
+    """Laws that are fitted in full, best first: they are strong enough for their number, and near the best score.
+
+    `known`: ln Bayes factor of the best effect of the catalogue, which a law must exceed in the end.
+    """
     likely = [s for s in scored if s.ln_bayes > CRITERIA.ln_bayes_named + ln_choice_odds(scored)]
     if not likely:
         return []
@@ -259,7 +261,7 @@ def shortlist_laws(scored: Sequence[ScoredLaw], known: float = 0.0) -> list[Scor
 
 # --- full fits --------------------------------------------------------------------------------------------------
 def _fit_laws(search: EffectSearch, likely: Sequence[ScoredLaw], watch: ProgressCallback) -> list[FittedLaw]:
-    """Laws at their best points, side by side, so that one which others outrun goes no further."""
+    """Fit some laws in full, together, so that a law that cannot reach the others is stopped early."""
     if not likely:
         return []
     watch(f"fitting: {'; '.join(s.law.description for s in likely)}")
@@ -269,18 +271,18 @@ def _fit_laws(search: EffectSearch, likely: Sequence[ScoredLaw], watch: Progress
         parent = _with_sensitivities(problem, search, (candidate,))
         problems[s.law.name] = problem
         fittings[s.law.name] = fit_hypothesis(Hypothesis.from_parent(problem, data, parent, [candidate]))
-    found = run_fits(search.problem, fittings, watch)
-    return [FittedLaw(s, problems[s.law.name], found.fits[s.law.name]) for s in likely if s.law.name in found.fits]
+    fits = run_fits(search.problem, fittings, watch).fits
+    return [FittedLaw(s, problems[s.law.name], fits[s.law.name]) for s in likely if s.law.name in fits]
 
 
 def _refine_nodes(search: EffectSearch, found: FittedLaw, watch: ProgressCallback) -> FittedLaw:
-    """A law with nodes between its nodes, while the evidence asks for them."""
+    """Add nodes between the nodes of a law while the evidence requires them."""
     while len(nodes := found.scored.law.refined_nodes) > len(found.scored.law.nodes):
         watch(f"{len(nodes)} nodes in place of {len(found.scored.law.nodes)}")
         try:
             finer = _fit_refined(search, found, nodes, watch)
         except SolverFailure:
-            break  # the coarser law is known already
+            break  # the coarser law remains
         if finer.fit.ln_evidence < found.fit.ln_evidence + CRITERIA.ln_bayes_law_node:
             break
         found = finer
@@ -290,15 +292,15 @@ def _refine_nodes(search: EffectSearch, found: FittedLaw, watch: ProgressCallbac
 def _fit_refined(
     search: EffectSearch, found: FittedLaw, nodes: tuple[float, ...], watch: ProgressCallback
 ) -> FittedLaw:
-    """A law with more nodes, fitted from where it stands.  Raises SolverFailure.
+    """Fit a law with more nodes, starting at its last fit.  Raises SolverFailure.
 
-    The finer line is the coarser one at first, so that the point and all other derivatives are those of the last fit.
+    The finer law has the same curve at first, so the point and all other derivatives are those of the last fit.
     """
     fit, law = found.fit, found.scored.law
-    stands = [
+    coarse_values = [
         fit.model.effect_value(ParameterId.of_effect(LEARNED_LAW_NAME, f"at_{k + 1}")) for k in range(len(law.nodes))
     ]
-    values = law.hat_functions(np.array(nodes)) @ np.array(stands)
+    values = law.hat_functions(np.array(nodes)) @ np.array(coarse_values)
     scored = replace(found.scored, law=replace(law, nodes=nodes, values=tuple(values.tolist())))
     problem, data, candidate = _with_law(search, scored)
     model = fit.model.with_effect(LEARNED_LAW_NAME, dict(zip(candidate.strengths, values.tolist(), strict=True)))
@@ -313,7 +315,7 @@ def _fit_refined(
 def _finish_law(
     search: EffectSearch, found: FittedLaw, scored: tuple[ScoredLaw, ...], watch: ProgressCallback
 ) -> IdentifiedLaw:
-    """The law with exact derivatives at its best point, and what of the catalogue may still matter beside it."""
+    """The law with exact derivatives at its best point, and scores of the effects that may act in addition to it."""
     problem, data = found.problem, replace(search.data, problem=found.problem)
     before = (
         search.ranking[0]
@@ -321,11 +323,11 @@ def _finish_law(
         else score_candidates(search.problem, search.base, search.problem.candidates)
     )
     more = select_for_rescoring(search.problem, search.base, found.fit, before)
-    watch(f"candidates beside {found.law.description}")
+    watch(f"candidates in addition to {found.law.description}")
     best = refit_with_candidates(problem, data, found.fit, more, watch)
     law = _with_fitted_values(found.scored.law, best)
     own = tuple(law.as_effect() if o.name == LEARNED_LAW_NAME else o for o in problem.case.own)
-    problem = replace(problem, case=replace(problem.case, own=own))  # its file holds what was found
+    problem = replace(problem, case=replace(problem.case, own=own))  # its file has the fitted values
     after = replace(
         search, problem=problem, data=replace(data, problem=problem), best=best,
         fits=search.fits | {frozenset(best.model.effects): best},
@@ -335,7 +337,7 @@ def _finish_law(
 
 
 def _with_fitted_values(law: PiecewiseLinearLaw, fit: LinearisedFit) -> PiecewiseLinearLaw:
-    """A law with the values that a fit gives its nodes, last linear step included."""
+    """A law with the fitted values at its nodes, including the last linear step."""
     values = []
     for k in range(len(law.nodes)):
         p = ParameterId.of_effect(LEARNED_LAW_NAME, f"at_{k + 1}")
@@ -344,7 +346,7 @@ def _with_fitted_values(law: PiecewiseLinearLaw, fit: LinearisedFit) -> Piecewis
 
 
 def node_covariance(fit: LinearisedFit, count: int) -> Array:
-    """Covariance (count, count) of the values at the nodes of a law; 0 of one that lies on a bound."""
+    """Covariance (count, count) of the values at the nodes of a law; 0 for a node on a bound."""
     out = np.zeros((count, count))
     at = {
         int(p.name.removeprefix("at_")) - 1: i for i, p in enumerate(fit.solution.names) if p.effect == LEARNED_LAW_NAME
@@ -355,7 +357,7 @@ def node_covariance(fit: LinearisedFit, count: int) -> Array:
 
 
 def _centre_pressure(law: PiecewiseLinearLaw, covariance: Array) -> tuple[PiecewiseLinearLaw, Array]:
-    """A law without what has no effect: only the shape of a pressure counts, for its mean follows from the load."""
+    """A pressure law scaled to a mean factor of 1, because the load fixes the mean pressure; other laws unchanged."""
     if law.quantity.name != "pressure":
         return law, covariance
     low, high = law.domain
@@ -368,11 +370,11 @@ def _centre_pressure(law: PiecewiseLinearLaw, covariance: Array) -> tuple[Piecew
     return replace(law, values=tuple(map(float, values))), centre @ covariance @ centre.T
 
 
-# --- problems and fits that know a law --------------------------------------------------------------------------
+# --- problems and fits with laws --------------------------------------------------------------------------------
 def _with_laws(
     problem: Problem, data: WhitenedData, laws: dict[str, PiecewiseLinearLaw]
 ) -> tuple[Problem, WhitenedData, dict[str, CandidateEffect]]:
-    """The problem with laws as further candidates, by the names of their effect files."""
+    """The problem with laws as additional candidates, by the names of their effect files."""
     own = tuple(law.as_effect(name) for name, law in laws.items())
     case = replace(problem.case, own=(*(o for o in problem.case.own if o.name not in laws), *own))
     found = {c.effect: c for c in find_candidates(case, tuple(laws))[0]}
@@ -382,7 +384,7 @@ def _with_laws(
 
 
 def _with_law(search: EffectSearch, scored: ScoredLaw) -> tuple[Problem, WhitenedData, CandidateEffect]:
-    """The problem with one law under the name that a verdict uses, its prior as wide as its score wants it."""
+    """The problem with one law under the name that a verdict uses, with the prior width of its score."""
     law = replace(scored.law, values=(scored.prior_sd,) * len(scored.law.nodes))
     problem, data, found = _with_laws(search.problem, search.data, {LEARNED_LAW_NAME: law})
     return problem, data, found[LEARNED_LAW_NAME]
@@ -399,9 +401,9 @@ def _with_sensitivities(problem: Problem, search: EffectSearch, laws: tuple[Cand
 def _join_columns(
     data: WhitenedData, predictions: Sequence[Prediction], fit: LinearisedFit, own: Sequence[CandidateEffect]
 ) -> LinearSystem:
-    """Columns of predictions at the point of a fit, and those that the fit has of all else but other candidates.
+    """A system with the columns of `predictions` and those of `fit` at the same point, except for other candidates.
 
-    Residuals are those of the fit: what is compared differs in nothing else.
+    Residuals are those of the fit, so that only the columns differ.
     """
     effects = {c.effect for c in own}
 
@@ -416,5 +418,5 @@ def _join_columns(
 
 
 def _free_effect_priors(fit: LinearisedFit) -> dict[ParameterId, tuple[float, float]]:
-    """Priors of the parameters of effects that a fit holds, but for those on a bound."""
+    """Priors of the effect parameters of a fit, without those on a bound."""
     return {p: v for p, v in fit.effect_priors.items() if p not in fit.bound}

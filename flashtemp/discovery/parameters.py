@@ -1,15 +1,15 @@
-"""Names of everything that may move: free keys, parameters of effects, and the nuisances of cameras and conditions."""
+"""Identifiers of all estimated parameters: free keys, parameters of effects, nuisances of cameras and conditions."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-ALL_CONDITIONS = -1  # conditions: what they share
+ALL_CONDITIONS = -1  # in place of the number of a condition
 
 
 class Kind(StrEnum):
-    """What a parameter is."""
+    """The kind of a parameter."""
 
     KEY = "key"  # of the case, freed by the campaign: ln of the factor on its value
     EFFECT = "effect"  # parameter of an effect
@@ -24,18 +24,18 @@ class Kind(StrEnum):
     GAIN = "gain"  # of a recording's radiance, relative
     PLACE = "place"  # of a point of a recording along an axis, m
     LAG = "lag"  # time constant of a point of a recording, s
-    SENSOR = "sensor"  # gain of a point of a recording: of the rise that it shows, relative
+    SENSOR = "sensor"  # gain of a point of a recording on its temperature rise, relative
     SPREAD = "spread"  # width of a recording's optics, relative
     MAP = "map"  # smooth gain along and up a recording
     OFFSET = "offset"  # of a recording's image, in time
-    STATIC = "static"  # smooth map of offsets of a recording that stays
+    STATIC = "static"  # smooth map of offsets of a recording, constant in time
     OPTICS = "optics"  # smear and stray light of a recording
     WALL = "wall"  # cooling of the wall against the section behind it
-    FLOOR = "floor"  # smooth relative error of the model itself in a recording
+    FLOOR = "floor"  # model discrepancy: smooth relative error of the model in a recording
     CELL = "cell"  # gain of the load cell, relative
     SCALE = "scale"  # of a recording's pixels, relative
     TURN = "turn"  # of a recording's image, rad
-    CLOCK = "clock"  # what the frames of a recording are stamped late, s
+    CLOCK = "clock"  # delay of the time stamps of a recording, s
     SIZE = "size"  # of the block, relative: its length, its width
     INPUT = "input"  # stated number of case or camera, the same in all conditions: ln of the factor on it, or its unit
 
@@ -54,11 +54,11 @@ CONDITION_KINDS = frozenset({Kind.SCATTER, Kind.LEVEL, Kind.TREND, Kind.FLUX, Ki
 
 @dataclass(frozen=True, order=True, slots=True)
 class ParameterId:
-    """One parameter: hashable, sorted by its fields, written as text only for people and files.
+    """Identifier of one parameter: hashable, sorted by its fields, written as text only in reports and files.
 
-    `index` tells those of a kind apart: the repetition, the half waves along (and up), the set of shapes of a trace.
-    `name` is a key of the case, a parameter of the `effect`, a point or the view whose recordings share it; `file` and
-    `condition` say where alone it acts.
+    `index` distinguishes parameters of a kind: the repetition, the half waves along (and up), the shape variant.
+    `name`: a key of the case, a parameter of the `effect`, a point, or the view whose recordings share it.  `file` and
+    `condition`: set if it acts in one recording or condition only.
 
     >>> print(ParameterId(Kind.FLUX, (2,), condition=1), ParameterId.of_effect("pressure_tilt", "a"))
     flux:2|1 pressure_tilt.a
@@ -83,18 +83,18 @@ class ParameterId:
 
     @classmethod
     def of_effect(cls, effect: str, name: str, variant: int = 0) -> ParameterId:
-        """A parameter of an effect; its trace with the shapes of a `variant` beyond the first."""
+        """A parameter of an effect; with `variant` > 0 its column for that variant of the shapes."""
         return cls(Kind.EFFECT, (variant,) if variant else (), effect, name)
 
     def with_scope(self, condition: int, file: str) -> ParameterId:
-        """The same where it belongs: to a recording, to a condition, or to all."""
+        """The parameter with the scope of its kind: one recording, one condition, or all."""
         if self.kind in RECORDING_KINDS or (self.kind in POINT_KINDS and not self.name):
             return replace(self, file=file)
         return replace(self, condition=condition) if self.kind in CONDITION_KINDS else self
 
     @property
     def is_shared(self) -> bool:
-        """Whether all conditions and recordings share it."""
+        """Whether it is common to all conditions and recordings."""
         return not self.file and self.condition == ALL_CONDITIONS
 
     @property

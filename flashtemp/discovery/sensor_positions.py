@@ -1,4 +1,4 @@
-"""Places at which one more thermocouple might be put: a grid in the block, read like those that a campaign has."""
+"""Candidate positions for an additional thermocouple: a grid in the block, with the properties of those that exist."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ HEIGHT_FRACTIONS, LENGTH_FRACTIONS = (
 
 
 def candidate_sensor_recordings(problem: Problem) -> list[RecordingEntry]:
-    """One blank recording for every place, named after it; none where the campaign has no thermocouples.
+    """One empty recording for every position, named after it; none if the campaign has no thermocouples.
 
     Each is read, and its place known, like the first recording of points of the first condition.
     """
@@ -35,7 +35,7 @@ def candidate_sensor_recordings(problem: Problem) -> list[RecordingEntry]:
 
 
 def _iter_positions(length: float, height: float, like: SensorPositions) -> Iterator[tuple[str, SensorPositions]]:
-    """Words and place of every node; one column where all thermocouples that there are stand at one x."""
+    """Words and position of every node; one column if all existing thermocouples are at one x."""
     alone = np.ptp(like.x) == 0.0
     for x in (float(like.x[0]),) if alone else tuple(length * a for a in LENGTH_FRACTIONS):
         for z in (height * u for u in HEIGHT_FRACTIONS):

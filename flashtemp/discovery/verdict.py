@@ -1,4 +1,4 @@
-"""What `discover` found: verdict, causes, what they gain and what else it could have been (contract 5.5)."""
+"""The result of `discover`: the verdict with its causes, evidence, alternatives and checks, as in verdict.json."""
 
 from __future__ import annotations
 
@@ -16,15 +16,13 @@ from flashtemp.errors import RenamedAttribute
 Array = npt.NDArray[np.float64]
 VERDICT_SCHEMA = "flashtemp.verdict/1"
 VERDICT_KINDS = ("named", "learned", "held_key", "weak", "group", "none_needed", "unexplained", "no_verdict")
-MAX_NAMED_INPUTS = 6  # inputs that the data cannot check, named in the text; more are only counted
-DOUBTFUL_PROBABILITY = (
-    0.01  # probability of so much scatter between conditions, below which a cause's law is not taken as told
-)
+MAX_NAMED_INPUTS = 6  # inputs that the data cannot check are listed in the text up to this number, else only counted
+DOUBTFUL_PROBABILITY = 0.01  # of the scatter of an amplitude between conditions, below which a cause's law is doubtful
 
 
 @dataclass(frozen=True)
 class ParameterEstimate:
-    """A fitted parameter in its own `unit`, with standard error and 95 % interval; `bound`: it lies on a bound."""
+    """A fitted parameter in its `unit`, with standard error and 95 % interval; `bound`: it is on a bound."""
 
     name: str
     value: float
@@ -36,7 +34,7 @@ class ParameterEstimate:
 
 @dataclass(frozen=True)
 class ConditionEstimate:
-    """A parameter as one condition alone would have it; the condition in words."""
+    """The estimate of a parameter from one condition alone; the condition in words."""
 
     condition: str
     value: float
@@ -45,11 +43,14 @@ class ConditionEstimate:
 
 @dataclass(frozen=True)
 class Cause:
-    """An accepted effect: `ln_bayes` against the model without it, `delta_chi2` with all else as free, `held_out_gain`
-    in ln probability of all that was left out, `distinctness` of its signature from all rivals (0 the same, 1 nothing
-    in common), `z` its signal to noise after projection, `raw_share` the share of its signal that calibration cannot
-    absorb; `per_condition` values of its first parameter, `consistent` the probability of so much scatter between them;
-    `laboratory`: an error of the set-up or of a recording, which was corrected, no physics.
+    """A named cause: an effect, or an error of the measurement.
+
+    `ln_bayes`: against the model without it.  `delta_chi2`: with the same freedom of all other parameters.
+    `held_out_gain`: change of the ln probability of left-out data.  `distinctness` of its signature from all other
+    candidates: 0 for identical, 1 for orthogonal.  `z`: signal-to-noise ratio after projection.  `raw_share`: fraction
+    of its signal that calibration cannot absorb.
+    `per_condition`: estimates of its first parameter by condition; `consistent`: probability of their scatter.
+    `laboratory`: it is an error of the set-up or of a recording, which was corrected, not a physical effect.
     """
 
     effect: str
@@ -67,7 +68,7 @@ class Cause:
 
     @property
     def is_doubtful(self) -> bool:
-        """Whether its law need not be the one of its name: conditions would have it rather different in strength."""
+        """Whether its law may be another one, because its strength differs between conditions."""
         return self.consistent < DOUBTFUL_PROBABILITY and bool(self.parameters)
 
     doubted = RenamedAttribute("is_doubtful")
@@ -75,11 +76,11 @@ class Cause:
 
 @dataclass(frozen=True)
 class CandidateReport:
-    """A candidate that was tried: `score` its ln Bayes factor, `amplitude` it would need (and `stderr`) in `unit`.
+    """A candidate that was tried: its ln Bayes factor `score`, and its estimated `amplitude` with `stderr` in `unit`.
 
-    `left`: ln Bayes factor that the accepted causes still have beside it; `detectable` the amplitude that
-    would have been seen at 5 sigma, `seen` how clear its typical one is, in sigma; `refitted`: scored by a full fit
-    that came near its best point, not by its trace alone.
+    `left`: ln Bayes factor of the accepted causes against it.  `detectable`: the amplitude that would have a
+    signal-to-noise ratio of 5.  `seen`: signal-to-noise ratio of its typical amplitude.  `refitted`: the score is from
+    a converged full fit, not from its sensitivities.
     """
 
     effect: str
@@ -100,8 +101,8 @@ class CandidateReport:
 
 @dataclass(frozen=True)
 class SetupErrorReport:
-    """An error of the laboratory that calibration found: `value` with `stderr` in `unit`, `pull` in standard deviations
-    of what is usual; `words` for people."""
+    """An error of the set-up that was calibrated: `value` with `stderr` in `unit`, `pull` in prior standard deviations,
+    and a sentence in `words`."""
 
     name: str
     value: float
@@ -113,8 +114,8 @@ class SetupErrorReport:
 
 @dataclass(frozen=True)
 class InputCorrection:
-    """A stated number that explains what a cause would: `told` by case or recording, `value` with `stderr` that the
-    data want, `ln_bayes` of freeing it; `calibrated` values of the free keys with the number corrected."""
+    """A stated number that the data contradict: the stated value `told`, the `value` with `stderr` that the data
+    require, `ln_bayes` of freeing it, and `calibrated` values of the free keys with the number corrected."""
 
     key: str
     told: float
@@ -127,16 +128,17 @@ class InputCorrection:
 
     @property
     def is_of_case(self) -> bool:
-        """Whether it is a key of the case, not what a recording states of its camera."""
+        """Whether it is a key of the case, not a value that a recording states about its camera."""
         return self.key.partition(".")[0] not in VIEW_DESCRIPTIONS
 
 
 @dataclass(frozen=True)
 class LearnedLaw:
-    """A law that no catalogue has: what depends on what, `formula` in words where one fits as well as the curve.
+    """A law outside the catalogue: which `quantity` depends on which `argument`, and how.
 
-    `curve` (n,) at values `at` (n,) of the argument with its 95 % band `low`, `high` (n,); a factor where `unit` is 1.
-    `nodes` of the file's line.  `beside` {law in words: ln Bayes factor by trace} of others that are nearly as likely.
+    `curve` (n,) at values `at` (n,) of the argument, with its 95 % band `low`, `high` (n,); a factor if `unit` is "1".
+    `formula`: empty unless a formula fits as well as the curve.  `nodes`: arguments at which the piecewise linear law
+    of the file is given.  `beside` {law in words: ln Bayes factor by sensitivities}: laws that are nearly as likely.
     """
 
     quantity: str
@@ -163,10 +165,10 @@ class LearnedLaw:
 
 @dataclass(frozen=True)
 class FitMetrics:
-    """How well a model does: over all that was fitted, over what was left out, and on means over frames (K).
+    """How well a model fits: over fitted data, over left-out data, and on means over frames.
 
-    Of an extended model `rmse_change_error_K` and `held_out_z_change_error` are the standard errors of what `rmse_K`
-    and `held_out_z` change from the base; NaN where they are not known.
+    For an extended model, `rmse_change_error_K` and `held_out_z_change_error` are the standard errors of the changes of
+    `rmse_K` and `held_out_z` against the base; NaN if they are unknown.
     """
 
     rmse_K: float
@@ -180,13 +182,13 @@ class FitMetrics:
 
     @property
     def held_out_change_error_K(self) -> float:
-        """Standard error of what `held_out_rmse_K` changes from the base."""
+        """Standard error of the change of `held_out_rmse_K` against the base."""
         return self.held_out_z_change_error * self.held_out_rmse_K / self.held_out_z if self.held_out_z else 0.0
 
 
 @dataclass(frozen=True)
 class StructureTest:
-    """A test for structure in what is left: `p` the share of simulated noise-only campaigns beyond `statistic`."""
+    """A test for structure in the residuals: `p` is the fraction of simulated noise data sets beyond `statistic`."""
 
     name: str
     where: str
@@ -197,10 +199,10 @@ class StructureTest:
 
 @dataclass(frozen=True)
 class MissingHeatFlux:
-    """What the model lacks along the contact, without any catalogue, of one condition.
+    """Heat and pressure along the contact that the model lacks in one condition, without a catalogue of effects.
 
-    `x` (n,) m; `flux` (repetitions, n) W/m2 of nominal area that measured exceeds computed, with its standard
-    error `flux_sd`; `pressure` (n,) p(x)/p and `pressure_sd`; `resolution` (n,) from 0 (nothing known) to 1.
+    `x` (n,) m; `flux` (repetitions, n) W/m2 of nominal area: measured minus computed, with standard error `flux_sd`;
+    `pressure` (n,) p(x)/p and `pressure_sd`; `resolution` (n,) from 0 (no information) to 1.
     """
 
     condition: str
@@ -215,9 +217,9 @@ class MissingHeatFlux:
 
 @dataclass(frozen=True)
 class RuleResult:
-    """One rule on the way to the verdict: what was asked, `value` against `limit`, whether it `passed`.
+    """One rule that led to the verdict: its `name`, `value` against `limit`, and whether it `passed`.
 
-    `consequence`: what is true where it passed, or what follows where it did not.
+    `consequence`: what is true if it passed, or what follows if it did not.
     """
 
     name: str
@@ -229,11 +231,11 @@ class RuleResult:
 
 @dataclass(frozen=True)
 class InputResult:
-    """A stated number of case or set-up against the data.
+    """The check of a stated number of case or set-up against the data.
 
-    `stated` in `unit` with the standard deviation `sd` of what is known (relative where `relative`) and its `source`;
-    `estimate` with `stderr` from the data alone, `pull` in standard deviations of both together, `ln_bayes` of freeing
-    it; `verdict` contradicted, consistent or not checkable.
+    `stated` in `unit` with its standard deviation `sd` (relative if `relative`) and the `source` of that; `estimate`
+    with `stderr` from the data alone; `pull` in standard deviations of both together; `ln_bayes` of freeing it;
+    `verdict`: contradicted, consistent or not checkable.
     """
 
     key: str
@@ -253,7 +255,7 @@ class InputResult:
 
 @dataclass(frozen=True)
 class NormalisedDeviation:
-    """A calibrated nuisance: value and its distance from what was known beforehand, in standard deviations."""
+    """A calibrated parameter: its value, and its deviation from the prior in prior standard deviations (`pull`)."""
 
     name: str
     value: float
@@ -264,14 +266,16 @@ class NormalisedDeviation:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Verdict(DisplayMixin):
-    """The whole answer.  `kind` is one of VERDICT_KINDS; `says` one or more sentences for people.
+    """The whole result.  `kind` is one of VERDICT_KINDS and is decided by `decision.decide`; `says` it in sentences.
 
-    `separability`: names and matrix (n, n) of correlations between projected signatures; `before`, `after`:
-    every recording against the calibrated base and the extended model; `gates`: what was checked for
-    adequacy, with value and limit; `assumed` priors.  `certain` effects that all members of a group share;
-    `laboratory` errors that calibration found; `held_key` one that explains what a cause would;
-    `law` one that was learned where the catalogue has none.  `rules` that led to the verdict; `inputs`: every stated
-    number against the data, and keys of those that the data cannot tell from each other.
+    `rules`: the comparisons that led to the kind, in order.  `group`: causes that the data cannot distinguish;
+    `certain`: effects that are named all the same.  `base`, `extended`: metrics of both models; `before`, `after`:
+    every recording against them.
+    `gates`: adequacy tests with value and limit.  `certificate`: how the fits ended.  `assumed`: prior widths.
+    `separability`: names and matrix (n, n) of correlations between projected signatures.
+    `laboratory`: set-up errors that are within usual limits.  `held_key`: a stated input that the data contradict.
+    `law`: a law outside the catalogue.  `inputs`: checks of all stated inputs; `inputs_told_together`: keys that the
+    data cannot distinguish.
     """
 
     title: str
@@ -296,8 +300,8 @@ class Verdict(DisplayMixin):
     assumed: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     seconds: float = 0.0
-    gain: dict[str, Any] | None = None  # what the extension changes, in kelvin
-    not_named: tuple[str, ...] = ()  # why a cause that the evidence asks for is not named
+    gain: dict[str, Any] | None = None  # changes by the extension, in kelvin
+    not_named: tuple[str, ...] = ()  # why the best candidate is not named
     certain: tuple[str, ...] = ()
     laboratory: tuple[SetupErrorReport, ...] = ()
     held_key: InputCorrection | None = None
@@ -308,13 +312,13 @@ class Verdict(DisplayMixin):
 
     @property
     def corrected_key(self) -> InputCorrection | None:
-        """The key of the case that is corrected where a stated number is all that is wrong."""
+        """The key of the case that is corrected if a wrong stated number is the whole verdict."""
         held = self.held_key
         return held if held is not None and self.kind == "held_key" and held.is_of_case else None
 
     @property
     def has_extension(self) -> bool:
-        """Whether there is an extended case: a cause that is physics, or a key to correct."""
+        """Whether there is an extended case: a physical cause, or a key to correct."""
         return any(not c.laboratory for c in self.causes) or self.corrected_key is not None
 
     extends = RenamedAttribute("has_extension")
@@ -384,7 +388,7 @@ class Verdict(DisplayMixin):
         return "\n".join([*lines, *(f"  note: {warning}" for warning in self.warnings)])
 
     def _closing_lines(self) -> list[str]:
-        """What follows the sentences: the next experiment, unless they say it, and a line about the stated inputs."""
+        """Lines after the sentences: the next experiment, unless they contain it, and a summary of the inputs."""
         is_new = self.next_experiment and not any(self.next_experiment in line for line in self.says)
         out = [f"next: {self.next_experiment}"] if is_new else []
         return [*out, f"inputs: {_summarise_inputs(self.inputs)}"] if self.inputs else out

@@ -129,16 +129,16 @@ def find_conversion(unit_text: str, unit: str, difference: bool = False) -> tupl
     >>> find_conversion("m", "s")
     Traceback (most recent call last):
         ...
-    flashtemp.errors.BadInput: 'm' is no unit that can be turned into s
+    flashtemp.errors.BadInput: the unit 'm' cannot be converted to s
     """
     try:
         line = _compute_conversion(unit_text, unit, difference)
     except _UnknownUnit as fault:
-        what = f"that can be turned into {unit}" if unit not in ("", "1") else "of a number, such as % or 1"
+        what = f"that can be converted to {unit}" if unit not in ("", "1") else "of a number, such as % or 1"
         raise BadInput(f"the unit {shorten_text(repr(unit_text))} is not known; give a unit {what}") from fault
     if line is None:
         into = unit if unit not in ("", "1") else "a number without a unit"
-        raise BadInput(f"{unit_text!r} is no unit that can be turned into {into}")
+        raise BadInput(f"the unit {unit_text!r} cannot be converted to {into}")
     return line
 
 

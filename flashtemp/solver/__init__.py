@@ -1,1 +1,1 @@
-"""The transient heat equation: finite volumes in block and road, the interface between them, CVODE, the march."""
+"""The transient heat equation: finite volumes in block and road, their interface, and integration in time by CVODE."""

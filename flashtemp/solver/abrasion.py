@@ -1,4 +1,4 @@
-"""How heat answers to abrasion: by the pressure that moves, and by what the debris does to the contact."""
+"""Coupling of wear, thermal expansion and friction to the heat, by the pressure and by debris in the contact."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from flashtemp.solver.winkler_foundation import SpringResponse
 
 
 def complex_step_derivative(values) -> np.ndarray:
-    """The derivative that a complex step carried along."""
+    """The derivative from values at a complex step of `COMPLEX_STEP`."""
     return np.imag(values) / COMPLEX_STEP
 
 
@@ -25,10 +25,10 @@ SparsityPattern = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 class SparseResponse(NamedTuple):
-    """How all rates follow what changes in the columns, their pressure or worn depth: a sparse matrix.
+    """Derivative of all rates with respect to pressure or worn depth of the columns: a sparse matrix.
 
-    It has `gain` in the row `place` (of a state) and the column `column`; `abrasion` (columns,) is the part that stands
-    in the rates of worn depth, m/s.
+    The entry in row `place` (of a state) and column `column` is `gain`; `abrasion` (columns,) is the derivative of the
+    wear rate, in m/s.
     """
 
     place: np.ndarray
@@ -40,9 +40,10 @@ class SparseResponse(NamedTuple):
     def from_derivatives(
         cls, sparsity: SparsityPattern, b: HeatBalance, under: RoadOverlap, face, deep, road, books, abrasion
     ) -> SparseResponse:
-        """Out of slopes (columns,) of the heat into the block's `face`, in depth (`deep`) and into the road's cells.
+        """The matrix from derivatives (columns,) of heat into the block's `face`, in depth (`deep`) and into the road.
 
-        `books` are those of friction and of all heat into the road (W/m); `touched_road` the road that is touched.
+        `books` are the derivatives of the ledger entries friction and into_road (W/m); `under` is the road under the
+        columns.
         """
         place, column, unit = sparsity
         heats = [face, *(heat for _, heat in under.heat_parts(road)), np.outer(deep, b.deposit_weights).ravel()]
@@ -50,12 +51,15 @@ class SparseResponse(NamedTuple):
         return cls(place, column, gain / unit, abrasion)
 
     def add_change(self, change: np.ndarray, scale: float, out: np.ndarray) -> None:
-        """Add `scale` times what a `change` (columns,) does to `out` (size of a state,)."""
+        """Add `scale` times the product with a `change` (columns,) to `out` (size,)."""
         kernels_contact.scatter_response(self.place, self.column, self.gain, change, scale, out)
 
 
 def build_sparsity(b: HeatBalance, under: RoadOverlap) -> SparsityPattern:
-    """Rows and columns of an `SparseResponse`, and what there makes rates of heat (W/m), of m/s and of what is booked."""
+    """Rows and columns of a `SparseResponse`, and the units that turn its entries into rates of the state.
+
+    Heat in W/m is divided by the heat capacity, m/s by the unit of the worn depth, ledger entries by 1.
+    """
     mesh, n = b.scene.mesh, len(b.cell_block)
     each = np.arange(n)
     roads = [cells for cells, _ in under.heat_parts(b.zero_columns)]
@@ -72,12 +76,14 @@ def build_sparsity(b: HeatBalance, under: RoadOverlap) -> SparsityPattern:
 
 @dataclass(frozen=True)
 class AbrasionCoupling:
-    """The linearised way from abrasion, swelling and friction to pressure to heat, and back: for Newton's method.
+    """Linearised coupling of wear, thermal expansion and friction, by way of the pressure, to all rates.
 
-    Its preconditioner leaves out what swelling and friction do.  `touched_road` is the road that is touched.  What follows
-    when columns are `rates_by_pressure` harder, and when they are worn `rates_by_depth` at the same pressure, None where nothing does;
-    `abrasion_slopes` and `traction_slopes` slopes of the rate of abrasion and of the friction traction with the temperatures of block and
-    lane.  `solve_depth` r -> (1 - gamma d(rate)/d(depth))^-1 r, by way of the pressure.
+    The Jacobian uses all of it; the preconditioner leaves out expansion and friction.  `touched_road` is the road under
+    the columns.  `rates_by_pressure` and `rates_by_depth` are the derivatives of all rates with respect to pressure,
+    and to worn depth at constant pressure (None if they vanish).  `abrasion_slopes` and `traction_slopes` are the
+    derivatives of the wear rate and of the friction traction with respect to the temperatures of block [0] and lane
+    [1].  `pressure_by_depth` is the linear response of the pressure, and `solve_depth` maps r to
+    (1 - gamma d(rate)/d(depth))^-1 r.
     """
 
     b: HeatBalance
@@ -90,16 +96,16 @@ class AbrasionCoupling:
     traction_slopes: tuple[Any, ...]
 
     def abrasion_rate_change(self, block: np.ndarray, lane: np.ndarray) -> np.ndarray:
-        """Change of the abrasion rate by changes of temperature (columns,) K of the block's first cells and lanes."""
+        """Change of the wear rate by changes (columns,) K of the block's first cells and of the lanes."""
         return self.abrasion_slopes[0] * block + self.abrasion_slopes[1] * lane
 
     def add_depth_response(self, worn: np.ndarray, out: np.ndarray, scale: float = 1.0) -> None:
-        """Add what changes of the worn depth in the state do to all rates."""
+        """Add the change of all rates by changes `worn` of the worn depth, in units of the state, to `out`."""
         depth = worn * self.b.worn_unit
         self._add_responses(depth, self.pressure_by_depth(depth), scale, out)
 
     def add_full_response(self, worn: np.ndarray, T: np.ndarray, lane: np.ndarray, out: np.ndarray) -> None:
-        """The same, with what changes of T (cells,) K and of the lanes (columns,) K do by swelling and friction."""
+        """The same, plus the effect of changes T (cells,) K and `lane` (columns,) K by expansion and friction."""
         depth = worn * self.b.worn_unit
         change = self.pressure_by_depth(depth - self.b.thermal_displacement(T) if self.b.expansion else depth)
         if isinstance(self.pressure_by_depth, ElasticResponse):

@@ -1,4 +1,4 @@
-"""What lies between steps: states of a run at any time, and differences beside it."""
+"""Interpolation in time between integration steps: states of a run, and differences of perturbed runs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from flashtemp.solver.march import StepHistory
 
 
 class StateInterpolant:
-    """States of the run at any time of a stretch, linear between its steps."""
+    """State of a run at any time of a segment, linear between the steps of the integrator."""
 
     def __init__(self, path: StepHistory):
         self.t, self.y = np.array([t for t, _ in path]), [y for _, y in path]
@@ -20,7 +20,10 @@ class StateInterpolant:
 
 
 def interpolate_quadratic(u: float, at, S) -> np.ndarray:
-    """The parabola through three steps, or the line through two."""
+    """Value at `u` of the parabola through three steps (`at`, S), or of the line through the last two.
+
+    The line is used if the first two places are equal, as after the first step.
+    """
     (a, b, c), (A, B, C) = at, S
     if a == b:
         return B + (u - b) / (c - b) * (C - B)

@@ -1,4 +1,4 @@
-"""Boundary heat: here the air film of every wall is applied to its cells, and every law on a patch or in a zone."""
+"""Boundary heat: heat transfer to the surroundings on every site, and laws of effects on a patch or in a zone."""
 
 from __future__ import annotations
 
@@ -15,18 +15,22 @@ from flashtemp.solver import kernels_2d
 
 
 class FilmCoefficients(NamedTuple):
-    """Films at one instant: (h, far) of each film of every site, and those of a site taken together."""
+    """Heat-transfer coefficients at one instant.
+
+    `site_films` are (h in W/m2K, rise of the surroundings in K) of every law of every site; the laws of a site act in
+    parallel.
+    """
 
     site_films: list[list[tuple[float, float]]]
-    resistance: np.ndarray  # (sites,) m2 K/W, inf where nothing passes
-    ambient_rise: np.ndarray  # (sites,) rise in K beyond the film
-    conducting_sites: list[int]  # sites where heat passes
+    resistance: np.ndarray  # (sites,) 1/h in m2 K/W, inf without heat transfer
+    ambient_rise: np.ndarray  # (sites,) rise of the surroundings in K, mean weighted by h
+    conducting_sites: list[int]  # numbers of the sites with heat transfer
 
 
 class BoundaryHeat:
-    """All heat that does not pass through the contact, with its derivatives; whole from construction.
+    """All heat that does not pass through the contact, with its derivatives.
 
-    Heat on road sites is booked under "lane_air", on block sites under the law's own ledger.
+    In the ledger, heat of road sites counts under "lane_air", heat of block sites under the entry of its law.
     """
 
     def __init__(self, scene: Scene, laws: EffectLaws, conductivity: np.ndarray):
@@ -42,13 +46,12 @@ class BoundaryHeat:
         self.patch_laws: dict[str, list] = {}
         for part, p, _ in laws.patches:
             self.patch_laws.setdefault(part.site, []).append((part, p))
-        self.has_local_laws = bool(
-            laws.patches or laws.zones
-        )  # whether a law sees place and contact: films see neither
+        # laws on patches and in zones depend on position and contact, heat-transfer coefficients on neither
+        self.has_local_laws = bool(laws.patches or laws.zones)
         self._check_films()
 
     def _check_films(self) -> None:
-        """Raise BadInput for a film that is not one number, or holds the whole section of a block in 2D."""
+        """Raise BadInput for a coefficient that is no single number, or is inf on the sides of a block in 2D."""
         start = self.scene.law_context(self.scene.schedule.phases[0], 0.0)
         for site, entries in self.laws.films.items():
             for part, p, name in entries:
@@ -57,17 +60,17 @@ class BoundaryHeat:
                 whole = site == "block.sides" and not self.scene.resolved
                 if whole and any(np.any(np.isinf(part.law(self.scene.law_context(f, f.begin), p))) for f in phases):
                     raise BadInput(
-                        f"effect '{name}': its film on {site} is inf, which would hold the whole section in 2D; give a "
-                        "number of W/m2K, or numerics.across > 1"
+                        f"effect '{name}': its film on {site} is inf, which would fix the temperature of the whole "
+                        "section in 2D; use a finite number of W/m2K, or numerics.across > 1"
                     )
                 if np.ndim(film) or np.ndim(far):
                     raise BadInput(
                         f"effect '{name}': its film on {site} is an array; a film is one number for the whole site, "
-                        "take Heat.patch for what differs from place to place"
+                        "use Heat.patch for heat that varies along it"
                     )
 
     def ledger_names(self) -> set[str]:
-        """Names under which heat may be booked."""
+        """Names of the ledger entries of all boundary heat."""
         films = {part.to for entries in self.laws.films.values() for part, _, _ in entries}
         return films | {part.to for part, _, _ in self.laws.patches + self.laws.zones} | {"air", "holder"}
 
@@ -93,7 +96,7 @@ class BoundaryHeat:
             out += [(to, cells, share * slope) for to, share in self._film_fractions(s, films.site_films[s])]
         for to, cells, heat in self._patch_and_zone_heat(now, T, kf, 1j * COMPLEX_STEP):
             slope = np.imag(heat) / COMPLEX_STEP
-            if slope.any():  # a heat that is off leaves no trace, not even in the order of a sum
+            if slope.any():  # a law that is off must not change even the order of a sum
                 out.append((to, cells.ravel(), slope.ravel()))
         return out
 
@@ -103,9 +106,10 @@ class BoundaryHeat:
         return surface
 
     def _surface_temperature(self, site: str, now, T, kf):
-        """At a site with cells at T (K): temperature (faces,) K of its surface, and the moment as laws see it.
+        """Surface of a site with cells at T (K): temperature (faces,) K, fraction of heat to the cells, and context.
 
-        Between them the share of the heat of those laws that goes into the cells and not back through films.
+        Heat that a law releases on the surface divides between the half-cell and the heat-transfer coefficient; the
+        fraction is the part that enters the cells.  The context is that for laws at the faces.
         """
         mesh = self.scene.mesh
         cell, _, half = mesh.patches[site]
@@ -116,18 +120,19 @@ class BoundaryHeat:
             films, s = self.film_coefficients(now), self.names.index(site)
             film, far = films.resistance[s], films.ambient_rise[s] + self.scene.ambient
         share = 1.0 / (1.0 + inner / film) if film > 0 else 0.0 * inner
-        behind = T[cell] + (far - T[cell]) * (1.0 - share) if np.real(film) < np.inf else T[cell]
+        without_laws = T[cell] + (far - T[cell]) * (1.0 - share) if np.real(film) < np.inf else T[cell]
         entries = self.patch_laws.get(site, ())
         if not entries:
-            return behind, share, at
+            return without_laws, share, at
 
-        def patch_law(Ts, now, p):
-            return sum(part.law(Ts, now, own) for part, own in entries)
+        def patch_law(Ts, now, p):  # all laws of the site; each has parameters of its own
+            return sum(part.law(Ts, now, parameters) for part, parameters in entries)
 
-        return behind + inner * share * patch_flux(patch_law, behind, inner * share, at, None), share, at
+        flux = patch_flux(patch_law, without_laws, inner * share, at, None)
+        return without_laws + inner * share * flux, share, at
 
     def film_coefficients(self, now) -> FilmCoefficients:
-        """All films at a moment; those of a site act side by side."""
+        """All heat-transfer coefficients at a moment; those of one site act in parallel."""
         each: list = []
         resistance: list = []
         far: list = []
@@ -148,7 +153,10 @@ class BoundaryHeat:
         return FilmCoefficients(each, np.array(resistance), np.array(far, dtype=float), passing)
 
     def _book_film_heat(self, s: int, each, total, surface, led) -> None:
-        """Divide the heat of a site among its films by h (T_far - T_surface)."""
+        """Divide the heat of a site among its laws in the ledger: h (T_far - T_surface) each.
+
+        The last one gets the remainder, so that the sum is exact.  A law with h = inf fixes the surface and gets all.
+        """
         rest, site = total, self.names[s]
         passing = [(part, h, far) for (part, _, _), (h, far) in zip(self.sites[s], each, strict=True) if h != 0]
         for j, (part, h, far) in enumerate(passing):
@@ -160,7 +168,7 @@ class BoundaryHeat:
                 break
 
     def _film_fractions(self, s: int, each) -> list[tuple[str, float]]:
-        """(ledger, share) of every film of a site that lets heat pass: one that holds the surface has all of it."""
+        """(ledger entry, fraction of the heat) of every law of a site; one with h = inf has all of it."""
         site = self.names[s]
         passing = [(_ledger_name(site, part), h) for (part, _, _), (h, _) in zip(self.sites[s], each, strict=True) if h]
         fixed = [to for to, h in passing if h == np.inf]
@@ -168,7 +176,10 @@ class BoundaryHeat:
         return [(fixed[0], 1.0)] if fixed else [(to, h / total) for to, h in passing]
 
     def has_cooling_law(self, moment_for_laws: Callable, now, rise: float) -> bool:
-        """Whether a patch or zone law takes heat from where all is at a `rise` (K); `moment_for_laws` a moment as laws do."""
+        """Whether a patch or zone law extracts heat where all temperatures are at a `rise` (K).
+
+        `moment_for_laws` turns the moment `now` into the context for these laws.
+        """
         if not self.has_local_laws:
             return False
         mesh, now, T = self.scene.mesh, moment_for_laws(now), rise + self.scene.ambient
@@ -183,7 +194,7 @@ class BoundaryHeat:
         return False
 
     def _zone_laws(self, now):
-        """(law, parameters, cells, the moment there) of every law of a zone."""
+        """(law, parameters, cells, context at the cells) of every law in a zone."""
         mesh = self.scene.mesh
         for part, p, _ in self.laws.zones:
             plane = mesh.block if part.site == "block" else mesh.road
@@ -193,7 +204,7 @@ class BoundaryHeat:
             yield part, p, mesh.everywhere(plane), at
 
     def _patch_and_zone_heat(self, now, rise, kf, step: complex = 0.0):
-        """(ledger, cells, heat in W/m per cell) of patch and zone laws at a `rise` (cells,) K, a `step` above it."""
+        """(ledger entry, cells, heat in W/m per cell) of patch and zone laws at a `rise` (cells,) K plus a `step`."""
         if not self.has_local_laws:
             return
         mesh, T = self.scene.mesh, rise + (self.scene.ambient + step)
@@ -213,7 +224,10 @@ def _ledger_name(site: str, part) -> str:
 
 
 def patch_flux(law, T, resistance, now, p):
-    """Flux (W/m2) of a patch law at the surface, half a cell of `resistance` (m2 K/W) away from T."""
+    """Flux (W/m2) of a patch law that depends on the surface temperature, half a cell away from cells at T (K).
+
+    Solves flux = law(T + flux `resistance`) by Newton's method; `resistance` is in m2 K/W.
+    """
     flux = 0.0 * T
     for _ in range(6):
         Ts = T + flux * resistance

@@ -1,7 +1,8 @@
-"""The circular track remembers: what each stretch of road left, and how it looks when it returns.
+"""Heat that the road of a circular track keeps from one pass to the next (theory.md, section 1.5).
 
-Road that leaves the window is kept as a few columns along the track, each as amplitudes of the
-depth operator's eigenmodes, so that its cooling until the next pass is exact at any later time.
+Road that leaves the computed window is stored as columns along the track.  A stored column conducts heat in depth and
+loses it to the air, both linear, so it is kept as amplitudes of the eigenmodes of the discrete depth operator.  Its
+cooling until the next pass is then exact for any time, and costs one matrix product.
 """
 
 from __future__ import annotations
@@ -19,15 +20,16 @@ from flashtemp.physics.effect import Heat
 from flashtemp.solver.heat_balance import HeatBalance
 from flashtemp.solver.system import InflowLaw, PhaseSystem, RoadInflow
 
-TRACK_FIELDS = ("place", "time", "left", "own", "laid_place", "laid_time", "laid")  # what a track remembers
+TRACK_FIELDS = ("place", "time", "left", "own", "laid_place", "laid_time", "laid")  # fields that change during a run
 
 
 @dataclass
 class CircularTrack:
-    """Columns of road by their place on the track (m, unwrapped): behind the block, and around it at its last start.
+    """Stored columns of road by their place on the track (m, unwrapped): behind the block, and around its last start.
 
-    `lap_length` track length (m), `film` surface heat-transfer coefficient W/m2K, `share` of the width for which a column
-    stands.  A column keeps all heat that lanes took there: how far that has widened follows from its depth (theory 2a).
+    `lap_length` is the length of the track (m), `film` the heat-transfer coefficient of the free road (W/m2K), `share`
+    the fraction of the width that a column stands for.  A column keeps all heat that its lanes took; how far they have
+    widened follows from its temperature over depth (theory.md, eq. (15c)).
     """
 
     lap_length: float
@@ -37,17 +39,18 @@ class CircularTrack:
     film: float
     share: float = 1.0
     planes: int = 1  # across the direction of sliding
-    min_spacing: float = 0.0  # m between columns at least
-    is_endless: bool = False  # nothing comes round
-    place: list = field(default_factory=list)
-    time: list = field(default_factory=list)
+    min_spacing: float = 0.0  # m, smallest distance between stored columns
+    is_endless: bool = False  # True: road never comes round
+    place: list = field(default_factory=list)  # m, of the stored columns, increasing
+    time: list = field(default_factory=list)  # s, when they left the window
     left: list = field(default_factory=list)  # modal amplitudes of the rise that all passes left
-    own: list = field(default_factory=list)  # of what the block has left since it was put there
-    laid_place: list = field(default_factory=list)  # rising
-    laid_time: list = field(default_factory=list)
-    laid: list = field(default_factory=list)  # modal amplitudes of the rise that all passes left
+    own: list = field(default_factory=list)  # modal amplitudes of the part left since the block was last put down
+    laid_place: list = field(default_factory=list)  # m, of columns around the block at its last start, increasing
+    laid_time: list = field(default_factory=list)  # s, of that start
+    laid: list = field(default_factory=list)  # modal amplitudes of the rise that all passes left there
 
     def __post_init__(self):
+        # eigenmodes of C dT/dt = -G T; scaled with sqrt(C) the matrix is symmetric, and modes are orthogonal
         half = self.dz / (2 * self.conductivity)
         g = 1.0 / (half[1:] + half[:-1])
         capacity = self.volumetric_capacity * self.dz
@@ -61,8 +64,10 @@ class CircularTrack:
         self.rates = np.maximum(self.rates, 0.0)
 
     def store_column(self, t: float, place: float, own, before=0.0) -> None:
-        """Keep a column that leaves at time t: rises (n_road n_across,), deepest cells first, that the block has left
-        now on its `own_amplitudes`, and those that are there of passes `before`, whatever share of them effects let come round.
+        """Store a column that leaves the window at time t.
+
+        `own` (n_road n_across,) are the rises that this pass left, deepest cells first; `before` those that remain of
+        earlier passes in full, whatever fraction of them `track_memory.strength` applies.
         """
         self.place.append(place)
         self.time.append(t)
@@ -70,37 +75,38 @@ class CircularTrack:
         self.left.append(self._modal_amplitudes(before + own))
 
     def clear(self) -> None:
-        """The block was lifted and starts elsewhere."""
+        """Drop all stored columns: the block was lifted and starts on fresh road."""
         for name in TRACK_FIELDS:
             setattr(self, name, [])
 
     def store_initial_road(self, t: float, place: np.ndarray, left: np.ndarray) -> None:
-        """Keep rises (places, n_road, n_across) that all passes `left` in columns of the road around the block that
-        starts at t.
+        """Store the road around the block that starts at time t.
 
-        `place` (places,) falls: it is that of lines from the leading edge on.
+        `left` (places, n_road, n_across) are the rises that all passes left; `place` (places,) decreases, in the order
+        of the depth lines.
         """
         self.laid_place, self.laid_time = list(place[::-1]), [t] * len(place)
         self.laid = [self._modal_amplitudes(column) for column in left[::-1]]
 
     def incoming_road(self, t: float, places) -> RoadInflow:
-        """Road that comes in at `places` (m, unwrapped; a number or (places, 1)): off the track or, around the block at
-        its start, as it lay there.
+        """The road that enters at `places` (m, unwrapped; a number or (places, 1)) at time t.
+
+        Near the start of a repetition it is the road that lay around the block, later the road stored a lap ago.
         """
         if not self.laid or np.min(places) > self.laid_place[-1]:
             return RoadInflow(self.stored_rise(t, places))
-        lies = self.initial_road_rise(t, places)
+        initial = self.initial_road_rise(t, places)
         if np.max(places) <= self.laid_place[-1]:
-            return RoadInflow(lies)
-        return RoadInflow(np.where(places <= self.laid_place[-1], lies, self.stored_rise(t, places)))
+            return RoadInflow(initial)
+        return RoadInflow(np.where(places <= self.laid_place[-1], initial, self.stored_rise(t, places)))
 
     def initial_road_rise(self, t: float, places) -> np.ndarray:
-        """Rise (n_road n_across,) of road that lay around the block at its start, as in `road_inflow`."""
-        ways, last = np.ravel(places).tolist(), len(self.laid) - 1
-        after = [min(max(bisect_left(self.laid_place, way), 1), last) for way in ways]
+        """Rise (n_road n_across,) K of road around the block at its start; `places` as in `incoming_road`."""
+        positions, last = np.ravel(places).tolist(), len(self.laid) - 1
+        after = [min(max(bisect_left(self.laid_place, position), 1), last) for position in positions]
         before = [k - 1 for k in after]
         low, high = (np.array([self.laid_place[k] for k in at]) for at in (before, after))
-        w = np.minimum(np.maximum((ways - low) / (high - low), 0.0), 1.0)[:, None, None]
+        w = np.minimum(np.maximum((positions - low) / (high - low), 0.0), 1.0)[:, None, None]
         age = np.maximum(t - np.array([self.laid_time[k] for k in after]), 0.0)
         total = (1.0 - w) * _stack_columns(self.laid, before) + w * _stack_columns(self.laid, after)
         total = np.exp(-self.rates * age[:, None])[:, :, None] * total
@@ -112,13 +118,18 @@ class CircularTrack:
         return self.modes.T @ (self.root[:, None] * column.reshape(len(self.root), -1))
 
     def stored_rise(self, t: float, places) -> np.ndarray:
-        """Rise (n_road n_across,) in K, over lanes and gaps, of the road at `places` (m, unwrapped) coming round a lap
-        later; of `places` (places, 1) that many rows.
+        """Rise (n_road n_across,) K, averaged over lanes and gaps, of road stored a lap before `places` (m, unwrapped).
+
+        For `places` (places, 1) the result has that many rows.
         """
         return self._interpolated_rise(t, places, lambda at: self.share * _stack_columns(self.left, at))
 
     def revisited_road(self, t: float, place: float, since: float, turned: float) -> RoadInflow:
-        """The road at `place` (m, unwrapped) where the block has been on some of it between two times (s)."""
+        """The road at `place` (m, unwrapped) for a block that slides back over road of its own pass.
+
+        Columns stored between the times `since` and `turned` (s) hold heat of this pass.  It is returned as `own_rise`,
+        because effects such as `track_memory` act on earlier passes only.
+        """
 
         def own_amplitudes(at: tuple[int, ...]) -> np.ndarray:
             here = np.array([since <= self.time[j] <= turned for j in at])[:, None, None]
@@ -130,21 +141,24 @@ class CircularTrack:
         return RoadInflow(*(self._interpolated_rise(t, place, law) for law in (earlier_amplitudes, own_amplitudes)))
 
     def _interpolated_rise(self, t: float, places, amplitude: Callable[[tuple[int, ...]], np.ndarray]) -> np.ndarray:
-        """What the columns before and after each place have become by t, of `amplitude` (columns, n_road, n_across)."""
+        """Rise at time t and at `places` one lap later, linear between the two nearest stored columns.
+
+        `amplitude` returns the modal amplitudes (columns, n_road, n_across) of columns by number.
+        """
         if not self.place:
             return np.zeros((*np.shape(places)[:1], len(self.dz) * self.planes))
-        first, then = zip(
+        before, after = zip(
             *(self._neighbour_weights(place - self.lap_length) for place in np.ravel(places).tolist()), strict=True
         )
-        at, weight = zip(*first, *then, strict=True)
+        at, weight = zip(*before, *after, strict=True)
         age = np.maximum(t - np.array([self.time[j] for j in at]), 0.0)
-        fade = np.array(weight)[:, None] * np.exp(-self.rates * age[:, None])
-        parts = fade[:, :, None] * amplitude(at)
-        rise: np.ndarray = self.modes @ (parts[: len(first)] + parts[len(first) :]) / self.root[:, None]
+        decay = np.array(weight)[:, None] * np.exp(-self.rates * age[:, None])
+        parts = decay[:, :, None] * amplitude(at)
+        rise: np.ndarray = self.modes @ (parts[: len(before)] + parts[len(before) :]) / self.root[:, None]
         return rise.reshape(*np.shape(places)[:1], -1)
 
     def _neighbour_weights(self, place: float) -> tuple[tuple[int, float], tuple[int, float]]:
-        """(number, weight) of the columns before and after a place: none where no road has passed yet."""
+        """(number, weight) of the stored columns before and after a place; weights are 0 before any road has passed."""
         k, last = bisect_right(self.place, place), len(self.place) - 1
         if k == 0:
             return (0, 0.0), (0, 0.0)
@@ -154,21 +168,24 @@ class CircularTrack:
         return (k - 1, 1.0 - w), (k, w)
 
     def reverse_direction(self, slid: float, mesh: Mesh) -> None:
-        """The block, `slid` (m) in all, turns to slide back: what it left last comes first, as if a lap ago."""
+        """Mirror the track when the block, after `slid` (m) in all, reverses: the column stored last enters first.
+
+        The block then meets its own road as if it came round a lap later, so places are shifted by a lap.
+        """
         ends = mesh.x[mesh.first] + mesh.x[mesh.last]
         place = [2.0 * slid - ends - s - self.lap_length for s in reversed(self.place)]
         self.laid_place = [2.0 * slid - ends - s for s in reversed(self.laid_place)]
         self.laid_time, self.laid = self.laid_time[::-1], self.laid[::-1]
         kept = {name: getattr(self, name)[::-1] for name in ("time", "left", "own")}
-        around = slid - mesh.x[-1]  # the road around the block begins there
+        around = slid - mesh.x[-1]  # where the road around the block begins
         n, tiny = int(np.searchsorted(place, around)), 1e-6 * self.min_spacing
         self.place = place[:n]
         for name, values in kept.items():
             setattr(self, name, values[:n])
-        if n:  # the column that was to leave next is like the last one
+        if n:  # no column is stored for the road about to leave: the last stored one stands for it
             first = self.laid_place[-1] if self.laid_place else slid - mesh.x[0]
             self.place[0] = min(place[0], first - self.lap_length)
-        if 0 < n == len(place) and around - place[-1] > 3.0 * tiny:  # then road on which the block has never been
+        if 0 < n == len(place) and around - place[-1] > 3.0 * tiny:  # beyond lies road without heat: add cold columns
             for s in (place[-1] + tiny, around - tiny):
                 self.place.append(s)
                 self.time.append(self.time[n - 1])
@@ -177,35 +194,35 @@ class CircularTrack:
 
 
 def _stack_columns(columns: list, at: Iterable[int]) -> np.ndarray:
-    """Some of the columns that a track keeps, (columns, n_road, n_across)."""
+    """Modal amplitudes (columns, n_road, n_across) of the stored columns with the numbers `at`."""
     return np.array([columns[j] for j in at])
 
 
 def has_road_memory(scene: Scene) -> bool:
-    """Whether road that left the window may come back: round the track, or where the block slides back."""
+    """Whether road that left the window may enter again: round the track, or where the block slides back."""
     return scene.schedule.lap is not None or scene.schedule.has_return_pass
 
 
 def build_track(balance: HeatBalance, lap: float | None) -> CircularTrack:
-    """The track of a scene that remembers, still empty; a road without end where no `lap_length` (m) is given."""
+    """The empty track of a scene; without a `lap` length (m) the road is endless and never comes round."""
     scene = balance.scene
     heats = [(c, a.p) for a in scene.acting for c in a.contributions(scene) if isinstance(c, Heat)]
     start = scene.law_context(scene.schedule.phases[0], 0.0)
     film = sum(c.law(start, p) for c, p in heats if c.site == "road.free" and c.kind == "film")
     whole, around = scene.schedule.distance * scene.schedule.repetitions, scene.mesh.x[-1] - scene.mesh.x[0]
     endless, lap = lap is None, lap or 1.0 + whole + 2.0 * around
-    apart = 0.1 * scene.length if endless or len(scene.schedule.directions) > 1 else lap / 400
+    spacing = 0.1 * scene.length if endless or len(scene.schedule.directions) > 1 else lap / 400
     dz = scene.mesh.thickness[: scene.mesh.n_road]
     road, planes = scene.road, scene.mesh.n_across
     return CircularTrack(
-        lap, dz, road.conductivity, road.volumetric_capacity, film, balance.share, planes, apart, endless
+        lap, dz, road.conductivity, road.volumetric_capacity, film, balance.share, planes, spacing, endless
     )
 
 
 def build_inflow(balance: HeatBalance, phase, track: CircularTrack | None) -> InflowLaw | None:
-    """What the track carries into the window during a phase, and over what the block slides back; None without a track.
+    """The function of the moment that returns the entering road during a phase; None without a track.
 
-    Road over which the block slides back without having left it is as hot as it was left, whatever effects act.
+    Road over which the block slides back within one pass is as hot as the block left it, whatever effects act.
     """
     if track is None:
         return None
@@ -224,11 +241,11 @@ def build_inflow(balance: HeatBalance, phase, track: CircularTrack | None) -> In
 def store_leaving_column(
     system: PhaseSystem, t: float, y: np.ndarray, track: CircularTrack, min_spacing: float | None = None
 ) -> None:
-    """Keep the column that leaves the window at a state y, at most 400 per lap, or ten per length of the block."""
+    """Store the column that leaves the window at a state y: at most 400 per lap, or ten per length of the block."""
     b, scene, now = system.b, system.b.scene, system.moment(t)
     y = system.to_block_frame(now, y)
     place = now.passed - scene.mesh.x[-1]
-    if b.road_frame is not None:  # a whole column, by its centre
+    if b.road_frame is not None:  # road in its own frame leaves by whole columns
         place = b.road_frame.line_offset(now.passed)[0] * b.road_frame.dx - scene.mesh.x_centre[-1]
     if track.place and place - track.place[-1] < (track.min_spacing if min_spacing is None else min_spacing):
         return
@@ -246,10 +263,10 @@ def store_leaving_column(
 def store_passed_road(
     system: PhaseSystem, step_start: float, t: float, state_at: Callable[[float], np.ndarray], track: CircularTrack
 ) -> None:
-    """Keep what left the window during a step from `step_start` to t, of which `state_at` is the state at a time.
+    """Store the road that left the window during a step from `step_start` to t; `state_at` interpolates the state.
 
-    Columns stand at whole multiples of the track's spacing: where steps happen to end must not show when they return.
-    Long steps leave some besides: one for every length of the block, or for ten spacings where that is more.
+    Columns are stored at whole multiples of the track's spacing, so results do not depend on where steps happen to end.
+    Within a long step further columns are stored, one per length of the block or per ten spacings if that is more.
     """
     if system.b.road_frame is not None or not track.place:
         store_leaving_column(system, t, state_at(t), track)
@@ -263,6 +280,6 @@ def store_passed_road(
         track.min_spacing * max(10, round(scene.length / track.min_spacing)),
     )
     if due > (since := max(was, track.place[-1])):
-        for way in (*(wide * np.arange(np.floor(since / wide) + 1.0, np.ceil(due / wide))), due):
-            moment = step_start + (t - step_start) * (way - was) / (place - was)
+        for position in (*(wide * np.arange(np.floor(since / wide) + 1.0, np.ceil(due / wide))), due):
+            moment = step_start + (t - step_start) * (position - was) / (place - was)
             store_leaving_column(system, moment, state_at(moment), track, 0.5 * track.min_spacing)

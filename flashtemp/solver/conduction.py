@@ -1,4 +1,4 @@
-"""Conduction and advection in block and road; the depth-line preconditioner is factorised and solved from here."""
+"""Conduction and advection in block and road, and the depth-line preconditioner (theory.md, section 8)."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ LedgerRows = dict[str, tuple[np.ndarray, np.ndarray]]  # entry of the ledger: ce
 
 @dataclass(frozen=True)
 class HeatSlopes:
-    """Slopes of the heat of boundary and contact with temperature, W/(m K).
+    """Derivatives of boundary and contact heat with respect to temperature, W/(m K).
 
-    `own` of cells `cell` with their own temperature; at the interface (columns,) `lane` d(road heat)/d(lane T), `up`
-    d(road heat)/d(block T), `down` d(block heat)/d(lane T); `deposits` (columns,) of the heat in depth with block and
-    lane, None where there is none.
+    `own` are those of cells `cell` by their own temperature.  At the interface (columns,) `lane` is d(road heat)/d(lane
+    T), `up` d(road heat)/d(block T) and `down` d(block heat)/d(lane T).  `deposits` are the derivatives (columns,) of
+    the heat in depth by the temperatures of block and lane, None without such heat.
     """
 
     cell: np.ndarray
@@ -40,9 +40,9 @@ class HeatSlopes:
     touched_road: RoadOverlap
 
     def diagonal_entries(self) -> tuple[np.ndarray, np.ndarray]:
-        """Cells and their own slopes in P, where lanes keep their width.
+        """Cells and diagonal entries for P, in which lanes keep their width.
 
-        What `crossing_slopes` leaves out, since that road lies on no line of the block, stays in it.
+        Entries that `crossing_slopes` cannot place, because their road lies on no line under the block, are added here.
         """
         parts = self.touched_road.heat_parts(self.lane)
         if self.touched_road.other is not None:
@@ -52,21 +52,21 @@ class HeatSlopes:
         return np.concatenate([self.cell, *(i for i, _ in parts)]), np.concatenate([self.own, *(w for _, w in parts)])
 
     def crossing_slopes(self) -> np.ndarray:
-        """Slopes (columns,) in P of all heat of the block with the road on its line, counted in that column of it."""
+        """Entries (columns,) of P across the interface: d(block heat)/d(road T), summed for the road on each line."""
         if self.touched_road.other is None:
             return self.down
-        (_, down), (_, beside) = self.touched_road.heat_parts(self.down)
+        (_, down), (_, neighbour) = self.touched_road.heat_parts(self.down)
         shift = self.touched_road.shift
         if shift < 0:
-            down[:shift] += beside[-shift:]
+            down[:shift] += neighbour[-shift:]
         else:
-            down[shift:] += beside[:-shift]
+            down[shift:] += neighbour[:-shift]
         return down
 
 
 @dataclass(frozen=True)
 class LimitedFaces:
-    """Faces (n, 4) of the road that advection may not take below the `floor`, at enthalpy rises h and h_in."""
+    """Faces (n, 4) of the road on which the advected value is limited by the `floor`, at enthalpy rises h and h_in."""
 
     b: HeatBalance
     faces: np.ndarray
@@ -76,7 +76,7 @@ class LimitedFaces:
     h_in: np.ndarray
 
     def add_rate(self, out) -> None:
-        """Add to rates (cells,) K/s what these faces advection more."""
+        """Add the change of the rates (cells,) K/s by the limiter to `out`."""
         b, mesh = self.b, self.b.scene.mesh
         kernels_2d.limit_faces(
             self.faces, mesh.line, mesh.n_across, b.upwind_weight, self.advection, b.capacity, self.floor, self.h,
@@ -84,16 +84,16 @@ class LimitedFaces:
         )  # fmt: skip
 
     def add_product(self, v, out) -> None:
-        """Add to a product of the Jacobian what changes v (cells,) K do there."""
+        """Add the change of a Jacobian product by changes v (cells,) K at these faces to `out`."""
         b, mesh = self.b, self.b.scene.mesh
-        held = np.real(self.h[self.faces[:, 0]]) < self.floor
+        at_cell = np.real(self.h[self.faces[:, 0]]) < self.floor
         kernels_2d.limit_products(
-            self.faces, mesh.line, mesh.n_across, b.upwind_weight, self.advection, b.capacity, held, v, out
+            self.faces, mesh.line, mesh.n_across, b.upwind_weight, self.advection, b.capacity, at_cell, v, out
         )  # fmt: skip
 
 
 def build_solid(balance: HeatBalance) -> SolidPlane | SolidSlab:
-    """The solids of a balance: a Plane in 2D, a Slab in 3D."""
+    """The solids of a balance: a `SolidPlane` in 2D, a `SolidSlab` in 3D."""
     mesh = balance.scene.mesh
     lines = DepthLines(
         start=mesh.start,
@@ -110,7 +110,7 @@ def build_solid(balance: HeatBalance) -> SolidPlane | SolidSlab:
 
 @dataclass(frozen=True)
 class SolidPlane:
-    """One plane (x, z)."""
+    """Block and road in one plane (x, z)."""
 
     b: HeatBalance
     lines: DepthLines
@@ -129,7 +129,7 @@ class SolidPlane:
         return f
 
     def conductances(self, kf) -> Any:
-        """What conducts between cells, W/(m K), for factors kf (cells,) on conductivity: what `heat_to_rates` takes."""
+        """Conductances W/(m K) for factors kf (cells,) on conductivity, in the form that `heat_to_rates` takes."""
         b = self.b
         if kf is b.ones:
             return b.gx, b.gz
@@ -147,11 +147,12 @@ class SolidPlane:
         q /= b.capacity
 
     def limit_undershoots(self, h, h_in, advection, floor: float) -> LimitedFaces | None:
-        """Faces that would advection road colder than the `floor` (enthalpy rise in K), None where there are none.
+        """Faces on which the advected value falls below the `floor` (enthalpy rise in K), None if there are none.
 
-        The second-order upwind scheme extrapolates to faces, and undershoots before a cold front.  A face is held at
-        the lesser of its own cell and the floor: the positivity-preserving limiter of Zhang and Shu (2010, J. Comput.
-        Phys. 229, 3091), which leaves the order of the scheme wherever it does not act, and conserves heat.
+        The second-order upwind scheme extrapolates to faces, and undershoots before a front.  On such a face the value
+        is limited to the floor, or to the cell upstream if that is colder.  This is the positivity-preserving limiter
+        of Zhang and Shu (2010, J. Comput. Phys. 229, 3091); it conserves heat, and keeps the order where it does not
+        act.
         """
         if floor == -np.inf or not advection.any():
             return None
@@ -168,10 +169,11 @@ class SolidPlane:
         rows: LedgerRows,
         limited_faces: LimitedFaces | None,
     ) -> LinearisedPlane:
-        """Around conductivities `kf` (cells,) and dh/dT `capacity_ratio` (cells,), with P ~ I - gamma J factorised.
+        """Linearise and factorise P, which approximates I - gamma J.
 
-        `advection` (n_road,) rho c v dz; `rows` how the ledger follows the cells.  In P the heat in depth is in the
-        cells at the face, and lanes keep their width.
+        `kf` (cells,) are factors on conductivity, `capacity_ratio` dh/dT (cells,), `advection` rho c v dz (n_road,);
+        `rows` are the derivatives of the ledger.  P puts heat released in depth into the cells at the face and keeps
+        the width of lanes, so it stays tridiagonal along lines.
         """
         gx, gz = self.conductances(kf)
         own = np.zeros(self.b.n)
@@ -185,7 +187,7 @@ class SolidPlane:
         )
 
     def _factorise_lines(self, gamma, transport: TransportCoefficients, own, up, down) -> LineFactors:
-        # one block: malloc keeps its memory for the next, small ones would fault their pages in anew
+        # one array for all factors: malloc reuses its memory, while small ones would fault their pages in every time
         factors = LineFactors(*np.empty((len(LineFactors._fields), len(own))))
         kernels_2d.factorise_lines(self.lines, transport, gamma, own, up, down, factors)
         return factors
@@ -193,7 +195,7 @@ class SolidPlane:
 
 @dataclass(frozen=True)
 class LinearisedPlane:
-    """The cells of block and road linearised around a state: J v, and P^-1 r of the preconditioner."""
+    """The cells of block and road linearised around a state: Jacobian products and solves with P."""
 
     solid: SolidPlane | SolidSlab
     gamma: float
@@ -206,9 +208,9 @@ class LinearisedPlane:
     limited_faces: LimitedFaces | None
 
     def apply_jacobian(self, T, lane, out) -> None:
-        """out = J v of cells whose temperatures change by T (cells,), lanes' by `lane` (columns,), in K/s.
+        """out = J v (cells,) in K/s for changes T (cells,) of the cells and `lane` (columns,) of the lanes.
 
-        Nothing enters with the road.
+        The entering road does not change.
         """
         b, slopes = self.solid.b, self.slopes
         out[:] = 0.0
@@ -227,7 +229,7 @@ class LinearisedPlane:
             self.limited_faces.add_product(h, out)
 
     def solve(self, r, z) -> None:
-        """z = P^-1 r of cells; the columns of P conserve heat by themselves."""
+        """z = P^-1 r of cells; the columns of P sum to those of the exact matrix, so heat is conserved."""
         start, m, first, capacity, *_ = self.solid.lines
         up, down, *_ = self.coupling
         kernels_2d.sweep_lines(start, m, first, capacity, self.gamma, up, down, *self.factors, r, z)
@@ -235,15 +237,18 @@ class LinearisedPlane:
 
 @dataclass(frozen=True)
 class SolidSlab(SolidPlane):
-    """Many planes (x, z) side by side, which share the factors of their mean; only the interface has its own."""
+    """Block and road in 3D: planes (x, z) next to each other.
+
+    The preconditioner uses the factors of the mean plane for all of them; only the interface has its own per plane.
+    """
 
     lateral_conductances: LateralConductances
     interface_cells: np.ndarray  # cells of a plane at the interface: the road's, then the block's
-    interface_number: np.ndarray  # number (n_plane,) of a plane's cell among the faces, -1 if it is none
+    interface_number: np.ndarray  # (n_plane,) index of a cell in `interface_cells`, -1 for all others
 
     @classmethod
     def from_balance(cls, b: HeatBalance, lines: DepthLines) -> SolidSlab:
-        """The slab of a balance."""
+        """The slab of a 3D balance."""
         mesh = b.scene.mesh
         dy = np.diff(mesh.y)
         apart = 0.5 * (dy[1:] + dy[:-1])
@@ -262,7 +267,7 @@ class SolidSlab(SolidPlane):
         )
 
     def conductances(self, kf):
-        """What conducts between cells, for factors kf (cells,) on conductivity: what `heat_to_rates` takes."""
+        """Conductances for factors kf (cells,) on conductivity, in the form that `heat_to_rates` takes."""
         return (
             self.lateral_conductances
             if kf is self.b.ones
@@ -287,12 +292,12 @@ class SolidSlab(SolidPlane):
         rows: LedgerRows,
         limited_faces: LimitedFaces | None,
     ) -> LinearisedSlab:
-        """As that of a Plane: factors of the mean plane, then each plane's own pivots at the interface."""
+        """As in `SolidPlane`: factors of the mean plane, then the pivots of each plane at the interface."""
         b, mesh, n = self.b, self.b.scene.mesh, self.b.scene.mesh.n_across
         diagonal = slopes.diagonal_entries()
         own = np.bincount(diagonal[0] // n, diagonal[1], mesh.n_plane)
         up, down = (a.reshape(-1, n).sum(axis=1) for a in (slopes.up, slopes.crossing_slopes()))
-        # what is off leaves no trace
+        # factors of exactly 1 take the constant branch, so an effect that is off changes no bit
         kf, capacity_ratio = (a if a is not b.ones and (a != 1.0).any() else b.ones for a in (kf, capacity_ratio))
         even = np.ones(mesh.n_plane) if capacity_ratio is b.ones else mesh.planes(capacity_ratio) @ mesh.share
         mean = b.ones if kf is b.ones else mesh.planes(kf) @ mesh.share
@@ -311,7 +316,10 @@ class SolidSlab(SolidPlane):
     def _interface_coupling(
         self, gamma: float, slopes: HeatSlopes, diagonal, own, factors: LineFactors
     ) -> InterfaceCoupling:
-        """Each plane's own interface; slopes come with its share of the width: its own matrix has more by that."""
+        """The interface in P for each plane.
+
+        Derivatives are heat per plane, so division by the plane's fraction of the width gives those per metre of width.
+        """
         mesh, n = self.b.scene.mesh, self.b.scene.mesh.n_across
         up, down = (np.ascontiguousarray(a.reshape(-1, n) / mesh.share) for a in (slopes.up, slopes.crossing_slopes()))
         cell, slope = diagonal
@@ -327,19 +335,27 @@ class SolidSlab(SolidPlane):
 
 @dataclass(frozen=True)
 class LinearisedSlab(LinearisedPlane):
-    """`ledger_weights` (cells, weights): heat that the ledger says comes per rise of cells, W/(m K); what a lift `lift_capacity`."""
+    """A linearised slab.
+
+    `ledger_weights` (cells, weights) are the derivatives W/(m K) of all heat in the ledger by the cells, and
+    `lift_capacity` is the heat that a uniform rise of the block by 1 K takes.
+    """
 
     ledger_weights: tuple[np.ndarray, np.ndarray]
     lift_capacity: float
 
     def solve(self, r, z) -> None:
-        """z = P^-1 r of cells, lifted evenly in the block until it holds the heat that r brings."""
+        """z = P^-1 r of cells, with a uniform rise added to the block so that heat is conserved.
+
+        The sweeps leave out conduction across y and use the mean plane, so in 3D the columns of P alone do not conserve
+        heat.
+        """
         b, mesh, lines = self.solid.b, self.solid.b.scene.mesh, self.solid.lines
         r, planes = mesh.planes(r), mesh.planes(z)
-        given, kept = kernels_3d.sweep_lines(lines, self.factors, self.coupling, self.gamma, r, planes)
+        heat_in, heat_out = kernels_3d.sweep_lines(lines, self.factors, self.coupling, self.gamma, r, planes)
         if self.capacity_ratio is not b.ones:
-            kept = (lines.weight * b.capacity) @ (mesh.planes(z * self.capacity_ratio) @ mesh.share)
+            heat_out = (lines.weight * b.capacity) @ (mesh.planes(z * self.capacity_ratio) @ mesh.share)
         cells, weights = self.ledger_weights
-        come = (weights * z[cells]).sum()  # no dot product: BLAS would wake threads, which then wait busily
-        missing = given - kept + self.gamma * come
+        ledger_heat = (weights * z[cells]).sum()  # no dot product: BLAS would start threads that then wait busily
+        missing = heat_in - heat_out + self.gamma * ledger_heat
         kernels_3d.lift_block(lines.start, lines.m, missing / self.lift_capacity, planes)

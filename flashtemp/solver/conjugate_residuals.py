@@ -1,7 +1,8 @@
-"""Answers of a linearised run to many right-hand sides: (1 - gamma J)^-1 R by generalised conjugate residuals.
+"""Solve (1 - gamma J) X = R for many right-hand sides by generalised conjugate residuals (GCR).
 
-Eisenstat, Elman and Schultz, SIAM J. Numer. Anal. 20 (1983) 345, algorithm GCR, preconditioned by the run's own sweep.
-One sweep alone leaves out how widening lanes answer: what it leaves grows from step to step once steps are long.
+Eisenstat, Elman and Schultz, SIAM J. Numer. Anal. 20 (1983) 345, with the depth-line sweeps as preconditioner.  The
+preconditioner alone would not do: it leaves out the widening of lanes, and with long steps that error grows from step
+to step.
 """
 
 from __future__ import annotations
@@ -11,22 +12,22 @@ import numpy as np
 from flashtemp.physics.just_in_time import njit
 from flashtemp.solver.linearisation import LinearisedSystem, ShiftedLinearisation
 
-MAX_RESIDUAL_RATIO, MAX_GCR_SWEEPS = 0.1, 4  # share of a right-hand side that may be left, sweeps at most
-FASTMATH_SUM = {"reassoc", "contract", "nsz"}
+MAX_RESIDUAL_RATIO, MAX_GCR_SWEEPS = 0.1, 4  # accepted residual over the right-hand side; most iterations
+FASTMATH_SUM = {"reassoc", "contract", "nsz"}  # sums may be reordered, so that they run on vector registers
 
 
 def solve_shifted_system(
     linearisation: LinearisedSystem | ShiftedLinearisation, size: int, ledger: int, R: np.ndarray
 ) -> np.ndarray:
-    """(1 - gamma J)^-1 R for right-hand sides (k, n), n up to the `size` of a state.
+    """(1 - gamma J)^-1 R for right-hand sides R (k, n) with n <= `size`, the length of a state.
 
-    The ledger, from entry `ledger` on, follows the rest exactly.
+    Entries from `ledger` on are integrals of the others and follow from them exactly.
     """
-    X, (ways, answers) = np.empty_like(R), np.empty((2, MAX_GCR_SWEEPS, size))
+    X, (directions, products) = np.empty_like(R), np.empty((2, MAX_GCR_SWEEPS, size))
     r = np.empty(size)
-    for k, given in enumerate(R):
-        r[: len(given)], r[len(given) :] = given, 0.0
-        X[k] = _solve_one(linearisation, r, ledger, ways, answers)[: len(given)]
+    for k, row in enumerate(R):
+        r[: len(row)], r[len(row) :] = row, 0.0
+        X[k] = _solve_one(linearisation, r, ledger, directions, products)[: len(row)]
     return X
 
 
@@ -37,7 +38,10 @@ def _solve_one(
     directions: np.ndarray,
     products: np.ndarray,
 ) -> np.ndarray:
-    """One solution (state,); r is its right-hand side and becomes what is left; `directions`, `products` is room for them."""
+    """One solution (size,).  `r` is the right-hand side and is overwritten by the residual.
+
+    `directions`, `products` (sweeps, size) are buffers for the search directions and their products with 1 - gamma J.
+    """
     x = np.zeros_like(r)
     enough = MAX_RESIDUAL_RATIO * np.linalg.norm(r[:ledger])
     for n in range(len(directions)):
@@ -51,32 +55,33 @@ def _solve_one(
 
 @njit(cache=True, fastmath=FASTMATH_SUM)
 def _reduce_residual(directions, products, gamma, ledger, r, x):
-    """Size of what is left of r once x went the last of the `directions`, at whose place in `products` stands J times it.
+    """One GCR step along the last of the `directions`, which updates x and r in place; returns the residual norm.
 
-    Way and answer are made orthogonal to those before, and of size 1; 0 where the way leads nowhere.
+    On entry the last of the `products` is J times the direction.  Both are orthogonalised against the earlier ones and
+    normalised, as to their products without the ledger.  Returns 0 for a direction without any product.
     """
-    way, answer, before = directions[-1], products[-1], len(directions) - 1
+    direction, product, before = directions[-1], products[-1], len(directions) - 1
     for i in range(len(r)):
-        answer[i] = way[i] - gamma * answer[i]
+        product[i] = direction[i] - gamma * product[i]
     for n in range(before):
-        share = 0.0
+        projection = 0.0
         for i in range(ledger):
-            share += products[n, i] * answer[i]
+            projection += products[n, i] * product[i]
         for i in range(len(r)):
-            answer[i] -= share * products[n, i]
-            way[i] -= share * directions[n, i]
-    square = share = 0.0
+            product[i] -= projection * products[n, i]
+            direction[i] -= projection * directions[n, i]
+    square = projection = 0.0
     for i in range(ledger):
-        square += answer[i] * answer[i]
-        share += r[i] * answer[i]
+        square += product[i] * product[i]
+        projection += r[i] * product[i]
     if not square > 0.0:
         return 0.0
-    size, left = np.sqrt(square), 0.0
+    norm, residual = np.sqrt(square), 0.0
     for i in range(len(r)):
-        way[i] /= size
-        answer[i] /= size
-        x[i] += share / size * way[i]
-        r[i] -= share / size * answer[i]
+        direction[i] /= norm
+        product[i] /= norm
+        x[i] += projection / norm * direction[i]
+        r[i] -= projection / norm * product[i]
     for i in range(ledger):
-        left += r[i] * r[i]
-    return np.sqrt(left)
+        residual += r[i] * r[i]
+    return np.sqrt(residual)

@@ -88,34 +88,12 @@ def solve_fluxes(state: ContactState, T0, Ts, half_block, half_road, friction, d
     state carries is left out.  `guess` (columns,) K starts Newton's method.  Raises SolverFailure when the friction law
     has no consistent temperature.
     """
-    half, flash, micro, r, split, deep_flash, m, T0, Ts, half_block, half_road = common_dtype(
-        state.half_cell_factor,
-        state.flash_resistance,
-        state.micro_resistance,
-        state.resistance,
-        state.heat_split,
-        state.depth_flash,
-        state.heat_per_mu,
-        T0,
-        Ts,
-        half_block,
-        half_road,
-    )
-    solved = kernels_contact.eliminate_fluxes(
-        half,
-        flash,
-        micro,
-        r,
-        split,
-        deep_flash,
-        m,
-        state.depth_fraction,
-        depth_factor is not None,
-        T0,
-        Ts,
-        half_block,
-        half_road,
-    )
+    resistances = (state.half_cell_factor, state.flash_resistance, state.micro_resistance, state.resistance)
+    sources = (state.heat_split, state.depth_flash, state.heat_per_mu)
+    *laws, T0, Ts, half_block, half_road = common_dtype(*resistances, *sources, T0, Ts, half_block, half_road)
+    micro, depth_flash, m = laws[2], laws[5], laws[6]
+    has_factor, F = depth_factor is not None, state.depth_fraction
+    solved = kernels_contact.eliminate_fluxes(*laws, F, has_factor, T0, Ts, half_block, half_road)
     a, gain, turn = solved[4:]
     # Newton's method calls the product of both laws; their last arguments and values are kept, because mu and s are
     # needed one by one afterwards and a call of a law costs more than the rest of this function
@@ -135,18 +113,27 @@ def solve_fluxes(state: ContactState, T0, Ts, half_block, half_road, friction, d
             if np.iscomplexobj(T)
             else _extrapolate_laws(last_call[0], last_call[1], last_call[2], T)
         )
-    T, mu, s, solved, m, deep_flash, micro, Ts, half_road = common_dtype(
-        T, mu, s, solved, m, deep_flash, micro, Ts, half_road
+    T, mu, s, solved, m, depth_flash, micro, Ts, half_road = common_dtype(
+        T, mu, s, solved, m, depth_flash, micro, Ts, half_road
     )
     J, S, q, deep, spot, lane, s = kernels_contact.recover_fluxes(
-        T, mu, s, depth_factor is not None, solved, m, state.depth_fraction, deep_flash, micro, Ts, half_road
+        T, mu, s, has_factor, solved, m, F, depth_flash, micro, Ts, half_road
     )
     out = ContactFluxes(J, S, q, deep, mu, T, spot, lane)
     if not slopes:
         return out, None
+    law = friction if depth_factor is None else heating_law
+    return out, _flux_slopes(state, solved, gain, T, T0, q, s, law, law_slope, friction, depth_factor)
+
+
+def _flux_slopes(state, solved, gain, T, T0, q, s, law, law_slope, friction, depth_factor) -> FluxSlopes:
+    """Derivatives of the fluxes at the solution T of T_m = a + `gain` `law`(T_m, face) by implicit differentiation.
+
+    The face is the block's first cell.  `solved` are the rows of `kernels_contact.eliminate_fluxes`; `law_slope` is the
+    derivative of `law` by T_m.
+    """
     Ag, g, _, way = solved[:4]
 
-    # implicit differentiation of T_m = a + gain law(T_m, face), where the face is the block's first cell
     def total_derivative(law, in_spots=None):
         """Derivatives of a law with respect to both first-cell temperatures, along the solution."""
         in_spots = law(T + 1j * COMPLEX_STEP, T0, True).imag / COMPLEX_STEP if in_spots is None else in_spots
@@ -155,7 +142,6 @@ def solve_fluxes(state: ContactState, T0, Ts, half_block, half_road, friction, d
     def face_derivative(law):
         return law(T, T0 + 1j * COMPLEX_STEP, True).imag / COMPLEX_STEP
 
-    law = friction if depth_factor is None else heating_law
     feedback = 1.0 / (1.0 - gain * law_slope)
     dT = feedback * (1.0 - Ag + gain * face_derivative(law)), feedback * (Ag * state.lane_ratio)
     dmu, ds = (
@@ -171,7 +157,7 @@ def solve_fluxes(state: ContactState, T0, Ts, half_block, half_road, friction, d
     )
     dS = tuple(f - d for f, d in zip(face, dJ, strict=True))
     spot = tuple(d - state.micro_resistance * e for d, e in zip(dT, dJ, strict=True))
-    return out, FluxSlopes(dJ, dS, dq, tuple(state.depth_fraction * e for e in dsq), spot, dmu)
+    return FluxSlopes(dJ, dS, dq, tuple(state.depth_fraction * e for e in dsq), spot, dmu)
 
 
 def _extrapolate_laws(at, mu, s, T):

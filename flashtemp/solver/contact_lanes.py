@@ -50,8 +50,8 @@ class LaneHistory(NamedTuple):
 class LaneSlopes(NamedTuple):
     """The state around which eq. (15d) is linearised.
 
-    `size_slope` (planes, lines) is d|F|/dF of the heat F that columns take; `taken` and `size` (4, columns) are the sums
-    of F and |F| by `LaneHistory.sums`; `rise` and `lowered` (columns,) K are the rise of the columns and their
+    `size_slope` (planes, lines) is d|F|/dF of the heat F that columns take; `taken` and `size` (4, columns) are sums of
+    F and |F| by `LaneHistory.sums`; `rise` and `lowered` (columns,) K are the rise of the columns and their
     `surface_deficit`.  `free` (columns,) is 0 where the maximum principle limits a lane, so that it follows no column.
     """
 

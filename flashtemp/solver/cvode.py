@@ -1,4 +1,4 @@
-"""Everything CVODE: one small integrator seam over scikits-odes and scikit-sundae."""
+"""The integrator: CVODE of SUNDIALS by one of two bindings, scikits-odes or scikit-sundae (theory.md, section 8)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from flashtemp.errors import SolverFailure
 
 @dataclass(frozen=True)
 class IntegratorSettings:
-    """`rtol` relative, `atol` absolute in K (and J/m); `order` the highest BDF order; `max_step` s, 0 for none."""
+    """Tolerances `rtol` (relative) and `atol` (K, J/m), highest BDF `order`, longest step `max_step` (s, 0: none)."""
 
     rtol: float
     atol: float
@@ -24,7 +24,7 @@ class IntegratorSettings:
 
 
 class LinearOperator(Protocol):
-    """What CVODE asks of a linearised system: `apply_jacobian` J v, `solve` P^-1 r."""
+    """A linearised system: `apply_jacobian` writes J v, `solve` writes P^-1 r to the second argument."""
 
     def apply_jacobian(self, v: np.ndarray, out: np.ndarray) -> None: ...
 
@@ -32,7 +32,7 @@ class LinearOperator(Protocol):
 
 
 class OdeSystem(Protocol):
-    """What CVODE integrates: `rate` f(t, y), and `linearise` J and P = I - gamma J at (t, y)."""
+    """A system dy/dt = f(t, y): `rate` writes f to `out`, `linearise` returns J and P ~ I - gamma J at (t, y)."""
 
     def rate(self, t: float, y: np.ndarray, out: np.ndarray) -> None: ...
 
@@ -40,7 +40,7 @@ class OdeSystem(Protocol):
 
 
 class _CvodeCallbacks(NamedTuple):
-    """What CVODE calls."""
+    """The functions that CVODE calls."""
 
     rate: Callable[..., None]
     times: Callable[..., None]
@@ -49,10 +49,9 @@ class _CvodeCallbacks(NamedTuple):
 
 
 class BdfIntegrator:
-    """One stretch of BDF integration: `step` advances by one internal step, `interpolate` interpolates.
+    """BDF integration of one segment: `step` advances by one internal step, `interpolate` looks back within it.
 
-    It holds the current linearisation, and `calls` counts what CVODE asks for.  A failing callback's own error is
-    raised, not CVODE's.
+    `calls` counts the calls by CVODE.  If a callback fails, its own exception is raised instead of CVODE's message.
     """
 
     def __init__(self, binding: str, system: OdeSystem, tol: IntegratorSettings):
@@ -82,6 +81,7 @@ class BdfIntegrator:
         self._linearised.solve(r, z)
 
     def _guard_callback(self, name: str, callback: Callable[..., None]) -> Callable[..., None]:
+        # an exception must not unwind through C code: keep it, let the binding stop, and raise it in `step`
         def guarded_call(*args):
             if self._fault is not None:
                 raise self._fault
@@ -100,7 +100,7 @@ class BdfIntegrator:
         self._start(t, y, stop)
 
     def step(self) -> tuple[float, np.ndarray]:
-        """One internal step; returns (t, y), y its own array.  SolverFailure carries CVODE's own reason."""
+        """One internal step; returns (t, y) with y a new array.  Raises SolverFailure with CVODE's message."""
         try:
             t, y, reason = self._advance()
         except Exception as error:
@@ -111,7 +111,7 @@ class BdfIntegrator:
             raise self._fault
         if reason:
             raise SolverFailure(reason)
-        if t > self.t:  # after an interpolation CVODE first returns where it stood
+        if t > self.t:  # after an interpolation CVODE first returns the time it had reached
             self.steps += 1
         self.t = t
         return t, y
@@ -121,7 +121,7 @@ class BdfIntegrator:
         return self._interpolate(t)
 
     def close(self) -> None:
-        """Give CVODE's memory back, for the next start or to the system; nothing can be asked afterwards."""
+        """Release CVODE's memory, for the next start or to the system; the integrator cannot be used afterwards."""
         self._close()
         self._linearised = None
 
@@ -140,17 +140,17 @@ class _ReusableSolver:
 
     def start(self, t: float, y: np.ndarray, stop: float) -> None:
         """Begin at (t, y); never pass `stop`."""
-        # the binding keeps tstop in single precision: the next value above never stops short
+        # the binding stores tstop in single precision: rounded up, CVODE never stops before `stop`
         tstop = float(np.nextafter(np.float32(stop), np.float32(np.inf)))
         if self._solver is None:
             self._solver = self._create_solver(tstop)
             self._solver.init_step(t, y)
             return
-        for values in gc.get_referents(self._solver):  # results at earlier stop times, which the binding keeps as well
+        for values in gc.get_referents(self._solver):  # the binding also keeps results of earlier stop times
             if isinstance(values, list):
                 values.clear()
         assert self.callbacks is not None
-        self.callbacks.rate(t, y, np.empty_like(y))  # init_step asks once as well
+        self.callbacks.rate(t, y, np.empty_like(y))  # as init_step does
         self._solver.reinit_IC(t, y)
         self._solver.set_options(tstop=tstop)
 
@@ -177,13 +177,14 @@ class _ReusableSolver:
         tol = self._tol
         return CVODE(
             evaluate_rate, lmm_type="BDF", rtol=tol.rtol, atol=tol.atol, order=tol.order, linsolver="spgmr",
-            precond_type="left", prec_setupfn=setup_preconditioner, prec_solvefn=solve_preconditioner, jac_times_vecfn=apply_jacobian,
+            precond_type="left", prec_setupfn=setup_preconditioner, prec_solvefn=solve_preconditioner,
+            jac_times_vecfn=apply_jacobian,
             max_steps=100000, max_step_size=tol.max_step, one_step_compute=True,
             err_handler=lambda *report: None, tstop=tstop, old_api=False, maxl=20,
         )  # fmt: skip
 
     def step(self, t: float, one: bool) -> Any:
-        """Advance by one internal step towards t, or up to t; what the binding returns."""
+        """Advance by one internal step towards t if `one`, else up to t; returns the binding's result."""
         if one:
             return self._solver.step(t)
         self._solver.set_options(one_step_compute=False)
@@ -194,12 +195,12 @@ class _ReusableSolver:
 
 @cache
 def _idle_solvers(size: int, tol: IntegratorSettings) -> list[_ReusableSolver]:
-    """Solvers of a size and tolerance that wait for their next start."""
+    """Solvers of a size and tolerance that are free for another start."""
     return []
 
 
 def _bind_scikits_odes(call: _CvodeCallbacks, tol: IntegratorSettings):
-    """scikits-odes: callbacks get copies of CVODE's vectors."""
+    """Functions start, advance, interpolate, close over scikits-odes, whose callbacks get copies of CVODE's vectors."""
     from scikits_odes_sundials.cvode import StatusEnum
 
     box: dict[str, Any] = {}
@@ -234,7 +235,7 @@ def _bind_scikits_odes(call: _CvodeCallbacks, tol: IntegratorSettings):
 
 
 def _bind_scikit_sundae(call: _CvodeCallbacks, tol: IntegratorSettings):
-    """scikit-sundae: callbacks share CVODE's memory."""
+    """Functions start, advance, interpolate, close over scikit-sundae, whose callbacks share CVODE's memory."""
     from sksundae.cvode import CVODE, CVODEJacTimes, CVODEPrecond
 
     def evaluate_rate(t, y, ydot):
@@ -256,7 +257,8 @@ def _bind_scikit_sundae(call: _CvodeCallbacks, tol: IntegratorSettings):
         box["stop"] = stop
         box["solver"] = CVODE(
             evaluate_rate, method="BDF", rtol=tol.rtol, atol=tol.atol, max_order=tol.order, linsolver="gmres",
-            precond=CVODEPrecond(setup_preconditioner, solve_preconditioner, "left"), jactimes=CVODEJacTimes(None, apply_jacobian),
+            precond=CVODEPrecond(setup_preconditioner, solve_preconditioner, "left"),
+            jactimes=CVODEJacTimes(None, apply_jacobian),
             krylov_dim=20, max_num_steps=100000, max_step=tol.max_step,
         )  # fmt: skip
         box["solver"].init_step(t, y)

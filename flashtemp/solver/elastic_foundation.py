@@ -1,20 +1,22 @@
-"""Nominal contact pressure of an elastic block that a holder presses on a rigid road.
+"""Nominal contact pressure of an elastic block that a holder presses on a rigid road (theory.md, eqs. (21) to (24)).
 
-The tractions on the face move it (`physics.elastic_block`).  It cannot enter the road, and nothing pulls it down.
-A and B are the compliances by pressure and by traction along the face, E is Young's modulus, a are the areas of the
-columns, xi = 1 - 2x/L and s is the share of the friction that shears the block:
+The tractions on the face displace it (`physics.elastic_block`).  The face cannot enter the road, and the contact does
+not pull.  A and B are the compliances of the face under pressure and under traction, E is Young's modulus, a are the
+areas of the columns, xi = 1 - 2x/L, and s is the fraction of the friction that shears the block:
 
     u = (A p + s B mu p)/E + g,     p >= 0,   u - c - t xi >= 0,   p (u - c - t xi) = 0,
-    sum a p = P,                    approach c of the holder, m,
-    sum a p (L xi/2 - h mu) + 2 t/(C W L) = 0    tilt t of the holder at the leading edge, m; a guided one has t = 0.
+    sum a p = P,                    c approach of the holder, m,
+    sum a p (L xi/2 - h mu) + 2 t/(C W L) = 0    t tilt of the holder at the leading edge, m; t = 0 if it is guided.
 
-g is by how far each column would stand off the road without load.  C is the compliance of the holder (rad per N m), W
-the width of the block and h the height of the pivot.  Friction mu follows the local pressure and temperature.
+g is the gap of each column without load: profile, wear and thermal expansion.  C is the compliance of the holder
+(rad per N m), W the width of the block and h the height of the pivot.  Friction mu follows the local pressure and
+temperature.
 
 The inequalities are solved by the primal-dual active set method, a semismooth Newton method (Hintermüller, Ito and
-Kunisch 2003, SIAM J. Optim. 13, 865).  It may cycle.  After MAX_FREE_SET_CHANGES changes of the set one column at a
-time changes, that of the least index (Murty 1974, Math. Program. 7, 138): finite for a positive definite compliance.
-Friction that falls with the spots' heat makes it cycle too; then the tilt is bracketed (`_settle_by_bracketing`).
+Kunisch 2003, SIAM J. Optim. 13, 865).  It may cycle.  After MAX_FREE_SET_CHANGES changes of the set only the column of
+least index changes (Murty 1974, Math. Program. 7, 138), which is finite for a positive definite compliance.  Friction
+that falls with the temperature of the spots may make it cycle too; then the tilt is bracketed
+(`_settle_by_bracketing`).
 """
 
 from __future__ import annotations
@@ -36,28 +38,29 @@ from flashtemp.solver.winkler_foundation import PressureSolution
 Array = npt.NDArray[Any]
 FrictionLaw = Callable[[Array], Array]  # friction coefficient (columns,) at a local pressure (columns,) Pa
 
-PRESSURE_RTOL = 1e-12  # share of the load that a step of Newton's method may still move
+PRESSURE_RTOL = 1e-12  # change by the last Newton step, as a fraction of the load
 # at half or double: flux evaluations 1048 to 1023 and 1043, CPU unchanged, error in time 5.7e-4 to 4.5e-4 and 8.7e-4
-RENEWAL_STEP_RATIO = 0.02  # a step that is more than this share of the one before asks for a new Jacobian
+RENEWAL_STEP_RATIO = 0.02  # a Newton step larger than this fraction of the previous one requires a new Jacobian
 MAX_NEWTON_STEPS = 200
-# at half, double or without bound friction and CPU of two soft holders stay: kept as the bound that makes it finite
-MAX_FREE_SET_CHANGES = 20  # steps with changes of the set, after which the least index alone changes
-FIRST_TILT_STEP = 1e-3  # of the tilt, with which its bracket begins, but no less than the mean pressure
-# run-in map: the next balance is 0.1 % away where runs go on, 2 to 10 % where they snap
-SNAP_TILT_FRACTION = 0.01  # of the tilt: where the next balance is farther, the holder does not get there steadily
-TILT_JUMP_RTOL = 10.0  # times `rtol`, of load times length: more is left where the moments jump over their balance
-TIPPING_MESSAGE = "the friction moment tips the block over its edge: no pressure carries it"
-SNAPS = (
-    "the holder snaps over: friction falls with the spots' heat faster than the holder resists, and no tilt nearby "
-    "balances the moments; stiffen the holder or lower its pivot"
+# at half, double or infinity friction and CPU of two soft holders are unchanged: it only makes the method finite
+MAX_FREE_SET_CHANGES = 20  # changes of the active set after which only the column of least index changes
+FIRST_TILT_STEP = 1e-3  # first step of the bracket as a fraction of the tilt, at least the mean pressure
+# run-in map: the next balance is 0.1 % away where runs continue, 2 to 10 % where the holder snaps over
+SNAP_TILT_FRACTION = 0.01  # of the tilt: the holder does not reach a balance farther away continuously
+TILT_JUMP_RTOL = 10.0  # times `rtol`: a larger unbalanced moment means that the moments jump across zero
+TIPPING_MESSAGE = "the friction moment tips the block over its edge: no contact pressure balances it"
+SNAP_OVER_MESSAGE = (
+    "the holder snaps over: friction falls with the temperature of the spots faster than the holder resists, and no "
+    "tilt nearby balances the moments; use a stiffer holder (friction_moment.compliance) or a lower pivot "
+    "(friction_moment.arm)"
 )
 NO_PRESSURE_MESSAGE = "no contact pressure of the elastic block was found"
 
 
 class HolderSupport(NamedTuple):
-    """What the holder does: share `shear` of the friction that shears the block, `arm` h (m), and what resists a tilt.
+    """The holder: fraction `shear` s of the friction that shears the block, and height `arm` h (m) of its pivot.
 
-    `resistance` 2/(C W L) (1/m per N/m of moment), inf where the holder is guided.
+    `resistance` against a tilt is 2/(C W L) (1/m per N/m of moment), inf for a guided holder.
     """
 
     shear: float = 0.0
@@ -70,10 +73,11 @@ class HolderSupport(NamedTuple):
 
 
 class ContactJacobian(NamedTuple):
-    """Jacobian for a set of columns in contact, slopes (columns,) of mu p in p, and a holder.
+    """Jacobian for a set of columns in contact, derivatives d(mu p)/dp (columns,) and a holder, in block form.
 
-    `inverse` (planes, n, n) of the equations of the columns; `lifted` (columns, 2) what an approach and a tilt do to
-    the pressure; `carried_load` (2, columns) load and moment by pressure; `holding` (2, 2) the reverse for the holder.
+    `inverse` (planes, n, n) solves the equations of the columns for a fixed holder.  `lifted` (columns, 2) is the
+    change of pressure by approach and tilt, `carried` (2, columns) that of load and moment by pressure, and `holding`
+    (2, 2) the inverse of the Schur complement of the holder's two equations.
     """
 
     touching: npt.NDArray[np.bool_]
@@ -85,20 +89,20 @@ class ContactJacobian(NamedTuple):
     holding: Array
 
     def solve_columns(self, r: Array) -> Array:
-        """Change of pressure by r (columns,) while the holder stays; column = line times planes + plane."""
+        """Change of pressure by a residual r (columns,) for a fixed holder; column = line times planes + plane."""
         planes = len(self.inverse)
         changed: Array = (self.inverse @ r.reshape(-1, planes).T[..., None])[..., 0].T.ravel()
         return changed
 
-    def solve(self, r: Array, carry: Array) -> tuple[Array, Array]:
-        """Changes of pressure (columns,) and of approach and tilt (2,) by r of the columns and of load and moment."""
-        alone = self.solve_columns(r)
-        held = self.holding @ (carry - self.carried @ alone)
-        return alone + self.lifted @ held, held
+    def solve(self, r: Array, balance: Array) -> tuple[Array, Array]:
+        """Changes of pressure (columns,), and of approach and tilt (2,), by residuals of columns and holder."""
+        fixed_holder = self.solve_columns(r)
+        holder_change = self.holding @ (balance - self.carried @ fixed_holder)
+        return fixed_holder + self.lifted @ holder_change, holder_change
 
 
 class ContactSolution(NamedTuple):
-    """An answer: pressure (columns,) Pa, approach and tilt (Pa), the Jacobian that led to it and hardness E/E_0."""
+    """A solution: pressure (columns,) Pa, approach and tilt (times stiffness, Pa), its Jacobian and hardness E/E_0."""
 
     pressure: Array
     approach: float
@@ -111,10 +115,9 @@ class ContactSolution(NamedTuple):
 class ElasticFoundation:
     """Columns of area `dx` (m2 per m across) at `x` (m) under a block of `length` (m) and Young's `modulus` (Pa).
 
-    `stiffness` (Pa/m) turns lengths into pressures, so that all unknowns are alike in size; no answer depends on it.
-    Newton's method ends with a step that moves less than the share `rtol` of the load.
-
-    A `compliance` of n columns for more columns than that stands for planes side by side, each in plane strain.
+    `stiffness` (Pa/m) scales lengths to pressures, so that all unknowns are of similar size; results do not depend on
+    it.  Newton's method ends with a step that changes less than the fraction `rtol` of the load.  If there are more
+    columns than `compliance` has, the block is computed as planes next to each other, each in plane strain.
     """
 
     x: Array
@@ -146,12 +149,12 @@ class ElasticFoundation:
         return len(self.x) // len(self._scaled_normal)
 
     def _scaled_motion(self, compliance: Array, traction: Array) -> Array:
-        """Motion times stiffness (columns,) Pa by a traction (columns,) Pa."""
+        """Displacement times stiffness (columns,) Pa by a traction (columns,) Pa."""
         moved: Array = (compliance @ traction.reshape(-1, self._plane_count)).ravel()
         return moved
 
     def displace_face(self, pressure: Array) -> Array:
-        """Motion (columns,) m of the face towards the holder by a pressure (columns,) Pa."""
+        """Displacement (columns,) m of the face towards the holder by a pressure (columns,) Pa."""
         return self._scaled_motion(self._scaled_normal, pressure) / self.stiffness
 
     def solve_equilibrium(
@@ -163,12 +166,12 @@ class ElasticFoundation:
         start: ContactSolution | None,
         hardness: float = 1.0,
     ) -> ContactSolution:
-        """Pressure that carries the `mean` (Pa), over a `gap` g (columns,) m, by a block `hardness` times as stiff.
+        """Pressure with the given `mean` (Pa) over a `gap` g (columns,) m, for a block `hardness` times as stiff.
 
-        `friction` is asked where it shears or tips the block, else None.  `start` is an answer nearby.  The answer's
-        pressure is one at which friction was asked last.  Raises SolverFailure when the block tips over.
-
-        Where Newton's method fails under a holder that resists, its tilt is bracketed.
+        `friction` is needed only where friction shears or tilts the block, else None.  `start` is a nearby solution.
+        The last evaluation of `friction` is at the pressure returned, so that callers can use its by-products.  If
+        Newton's method fails for a holder that resists tilt, the tilt is bracketed.  Raises SolverFailure if the block
+        tips over.
         """
         try:
             return self._settle_by_newton(gap, mean, holder, friction, start, hardness)
@@ -186,7 +189,7 @@ class ElasticFoundation:
         start: ContactSolution | None,
         hardness: float,
     ) -> ContactSolution:
-        """The answer of `solve_equilibrium` by the primal-dual active set method."""
+        """The solution of `solve_equilibrium` by the primal-dual active set method."""
         n, g = len(self.x), hardness * self.stiffness * gap
         if start is None:
             on = np.ones(n, dtype=np.bool_)
@@ -197,7 +200,7 @@ class ElasticFoundation:
         last, changes, fresh = np.inf, 0, friction is None
         for _ in range(MAX_NEWTON_STEPS):
             p = np.where(J.touching, p, 0.0)
-            # a trial may pull on columns; friction heat below zero has no consistent temperature where mu falls with it
+            # an iterate may have p < 0, and with negative heat the spots may have no consistent temperature
             mu = None if friction is None else friction(np.maximum(p, 0.0))
             step, (dc, dt) = J.solve(*self._equation_residual(p, c, t, g, mean, mu, J, hardness))
             size = np.abs(step) @ self.dx / (mean * self.dx.sum())
@@ -215,7 +218,7 @@ class ElasticFoundation:
                     if not fresh:
                         slopes = self._traction_slopes(np.maximum(p, 0.0), friction)
                         J, fresh = self._build_jacobian(J.touching, slopes, holder), True
-                        continue  # the same point once more, with its own slopes
+                        continue  # repeat the step from this point with its own derivatives
                     fresh = False
                 last = size
             else:
@@ -239,11 +242,11 @@ class ElasticFoundation:
         start: ContactSolution | None,
         hardness: float,
     ) -> ContactSolution:
-        """The answer of `solve_equilibrium` whose tilt is next to that of `start`, to the side to which the moments push.
+        """The solution of `solve_equilibrium` with the tilt next to that of `start`, in the direction of the moments.
 
-        Moments at a given tilt are continuous in it, and a holder that resists wins at a large one: Brent's method
-        (1973, Algorithms for Minimization without Derivatives, chapter 4) finds their balance wherever Newton's cycles
-        or has left a branch that ended, where the holder snaps over.
+        The moments at a given tilt are continuous in the tilt, and a holder that resists dominates at a large tilt.  So
+        Brent's method (1973, Algorithms for Minimization without Derivatives, chapter 4) finds their balance where
+        Newton's method cycles, or where its branch of solutions has ended because the holder snaps over.
         """
         fixed, last = HolderSupport(holder.shear), start
         first = 0.0 if start is None else start.tilt
@@ -255,15 +258,15 @@ class ElasticFoundation:
             levers = 0.5 * self.length * self._edge_coordinate - holder.arm * friction(last.pressure)
             return float(self._moment_balance(holder, t / hardness, levers * last.pressure))
 
-        at, left = first, unbalance(first)
-        step = -np.sign(left) * max(FIRST_TILT_STEP * abs(first), mean)
+        at, initial = first, unbalance(first)
+        step = -np.sign(initial) * max(FIRST_TILT_STEP * abs(first), mean)
         for _ in range(MAX_NEWTON_STEPS):
             beyond = unbalance(at + step)
-            if beyond * left <= 0.0:
+            if beyond * initial <= 0.0:
                 break
             at, step = at + step, 2.0 * step
             if start is not None and abs(at - first) > SNAP_TILT_FRACTION * abs(first):
-                raise SolverFailure(SNAPS)
+                raise SolverFailure(SNAP_OVER_MESSAGE)
         else:
             raise SolverFailure(TIPPING_MESSAGE)
         tilt = brentq(unbalance, *sorted((at, at + step)), xtol=self.rtol * mean, rtol=self.rtol)
@@ -272,13 +275,17 @@ class ElasticFoundation:
         assert last is not None
         p = last.pressure
         J = self._build_jacobian(last.jacobian.touching, self._traction_slopes(p, friction), holder)
-        mu = friction(p)  # asked last at the answer, without the step of the slopes
+        mu = friction(p)  # the last evaluation must be at the solution, without the complex step of the derivatives
         return ContactSolution(p, last.approach, self._balanced_tilt(holder, p, mu, tilt, hardness), J, hardness)
 
     def derive_solution(
         self, solution: ContactSolution, gap: Array, mean: float, friction: FrictionLaw | None, hardness: Any
     ) -> ContactSolution:
-        """The answer with the derivative that a complex step in `gap`, `hardness` or what friction sees passes on."""
+        """The solution with the derivative that a complex step in `gap`, `hardness` or the friction law carries.
+
+        The active set is fixed.  The Jacobian of the real solution is only approximate, so the imaginary parts are
+        iterated to convergence.
+        """
         J, g = solution.jacobian, hardness * self.stiffness * gap
         p: Array = solution.pressure + 0j
         c: Any = solution.approach
@@ -292,26 +299,26 @@ class ElasticFoundation:
         raise SolverFailure("the derivative of the contact pressure was not found")
 
     def to_pressure_solution(self, solution: ContactSolution) -> PressureSolution:
-        """The answer as the contact sees it."""
+        """The solution as a `PressureSolution`, which both foundations share."""
         J, tilt = solution.jacobian, solution.tilt / (solution.hardness * self.stiffness)
         return PressureSolution(solution.pressure, tilt, J.touching, J.holder.resistance)
 
     def renew_jacobian(self, solution: ContactSolution, slopes: Array) -> ContactSolution:
-        """The same answer with other slopes (columns,) of mu p in p, of which its Jacobian is made anew."""
+        """The same solution with a Jacobian for other derivatives d(mu p)/dp (columns,)."""
         J = solution.jacobian
         if not J.holder.shear and J.holder.is_guided:
             return solution
         return solution._replace(jacobian=self._build_jacobian(J.touching, slopes, J.holder))
 
     def pressure_response(self, solution: ContactSolution) -> ElasticResponse:
-        """How pressure follows worn depth and friction around an answer, by its Jacobian."""
+        """Linear response of the pressure to worn depth and friction around a solution."""
         J = solution.jacobian
         return ElasticResponse(self, J, -float(np.real(solution.hardness)) * self.stiffness * J.touching)
 
     def _equation_residual(
         self, p: Array, c: Any, t: Any, g: Array, mean: float, mu: Array | None, J: ContactJacobian, hardness: Any
     ) -> tuple[Array, Array]:
-        """What is left of the equations: gaps of columns in contact and pressure of the others, load and moment."""
+        """Residuals: the gap of columns in contact or the pressure of the others, then load and moment (2,)."""
         holder = J.holder
         pull = 0.0 * p if mu is None else mu * p
         gap = self._scaled_gap(p, pull, c, t, g, holder)
@@ -320,14 +327,14 @@ class ElasticFoundation:
         return np.where(J.touching, gap, p), np.array([p @ self.dx / self.dx.sum() - mean, tilts])
 
     def _scaled_gap(self, p: Array, pull: Array, c: Any, t: Any, g: Array, holder: HolderSupport) -> Array:
-        """Distance of the columns from the road times stiffness (columns,) Pa."""
+        """Gap between face and road times stiffness (columns,) Pa, eq. (22)."""
         gap = self._scaled_motion(self._scaled_normal, p) + g - c - t * self._edge_coordinate
         return gap + holder.shear * self._scaled_motion(self._scaled_shear, pull) if holder.shear else gap
 
-    def _balanced_tilt(self, holder: HolderSupport, p: Array, mu: Array | None, found: float, hardness: float) -> float:
-        """Tilt (Pa) of a holder that resists: that which balances the moments to rounding; else as `found`."""
+    def _balanced_tilt(self, holder: HolderSupport, p: Array, mu: Array | None, tilt: float, hardness: float) -> float:
+        """Tilt (Pa) that balances the moments to rounding, eq. (24), for a holder that resists; else `tilt` itself."""
         if holder.is_guided or holder.resistance == 0.0 or mu is None:
-            return found
+            return tilt
         moments = (0.5 * self.length * self._edge_coordinate - holder.arm * mu) * p
         return float(-hardness * self.stiffness * (moments @ self.dx) / holder.resistance)
 
@@ -340,7 +347,7 @@ class ElasticFoundation:
         K = np.broadcast_to(self._scaled_normal, (planes, n, n))
         if holder.shear:
             K = K + holder.shear * self._scaled_shear * slope[:, None, :]
-        K = np.where(on[..., None], K, np.eye(n))
+        K = np.where(on[..., None], K, np.eye(n))  # a column out of contact has the equation p = 0
         lift = touching[:, None] * np.stack([np.ones(len(self.x)), self._edge_coordinate], axis=1)
         carried, own = np.zeros((2, len(self.x))), np.zeros((2, 2))
         carried[0], own[1, 1] = self.dx / self.dx.sum(), 1.0
@@ -354,7 +361,7 @@ class ElasticFoundation:
     def _find_contact(
         self, p: Array, moved: tuple[Array, float, float], g: Array, mu: Array | None, J: ContactJacobian
     ) -> Array:
-        """Columns in contact after a step: those still pressed, and those that would sink into the road."""
+        """Columns in contact after a Newton step: those with p > 0, and those that would enter the road."""
         pressed, c, t = moved
         on = J.touching & (pressed > 0.0)
         if on.all():
@@ -364,16 +371,16 @@ class ElasticFoundation:
 
     @staticmethod
     def _traction_slopes(p: Array, friction: FrictionLaw) -> Array:
-        """d(mu p)/dp (columns,), as if every column's friction followed its own pressure alone."""
-        pulled: Array = np.imag((p + 1j * COMPLEX_STEP) * friction(p + 1j * COMPLEX_STEP)) / COMPLEX_STEP
-        return pulled
+        """d(mu p)/dp (columns,), with the friction of a column taken as a function of its own pressure only."""
+        slopes: Array = np.imag((p + 1j * COMPLEX_STEP) * friction(p + 1j * COMPLEX_STEP)) / COMPLEX_STEP
+        return slopes
 
 
 @dataclass(frozen=True)
 class ElasticResponse:
-    """Change of pressure (columns,) Pa by small changes, around an answer with this Jacobian.
+    """Linear response of the pressure (columns,) Pa around a solution with this Jacobian.
 
-    `depth_stiffness` (columns,) Pa/m turns worn depth into what is left of the equations.
+    `depth_stiffness` (columns,) Pa/m is the derivative of the residual of the columns by worn depth, negative.
     """
 
     foundation: ElasticFoundation
@@ -381,11 +388,11 @@ class ElasticResponse:
     depth_stiffness: Array
 
     def __call__(self, worn: Array) -> Array:
-        """By a change of worn depth (columns,) m."""
+        """Change of pressure (columns,) Pa by a change of worn depth (columns,) m."""
         return self.jacobian.solve(self.depth_stiffness * worn, np.zeros(2))[0]
 
     def respond_to_traction(self, traction: Array) -> Array:
-        """By a change of the friction traction (columns,) Pa at the same pressure."""
+        """Change of pressure (columns,) Pa by a change of the friction traction (columns,) Pa."""
         J, bed = self.jacobian, self.foundation
         r = -J.holder.shear * J.touching * bed._scaled_motion(bed._scaled_shear, traction)
         moment = 0.0 if J.holder.is_guided else J.holder.arm * (traction @ bed.dx) / bed.length
@@ -396,18 +403,18 @@ class ElasticResponse:
         J, planes = self.jacobian, len(self.jacobian.inverse)
         give = self.depth_stiffness.reshape(-1, planes).T
         alone = np.eye(give.shape[1]) - gain.reshape(-1, planes).T[..., None] * J.inverse * give[:, None, :]
-        undone = J._replace(inverse=_invert_matrix(alone))
-        spread = gain[:, None] * (J.lifted @ J.holding)  # what comes back by way of the holder, times what is carried
-        X = np.stack([undone.solve_columns(spread[:, k]) for k in (0, 1)], axis=1)
+        fixed_holder = J._replace(inverse=_invert_matrix(alone))
+        spread = gain[:, None] * (J.lifted @ J.holding)  # low-rank part: the holder's answer to load and moment
+        X = np.stack([fixed_holder.solve_columns(spread[:, k]) for k in (0, 1)], axis=1)
 
         def carried_load(r: Array) -> Array:
-            taken: Array = J.carried @ J.solve_columns(self.depth_stiffness * r)
-            return taken
+            load_and_moment: Array = J.carried @ J.solve_columns(self.depth_stiffness * r)
+            return load_and_moment
 
         inner = _invert_matrix(np.eye(2) + np.stack([carried_load(X[:, k]) for k in (0, 1)], axis=1))
 
         def apply_inverse(r: Array) -> Array:
-            z = undone.solve_columns(r)
+            z = fixed_holder.solve_columns(r)
             changed: Array = z - X @ (inner @ carried_load(z))
             return changed
 
@@ -415,7 +422,7 @@ class ElasticResponse:
 
 
 def _invert_matrix(matrix: Array) -> Array:
-    """The inverse, not a number where there is none; a product costs less than two triangular solves."""
+    """The inverse, or nan for a singular matrix; it is applied often, and a product is cheaper than two solves."""
     try:
         return np.linalg.inv(matrix)
     except np.linalg.LinAlgError:

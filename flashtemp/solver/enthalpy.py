@@ -1,6 +1,6 @@
-"""Enthalpy over temperature, for a heat capacity that changes with temperature.
+"""Enthalpy as a function of temperature, for heat capacities that depend on temperature.
 
-The state of a cell is its enthalpy rise over rho c of the material as the case gives it, in K: h is the integral of
+The state of a cell is its enthalpy rise over the rho c that the case states, in K: h is the integral of
 c/c0 over the temperature rise (the enthalpy method: Voller & Prakash 1987, Int. J. Heat Mass Transfer 30, 1709).
 It is conserved whatever c does, and equals the temperature rise where c is constant.
 """
@@ -17,12 +17,12 @@ from flashtemp.model.effect_laws import EffectLaws
 from flashtemp.model.scene import Scene
 from flashtemp.physics.arrays import Array
 
-CAPACITY_TABLE_STEP_K = 0.5  # of a table of c, which is a line in between: a bend of c is rounded off within one step
+CAPACITY_TABLE_STEP_K = 0.5  # step of a table of c, linear in between: a kink of c is rounded off within one step
 MIN_CAPACITY_RISE_K, MAX_CAPACITY_RISE_K = (
     -150.0,
     2000.0,
-)  # rises above ambient that laws are evaluated at; c is level beyond
-LEVEL_CAPACITY_RISE_K = 1e6  # rise to which c is level
+)  # rises above ambient that are tabulated; c is constant beyond
+LEVEL_CAPACITY_RISE_K = 1e6  # rise to which c is continued as a constant
 HEATED_BODIES = ("block", "road")
 NON_POSITIVE_CAPACITY = "heat capacity fell to zero or below"
 
@@ -51,7 +51,10 @@ class LinearCapacity:
 
 @dataclass(frozen=True)
 class CapacityTable:
-    """c/c0 `capacity_ratio` (n,) at temperature `rises` (n,) in K, a line between them; `enthalpies` (n,) in K, 0 at 0."""
+    """c/c0 `capacity_ratios` (n,) at temperature `rises` (n,) K, linear between them.
+
+    `enthalpies` (n,) K are the enthalpy rises, 0 at the rise 0.
+    """
 
     rises: Array
     capacity_ratios: Array
@@ -59,7 +62,10 @@ class CapacityTable:
 
     @classmethod
     def tabulate(cls, rises: Array, relative: Array) -> CapacityTable:
-        """The table of c/c0 (n,) at rises (n,), which ends where c does.  Raises SolverFailure if c <= 0 at ambient."""
+        """The table of c/c0 `relative` (n,) at `rises` (n,) K, cut where c is not positive.
+
+        Raises SolverFailure if c <= 0 at ambient temperature.
+        """
         bad, zero = np.flatnonzero(~(relative > 0)), int(np.searchsorted(rises, 0.0))
         if zero in bad:
             raise SolverFailure(NON_POSITIVE_CAPACITY)
@@ -71,12 +77,12 @@ class CapacityTable:
         relative = np.pad(relative[begin:end], (len(before), len(after)), mode="edge")
         rises = np.concatenate([before, rises[begin:end], after])
         steps = np.diff(rises) * 0.5 * (relative[1:] + relative[:-1])
-        start = int(np.searchsorted(rises, 0.0))  # summed from there both ways: no digits are lost to the far ends
+        start = int(np.searchsorted(rises, 0.0))  # summed from 0 both ways, so no digits are lost to the far ends
         below, above = -np.cumsum(steps[:start][::-1])[::-1], np.cumsum(steps[start:])
         return cls(rises, relative, np.concatenate([below, [0.0], above]))
 
     def _locate_segment(self, values: Array, nodes: Array) -> tuple[Array, Array, Array, Array]:
-        """The node before each value, how far the value is beyond it, c/c0 there and its slope up to the next node.
+        """The node below each value, the distance from it, c/c0 at the node and its slope up to the next node.
 
         Raises SolverFailure for a value outside the table.
         """
@@ -125,7 +131,7 @@ class TabulatedCapacity:
     def _look_up_by_table(
         self, look_up: Callable[[CapacityTable, Array], Array], values: Array, constant: Array
     ) -> Array:
-        """What the table of each cell makes of its value; `constant` where it has none."""
+        """`look_up` of every value in the table of its cell; `constant` for cells without a table."""
         out, which = constant.copy(), self.table_numbers[: len(values)]
         for number, table in enumerate(self.tables):
             cells = np.flatnonzero(which == number)
@@ -149,7 +155,7 @@ def build_heat_capacity(scene: Scene, laws: EffectLaws) -> LinearCapacity | Tabu
     tables: dict[bytes, CapacityTable] = {}
     which = np.full(mesh.n_plane, -1)
     for body, gradient, cells in zip(HEATED_BODIES, gradients, (mesh.block, mesh.road), strict=True):
-        T = rises[:, None, None]  # as laws of cells see them: along x, up the block, across
+        T = rises[:, None, None]  # the shape of cells for laws: along x, up the block, across
         linear = 1.0 + np.reshape(gradient, (-1, 1)) * T
         c = laws(f"{body}.heat_capacity", linear, scene.ambient + T, None) + 0.0 * T
         which[cells] = [_table_number(tables, rises, column) for column in c[:, :, 0].T]
@@ -157,9 +163,9 @@ def build_heat_capacity(scene: Scene, laws: EffectLaws) -> LinearCapacity | Tabu
 
 
 def _table_number(tables: dict[bytes, CapacityTable], rises: Array, relative: Array) -> int:
-    """The number of the table of c/c0 (n,) at rises (n,), which is added where it is new; -1 where c is constant.
+    """Number of the table of c/c0 `relative` (n,) at `rises` (n,), added if it is new; -1 for a constant c.
 
-    What is off must leave the state as it is to the last bit, which a look-up would not.
+    An effect that is off must not change any bit of the state, and interpolation in a table would.
     """
     if np.all(relative == 1.0):
         return -1

@@ -1,4 +1,4 @@
-"""Whole fields at the kept moments of a run: in memory, or streamed to a file so that memory does not grow."""
+"""Storage of whole fields at recorded times: in memory, or streamed to a file so that memory does not grow."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ import numpy as np
 class FieldStore:
     """Rows of equal arrays {name: array}, appended one by one.
 
-    With a `path` rows go to that file, one after the other, and are read back where they are asked for; those with
-    the `checksums` (checksums) and the `dtype` told are there already (a run that goes on from a checkpoint).
+    With a `path`, rows are written to that file and read back on demand.  A run resumed from a checkpoint states the
+    `checksums` and the `dtype` of the rows that the file holds already.
 
     >>> frames = FieldStore()
     >>> frames.append({"T": np.zeros(3)}), frames.append({"T": np.ones(3)})
@@ -31,51 +31,51 @@ class FieldStore:
         return len(self._rows) if self.path is None else len(self.checksums)
 
     def append(self, row: dict[str, np.ndarray]) -> None:
-        """Keep one more row.  Raises OSError where the disk is full; the rows before it stay whole."""
+        """Append a row.  Raises OSError if the disk is full; earlier rows stay intact."""
         if self.dtype is None:
             self.dtype = np.dtype([(name, a.dtype, a.shape) for name, a in row.items()])
         if self.path is None:
             self._rows.append(row)
             return
-        seen = hashlib.blake2b(digest_size=16)
+        checksum = hashlib.blake2b(digest_size=16)
         with self.path.open("r+b" if self.path.exists() else "w+b") as file:
             file.seek(len(self) * self.dtype.itemsize)
             for array in row.values():
                 data = np.ascontiguousarray(array).data
                 file.write(data)
-                seen.update(data)
+                checksum.update(data)
             file.truncate()
-        self.checksums.append(seen.digest())
+        self.checksums.append(checksum.digest())
 
     def sync_to_disk(self) -> None:
-        """The rows of a file on disk, so that they outlast a power cut."""
+        """Force the rows of a file to disk, so that they survive a power cut."""
         if self.path is not None and self.path.exists():
             with self.path.open("r+b") as file:
                 os.fsync(file.fileno())
 
     def describe_damage(self) -> str:
-        """What is wrong with the file, in words; nothing where all rows are as they were written."""
+        """A sentence about damage of the file, or "" if all rows are as written."""
         if self.path is None or self.dtype is None or not self.checksums:
             return ""
         if not self.path.is_file():
-            return f"{self.path} is gone"
+            return f"{self.path} is missing"
         with self.path.open("rb") as file:
-            for k, known in enumerate(self.checksums):
-                if hashlib.blake2b(file.read(self.dtype.itemsize), digest_size=16).digest() != known:
+            for k, expected in enumerate(self.checksums):
+                if hashlib.blake2b(file.read(self.dtype.itemsize), digest_size=16).digest() != expected:
                     return f"{self.path} is damaged in row {k + 1} of {len(self.checksums)}"
         return ""
 
     def read_row(self, k: int) -> dict[str, np.ndarray]:
-        """One row."""
+        """Row number k, {name: array}."""
         return self._rows[k] if self.path is None else {name: a[k] for name, a in self.stack_rows().items()}
 
     def stack_rows(self) -> dict[str, np.ndarray]:
-        """All rows, {name: (rows, ...)}: of a file only what is looked at comes into memory."""
+        """All rows, {name: (rows, ...)}; a file is memory-mapped, so only the parts in use are read."""
         if self.dtype is None:
             return {}
         if self.path is None:
             return {name: np.array([row[name] for row in self._rows]) for name in self.dtype.names or ()}
-        if os.name == "nt":  # which renames no folder while a file in it is mapped
+        if os.name == "nt":  # Windows renames no folder while a file in it is mapped
             table = np.fromfile(self.path, self.dtype, len(self))
         else:
             table = np.memmap(self.path, self.dtype, "r", shape=(len(self),))

@@ -216,7 +216,7 @@ class ContactInterface:
             self.cache.invalidate((now.pressure, now.speed, now.last_speed, now.touching, *passed, now.waited))
 
     def contact_state(self, now, local, T=None) -> contact_flux.ContactState:
-        """Contact laws at a `local` pressure (columns,) Pa and rises T (cells,), 0 if None; the last result is cached."""
+        """Contact laws at a `local` pressure (columns,) Pa and rises T (cells,), 0 if None; the last is cached."""
         face = None if T is None else T[self.b.cell_block] + self.b.scene.ambient
         arrays = (None if a is None else array_key(a) for a in (now.worn, local, face))
         key = (*now[:SCHEDULE_FIELD_COUNT], now.passed, now.leg, *arrays)
@@ -326,7 +326,7 @@ class ContactInterface:
         return recent.history_weights
 
     def _lane_history(self, now) -> contact_lanes.LaneHistory:
-        """`LaneHistory` of the contact fraction; cached while fraction, weights and the heat at mu = 1 stay the same."""
+        """`LaneHistory` of the contact fraction; cached while fraction, weights and heat at mu = 1 stay the same."""
         recent = self.cache
         key = (recent.contact_fraction, self._history_weights(now.leg), now.pressure * (now.speed or now.last_speed))
         if (

@@ -43,9 +43,9 @@ def add_heat_flows(start, m, gx, gz, advection, upwind, T, h, T_in, h_in, g_in, 
     """Add conduction and advection to `rate` (W/m per cell), eqs. (8) and (10) of theory.md.
 
     Every flux is added to one cell and subtracted from another, so heat is conserved to rounding.
-    `T` temperature rise, `h` enthalpy rise over rho c (both K), `advection` rho c v dz of the road cells (W/(m K)), `upwind`
-    the second-order upwind weight of every line, `T_in`, `h_in` (m,) rises of the entering road, `g_in` its
-    conductance to the first line.
+    `T` and `h` are the temperature rise and the enthalpy rise over rho c (K), `advection` (m,) is rho c v dz of road
+    cells in W/(m K), `upwind` (lines,) the weight of the second-order upwind scheme.  `T_in`, `h_in` (m,) are rises of
+    the entering road, `g_in` (m,) its conductance to the first line.
     """
     n = len(start) - 1
     for i in range(n):

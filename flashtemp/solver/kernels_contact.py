@@ -42,7 +42,7 @@ def broadcast_columns(value, n: int) -> np.ndarray:
 
 @njit(cache=True)
 def friction_heat_rows(local, phi, speed, mean, share):
-    """Rows (3, columns): heat per unit of friction p v/phi of eq. (5), p/`mean` limited to 1e-9..500, and phi/`share`."""
+    """Rows (3, columns): heat per unit of friction p v/phi, eq. (5); p/`mean` limited to 1e-9..500; phi/`share`."""
     out = np.empty((3, len(local)), local.dtype)
     for i in range(len(local)):
         out[0, i] = local[i] * speed / phi[i]

@@ -1,4 +1,4 @@
-"""A system linearised at one instant: slopes of all heat, J v, and P^-1 r of the preconditioner."""
+"""A system linearised at one instant: derivatives of heat, Jacobian products and solves with the preconditioner."""
 
 from __future__ import annotations
 
@@ -16,9 +16,11 @@ from flashtemp.solver.road_frame import RoadFrame, RoadOverlap
 
 
 def contact_slopes(b: HeatBalance, contact: SolvedContact | None, at_walls):
-    """Slopes of all heat of walls and contact with temperature; how the ledger follows the cells, and how the lanes.
+    """Derivatives of all boundary and contact heat with respect to temperature.
 
-    Lanes are among the cells as if they kept their width.
+    Returns the `HeatSlopes`, the rows of the ledger with respect to cells, and those with respect to lanes {entry:
+    (columns,)}.  In the rows for cells a lane counts as if it kept its width; the difference is added in
+    `LinearisedSystem.apply_jacobian`.
     """
     own = [(cells, slope) for _, cells, slope in at_walls]
     rows: dict[str, list] = {name: [] for name in b.ledger}
@@ -42,7 +44,7 @@ def contact_slopes(b: HeatBalance, contact: SolvedContact | None, at_walls):
 
 
 def outflow_slopes(b: HeatBalance, advection, capacity_ratio) -> tuple[np.ndarray, np.ndarray]:
-    """Cells and slopes of the heat that the road carries out of the window, less what it brings in."""
+    """Cells and derivatives of the heat that the road carries out of the window, minus what it brings in."""
     mesh, (first, before, last), slope = b.scene.mesh, b.outflow_cells, b.upwind_weight[-1]
     cells = [mesh.everywhere(at) for at in (last, before, first)]
     share, carried = mesh.share, np.outer(advection, mesh.share)
@@ -52,7 +54,7 @@ def outflow_slopes(b: HeatBalance, advection, capacity_ratio) -> tuple[np.ndarra
 
 
 class LedgerMap(NamedTuple):
-    """How entries of the ledger follow the cells: `weight` W/(m K) of `cell`, from offset[i] on for entry number i."""
+    """Derivatives `weight` W/(m K) of ledger entries with respect to `cell`; those of entry i begin at offset[i]."""
 
     entry: np.ndarray
     offset: np.ndarray
@@ -61,22 +63,22 @@ class LedgerMap(NamedTuple):
 
     @classmethod
     def from_rows(cls, b: HeatBalance, rows: conduction.LedgerRows) -> LedgerMap:
-        """The same as `ledger_map`, in one piece."""
+        """The map from `LedgerRows`, packed into contiguous arrays."""
         offset = np.cumsum([0, *(len(cells) for cells, _ in rows.values())])
         cells, weights = (np.concatenate([row[k] for row in rows.values()]) for k in (0, 1))
         return cls(np.array([b.ledger_index[name] for name in rows]), offset, cells, weights)
 
     def add_changes(self, T: np.ndarray, scale: float, out: np.ndarray) -> None:
-        """Add `scale` times what changes T (cells,) K do to the ledger."""
+        """Add `scale` times the change of the ledger by changes T (cells,) K to `out` (size,)."""
         kernels_contact.add_to_ledger(self.entry, self.offset, self.cell, self.weight, T, scale, out)
 
 
 @dataclass(frozen=True)
 class LinearisedSystem:
-    """A system linearised at one instant: J v, and the preconditioner's P^-1 r for P = I - gamma J.
+    """A system linearised at one instant: Jacobian products, and solves with P, which approximates I - gamma J.
 
-    `capacity_ratio` dh/dT (cells,); `ledger_map` how the ledger follows the cells, of which `ledger_slopes` {entry: slopes (columns,) with
-    the road's columns}; `contact` of that state, None where nothing depends on it.
+    `capacity_ratio` is dh/dT (cells,).  `ledger_map` are the derivatives of the ledger by cells, and `ledger_slopes`
+    {entry: (columns,)} those by lanes.  `contact` is the `ContactState`, None where no heat depends on it.
     """
 
     b: HeatBalance
@@ -89,32 +91,32 @@ class LinearisedSystem:
     coupling: AbrasionCoupling | None
 
     def apply_jacobian(self, v: np.ndarray, out: np.ndarray) -> None:
-        """out = J v; conserves heat like the rate.
+        """out = J v; it conserves heat like the rate.
 
-        Left out: slopes of k(T), and the ways from temperature over friction to the tilt of a block on springs, and
-        from the face's temperature to the contact fraction.
+        Left out are the derivative of k(T), the effect of temperature on the tilt of a block on springs by friction,
+        and the effect of the face's temperature on the contact fraction.
         """
         b, n = self.b, self.b.n
         h = v[:n]
         T = h if b.heat_capacity is None else h / self.capacity_ratio
         out[n:] = 0.0
-        lane = fallen = b.zero_columns
+        lane = deficit = b.zero_columns
         if self.contact is not None:
-            lane, fallen = contact_lanes.follow_columns(b, self.contact, T)
+            lane, deficit = contact_lanes.follow_columns(b, self.contact, T)
         self.solid.apply_jacobian(T, lane, out[:n])
         self.ledger_map.add_changes(T, 1.0, out)
         for name, slope in self.ledger_slopes.items():
-            out[b.ledger_index[name]] -= (slope * fallen).sum()
+            out[b.ledger_index[name]] -= (slope * deficit).sum()  # the rows count lanes as columns
         if self.coupling is not None:
             w = self.coupling
             out[b.worn] = w.abrasion_rate_change(T[b.cell_block], lane)
             w.add_full_response(v[b.worn], T, lane, out)
 
     def solve(self, r: np.ndarray, z: np.ndarray) -> None:
-        """z = P^-1 r; the ledger follows the cells exactly, so that Krylov steps conserve heat."""
+        """z = P^-1 r; the ledger follows the cells exactly, so inexact Krylov solves conserve heat (theory.md, 8)."""
         b, n = self.b, self.b.n
         T, w = z[:n], self.coupling
-        if w is not None:  # abrasion first: it moves the pressure, and that the heat
+        if w is not None:  # wear first: it changes the pressure, and the pressure changes the heat
             r = r.copy()
             w.add_depth_response(w.solve_depth(r[b.worn]), r, self.gamma)
         z[n:] = r[n:]
@@ -128,7 +130,7 @@ class LinearisedSystem:
 
 @dataclass(frozen=True)
 class ShiftedLinearisation:
-    """A system `base` a state as it lies under the block, for road that lies `shifted_lines` lines further upstream in memory."""
+    """A linearisation `base` in the block's frame, for road that is stored `shifted_lines` lines further upstream."""
 
     base: LinearisedSystem
     frame: RoadFrame
@@ -140,15 +142,15 @@ class ShiftedLinearisation:
         return self.base.gamma
 
     def apply_jacobian(self, v: np.ndarray, out: np.ndarray) -> None:
-        """out = J v; road that has gone changes no more, and what has not come yet is given."""
-        b, moved = self.base.b, np.empty_like(out)
-        self.base.apply_jacobian(self.frame.to_block_frame(v, self.shifted_lines, 0.0), moved)
-        front = self.frame.to_memory_frame(moved, self.shifted_lines, out, 0.0)
+        """out = J v; road that has left does not change, and the temperature of road that enters is prescribed."""
+        b, block_frame = self.base.b, np.empty_like(out)
+        self.base.apply_jacobian(self.frame.to_block_frame(v, self.shifted_lines, 0.0), block_frame)
+        front = self.frame.to_memory_frame(block_frame, self.shifted_lines, out, 0.0)
         out[b.ledger_index["lane_out"]] += b.road_heat(front)
 
     def solve(self, r: np.ndarray, z: np.ndarray) -> None:
-        """z = P^-1 r; what P gives to road that has not come yet is booked as gone, so that heat is conserved."""
-        b, moved = self.base.b, np.empty_like(z)
-        self.base.solve(self.frame.to_block_frame(r, self.shifted_lines, 0.0), moved)
-        front = self.frame.to_memory_frame(moved, self.shifted_lines, z, r[: b.n])
+        """z = P^-1 r; heat that P assigns to prescribed road is booked as heat that leaves, so heat is conserved."""
+        b, block_frame = self.base.b, np.empty_like(z)
+        self.base.solve(self.frame.to_block_frame(r, self.shifted_lines, 0.0), block_frame)
+        front = self.frame.to_memory_frame(block_frame, self.shifted_lines, z, r[: b.n])
         z[b.ledger_index["lane_out"]] += b.road_heat(front)

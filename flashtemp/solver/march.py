@@ -1,4 +1,4 @@
-"""March a scene through its schedule: events are exact restart points, everything else is CVODE's."""
+"""Time integration of a scene over its schedule: the integrator restarts at events, CVODE chooses all other steps."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from flashtemp.solver.recorder import build_run, record_state, record_times
 from flashtemp.solver.run import Run
 from flashtemp.solver.system import PhaseSystem
 
-PRESSURE_RTOL_RATIO = 0.01  # of the integrator's relative tolerance: what is left of the pressure's own iteration
+PRESSURE_RTOL_RATIO = 0.01  # of the integrator's relative tolerance: tolerance of the pressure's Newton iteration
 StepHistory = list[tuple[float, np.ndarray]]  # time and state of every step
 
 
@@ -38,11 +38,10 @@ def march(
 ) -> Run:
     """Integrate the scene over its whole schedule and return the Run.
 
-    `sensitivities` is told about every stretch, every restart and every turn (`sensitivity.Neighbours`).
-
-    `watch(progress)` is called after every internal step; returning True stops the march with
-    KeyboardInterrupt, `progress` then holds all that is needed to go on.  Raises SolverFailure
-    with time, cell and effect.
+    `state` resumes a march that was stopped.  `watch(state)` is called after every internal step; if it returns True,
+    the march stops with KeyboardInterrupt and `state` holds all that is needed to resume.  `sensitivities` (a
+    `sensitivity.SensitivityIntegrator`) follows every segment, restart and reversal.  Raises SolverFailure with time,
+    cell and effect, and EnergyBalanceError.
     """
     began = clock.perf_counter()
     balance = _build_balance(scene, settings)
@@ -78,19 +77,19 @@ def march(
 
 
 def _build_balance(scene: Scene, settings: SolverSettings) -> HeatBalance:
-    """The heat balance of a scene; SolverFailure names the law that fails already now."""
+    """The heat balance of a scene.  Raises SolverFailure with the effect whose law fails before the start."""
     try:
         return HeatBalance(scene, PRESSURE_RTOL_RATIO * settings.rtol)
     except Exception as fault:
-        if (said := find_failing_law(scene, fault)) is not None:
-            raise SolverFailure(f"{said}; before the start") from fault
+        if (message := find_failing_law(scene, fault)) is not None:
+            raise SolverFailure(f"{message}; before the start") from fault
         raise
 
 
 def _phase_systems(balance: HeatBalance, phase, march_state: MarchState, resumed: bool) -> list[PhaseSystem]:
-    """The system during a phase, or during each leg of it where the road is in its own frame; what is over is left out.
+    """The system during a phase, or one per leg where the road is in its own frame; legs already done are left out.
 
-    A leg that is over just now is not: it says how the state lies in memory.
+    A leg that ends exactly at the time of a resumed march is kept, because it defines how the state is stored.
     """
     flow, frame = build_inflow(balance, phase, march_state.track), balance.road_frame
     if frame is None:
@@ -100,7 +99,7 @@ def _phase_systems(balance: HeatBalance, phase, march_state: MarchState, resumed
 
 
 def _start_phase(balance: HeatBalance, before, phase, march_state: MarchState, sensitivities) -> None:
-    """A new repetition begins, or the block turns; `sensitivities` is told out of what state."""
+    """Begin a new repetition, or reverse the block, in the march and in its sensitivities."""
     old = march_state.y
     start_phase(balance, before, phase, march_state)
     if sensitivities is not None:
@@ -108,7 +107,7 @@ def _start_phase(balance: HeatBalance, before, phase, march_state: MarchState, s
 
 
 def _remap_road(system: PhaseSystem, march_state: MarchState, sensitivities) -> None:
-    """The road in its own frame is put back on the mesh; `sensitivities` is told out of what state."""
+    """Shift the road in its own frame back on the mesh, in the march and in its sensitivities."""
     old = march_state.y
     remap_road(system, march_state)
     if sensitivities is not None:
@@ -118,14 +117,13 @@ def _remap_road(system: PhaseSystem, march_state: MarchState, sensitivities) -> 
 def _integrate_segment(
     system: PhaseSystem, settings, march_state: MarchState, due, resumed: bool, stop: Callable[[], bool], path
 ) -> None:
-    """One phase or leg: integrate, record what is `due`, keep what leaves on the track; `path` gets every step."""
+    """Integrate one phase or leg: record at the times `due`, store road that leaves, append every step to `path`."""
     phase = system.phase
     solver = BdfIntegrator(settings.binding, system, _integrator_settings(system, settings))
     t, y, before = phase.begin, march_state.y, march_state.steps
     if resumed:
-        last = (
-            march_state.records["time"][-1] if march_state.records else -np.inf
-        )  # a fault may have come between two of a step
+        # records of a step are made before its state is kept, so a failure may leave records after the resumed time
+        last = march_state.records["time"][-1] if march_state.records else -np.inf
         t, due[:] = march_state.t, [one for one in due if one[0] > last]
     tiny = 1e-9 * (phase.end - phase.begin)
     try:
@@ -162,10 +160,10 @@ def _integrate_segment(
 def _record_checked(
     system: PhaseSystem, t: float, y, march_state: MarchState, frame: bool, settings: SolverSettings
 ) -> None:
-    """Record a state, if its profiles can be."""
+    """Record a state and check its profiles.  Raises SolverFailure for temperatures out of bounds."""
     record_state(system, t, y, march_state, frame)
-    shown = np.concatenate([march_state.records[name][-1] for name in ("T_block", "T_spot", "T_road", "T_wake")])
-    _check(system, t, shown + KELVIN - system.b.scene.ambient, settings)
+    profiles = np.concatenate([march_state.records[name][-1] for name in ("T_block", "T_spot", "T_road", "T_wake")])
+    _check(system, t, profiles + KELVIN - system.b.scene.ambient, settings)
 
 
 def _check(system: PhaseSystem, t: float, T, settings: SolverSettings) -> None:
@@ -178,39 +176,40 @@ def absolute_tolerance(settings: SolverSettings) -> float:
 
 
 def _integrator_settings(system: PhaseSystem, settings: SolverSettings) -> IntegratorSettings:
-    """Tolerances of a phase; no step is longer than an effect's pace allows."""
+    """Tolerances of a phase; the law `march.rate` (1/s) of an effect limits the length of steps."""
     phase = system.phase
-    pace = float(system.b.laws("march.rate", 0.0, None, system.moment(phase.begin)))
-    longest = 1.0 / pace if phase.sliding and pace > 0 else 0.0  # 0: as long as the phase
+    rate = float(system.b.laws("march.rate", 0.0, None, system.moment(phase.begin)))
+    longest = 1.0 / rate if phase.sliding and rate > 0 else 0.0  # 0: no limit
     return IntegratorSettings(settings.rtol, absolute_tolerance(settings), settings.order, longest)
 
 
 def _raise_with_context(system: PhaseSystem, march_state: MarchState, fault: Exception) -> None:
-    """Raise SolverFailure with time, place and effect where a solve or a law fails."""
+    """Raise SolverFailure with time, position and effect for a failed solve or law; return for any other fault."""
     if isinstance(fault, SolverFailure):
         raise SolverFailure(_describe_failure(system, march_state.t, march_state.y, fault)) from fault
-    if (said := find_failing_law(system.b.scene, fault)) is not None:
-        raise SolverFailure(f"{said}; after t = {march_state.t:.6g} s") from fault
+    if (message := find_failing_law(system.b.scene, fault)) is not None:
+        raise SolverFailure(f"{message}; after t = {march_state.t:.6g} s") from fault
 
 
 def find_failing_law(scene: Scene, fault: Exception) -> str | None:
-    """The effect in whose file an exception arose, with the line; None where no law is to blame."""
+    """A message with the effect, file and line in which an exception arose; None if it was not in a law."""
     names = {type(a.effect).heat.__code__.co_filename: a.name for a in scene.acting}
     frames = [(frame.f_code.co_filename, line) for frame, line in traceback.walk_tb(fault.__traceback__)]
-    if not isinstance(fault, FlashtempError):  # called wrongly, or its answer is no number: then it has no frame itself
+    if not isinstance(fault, FlashtempError):
+        # a law with a wrong signature, or whose result is no number, has no frame: find it in the caller's local names
         *_, (last, _) = traceback.walk_tb(fault.__traceback__)
         laws = (getattr(last.f_locals.get(name), "law", None) for name in ("factor", "part"))
-        asked = next((law.__code__ for law in laws if isinstance(law, FunctionType)), last.f_code)
-        frames.append((asked.co_filename, asked.co_firstlineno))
+        code = next((law.__code__ for law in laws if isinstance(law, FunctionType)), last.f_code)
+        frames.append((code.co_filename, code.co_firstlineno))
     for file, line in reversed(frames):
         if file in names:
-            said = f"{type(fault).__name__}: {fault}"
-            return f"effect '{names[file]}' ({file}:{line}): its law fails: {said}; repair that line"
+            error = f"{type(fault).__name__}: {fault}"
+            return f"effect '{names[file]}' ({file}:{line}): its law fails: {error}; repair that line"
     return None
 
 
 def _describe_failure(system: PhaseSystem, t: float, y: np.ndarray, fault: SolverFailure) -> str:
-    """The failure with time, hottest cell and the effect with the largest heat."""
+    """A message with the failure, time, hottest cell and the effect with the largest heat."""
     b, mesh = system.b, system.b.scene.mesh
     h = system.to_block_frame(system.moment(t), y)[: b.n]
     bad = np.flatnonzero(~np.isfinite(h))
@@ -219,11 +218,11 @@ def _describe_failure(system: PhaseSystem, t: float, y: np.ndarray, fault: Solve
     x, y_at, z = mesh.place(cell)
     where = f"x = {x * 1e3:.3g} mm, " + (f"y = {y_at * 1e3:.3g} mm, " if mesh.n_across > 1 else "")
     T = b.temperature_rise(h) + b.scene.ambient
-    moment = system.uniform_pressure_moment(system.moment(t))  # what failed may be the pressure itself
+    moment = system.uniform_pressure_moment(system.moment(t))  # the local pressure may be what failed
     sizes = b.laws.heat_by_effect(T[b.cell_block], moment)
     broken = [name for name, size in sizes.items() if not np.isfinite(size)]
     largest = f"largest effect: {max(sizes, key=sizes.__getitem__) if sizes else 'none'}"
     return (
         f"{fault}; at t = {t:.6g} s, hottest {body} cell {where}z = {z * 1e3:.3g} mm "
-        f"({T[cell] - KELVIN:.4g} degC), {f'no number comes from effect {broken[0]}' if broken else largest}"
+        f"({T[cell] - KELVIN:.4g} degC), {f'effect {broken[0]} returns no number' if broken else largest}"
     )

@@ -1,4 +1,4 @@
-"""Where a march stands: enough to go on from a checkpoint."""
+"""The state of a march: all that is needed to resume it from a checkpoint."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from flashtemp.solver.field_store import FieldStore
 
 @dataclass
 class MarchState:
-    """Time (s), number of the phase and state of a march, and all that it has recorded; it grows as the march goes."""
+    """Time (s), number of the phase and state vector of a march, and everything recorded so far."""
 
     t: float = 0.0
     phase: int = 0
-    y: Any = None  # (size,); none before the start
+    y: Any = None  # (size,) state vector, None before the start
     records: dict[str, list] = field(default_factory=dict)
     frames: FieldStore = field(default_factory=FieldStore)
     steps: int = 0
@@ -23,4 +23,4 @@ class MarchState:
     wall_s: float = 0.0
     removed_heat: Any = None  # (2,) heat (J/m) in block and lanes removed at restarts
     track: CircularTrack | None = None
-    track_columns: dict[str, Any] | None = None  # of the track, as read from a checkpoint
+    track_columns: dict[str, Any] | None = None  # fields of the track, read from a checkpoint

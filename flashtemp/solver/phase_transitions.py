@@ -1,7 +1,7 @@
-"""What happens between two phases: the road at a new start, and the whole state where the block turns to slide back.
+"""Changes of the state between two phases: the road at the start of a repetition, and the reversal of sliding.
 
-The balance always sees road that moves towards +x, with the leading edge at x = 0.  Where sliding turns, cells, worn
-depth and track change ends, so that no law of the balance knows of two directions.
+In the heat balance the road always moves towards +x and the leading edge is at x = 0.  When sliding reverses, cells,
+worn depth and track are mirrored instead, so no law needs to distinguish two directions.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from flashtemp.solver.system import PhaseSystem
 
 
 def start_phase(balance: HeatBalance, before: Any, phase: Any, march_state: MarchState) -> None:
-    """Make the state of a march, which stands at the end of the phase `before`, that with which `phase` begins."""
+    """Change the state of a march from the end of the phase `before` to the begin of `phase`, in place."""
     if phase.sliding and phase.begin == phase.start:
         restart_repetition(balance, before, march_state)
     if phase.direction != before.direction:
@@ -25,18 +25,21 @@ def start_phase(balance: HeatBalance, before: Any, phase: Any, march_state: Marc
 
 
 def has_state_change(before: Any, phase: Any) -> bool:
-    """Whether the state changes between two phases."""
+    """Whether the state changes between two phases: at a new repetition or a reversal."""
     return bool(phase.direction != before.direction or (phase.sliding and phase.begin == phase.start))
 
 
 def remap_road(system: PhaseSystem, march_state: MarchState) -> None:
-    """Put the road in its own frame back on the mesh at the begin of a leg: columns behind go, others come in front."""
+    """Shift the road in its own frame back on the mesh at the begin of a leg.
+
+    Columns that have passed behind the window are dropped, fresh ones are added in front, and the ledger books both.
+    """
     b, mesh, frame = system.b, system.b.scene.mesh, system.b.road_frame
     assert frame is not None
     moment, lines = system.moment(system.phase.begin), frame.leg_lines
-    before = mesh.x_centre[:lines] - mesh.x[0]  # so far behind the edge of the window has road come already
-    come = [system.incoming_rise(moment._replace(passed=moment.passed - way)) for way in before]
-    fresh = np.stack([system.incoming_enthalpy(T_in).reshape(mesh.n_road, -1) for T_in in come])
+    behind = mesh.x_centre[:lines] - mesh.x[0]  # distance from the upstream edge: where each column has entered
+    rises = [system.incoming_rise(moment._replace(passed=moment.passed - distance)) for distance in behind]
+    fresh = np.stack([system.incoming_enthalpy(T_in).reshape(mesh.n_road, -1) for T_in in rises])
     y = frame.to_block_frame(march_state.y, lines, 0.0)
     gone = mesh.planes(march_state.y[: b.n])[mesh.road[-lines:]]
     mesh.planes(y[: b.n])[mesh.road[:lines]] = fresh
@@ -45,7 +48,11 @@ def remap_road(system: PhaseSystem, march_state: MarchState) -> None:
 
 
 def restart_repetition(balance: HeatBalance, before: Any, march_state: MarchState) -> None:
-    """The road at a new start: as it is where the block rested on it, else forgotten or carried."""
+    """The road at the start of a repetition.
+
+    A block that rested on the road finds it unchanged.  A lifted block starts on fresh road, or with `track_memory` on
+    the road that earlier passes left.  Heat that is removed from the road is added to `removed_heat`.
+    """
     scene, mesh = balance.scene, balance.scene.mesh
     if not scene.schedule.lifted:
         return
@@ -55,12 +62,12 @@ def restart_repetition(balance: HeatBalance, before: Any, march_state: MarchStat
     moment = system.moment(before.end)
     rise = balance.temperature_rise(y[: balance.n])
     road, behind = mesh.planes(rise)[mesh.road], mesh.x_centre - mesh.x[0]
-    came = system.undisturbed_road(moment, behind)[:, 0].reshape(road.shape)
-    fresh = came + 0.0 * road
+    entered = system.undisturbed_road(moment, behind)[:, 0].reshape(road.shape)
+    fresh = entered + 0.0 * road
     if march_state.track is not None and march_state.track.is_endless:
         march_state.track.clear()
     elif march_state.track is not None:
-        left = system.earlier_pass_rise(moment, behind).reshape(road.shape) + road - came
+        left = system.earlier_pass_rise(moment, behind).reshape(road.shape) + road - entered
         march_state.track.store_initial_road(before.end, moment.passed - mesh.x_centre, left)
         carried = balance.share * left.reshape(mesh.n_lines, -1)
         fresh = system.road_after_passes(moment, carried)[:, 0].reshape(road.shape)
@@ -72,7 +79,7 @@ def restart_repetition(balance: HeatBalance, before: Any, march_state: MarchStat
 
 
 def reverse_direction(balance: HeatBalance, before: Any, phase: Any, march_state: MarchState) -> None:
-    """Block, road around it and track seen from the other edge, which leads from now on."""
+    """Mirror block, road and track at a reversal: the other edge leads from now on."""
     scene, mesh, y = balance.scene, balance.scene.mesh, march_state.y.copy()
     if march_state.track is not None and before.sliding and phase.repetition == before.repetition:
         store_leaving_column(

@@ -1,4 +1,4 @@
-"""What a march keeps on its way: when it records, one row of records, and the Run that they make."""
+"""Recording of a run: the times of records, one record of profiles and ledger, and the `Run` made of all records."""
 
 from __future__ import annotations
 
@@ -19,24 +19,27 @@ from flashtemp.solver.system import PhaseSystem
 
 
 def sliding_segment_count(phase, schedule) -> int:
-    """Into how many stretches events divide the sliding of this repetition."""
+    """Number of segments into which events divide the sliding of this repetition."""
     return sum(p.sliding and p.repetition == phase.repetition for p in schedule.phases)
 
 
 def record_times(phase, schedule, settings: SolverSettings) -> list[tuple[float, bool]]:
-    """Times (s) of a phase at which profiles are kept, and whether the whole field is kept with them.
+    """Times (s) of a phase at which profiles are recorded, and whether the whole field is recorded with them.
 
-    They are dense after each start or stop; every end and every time that `settings` asks for is among them.
+    They are dense after each start or stop, and include the end and all times of `settings.times`.
     """
     sliding = -(-settings.profiles // sliding_segment_count(phase, schedule))
     n = sliding if phase.sliding else max(4, settings.profiles // 4)
     t = phase.begin + (phase.end - phase.begin) * (np.arange(n + 1) / n) ** 2
     t[-1] = phase.end
     times = (t if phase.begin == 0.0 else t[1:]).tolist()
-    last, wanted = len(times) - 1, -(-settings.fields // sliding_segment_count(phase, schedule)) if phase.sliding else 2
-    whole = {times[round(i * last / max(1, wanted - 1))] for i in range(wanted)}
-    asked = {t for t in settings.times if phase.begin < t <= phase.end or t == phase.begin == 0.0}
-    return [(t, t in whole or t in asked) for t in sorted({*times, *asked})]
+    last, n_fields = (
+        len(times) - 1,
+        -(-settings.fields // sliding_segment_count(phase, schedule)) if phase.sliding else 2,
+    )
+    with_field = {times[round(i * last / max(1, n_fields - 1))] for i in range(n_fields)}
+    requested = {t for t in settings.times if phase.begin < t <= phase.end or t == phase.begin == 0.0}
+    return [(t, t in with_field or t in requested) for t in sorted({*times, *requested})]
 
 
 def record_state(
@@ -47,7 +50,10 @@ def record_state(
     with_field: bool,
     precision: type = np.float32,
 ) -> None:
-    """Append surface profiles, friction, ledger and, with `with_field`, all cells' temperatures (in a `precision`) at t."""
+    """Append a record at time t (s): profiles, friction and ledger, and all cells if `with_field`.
+
+    Fields are stored in the floating-point type `precision`.  Raises SolverFailure if the block is worn through.
+    """
     b, mesh, phase = system.b, system.b.scene.mesh, system.phase
     moment, worn = system.moment(t), b.worn_depth(y)
     if worn.max() >= b.scene.height:
@@ -59,11 +65,11 @@ def record_state(
         "pressure": contact.state.pressure * (1.0 if moment.touching else 0.0),
         "worn": worn,
     }
-    shown = T if b.road_frame is None else b.road_frame.interpolate_to_mesh(T, moment.passed)
+    on_mesh = T if b.road_frame is None else b.road_frame.interpolate_to_mesh(T, moment.passed)
     profiles = {name: _along_block(mesh, values, phase.direction) for name, values in profiles.items()}
-    wake = {"T_wake": _road_surface(system, moment, shown, slice(mesh.last, None))}
+    wake = {"T_wake": _road_surface(system, moment, on_mesh, slice(mesh.last, None))}
     if -1 in b.scene.schedule.directions:
-        wake["T_ahead"] = _road_surface(system, moment, shown, slice(0, mesh.first))
+        wake["T_ahead"] = _road_surface(system, moment, on_mesh, slice(0, mesh.first))
     energy = _energy_ledger(b, y, march_state)
     row = {
         "time": t,
@@ -77,16 +83,16 @@ def record_state(
     }
     row |= {name: values @ mesh.share for name, values in wake.items()}
     row |= {name: mesh.across(values) for name, values in profiles.items()}
-    if b.laws("contact.resolved", 0.0, None, moment) > 0:  # what touches counts
+    if b.laws("contact.resolved", 0.0, None, moment) > 0:  # spots only where they touch
         cover = _along_block(mesh, contact.state.phi, phase.direction)
         weight = np.maximum(cover, 1e-6)
         row["T_spot"] = mesh.across(weight * profiles["T_spot"]) / mesh.across(weight)
         profiles["cover"] = cover
     if with_field:
-        kept = {"cells": _cell_temperatures(system, moment, contact, shown, road, precision)}
+        fields = {"cells": _cell_temperatures(system, moment, contact, on_mesh, road, precision)}
         if mesh.n_across > 1:
-            kept |= {name: a.reshape(-1, mesh.n_across) for name, a in (profiles | wake).items()}
-        march_state.frames.append({name: a.astype(precision, copy=False) for name, a in kept.items()})
+            fields |= {name: a.reshape(-1, mesh.n_across) for name, a in (profiles | wake).items()}
+        march_state.frames.append({name: a.astype(precision, copy=False) for name, a in fields.items()})
         row["frames"] = len(march_state.records.get("time", []))
     march_state.records.setdefault("ledger", list(energy))
     for name, value in row.items():
@@ -94,21 +100,21 @@ def record_state(
 
 
 def _along_block(mesh: Mesh, columns: np.ndarray, direction: int) -> np.ndarray:
-    """Values (columns,) counted from the leading edge, in the order of the block's own x."""
+    """Values (columns,) counted from the leading edge, reordered along the block's own x."""
     return columns.reshape(-1, mesh.n_across)[::direction].ravel()
 
 
 def _mean_friction(system: PhaseSystem, contact: SolvedContact) -> float:
-    """Load-weighted friction, nan while the block waits."""
+    """Load-weighted mean friction, nan while the block waits."""
     if contact.flux is None or not system.phase.sliding:
         return np.nan
-    # an unloaded block weighs evenly
+    # without load all columns have equal weight
     load = np.maximum(contact.state.pressure, 1e-300) * system.b.scene.mesh.column_area
     return float((contact.flux.mu * load).sum() / load.sum())
 
 
 def _contact_temperatures(system: PhaseSystem, moment, contact: SolvedContact, T, road, kf) -> dict[str, np.ndarray]:
-    """Block surface, spots and road lanes (columns,) in degC."""
+    """Temperatures (columns,) degC of the block's surface, of the spots and of the heated lanes on the road."""
     b = system.b
     state, flux = contact.state, contact.flux
     C0 = b.scene.ambient - KELVIN
@@ -126,45 +132,48 @@ def _contact_temperatures(system: PhaseSystem, moment, contact: SolvedContact, T
 
 
 def _road_surface(system: PhaseSystem, moment, T, lines: slice) -> np.ndarray:
-    """Road surface (lines, planes) in degC, over lanes and gaps: all heat that the road took."""
+    """Mean temperature (lines, planes) degC of the road surface over lanes and gaps, as a camera sees it.
+
+    A column stands for the fraction `share` of the width; the rest of the road is as it entered.
+    """
     b, mesh = system.b, system.b.scene.mesh
     free = mesh.planes(T)[mesh.road[lines][:, -1]]
     behind, top = mesh.x_centre[lines] - mesh.x[0], slice(-mesh.n_across, None)
-    came, own = np.moveaxis(system.undisturbed_road(moment, behind)[..., top], 1, 0)
-    return b.scene.ambient - KELVIN + came - own + b.share * (free - came + own)
+    entered, earlier = np.moveaxis(system.undisturbed_road(moment, behind)[..., top], 1, 0)
+    return b.scene.ambient - KELVIN + entered - earlier + b.share * (free - entered + earlier)
 
 
 def _energy_ledger(b: HeatBalance, y, march_state: MarchState) -> dict[str, float]:
-    """The ledger, and the heat in block and lanes, J per metre."""
+    """The ledger, and the heat in block and lanes with that removed at restarts, J per metre."""
     block, road = np.add(b.stored_heat(y), march_state.removed_heat)
     ledger = dict(zip(b.ledger, y[b.ledger_slice], strict=True))
     return ledger | {"block": block, "lanes": road, "share": b.share}
 
 
-def _cell_temperatures(system: PhaseSystem, moment, contact: SolvedContact, T, came, precision: type) -> np.ndarray:
-    """Temperatures (cells,) in degC, those of the road as lane means."""
+def _cell_temperatures(system: PhaseSystem, moment, contact: SolvedContact, T, incoming, precision: type) -> np.ndarray:
+    """Temperatures (cells,) degC; road cells have the temperature of the lanes, eqs. (15c) and (15d) at every depth."""
     mesh, C0 = system.b.scene.mesh, system.b.scene.ambient - KELVIN
-    cells = np.add(T, C0, out=np.empty(len(T), precision), casting="same_kind")  # no second whole field beside it
+    cells = np.add(T, C0, out=np.empty(len(T), precision), casting="same_kind")  # in place: no second whole field
     road, weights = mesh.planes(T)[mesh.road], system.interface.spreading_loss_at_depth(contact.state, moment)
-    road -= came[0].reshape(mesh.n_road, -1)
-    colder = system.b.share * min(road.min(), 0.0)  # the coldest mean of the road across y, below what came in
-    fallen = weights @ road
-    lane, fall = (
+    road -= incoming[0].reshape(mesh.n_road, -1)
+    colder = system.b.share * min(road.min(), 0.0)  # the coldest mean of the road across y, relative to entering road
+    deficit = weights @ road
+    lane, loss = (
         contact_lanes.extend_over_lines(mesh, a)[:, None] for a in (contact.state.lane_ratio, contact.state.loss_ratio)
     )
-    fallen *= fall
-    road -= fallen
+    deficit *= loss
+    road -= deficit
     road *= lane
-    fresh = contact_lanes.incoming_lane_rises(system.b, weights, came)
+    fresh = contact_lanes.incoming_lane_rises(system.b, weights, incoming)
     road += C0 + fresh
-    coldest = min(T[system.b.cell_block].min(), fresh.min() + colder)  # the bound of `lanes.rises`
+    coldest = min(T[system.b.cell_block].min(), fresh.min() + colder)  # the bound of `contact_lanes.lane_rises`
     np.maximum(road, C0 + coldest, out=road)
     mesh.planes(cells)[mesh.road] = road
     return cells if moment.direction > 0 else mesh.planes(cells)[mesh.mirror].ravel()
 
 
 def build_run(balance: HeatBalance, march_state: MarchState, title: str) -> Run:
-    """The Run of a march that has come to its end."""
+    """The `Run` of a march that is complete."""
     scene, r, maps = balance.scene, march_state.records, march_state.frames.stack_rows()
     arrays = ("time", "repetition", "slid", "T_block", "T_spot", "T_road", "T_wake", "pressure", "friction", "worn")
     profiles: dict[str, Any] = {name: np.array(r[name]) for name in (*arrays, "tilt", "frames")}

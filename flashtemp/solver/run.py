@@ -1,4 +1,4 @@
-"""The result of a run: T(x, t) with everything needed to trust, redraw and repeat it."""
+"""The result of a run: temperatures over position and time, energies, and the files they are written to."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class Run(DisplayMixin):
     `field` (frames, cells), road cells as lane means; `conductivity` W/(m K) of block, (n_block,) where it has layers,
     and road.
     In 3D profiles are means across y, and `maps` {name: (frames, lines, planes)} resolve them.
-    x, `mesh` and `tilt` are the block's own whichever way it slides; where it slides back at all, `direction` (n,) is
-    1 or -1, and `T_wake` behind it and `T_ahead` (n, lines before it) count from the edge that leads.
+    x, `mesh` and `tilt` refer to the block whichever way it slides.  If it slides back at all, `direction` (n,) is 1 or
+    -1, and `T_wake` behind it and `T_ahead` (n, lines before it) count from the edge that leads.
     """
 
     title: str
@@ -61,7 +61,7 @@ class Run(DisplayMixin):
 
     @property
     def x(self) -> np.ndarray:
-        """Line centres under the block, m from the edge that leads while it slides forward."""
+        """Line centres under the block, m from the edge that leads in forward sliding."""
         return self.mesh.x_block
 
     @property
@@ -76,15 +76,15 @@ class Run(DisplayMixin):
 
     @property
     def _leading_edge_mesh(self) -> Mesh:
-        """The mesh with x from the leading edge; it is its own mirror image where either edge leads at times."""
+        """The mesh with x from the leading edge; a mesh for both directions is its own mirror image."""
         return self.mesh if self.direction is None or np.any(self.direction > 0) else self.mesh.mirrored()
 
     def leading_line_index(self, k: int) -> int:
-        """Index among the lines under the block of the one whose edge leads at time number k: 0 or -1."""
+        """Index of the leading line under the block at time number k: 0, or -1 while it slides back."""
         return 0 if self.direction is None or self.direction[k] > 0 else -1
 
     def section(self, frame: int, plane: int | None = None) -> np.ndarray:
-        """Temperatures (n_plane,) degC of a frame in one plane (x, z), the one in the middle if none is given."""
+        """Temperatures (n_plane,) degC of a frame in one plane (x, z), by default the middle of the width."""
         cells, n = self.mesh.planes(self.field[frame]), self.mesh.n_across
         return cells[:, (n - 1) // 2 : n // 2 + 1].mean(axis=1) if plane is None else cells[:, plane]
 
@@ -94,7 +94,7 @@ class Run(DisplayMixin):
         return int(np.flatnonzero(self.sliding)[-1])
 
     def at_x(self, values: np.ndarray, x: float) -> float:
-        """A profile (lines,) at a place; the outermost cells are held."""
+        """Value of a profile (lines,) at x (m), constant beyond the centres of the outermost cells."""
         return float(np.interp(x, self.x, values))
 
     def at_mean(self, values: np.ndarray) -> float:
@@ -112,7 +112,7 @@ class Run(DisplayMixin):
         out = []
         for r in np.unique(self.repetition[self.sliding]):
             on = self.sliding & (self.repetition == r) & np.isfinite(self.friction)
-            if not on.any():  # nothing slides where the block is alone
+            if not on.any():  # no friction was recorded in this repetition
                 continue
             s, mu = self.slid[on], self.friction[on]
             span = s[-1] - s[0]
@@ -121,7 +121,7 @@ class Run(DisplayMixin):
 
     @cached_property
     def budget(self) -> dict[str, float]:
-        """Where the friction heat went, J per metre across: block, road, holder, air."""
+        """Friction heat and where it went, J per metre across: block, road, holder, air."""
         e = {k: v[-1] for k, v in self.energy.items()}
         return {
             "friction": e["friction"],
@@ -133,9 +133,9 @@ class Run(DisplayMixin):
 
     @cached_property
     def _heat_defects(self) -> tuple[float, float, float]:
-        """Heat missing in the block, heat missing in block and road together, all heat that moved (J per metre).
+        """Heat missing in the block, in block and road together, and all heat that moved (J per metre).
 
-        Both together: across the interface no entry of the ledger stands between them.
+        For both together the heat across the interface cancels, so the second number is free of its integration error.
         """
         e = {k: v[-1] for k, v in self.energy.items()}
         losses = sum(v for k, v in e.items() if k not in NON_LOSS_ENTRIES)
@@ -145,19 +145,19 @@ class Run(DisplayMixin):
 
     @cached_property
     def energy_imbalance(self) -> float:
-        """Heat that appeared or vanished in block and road together, relative to all that moved."""
+        """Heat created or lost in block and road together, relative to all heat that moved."""
         _, both, moved = self._heat_defects
         return float(abs(both) / moved)
 
     @cached_property
     def partition_error(self) -> float:
-        """Error of the ledger's split between block and road: falls with rtol, unlike the imbalance."""
+        """Error of the split of heat between block and road, relative to all heat that moved; it falls with rtol."""
         block, _, moved = self._heat_defects
         return float(abs(block) / moved)
 
     @cached_property
     def summary(self) -> dict:
-        """The numbers of summary.json (contract 5.3)."""
+        """The numbers of `summary.json`."""
         T, lead = (
             self.T_block[self.last_sliding_index] - self.ambient_degC,
             self.leading_line_index(self.last_sliding_index),
@@ -181,12 +181,12 @@ class Run(DisplayMixin):
 
     @cached_property
     def worn_profile(self) -> np.ndarray:
-        """Rows (x in m, m by how far the face stands back at the end), with the means of the columns."""
+        """Rows (x in m, worn depth in m at the end) of a polyline with the same mean in every column."""
         mesh = self.mesh
         return np.column_stack(line_through_means(mesh.x[mesh.first : mesh.last + 1], self.worn[-1]))
 
     def dataset(self):
-        """The xarray Dataset of run.nc (contract 5.3)."""
+        """The xarray Dataset of `run.nc`."""
         import xarray as xr
 
         along = ("time", "x")
@@ -243,7 +243,7 @@ class Run(DisplayMixin):
         )
 
     def save(self, folder: Path) -> None:
-        """Write run.nc, summary.json, profiles.csv and, of a worn block, worn.csv into a folder that exists."""
+        """Write `run.nc`, `summary.json`, `profiles.csv` and, for a worn block, `worn.csv` to an existing folder."""
         ds = self.dataset()
         ds["time"].encoding["dtype"] = "float64"
         (folder / "run.nc").write_bytes(bytes(ds.to_netcdf(engine="h5netcdf")))

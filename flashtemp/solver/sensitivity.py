@@ -1,8 +1,9 @@
-"""What a small change of each parameter does to everything that a run records.
+"""Sensitivities of a run: the derivative of everything that it records with respect to parameters.
 
-The difference s = (y_moved - y)/step of a neighbouring run obeys ds/dt = [f_moved(t, y + step s) - f(t, y)]/step.
-It is integrated behind the run by BDF2 in sqrt(t) with one Newton correction a step; all neighbours share
-the run's linearisation and preconditioner, so that one costs a fraction of a run.
+For every parameter a perturbed run with the parameter changed by `step` is followed by its difference quotient
+s = (y_perturbed - y)/step, which obeys ds/dt = [f_perturbed(t, y + step s) - f(t, y)]/step.  Each segment of the run is
+integrated first; s follows by BDF2 in sqrt(t), with one Newton correction per step.  All perturbed runs use the run's
+linearisation and preconditioner, so one of them costs a fraction of a run.
 """
 
 from __future__ import annotations
@@ -36,22 +37,20 @@ from flashtemp.solver.recorder import build_run, record_state
 from flashtemp.solver.run import Run
 from flashtemp.solver.system import PhaseSystem
 
-FIRST_STEP_U, MAX_STEP_U = 0.03, 0.1  # first and longest step, in roots of the share of a stretch
-CORRECTION_RATIO = 0.2  # change by the correction over the change in the stretch, from which the next step follows
-FINE_CORRECTION_RATIO, FINE_STEP_WINDOWS = (
-    0.03,
-    4.0,
-)  # the same as long as what slid first may be seen, and for how many windows of sliding it may
+FIRST_STEP_U, MAX_STEP_U = 0.03, 0.1  # first and longest step in u = sqrt(fraction of the segment)
+CORRECTION_RATIO = 0.2  # target of Newton's correction over the largest change in the segment: it sets the next step
+FINE_CORRECTION_RATIO = 0.03  # the same while the front of the road that the block met first is visible
+FINE_STEP_WINDOWS = 4.0  # slid distance for which it may be visible, in lengths of the window
 MAX_STEP_GROWTH = 2.0  # BDF2 is stable up to 2.4
-NEGLIGIBLE_CHANGE_K = 1e-7  # K: a change that need not be followed
+NEGLIGIBLE_CHANGE_K = 1e-7  # K, smallest change that limits the length of steps
 
 
 @dataclass(frozen=True)
 class Perturbation:
-    """A scene with one parameter moved by `step`; nothing differs before the time `start_s` (s).
+    """A scene with one parameter changed by `step`; nothing differs before the time `start_s` (s).
 
-    `is_stretched`: block and schedule may be longer or shorter than the run's; cells and records are then those at the
-    same share of the block's length and height, and of each repetition and wait.
+    With `is_stretched` block and schedule may be longer or shorter than those of the run.  Cells and records then
+    correspond by the fraction of the block's length and height, and by the fraction of each repetition and wait.
     """
 
     scene: Scene
@@ -65,9 +64,9 @@ ParameterName = TypeVar("ParameterName", bound=Hashable)
 
 @dataclass(frozen=True)
 class RunWithSensitivities(Generic[ParameterName]):
-    """A run, and runs (linear in their `steps`) with one parameter moved each.
+    """A run, and one perturbed run per parameter, linear in its step.
 
-    `reference` is the run as the neighbours see it, on their own times: take differences against it.
+    `reference` is the run recorded like the perturbed runs, at the same times: take differences from it.
     """
 
     run: Run
@@ -76,7 +75,7 @@ class RunWithSensitivities(Generic[ParameterName]):
     steps: dict[ParameterName, float]
 
     def derivative_of(self, observe, name: ParameterName) -> np.ndarray:
-        """d(see(run))/d(parameter) for any function of a run that returns an array."""
+        """d(observe(run))/d(parameter) for any function of a run that returns an array."""
         return (observe(self.perturbed[name]) - observe(self.reference)) / self.steps[name]
 
 
@@ -88,27 +87,31 @@ def run_with_sensitivities(
     at=(),
     dense: bool = False,
 ) -> RunWithSensitivities[ParameterName]:
-    """March a scene with neighbours beside it.
+    """Run a scene together with perturbed runs.
 
-    Neighbours are recorded at the times `at` (s) that `settings` asks for too, with `dense` at every fifth of
-    the others besides.  Moves share mesh and schedule with the scene.  Raises SolverFailure, ValueError.
+    Perturbed runs are recorded at those times `at` (s) at which `settings` records the run too; with `dense` also at
+    every fifth of the other recorded times.  Perturbed scenes need the run's mesh and schedule unless they are
+    stretched.  Raises SolverFailure, ValueError.
     """
-    beside = SensitivityIntegrator(scene, perturbations, frozenset(at), dense)
-    run = march(scene, settings, title, sensitivities=beside)
-    level, *moved = (one.to_run(title) for one in beside.perturbed_runs)
-    runs = dict(zip(perturbations, moved, strict=True))
-    return RunWithSensitivities(run, level, runs, {k: m.step for k, m in perturbations.items()})
+    integrator = SensitivityIntegrator(scene, perturbations, frozenset(at), dense)
+    run = march(scene, settings, title, sensitivities=integrator)
+    reference, *perturbed = (one.to_run(title) for one in integrator.perturbed_runs)
+    runs = dict(zip(perturbations, perturbed, strict=True))
+    return RunWithSensitivities(run, reference, runs, {k: m.step for k, m in perturbations.items()})
 
 
 class _PerturbedRun:
-    """One moved scene beside the run: its difference `s` (cells, worn depth, ledger) per unit of the parameter."""
+    """One perturbed scene: its difference quotient `s` (cells, worn depth, ledger) per unit of the parameter.
 
-    def __init__(self, base: HeatBalance, move: Perturbation):
-        scene, plain = move.scene, base.scene
-        mesh = stretch_mesh(plain, scene) if move.is_stretched else _shared_mesh(plain, scene)
+    Only the first `m` entries of `s` count: without the ledger, if the perturbed scene has other ledger entries.
+    """
+
+    def __init__(self, base: HeatBalance, perturbation: Perturbation):
+        scene, plain = perturbation.scene, base.scene
+        mesh = stretch_mesh(plain, scene) if perturbation.is_stretched else _shared_mesh(plain, scene)
         self.scene = replace(scene, mesh=mesh, schedule=replace(scene.schedule, lap=plain.schedule.lap))
-        self.base_schedule, self.shares_clock = plain.schedule, not move.is_stretched
-        self.balance, self.step, self.start_s = HeatBalance(self.scene), move.step, move.start_s
+        self.base_schedule, self.shares_clock = plain.schedule, not perturbation.is_stretched
+        self.balance, self.step, self.start_s = HeatBalance(self.scene), perturbation.step, perturbation.start_s
         start, own, m = base.initial_state(), self.balance.initial_state(), base.worn.stop
         self.m, self.s = base.size if self.balance.ledger == base.ledger else m, np.zeros(m)
         if self.step:
@@ -119,33 +122,33 @@ class _PerturbedRun:
             self.march_state.track = build_track(self.balance, scene.schedule.lap)
 
     def own_state(self, y: np.ndarray, s: np.ndarray) -> np.ndarray:
-        """The neighbour's own state beside a state of the run; a ledger of other entries than the run's is not kept."""
+        """State y + step s of the perturbed run; its ledger is zero if it has other entries than the run's."""
         own, m = np.zeros(self.balance.size), self.m
         own[:m] = y[:m] + self.step * s[:m]
         return own
 
     def own_phase(self, phase: Phase) -> Phase:
-        """The neighbour's own phase at the time of one of the run."""
+        """The phase of the perturbed schedule that corresponds to a phase of the run."""
         return phase if self.shares_clock else corresponding_phase(phase, self.base_schedule, self.scene.schedule)
 
     def own_system(self, phase: Phase, leg: int) -> PhaseSystem:
-        """The neighbour's own system during a phase of its own, or one leg of it."""
+        """The perturbed system during a phase of its own schedule, or during one leg of it."""
         return PhaseSystem(self.balance, phase, build_inflow(self.balance, phase, self.march_state.track), leg)
 
     def remap_road(self, phase: Phase, leg: int, y, s) -> np.ndarray:
-        """The state after the road was put back on the mesh."""
+        """State of the perturbed run after its road was shifted back on the mesh."""
         self.march_state.y = self.own_state(y, s)
         remap_road(self.own_system(self.own_phase(phase), leg), self.march_state)
         return self.march_state.y[: self.m]
 
     def phase_segment(self, phase: Phase, leg: int = 0) -> _PhaseSegment:
-        """The neighbour during one phase of the run's schedule, or one leg of it."""
+        """The perturbed run during one phase of the run's schedule, or during one leg of it."""
         own = self.own_phase(phase)
-        pace = 1.0 if self.shares_clock else (own.end - own.begin) / (phase.end - phase.begin)
-        return _PhaseSegment(self, self.own_system(own, leg), np.zeros(self.balance.size), phase.begin, pace)
+        clock_rate = 1.0 if self.shares_clock else (own.end - own.begin) / (phase.end - phase.begin)
+        return _PhaseSegment(self, self.own_system(own, leg), np.zeros(self.balance.size), phase.begin, clock_rate)
 
     def start_phase(self, before: Phase, phase: Phase, y, s) -> np.ndarray:
-        """The state after the road was made new, or the block turned to slide back."""
+        """State of the perturbed run after a new repetition began, or the block reversed."""
         self.march_state.y = self.own_state(y, s)
         start_phase(self.balance, self.own_phase(before), self.own_phase(phase), self.march_state)
         return self.march_state.y[: self.m]
@@ -155,17 +158,20 @@ class _PerturbedRun:
 
 
 def _shared_mesh(plain: Scene, scene: Scene) -> Mesh:
-    """The mesh of the run for a neighbour that has the same, and its schedule.  Raises ValueError."""
+    """The run's mesh, for a perturbed scene with the same mesh and schedule.  Raises ValueError."""
     if not all(np.array_equal(getattr(scene.mesh, k), getattr(plain.mesh, k)) for k in ("x", "thickness")):
-        raise ValueError("a neighbour needs the mesh of the run")
+        raise ValueError("a perturbed scene needs the mesh of the run")
     if scene.schedule.end_time != plain.schedule.end_time:
-        raise ValueError("a neighbour needs the schedule of the run")
+        raise ValueError("a perturbed scene needs the schedule of the run")
     return plain.mesh
 
 
 @dataclass(frozen=True)
 class _PhaseSegment:
-    """A neighbour `perturbed_run` a run in one phase, with room `rate_buffer` for rates; its clock goes at `clock_rate` since `begin`."""
+    """A perturbed run during one phase: its clock runs `clock_rate` times as fast as the run's from `begin` (s) on.
+
+    `rate_buffer` (size,) is reused by every evaluation of the rate.
+    """
 
     perturbed_run: _PerturbedRun
     system: PhaseSystem
@@ -175,8 +181,10 @@ class _PhaseSegment:
 
     @cached_property
     def _difference_weights(self) -> np.ndarray:
-        """How differences of cells and worn depth count: heat that comes round lies in the columns of lanes, over the
-        width it is a share of that."""
+        """Weights of the differences of cells and worn depth in the step control.
+
+        Heat that comes round is stored in the columns of the lanes; averaged over the width it is a fraction of that.
+        """
         b = self.system.b
         out = np.ones(b.worn.stop)
         if b.laws.has_law("road.inflow"):
@@ -184,15 +192,15 @@ class _PhaseSegment:
         return out
 
     def largest_difference(self, s: np.ndarray) -> float:
-        """Largest difference (K) of cells and worn depth `s`."""
+        """Largest weighted difference of cells (K) and worn depth per unit of the parameter."""
         return float(np.abs(self._difference_weights * s[: len(self._difference_weights)]).max())
 
     def own_time(self, t: float) -> float:
-        """The neighbour's own time (s)."""
+        """Time (s) on the clock of the perturbed run."""
         return t if self.perturbed_run.shares_clock else self.system.phase.begin + self.clock_rate * (t - self.begin)
 
     def own_rate(self, t: float, y: np.ndarray, s: np.ndarray) -> np.ndarray:
-        """Rates of cells, worn depth and ledger, per time of the run."""
+        """Rates of cells, worn depth and ledger per unit of the run's time; valid until the next call."""
         self.system.rate(self.own_time(t), self.perturbed_run.own_state(y, s), self.rate_buffer)
         if not self.perturbed_run.shares_clock:
             self.rate_buffer[:] *= self.clock_rate
@@ -216,7 +224,12 @@ class _PhaseSegment:
 
 
 class SensitivityIntegrator:
-    """All neighbours of a run; `march` calls `integrate_segment` after each stretch and `start_phase` at each new start or turn."""
+    """All perturbed runs of a run.
+
+    `march` calls `integrate_segment` after each segment, `start_phase` at each new repetition or reversal, and
+    `remap_road` when road in its own frame is shifted back on the mesh.  The first entry of `perturbed_runs` has the
+    step 0: it is the reference, evaluated by the same code as the others.
+    """
 
     def __init__(
         self, scene: Scene, perturbations: Mapping[Any, Perturbation], requested_times: frozenset[float], dense: bool
@@ -229,145 +242,159 @@ class SensitivityIntegrator:
         ]
 
     def start_phase(self, before, phase, old: np.ndarray) -> None:
-        """A new repetition begins or the block turns, out of the run's state `old`."""
-        level, *moved = self.perturbed_runs
-        zero = level.start_phase(before, phase, old, level.s)
-        for one in moved:
+        """Start a new repetition, or reverse the block, from the run's state `old`."""
+        reference, *perturbed = self.perturbed_runs
+        zero = reference.start_phase(before, phase, old, reference.s)
+        for one in perturbed:
             if one.start_s < before.end:
                 one.s[: one.m] = (one.start_phase(before, phase, old, one.s) - zero[: one.m]) / one.step
 
     def remap_road(self, phase, leg: int, old: np.ndarray) -> None:
-        """The road in its own frame is put back on the mesh, out of the run's state `old`."""
-        level, *moved = self.perturbed_runs
-        zero = level.remap_road(phase, leg, old, level.s)
-        for one in moved:
+        """Shift the road in its own frame back on the mesh, from the run's state `old`."""
+        reference, *perturbed = self.perturbed_runs
+        zero = reference.remap_road(phase, leg, old, reference.s)
+        for one in perturbed:
             if one.start_s < phase.begin:
                 one.s[: one.m] = (one.remap_road(phase, leg, old, one.s) - zero[: one.m]) / one.step
 
     def integrate_segment(self, phase, path, records, leg: int = 0) -> None:
-        """Integrate the differences over a stretch of which the run took the steps `path`."""
-        level, *moved = self.perturbed_runs
+        """Integrate the differences over a segment in which the run took the steps `path`."""
+        reference, *perturbed = self.perturbed_runs
         times = self._record_times(phase, records)
-        live = [one for one in moved if one.start_s < phase.end]
-        idle = [one for one in moved if one.start_s >= phase.end]
-        for one in live:
-            if phase.begin <= one.start_s and one.march_state.track is not None and level.march_state.track is not None:
-                kept: dict[str, Any] = {k: list(getattr(level.march_state.track, k)) for k in TRACK_FIELDS}
-                one.march_state.track = replace(one.march_state.track, **kept)
-        S = np.array([one.s for one in live]).reshape(len(live), len(level.s))
+        active = [one for one in perturbed if one.start_s < phase.end]
+        unchanged = [one for one in perturbed if one.start_s >= phase.end]
+        base_track = reference.march_state.track
+        for one in active:  # until its first difference a perturbed run has the track of the reference
+            if phase.begin <= one.start_s and one.march_state.track is not None and base_track is not None:
+                stored: dict[str, Any] = {k: list(getattr(base_track, k)) for k in TRACK_FIELDS}
+                one.march_state.track = replace(one.march_state.track, **stored)
+        S = np.array([one.s for one in active]).reshape(len(active), len(reference.s))
         S = _integrate_differences(
             phase,
             StateInterpolant(path),
-            level.phase_segment(phase, leg),
-            [one.phase_segment(phase, leg) for one in live],
+            reference.phase_segment(phase, leg),
+            [one.phase_segment(phase, leg) for one in active],
             S,
             times,
         )
-        for k, one in enumerate(live):
+        for k, one in enumerate(active):
             one.s = S[k]
-        for one in idle:  # what the run recorded holds for them too
-            _copy_records(level.march_state, one.march_state, phase)
+        for one in unchanged:  # they have the records of the reference
+            _copy_records(reference.march_state, one.march_state, phase)
 
     def _record_times(self, phase, records) -> list[tuple[float, bool]]:
-        """When neighbours are recorded in a stretch, and whether with all cells."""
-        own = [t for t in records["time"] if phase.begin < t <= phase.end or t == phase.begin == 0.0]
-        other = [t for t in own if t not in self.requested_times]
-        kept = set(other[4::5]) if self.dense else set()
-        kept |= {own[-1]} | ({0.0} & set(own))
-        return [(t, t in self.requested_times or t == 0.0) for t in own if t in self.requested_times or t in kept]
+        """Times (s) at which perturbed runs are recorded in a segment, and whether with all cells."""
+        recorded = [t for t in records["time"] if phase.begin < t <= phase.end or t == phase.begin == 0.0]
+        other = [t for t in recorded if t not in self.requested_times]
+        extra = set(other[4::5]) if self.dense else set()
+        extra |= {recorded[-1]} | ({0.0} & set(recorded))
+        return [(t, t in self.requested_times or t == 0.0) for t in recorded if t in self.requested_times or t in extra]
 
 
 def _integrate_differences(
-    phase, path: StateInterpolant, level: _PhaseSegment, live: list[_PhaseSegment], S, times
+    phase, path: StateInterpolant, reference: _PhaseSegment, perturbed: list[_PhaseSegment], S, times
 ) -> np.ndarray:
-    """Differences (k, cells, worn depth, ledger) of live neighbours at the end of a stretch; S those at its start.
+    """Differences (k, cells + worn depth + ledger) at the end of a segment from those at its start, S.
 
-    Steps are taken in u, with t = begin + span u^2: heat that begins to flow goes as sqrt(t), and BDF2 is exact for
-    parabolas of u.  The ledger follows the rest and has no say in the length of steps.
+    Steps are taken in u with t = begin + span u^2, because temperatures grow as sqrt(t) when heat begins to flow, and
+    BDF2 is exact for parabolas in u.  The ledger does not influence the length of steps.
     """
-    m = level.system.b.worn.stop
-    longest = (
-        0.5 * MAX_STEP_U if level.system.b.laws.has_law("road.inflow") else MAX_STEP_U
-    )  # what comes round changes all the time
-    begin, size = S, np.array([0.05 * one.largest_difference(s) for one, s in zip(live, S, strict=True)])
-    size = np.maximum(size, [NEGLIGIBLE_CHANGE_K / abs(one.perturbed_run.step) for one in live])
+    m = reference.system.b.worn.stop
+    # road that comes round enters with a temperature that changes all the time: shorter steps resolve it
+    longest = 0.5 * MAX_STEP_U if reference.system.b.laws.has_law("road.inflow") else MAX_STEP_U
+    begin, size = S, np.array([0.05 * one.largest_difference(s) for one, s in zip(perturbed, S, strict=True)])
+    size = np.maximum(size, [NEGLIGIBLE_CHANGE_K / abs(one.perturbed_run.step) for one in perturbed])
     old, before = S, 0.0
-    span, soon = phase.end - phase.begin, _fine_step_distance(phase, level, times)
+    span, fine_until = phase.end - phase.begin, _fine_step_distance(phase, reference, times)
     u, h, times = 0.0, FIRST_STEP_U, list(times)
     if times and times[0][0] <= phase.begin:
-        _record_all(path, level, live, times.pop(0), S)
+        _record_all(path, reference, perturbed, times.pop(0), S)
     while u < 1.0:
         new = 1.0 if 1.0 - u < 1.5 * h else u + h
         h = new - u
         t = phase.end if new == 1.0 else phase.begin + span * new**2
-        after, change = _bdf2_step(path(t), t, 2.0 * new * span, (h, before), (old, S), level, live)
+        after, change = _bdf2_step(path(t), t, 2.0 * new * span, (h, before), (old, S), reference, perturbed)
         while times and times[0][0] <= t * (1 + 1e-12):
             at = times.pop(0)
             reached = float(np.sqrt((at[0] - phase.begin) / span))
-            _record_all(path, level, live, at, interpolate_quadratic(reached, (u - before, u, new), (old, S, after)))
+            _record_all(
+                path, reference, perturbed, at, interpolate_quadratic(reached, (u - before, u, new), (old, S, after))
+            )
         old, S, before, u = S, after, h, new
         if phase.sliding:
             y = path(t)
-            level.store_own_column(t, y, level.perturbed_run.s)
-            for one, s in zip(live, S, strict=True):
+            reference.store_own_column(t, y, reference.perturbed_run.s)
+            for one, s in zip(perturbed, S, strict=True):
                 one.store_own_column(t, y, s)
-        size = np.maximum(size, [one.largest_difference(s) for one, s in zip(live, S - begin, strict=True)])
+        size = np.maximum(size, [one.largest_difference(s) for one, s in zip(perturbed, S - begin, strict=True)])
         moved = np.abs(change[:, :m]).max(axis=1, initial=0.0) / size
-        error = float(np.sqrt(np.mean(moved**2))) if live else 0.0
-        close = FINE_CORRECTION_RATIO if soon and level.system.moment(t).slid < soon else CORRECTION_RATIO
+        error = float(np.sqrt(np.mean(moved**2))) if perturbed else 0.0
+        close = (
+            FINE_CORRECTION_RATIO if fine_until and reference.system.moment(t).slid < fine_until else CORRECTION_RATIO
+        )
         h = min(h * float(np.clip(np.sqrt(close / max(error, 1e-12)), 0.5, MAX_STEP_GROWTH)), longest)
     return S
 
 
-def _fine_step_distance(phase, level: _PhaseSegment, times) -> float:
-    """How far (m) the block slides while the front of the road that it met first is in the window, or smeared by long
-    steps, where one of the `times` asked for with all cells falls in; else 0."""
-    reach = FINE_STEP_WINDOWS * float(level.system.b.scene.mesh.x[-1])
-    seen = phase.sliding and any(frame and level.system.moment(t).slid < reach for t, frame in times)
-    return reach if seen else 0.0
+def _fine_step_distance(phase, reference: _PhaseSegment, times) -> float:
+    """Slid distance (m) with fine steps: while the front of the road that the block met first is in the window.
+
+    Long steps would smear that front.  The distance is 0 if no field of all cells is recorded within it.
+    """
+    reach = FINE_STEP_WINDOWS * float(reference.system.b.scene.mesh.x[-1])
+    is_recorded = phase.sliding and any(frame and reference.system.moment(t).slid < reach for t, frame in times)
+    return reach if is_recorded else 0.0
 
 
 def _bdf2_step(
-    y, t: float, pace: float, steps: tuple[float, float], last, level: _PhaseSegment, live: list[_PhaseSegment]
+    y,
+    t: float,
+    dt_du: float,
+    steps: tuple[float, float],
+    last,
+    reference: _PhaseSegment,
+    perturbed: list[_PhaseSegment],
 ):
-    """Differences after a step of BDF2 to the time t (s), where the run is at y, and Newton's correction.
+    """Differences after a step of BDF2 to time t (s), where the run's state is y, and Newton's correction.
 
-    `steps` in u, this one and that before, of which the latter is 0 for the first: that is Euler's; `clock_rate` dt/du.
-    `last` differences before and after the step before.
+    `steps` are the lengths in u of this step and of the one before; a 0 for the latter makes it an implicit Euler step.
+    `dt_du` is in s; `last` are the differences before and after the previous step.  The predictor is linear.
     """
     (h, before), (old, S) = steps, last
     w = h / before if before else 0.0
-    gamma = pace * h * (1 + w) / (1 + 2 * w)
-    guess = S + w * (S - old) if before else S
-    known = ((1 + w) ** 2 * S - w * w * old) / (1 + 2 * w) if before else S
-    start = level.own_rate(t, y, level.perturbed_run.s)
+    gamma = dt_du * h * (1 + w) / (1 + 2 * w)
+    predicted = S + w * (S - old) if before else S
+    history = ((1 + w) ** 2 * S - w * w * old) / (1 + 2 * w) if before else S
+    start = reference.own_rate(t, y, reference.perturbed_run.s)
     R = np.empty_like(S)
-    for k, one in enumerate(live):
+    for k, one in enumerate(perturbed):
         n = one.perturbed_run.m
-        R[k] = known[k] - guess[k]
+        R[k] = history[k] - predicted[k]
         R[k, :n] = (
-            known[k, :n] + gamma * (one.own_rate(t, y, guess[k]) - start[:n]) / one.perturbed_run.step - guess[k, :n]
+            history[k, :n]
+            + gamma * (one.own_rate(t, y, predicted[k]) - start[:n]) / one.perturbed_run.step
+            - predicted[k, :n]
         )
-    b = level.system.b
+    b = reference.system.b
     change = solve_shifted_system(
-        level.system.linearise(t, level.perturbed_run.own_state(y, level.perturbed_run.s), gamma),
+        reference.system.linearise(t, reference.perturbed_run.own_state(y, reference.perturbed_run.s), gamma),
         b.size,
         b.worn.stop,
         R,
     )
-    return guess + change, change
+    return predicted + change, change
 
 
-def _record_all(path: StateInterpolant, level: _PhaseSegment, live: list[_PhaseSegment], at, S) -> None:
+def _record_all(path: StateInterpolant, reference: _PhaseSegment, perturbed: list[_PhaseSegment], at, S) -> None:
     t, frame = at
     y = path(t)
-    level.record_own(t, y, level.perturbed_run.s, frame)
-    for one, s in zip(live, S, strict=True):
+    reference.record_own(t, y, reference.perturbed_run.s, frame)
+    for one, s in zip(perturbed, S, strict=True):
         one.record_own(t, y, s, frame)
 
 
 def _copy_records(source: MarchState, target: MarchState, phase) -> None:
-    """Records of a stretch in which nothing differs yet."""
+    """Copy the records of a segment in which a perturbed run does not differ from the reference yet."""
     target.records.setdefault("ledger", source.records["ledger"])
     time, frames = source.records["time"], source.records["frames"]
     for i, t in enumerate(time):

@@ -1,4 +1,4 @@
-"""The balance during one phase of the schedule as CVODE asks for it: the rate dy/dt and its linearisation."""
+"""The heat balance during one phase of the schedule, as CVODE needs it: the rate dy/dt and its linearisation."""
 
 from __future__ import annotations
 
@@ -25,15 +25,14 @@ from flashtemp.solver.linearisation import (
     outflow_slopes,
 )
 
-INTEGRATOR_ATOL_K = (
-    1e-3  # the integrator's default absolute tolerance: smaller undershoots are not told from its errors
-)
+INTEGRATOR_ATOL_K = 1e-3  # default absolute tolerance of the integrator: smaller undershoots are within its error
 
 
 class RoadInflow(NamedTuple):
-    """What the entering road carries, rises (n_road n_across,) K: `earlier_rise` of earlier passes, averaged across y.
+    """Temperature rises (n_road n_across,) K of the entering road.
 
-    Where the block slides back over road that it has just left, what it gave its columns comes `revisited_rise` beside that.
+    `earlier_rise` is what earlier passes left, averaged across y over lanes and gaps.  `own_rise` is what this pass
+    left in the columns, where the block slides back over road that it has just left.
     """
 
     earlier_rise: np.ndarray
@@ -45,12 +44,12 @@ InflowLaw = Callable[[LawContext], RoadInflow]
 
 @dataclass(frozen=True)
 class PhaseSystem:
-    """The balance during one phase of the schedule: everything fixed but time and state."""
+    """The heat balance during one phase of the schedule, as a function of time and state."""
 
     b: HeatBalance
     phase: Any
     inflow: InflowLaw | None = None
-    leg: int = 0  # of the road in its own frame
+    leg: int = 0  # number of the leg, for road in its own frame
     solid: conduction.SolidPlane | conduction.SolidSlab = field(init=False)
     interface: ContactInterface = field(init=False)
     cache: SystemCache = field(init=False, default_factory=SystemCache)
@@ -61,7 +60,7 @@ class PhaseSystem:
 
     # --- what acts now -----------------------------------------------------------------------
     def moment(self, t: float) -> LawContext:
-        """The moment with the ambient temperature of the time."""
+        """The context for laws at time t (s), with the ambient temperature at that time."""
         if self.cache.now is not None and self.cache.now.t == t:
             return self.cache.now
         now = self.b.scene.law_context(self.phase, t)
@@ -72,7 +71,10 @@ class PhaseSystem:
         return now
 
     def film_coefficients(self, now: LawContext) -> FilmCoefficients:
-        """All films at a moment: those of the base change with whether the block touches, and with the air, alone."""
+        """All heat-transfer coefficients at a moment.
+
+        They are cached: those of the base model depend on the ambient temperature and on whether the block touches.
+        """
         recent, boundary = self.cache, self.b.boundary
         if now is not recent.now:
             return boundary.film_coefficients(now)
@@ -82,47 +84,49 @@ class PhaseSystem:
         return recent.films
 
     def incoming_road(self, now) -> np.ndarray:
-        """Rises (2, n_road n_across) of columns of the road that enters now, deepest first, and what of it is in lanes.
+        """Rises (2, n_road n_across) K of the columns of road that enter now, deepest first.
 
-        Where the block slides back, as they were before the block was on them.
+        Row 0 is the whole rise, row 1 the part of it that earlier passes left in the lanes.  Where the block slides
+        back, both are those from before the block was on that road.
         """
         recent = self.cache
         if now is recent.now and recent.road is not None:
             return recent.road
         if self.inflow is None:
-            met = np.stack([self.b.no_inflow + now.ambient - self.b.scene.ambient, self.b.no_inflow])
+            road = np.stack([self.b.no_inflow + now.ambient - self.b.scene.ambient, self.b.no_inflow])
         else:
-            met = self.road_after_passes(now, self.inflow(now).earlier_rise)
+            road = self.road_after_passes(now, self.inflow(now).earlier_rise)
         if now is recent.now:
-            recent.road = met
-        return met
+            recent.road = road
+        return road
 
     def incoming_rise(self, now) -> np.ndarray:
-        """Temperature rise (n_road n_across,) of columns of the road that enters now: `incoming_road`."""
+        """Temperature rise (n_road n_across,) K of the columns of road that enter now: row 0 of `incoming_road`."""
         columns: np.ndarray = self.incoming_road(now)[0]
         return columns
 
     def road_after_passes(self, now, carried: np.ndarray) -> np.ndarray:
-        """`incoming_road` (..., 2, n_road n_across) on which earlier passes left `earlier_rise` across y, as effects let it come.
+        """`incoming_road` (..., 2, n_road n_across) for a mean rise `carried` (..., n_road n_across) of earlier passes.
 
-        Heat of earlier passes lies in the columns, which are a share of the width, and has widened (theory 2a).
+        The law `road.inflow` decides how much of it applies.  Only the difference that the law makes is heat of earlier
+        passes; it lies in the columns, a fraction of the width, so it is divided by that fraction (theory.md, 1.5).
         """
         cold = now.ambient - self.b.scene.ambient + 0.0 * carried
         before, after = (
-            self.b.laws("road.inflow", cold, None, now.with_fields(carried=left)) for left in (0.0 * carried, carried)
+            self.b.laws("road.inflow", cold, None, now.with_fields(carried=rise)) for rise in (0.0 * carried, carried)
         )
-        own = (after - before) / self.b.share
-        return np.stack([before + own, own], axis=-2)
+        in_lanes = (after - before) / self.b.share
+        return np.stack([before + in_lanes, in_lanes], axis=-2)
 
     def undisturbed_road(self, now, behind: np.ndarray) -> np.ndarray:
-        """`incoming_road` (places, 2, n_road n_across) that is `behind` (m) the window's edge, had it met no block since.
+        """Road (places, 2, n_road n_across) `behind` (m) the upstream edge of the window, as it was when it entered.
 
-        Where the block slides back, that of the road that enters now.
+        Where the block slides back, it is the road that enters now.
         """
         return self._evaluate_behind(self.incoming_road, now, behind, (2, len(self.b.no_inflow)))
 
     def earlier_pass_rise(self, now, behind: np.ndarray) -> np.ndarray:
-        """Rises (places, n_road n_across) of its columns that earlier passes left, whatever effects let come round."""
+        """Rises (places, n_road n_across) K that earlier passes left in full in the columns, at places `behind` (m)."""
         if self.inflow is None:
             return np.zeros((len(behind), len(self.b.no_inflow)))
         inflow, share = self.inflow, self.b.share
@@ -133,33 +137,33 @@ class PhaseSystem:
     def _evaluate_behind(
         self, what: Callable[..., np.ndarray], now, behind: np.ndarray, shape: tuple[int, ...]
     ) -> np.ndarray:
-        """Something, of a `shape`, of the road that enters, for road that came in `behind` (places,) m ago."""
+        """A function of the entering road, with values of a `shape`, for road that entered `behind` (places,) m ago."""
         if self.inflow is None or self.phase.turned > -np.inf:
             return np.broadcast_to(what(now), (len(behind), *shape))
         if len(behind) == 0:
             return np.zeros((0, *shape))
-        came = what(now.with_fields(passed=now.passed - behind[:, None]))
-        return np.broadcast_to(came, (len(behind), *shape))
+        entered = what(now.with_fields(passed=now.passed - behind[:, None]))
+        return np.broadcast_to(entered, (len(behind), *shape))
 
     def revisited_rise(self, now) -> np.ndarray | float:
-        """Rise (n_road n_across,) K by which columns of road enter hotter, since the block has just been on them."""
+        """Rise (n_road n_across,) K that this pass left in the columns that enter now; 0 without a return pass."""
         return 0.0 if self.inflow is None else self.inflow(now).own_rise
 
     def solve_contact(self, now, y) -> SolvedContact:
-        """Block and road at a state y as `to_block_frame`: pressure, contact laws and, unless the block is lifted, fluxes."""
+        """Pressure, contact laws and, unless the block is lifted, fluxes at a state y in the block's frame."""
         T = self.b.temperature_rise(y[: self.b.n])
         return self.interface.solve_contact(
             now, self.b.worn_depth(y), T, self.incoming_road(now), self.solid.conductivity_factor(T, now)
         )
 
     def contact_if_needed(self, now, y, T, kf, slopes: bool = False) -> SolvedContact | None:
-        """The contact where any heat may depend on it: not where the block is lifted and no law sees the contact."""
+        """The solved contact, or None if no heat depends on it: for a lifted block without laws of the contact."""
         if not (now.touching or self.b.boundary.has_local_laws):
             return None
         return self.interface.solve_contact(now, self.b.worn_depth(y), T, self.incoming_road(now), kf, slopes)
 
     def moment_for_laws(self, contact: SolvedContact | None, now):
-        """The moment as laws of heat see it: where there are only films it is not told the contact, which they miss."""
+        """The context for laws of heat, with contact fields only if a law on a patch or in a zone may use them."""
         return (
             now
             if contact is None or not self.b.boundary.has_local_laws
@@ -167,13 +171,13 @@ class PhaseSystem:
         )
 
     def uniform_pressure_moment(self, now) -> LawContext:
-        """The moment as laws of the contact see it where the mean pressure acts everywhere, whatever the state is."""
-        even = np.full(len(self.b.scene.mesh.column_x), now.pressure)
-        seen: LawContext = self.interface.moment_at_contact(self.interface.contact_state(now, even), now)
-        return seen
+        """The context for laws of the contact with the mean pressure everywhere; it does not depend on the state."""
+        uniform = np.full(len(self.b.scene.mesh.column_x), now.pressure)
+        context: LawContext = self.interface.moment_at_contact(self.interface.contact_state(now, uniform), now)
+        return context
 
     def coldest_rise(self, t: float) -> float:
-        """Rise (K) of the coldest thing around at time t (s); -inf where a law of heat cools below all of them."""
+        """Rise (K) of the coldest surroundings at time t (s); -inf if a law of heat cools below all of them."""
         b, now = self.b, self.moment(t)
         around = [0.0, now.ambient - b.scene.ambient, float(np.min(self.incoming_rise(now)))]
         for entries in b.laws.films.values():
@@ -183,7 +187,7 @@ class PhaseSystem:
 
     @cached_property
     def undershoot_floor(self) -> float:
-        """Enthalpy rise (K) that advection takes no face of the road below; -inf where a law of heat cools."""
+        """Lower bound of the enthalpy rise (K) on faces of the road (theory.md, section 8); -inf if a law cools."""
         phase, b = self.phase, self.b
         times = np.linspace(phase.begin, phase.end, 9)
         air = min(self.moment(t).ambient for t in times) - b.scene.ambient
@@ -191,11 +195,11 @@ class PhaseSystem:
         return float(self.incoming_enthalpy(np.full(len(b.no_inflow), low - INTEGRATOR_ATOL_K))[0])
 
     def incoming_enthalpy(self, T_in: np.ndarray) -> np.ndarray:
-        """Enthalpy rise (n_road n_across,) of road that enters with a rise T_in."""
+        """Enthalpy rise (n_road n_across,) K of road that enters with a temperature rise T_in."""
         return self.b.enthalpy_rise(T_in)
 
     def to_block_frame(self, now, y: np.ndarray) -> np.ndarray:
-        """A state as it lies under the block: road in its own frame is moved on, behind road that enters."""
+        """A state in the block's frame: road stored in its own frame is shifted, and entering road is filled in."""
         frame = self.b.road_frame
         if frame is None:
             return y
@@ -209,14 +213,18 @@ class PhaseSystem:
         if b.road_frame is None:
             return self._block_frame_rate(now, y, out)
         y, k = self.to_block_frame(now, y), b.road_frame.shifted_lines(now.passed, self.leg)
-        moved = np.empty_like(out)
-        self._block_frame_rate(now, y, moved)
-        front = b.road_frame.to_memory_frame(moved, k, out, 0.0)
+        block_rate = np.empty_like(out)
+        self._block_frame_rate(now, y, block_rate)
+        # road that has not entered yet is no state: its heat is booked as if it left, so the balance closes
+        front = b.road_frame.to_memory_frame(block_rate, k, out, 0.0)
         out[b.ledger_index["lane_out"]] += b.road_heat(front)
         return None
 
     def _block_frame_rate(self, now, y: np.ndarray, out: np.ndarray) -> None:
-        """The rate at a state as `to_block_frame`."""
+        """The rate at a state in the block's frame.
+
+        `q` is a view of `out`: boundary and contact add heat in W/m to it, and `heat_to_rates` turns it into K/s.
+        """
         b, n = self.b, self.b.n
         h = y[:n]
         T = b.temperature_rise(h)
@@ -244,19 +252,19 @@ class PhaseSystem:
             raise SolverFailure("the heat balance is no longer finite")
 
     def _add_contact_heat(self, state, flux, q, led) -> None:
-        """Add the heat of the contact to cells (W/m) and ledger."""
+        """Add the heat of the contact to the cells `q` (W/m) and to the ledger `led`."""
         b, area = self.b, self.b.scene.mesh.column_area
-        block, road, up, down, made = common_dtype(
+        block, road, up, down, friction = common_dtype(
             state.block_coverage, state.road_coverage, flux.into_block, flux.into_road, flux.heat
         )
-        heat, taken, given = kernels_contact.add_contact_heat(b.cell_block, block, road, area, up, down, made, q)
-        state.touched_road.add_heat(given, q)
+        heat, taken, in_cells = kernels_contact.add_contact_heat(b.cell_block, block, road, area, up, down, friction, q)
+        state.touched_road.add_heat(in_cells, q)
         if len(b.deposit_weights):
             kernels_2d.deposit_heat(b.deep_cells, b.deposit_weights, state.block_coverage * flux.deep * area, q)
         led["friction"], led["into_road"] = heat.sum(), taken.sum()
 
     def _road_outflow(self, T, h, T_in, h_in, advection):
-        """Heat (W/m) that the road carries out of the window, less what it brings in."""
+        """Heat (W/m) that the road carries out of the window, minus what it brings in."""
         b, mesh = self.b, self.b.scene.mesh
         first, before, last = b.outflow_cells
         leave = kernels_contact.road_outflow(
@@ -266,13 +274,13 @@ class PhaseSystem:
 
     # --- linearisation -------------------------------------------------------------------------
     def linearise(self, t: float, y: np.ndarray, gamma: float) -> LinearisedSystem | ShiftedLinearisation:
-        """The balance linearised at (t, y), with P = I - gamma J factorised by depth lines."""
+        """The balance linearised at (t, y), with the preconditioner P of I - gamma J factorised by depth lines."""
         now, frame = self.moment(t), self.b.road_frame
         at = self._linearise_state(now, self.to_block_frame(now, y), gamma)
         return at if frame is None else ShiftedLinearisation(at, frame, frame.shifted_lines(now.passed, self.leg))
 
     def _linearise_state(self, now, y: np.ndarray, gamma: float) -> LinearisedSystem:
-        """Around a state as `to_block_frame`."""
+        """The linearisation around a state in the block's frame."""
         b = self.b
         T = b.temperature_rise(y[: b.n])
         kf = self.solid.conductivity_factor(T, now)
@@ -301,7 +309,7 @@ class PhaseSystem:
     def _wall_slopes(
         self, contact: SolvedContact | None, now: LawContext, T, kf
     ) -> list[tuple[str, np.ndarray, np.ndarray]]:
-        """Slopes of the heat of walls: films on a body of constant conductivity keep theirs while they are the same."""
+        """Derivatives of boundary heat; cached for heat-transfer coefficients on bodies of constant conductivity."""
         recent, boundary, films = self.cache, self.b.boundary, self.film_coefficients(now)
         if boundary.has_local_laws or kf is not self.b.ones:
             return boundary.heat_slopes(self.moment_for_laws(contact, now), films, T, kf)

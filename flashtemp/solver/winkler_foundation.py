@@ -1,10 +1,11 @@
-"""Nominal contact pressure of a rubber block pressed on a road by its holder: a spring foundation.
+"""Nominal contact pressure of a rubber block on a spring (Winkler) foundation.
 
-Pressure follows from the load at every instant, and from the friction moment where the holder can
-turn (theory 7.1).  With f = p_mean shape - k_n w, the pressure of the worn block before it settles:
+Pressure balances the load at every instant, and the friction moment if the holder can tilt (theory.md, section 7.1).
+With f = p_mean shape - k_n w, the pressure of the worn block before the holder moves:
+
     p = max(0, f + c + t xi),      xi = 1 - 2x/L,
-    sum p dx = P,                  approach c of the holder, Pa,
-    (L/2) sum p xi dx + K t = M    tilt t of the holder, Pa at the leading edge; K = inf: t = 0.
+    sum p dx = P,                  c approach of the holder, Pa,
+    (L/2) sum p xi dx + K t = M    t tilt of the holder, Pa at the leading edge; K = inf: t = 0.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from flashtemp.solver import kernels_contact
 
 
 class PressureSolution(NamedTuple):
-    """Local pressure (lines,) Pa, by how much the tilt lowers the leading edge (m), lines in contact, and K (m2)."""
+    """Local pressure (columns,) Pa, lowering of the leading edge by the tilt (m), columns in contact, and K (m2)."""
 
     pressure: np.ndarray
     tilt: float
@@ -31,7 +32,7 @@ class PressureSolution(NamedTuple):
 
 @dataclass(frozen=True)
 class SpringFoundation:
-    """Lines of width `dx` (m) at `x` (m) under a block of `length` (m) and `stiffness` k_n (Pa/m)."""
+    """Columns of area `dx` (m2 per m across) at `x` (m) under a block of `length` (m) and `stiffness` k_n (Pa/m)."""
 
     x: np.ndarray
     dx: np.ndarray
@@ -40,20 +41,20 @@ class SpringFoundation:
 
     @cached_property
     def _edge_coordinate(self) -> np.ndarray:
-        """1 at the leading edge (lines,), -1 at the trailing one."""
+        """1 at the leading edge (columns,), -1 at the trailing one."""
         xi: np.ndarray = 1.0 - 2.0 * self.x / self.length
         return xi
 
     @cached_property
     def _total_length(self) -> float:
-        """Length of all lines, m."""
+        """Sum of `dx`, m."""
         return float(self.dx.sum())
 
     def solve_equilibrium(self, unloaded, mean: float, moment=0.0, tilt_stiffness: float = np.inf) -> PressureSolution:
         """Pressure that carries the `mean` (Pa) and, where `tilt_stiffness` K is finite, the `moment` (N per m).
 
-        `unloaded` f (lines,) Pa.  Lines that would have to pull are lifted off.  Complex f or moment
-        pass their derivative on.  Raises SolverFailure when the block tips over.
+        `unloaded` is f (columns,) Pa.  Columns that would have to pull lift off.  A complex step in f or moment passes
+        through.  Raises SolverFailure if the block tips over.
         """
         load = mean * self._total_length
         if load == 0:
@@ -65,9 +66,8 @@ class SpringFoundation:
             and unloaded.min() >= 0
             and abs(unloaded @ self.dx - load) <= 1e-14 * load
         ):
-            return PressureSolution(
-                unloaded, 0.0, np.ones(len(unloaded), dtype=bool), tilt_stiffness
-            )  # carried as it is: not a bit changes
+            # it carries the load already: return it unchanged to the last bit
+            return PressureSolution(unloaded, 0.0, np.ones(len(unloaded), dtype=bool), tilt_stiffness)
         if np.iscomplexobj(unloaded) or np.iscomplexobj(moment):
             unloaded, moment = unloaded + 0j, moment + 0j
         stiff, touching, pressure = (
@@ -75,20 +75,23 @@ class SpringFoundation:
             np.ones(len(unloaded), dtype=np.bool_),
             np.empty_like(unloaded),
         )
-        t, found = _balance_load(
+        t, converged = _balance_load(
             unloaded, self.dx, self._edge_coordinate, 0.5 * self.length, load, moment, stiff, guided, touching, pressure
         )
-        if not found:
-            raise SolverFailure("the friction moment tips the block over its edge: no pressure carries it")
+        if not converged:
+            raise SolverFailure("the friction moment tips the block over its edge: no contact pressure balances it")
         if abs(pressure.real @ self.dx - load) > 1e-8 * load:
-            raise SolverFailure("no pressure was found that carries load and friction moment; stiffen the holder")
+            raise SolverFailure(
+                "no contact pressure balances load and friction moment; use a stiffer holder "
+                "(friction_moment.compliance)"
+            )
         return PressureSolution(pressure, t / self.stiffness, touching, tilt_stiffness)
 
     def pressure_response(self, solution: PressureSolution) -> SpringResponse:
-        """How pressure answers to abrasion around a settled state."""
+        """Linear response of the pressure to worn depth around a solution."""
         on = solution.touching.astype(float)
         U, V = on[:, None], (self.dx * on)[None]
-        G = V @ U if solution.touching.any() else np.eye(1)  # no load: nothing answers
+        G = V @ U if solution.touching.any() else np.eye(1)  # no contact: the response is zero
         if solution.tilt_stiffness < np.inf and solution.touching.any():
             xi = self._edge_coordinate
             U = np.stack([on, xi * on], axis=1)
@@ -99,9 +102,10 @@ class SpringFoundation:
 
 @dataclass(frozen=True)
 class SpringResponse:
-    """dp = -(K - U G^-1 V K) dw: every line sinks by its own worn depth, the load moves to the others.
+    """dp = -(K - U G^-1 V K) dw: a worn column loses its load, and the holder moves it to the other columns.
 
-    `K` (lines,) k_n where the block touches, else 0; U (lines, m), V (m, lines), G (m, m).
+    `K` (columns,) is k_n in contact, else 0; U (columns, m), V (m, columns), G (m, m) with m = 1 for a guided holder
+    and 2 for one that tilts.
     """
 
     K: np.ndarray
@@ -110,32 +114,35 @@ class SpringResponse:
     G: np.ndarray
 
     def __call__(self, worn: np.ndarray) -> np.ndarray:
-        """Change of pressure (lines,) Pa by a change of worn depth (lines,) m."""
+        """Change of pressure (columns,) Pa by a change of worn depth (columns,) m."""
         free: np.ndarray = -self.K * worn
         kernels_contact.redistribute_load(self._load_spread, self.V, free)
         return free
 
     @cached_property
     def _load_spread(self) -> np.ndarray:
-        """U G^-1 (lines, m)."""
+        """U G^-1 (columns, m)."""
         spread: np.ndarray = self.U @ np.linalg.inv(self.G)
         return spread
 
     def build_inverse(self, gain: np.ndarray):
-        """r -> (1 - diag(gain) dp/dw)^-1 r by the Woodbury identity; `gain` (lines,) m/Pa."""
-        own = 1.0 + gain * self.K
-        X = (gain / own)[:, None] * self.U
+        """r -> (1 - diag(gain) dp/dw)^-1 r by the Woodbury identity; `gain` (columns,) m/Pa."""
+        diagonal = 1.0 + gain * self.K
+        X = (gain / diagonal)[:, None] * self.U
         inner = np.linalg.inv(self.G - (self.V * self.K) @ X)
 
         def apply_inverse(r: np.ndarray) -> np.ndarray:
-            return r / own + X @ (inner @ (self.V @ (self.K * r / own)))
+            return r / diagonal + X @ (inner @ (self.V @ (self.K * r / diagonal)))
 
         return apply_inverse
 
 
 @njit(cache=True)
 def _balance_load(free, dx, xi, lever, load, moment, tilt_stiffness, guided, touching, pressure):
-    """Tilt t, and whether it was found; writes which lines touch, and their pressure.  Newton on that set: finite."""
+    """Tilt t, and whether the iteration converged; writes `touching` (columns,) and `pressure` (columns,) Pa.
+
+    Newton's method on the active set: for a given set the equations are linear, so it ends when the set repeats.
+    """
     n = len(free)
     c, t = 0.0 * free[0] + 0.0 * moment, 0.0 * free[0] + 0.0 * moment
     for attempt in range(200):
@@ -156,11 +163,11 @@ def _balance_load(free, dx, xi, lever, load, moment, tilt_stiffness, guided, tou
         else:
             det = a * (d + tilt_stiffness) - lever * b * b
             leaning = det <= 1e-9 * a * (lever * a + tilt_stiffness)
-            if leaning:  # it stands on one line: a weak spring holds it until more lines touch
+            if leaning:  # contact on one column leaves the tilt free: a weak spring fixes it until more columns touch
                 d += 1e-3 * lever * a
                 det = a * (d + tilt_stiffness) - lever * b * b
             new_c, new_t = ((d + tilt_stiffness) * r - b * s) / det, (a * s - lever * b * r) / det
-        if attempt > 30:  # two sets that lead to each other: go half way
+        if attempt > 30:  # two sets that alternate: take half steps
             new_c, new_t = 0.5 * (c + new_c), 0.5 * (t + new_t)
         c, t = new_c, new_t
         same = True

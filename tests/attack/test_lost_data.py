@@ -161,7 +161,9 @@ def test_a_name_that_is_taken_meanwhile_is_left_alone(case, tmp_path):
         (tmp_path / "a").mkdir(exist_ok=True)
         (tmp_path / "a" / "thesis.txt").write_text(MINE)
 
-    with pytest.raises(IncompleteResult, match="made by somebody else meanwhile; the result is whole in .*a-2"):
+    with pytest.raises(
+        IncompleteResult, match="was created by another program meanwhile; the complete result is in .*a-2"
+    ):
         simulate(case, out=tmp_path / "a", watch=intrude)
     assert (tmp_path / "a" / "thesis.txt").read_text() == MINE
     assert (tmp_path / "a-2" / "run.nc").is_file()
@@ -340,14 +342,14 @@ def test_a_checkpoint_counts_only_when_its_fields_are_on_disk(waiting, tmp_path,
 CREW = """
 import os, sys, time
 from pathlib import Path
-from flashtemp.runs.results.worker_pool import crew
+from flashtemp.runs.results.worker_pool import open_worker_pool
 
 def follow(folder):
     Path(folder, str(os.getpid())).touch()
     time.sleep(60)
 
 if __name__ == "__main__":
-    with crew(follow, 2) as run:
+    with open_worker_pool(follow, 2) as run:
         run(sys.argv[1:] * 2)
 """
 

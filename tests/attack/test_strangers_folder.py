@@ -225,7 +225,7 @@ def test_workers_of_a_program_in_python_begin_with_a_safe_path(folder, monkeypat
 
 ONE_PLACE = {
     r"\[\s*sys\.executable": ["current_folder.py"],
-    r"^\s*(from|import) (multiprocessing|concurrent\.futures)\b.*(Process|get_context)": ["workers.py"],
+    r"^\s*(from|import) (multiprocessing|concurrent\.futures)\b.*(Process|get_context)": ["worker_pool.py"],
     r"^\s*(from|import) numba": ["just_in_time.py"],
 }
 
@@ -240,10 +240,10 @@ def test_what_the_resource_tracker_says_of_killed_processes_stays_off_the_termin
     """Its process outlives a parent that is killed, and would list semaphores as leaked in the middle of a prompt."""
     begun = textwrap.dedent("""
         import os, signal
-        from flashtemp.runs import workers
+        from flashtemp.runs.results import worker_pool
         from multiprocessing.resource_tracker import _resource_tracker
 
-        with workers.crew(abs, 2) as run:
+        with worker_pool.open_worker_pool(abs, 2) as run:
             run([-1, -2])
             print(_resource_tracker._pid, flush=True)
             os.kill(os.getpid(), signal.SIGKILL)
@@ -365,4 +365,4 @@ def test_settings_of_the_folder_are_not_there_only_while_asked(tmp_path, monkeyp
 
 
 def test_the_program_lies_where_it_is_looked_for():
-    assert (Path(current_folder.PROGRAM_FOLDER) / "flashtemp" / "runs" / "current_folder.py").is_file()
+    assert (Path(current_folder.PROGRAM_FOLDER) / "flashtemp" / "runs" / "results" / "current_folder.py").is_file()

@@ -1,4 +1,4 @@
-"""What is in camera files before anything is known of them: frames, pixels, clock, object parameters, ranges."""
+"""Preview of camera files: frames, pixels, clock, object parameters and ranges, before any option is stated."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from flashtemp.display import DisplayMixin, DisplayTable
 from flashtemp.errors import BadInput
 
 PREVIEW_FRAMES = 6  # frames that are shown
-HISTOGRAM_BINS = 120  # of the histogram
+HISTOGRAM_BINS = 120
 UNSCALED_COUNTS_NOTE = (
     "counts as the camera wrote them: import needs --scale and --offset, T = scale count + offset in degC"
 )
@@ -28,13 +28,13 @@ READER_OPTION_NAMES = ("scale", "offset", "unit", "variable", "decimal", "below"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FilePreview(DisplayMixin):
-    """Camera files as they are: `images` (some, rows, columns) degC of the frames `shown` (some,), counted from 0.
+    """Content of camera files: `images` (some, rows, columns) degC of the frames `shown` (some,), counted from 0.
 
-    `mean` (frames,) degC of every frame; `clock` (frames,) s since 1970 on the camera's clock or `time` (frames,) s
-    where the file counts; `said` the object parameters that the file states; `span` lowest and highest value, degC;
-    `counts` of values between `edges` degC; `outside` the camera's range, their number; `dead`
-    (rows, columns) pixels without a value in any of several frames; `difference`: K of a lock-in result, not degC;
-    `counted`: counts, whose scale neither the file nor anybody has told.
+    `mean` (frames,) degC of every frame; `clock` (frames,) s since 1970 on the camera's clock, or `time` (frames,) s if
+    the file counts from a start; `said`: object parameters that the file states; `span`: lowest and highest value,
+    degC; `counts`: histogram over `edges` degC; `outside`: number of values beyond the camera's range; `dead` (rows,
+    columns): pixels without a value in any of several frames; `difference`: K of a lock-in result, not degC; `counted`:
+    counts of unknown scale.
     """
 
     files: tuple[Path, ...]
@@ -59,12 +59,12 @@ class FilePreview(DisplayMixin):
 
     @property
     def unit(self) -> str:
-        """Of the images: degC, K where they are differences, counts where nobody has told their scale."""
+        """Unit of the images: degC, K for differences, counts if their scale is unknown."""
         return "counts" if self.counted else "K" if self.difference else "degC"
 
     @property
     def quantity(self) -> str:
-        """What the images show, in words."""
+        """Quantity of the images, in words."""
         return "counts" if self.counted else "difference" if self.difference else "temperature"
 
     def as_dict(self) -> dict[str, Any]:
@@ -90,7 +90,7 @@ class FilePreview(DisplayMixin):
         return (len(self.mean) - 1) / self.fps if self.fps else None
 
     def describe_rows(self) -> list[tuple[str, str]]:
-        """What is known, in words."""
+        """Names and values of the preview, as text."""
         (rows, columns), (low, high) = self.images.shape[1:], self.span
         begins, lasts = self._start_text(), self._duration_s()
         when = [f"begins {begins} on the camera's clock"] if begins else []
@@ -129,10 +129,10 @@ def preview_files(
     receive_images: Callable[[np.ndarray], Any] = lambda images: None,
     counts: bool = False,
 ) -> FilePreview:
-    """Camera files, all frames of them a few at a time; of `facts` only how their numbers are read counts.
+    """Preview of camera files, read a few frames at a time; of `facts` only the reader options are used.
 
-    `report_progress` hears of progress, `receive_images` gets the images as they are read; with `counts` numbers whose scale nobody has
-    told stay what they are.  Raises BadInput.
+    `report_progress` is called with lines of progress, `receive_images` with the images as they are read.  With
+    `counts`, counts of unknown scale stay counts.  Raises BadInput.
     """
     facts = _without_scale(names[:1], facts) if counts else facts
     means, clocks, times = [], [], []
@@ -170,14 +170,29 @@ def preview_files(
     shown, images = kept.select_frames()
     number_of, edges = counted.binned_counts()
     return FilePreview(
-        tuple(names), first.format, first.camera, images, shown, np.concatenate(means), _concatenate_if_complete(clocks), _concatenate_if_complete(times),
-        first.fps, dict(first.stated_parameters), (low, high), number_of, edges, outside, dead & (number > 1), tuple(notes),
-        first.difference, first.is_unscaled,
-    )  # fmt: skip
+        files=tuple(names),
+        format=first.format,
+        camera=first.camera,
+        images=images,
+        shown=shown,
+        mean=np.concatenate(means),
+        clock=_concatenate_if_complete(clocks),
+        time=_concatenate_if_complete(times),
+        fps=first.fps,
+        said=dict(first.stated_parameters),
+        span=(low, high),
+        counts=number_of,
+        edges=edges,
+        outside=outside,
+        dead=dead & (number > 1),
+        notes=tuple(notes),
+        difference=first.difference,
+        counted=first.is_unscaled,
+    )
 
 
 def _without_scale(names: Sequence[Path], facts: ImportOptions) -> ImportOptions:
-    """The facts, with counts left as they are where only the user knows their scale."""
+    """The facts, with counts left unscaled if only the user knows their scale."""
     try:
         for path in names:
             next(iter(iter_frames(path, facts)), None)
@@ -187,7 +202,7 @@ def _without_scale(names: Sequence[Path], facts: ImportOptions) -> ImportOptions
 
 
 def iter_frames(path: Path, facts: ImportOptions):
-    """Frames of a file as its maker meant them, a few at a time."""
+    """Frames of a file, a few at a time, with the object parameters that the file states."""
     planck = None if facts.planck is None else PlanckCalibration(*facts.planck)
     return readers.iter_frames(
         path, **{k: getattr(facts, k) for k in READER_OPTION_NAMES}, planck=planck, every=facts.every or 1
@@ -204,13 +219,13 @@ def _concatenate_if_complete(parts: list[np.ndarray | None]) -> np.ndarray | Non
 
 
 class _FrameSample:
-    """Frames spread evenly over however many there are: twice as far apart whenever there are too many."""
+    """Evenly spaced frames of a sequence of unknown length: the spacing doubles whenever there are too many."""
 
     def __init__(self) -> None:
         self.every, self.numbers, self.images = 1, list[int](), list[np.ndarray]()
 
     def add(self, images: np.ndarray, first: int) -> None:
-        """Keep what is due of frames numbered from `first`."""
+        """Keep the frames, numbered from `first`, that fall on the spacing."""
         for number, image in enumerate(images, first):
             if number % self.every == 0:
                 self.numbers.append(number)
@@ -221,15 +236,15 @@ class _FrameSample:
                 self.numbers, self.images = [self.numbers[k] for k in due], [self.images[k] for k in due]
 
     def select_frames(self) -> tuple[np.ndarray, np.ndarray]:
-        """At most PREVIEW_FRAMES of them: numbers and images."""
+        """Numbers and images of at most PREVIEW_FRAMES frames."""
         at = np.unique(np.linspace(0, len(self.numbers) - 1, PREVIEW_FRAMES).round().astype(int))
         return np.array(self.numbers)[at], np.stack([self.images[k] for k in at])
 
 
 class _Histogram:
-    """Counts of values in steps of hundredths of a degree, or of one count, made coarser at the end."""
+    """Histogram in steps of 0.01 K, or of one count, whose bins are combined at the end."""
 
-    COARSER = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)  # steps of a bin: round numbers of files are even
+    COARSER = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)  # steps per bin
 
     def __init__(self, step: float = 0.01) -> None:
         self.step, self.first, self.found = step, 0, np.zeros(0, int)

@@ -1,4 +1,4 @@
-"""Images of one import in order of time: in memory while they are few, in a file without a name where they are many."""
+"""Buffer for the images of one import: in memory while they are few, in a temporary file if they are many."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ MAX_BUFFER_BYTES = 200 * 10**6  # bytes of images that stay in memory
 
 
 class FrameBuffer:
-    """Collects images (frames, nv, nu) in single precision; `folder` is where those go that memory does not hold."""
+    """Collects images (frames, nv, nu) in single precision; `folder` takes the temporary file."""
 
     def __init__(self, folder: Path | None = None):
         self._folder, self._bytes, self._frames = folder, 0, 0
-        self._held: list[np.ndarray] = []
+        self._in_memory: list[np.ndarray] = []
         self._file: IO[bytes] | None = None
         self._shape: tuple[int, int] = (0, 0)
 
     def add(self, images: np.ndarray) -> None:
-        """Images that come next."""
+        """Append images."""
         images = np.ascontiguousarray(images, dtype=np.float32)
-        self._held.append(images)
+        self._in_memory.append(images)
         self._shape = images.shape[1:]
         self._frames += len(images)
         self._bytes += images.nbytes
         if self._bytes > MAX_BUFFER_BYTES:
             self._file = self._file or self._new_file()
-            self._write_pieces(self._file, self._held)
-            self._held, self._bytes = [], 0
+            self._write_pieces(self._file, self._in_memory)
+            self._in_memory, self._bytes = [], 0
 
     def _new_file(self) -> IO[bytes]:
         return tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115 (lives as long as the images)
@@ -43,17 +43,17 @@ class FrameBuffer:
             file.write(piece.data)
 
     def ordered_images(self, order: np.ndarray) -> np.ndarray:
-        """All images (frames, nv, nu) in an order of theirs; read-only and in a file where they are many."""
+        """All images (frames, nv, nu) in the given order; a read-only memory map if they are many."""
         if self._file is None:
-            return np.concatenate(self._held)[order]
-        self._write_pieces(self._file, self._held)
-        self._held = []
-        found = self._memory_map(self._file)
+            return np.concatenate(self._in_memory)[order]
+        self._write_pieces(self._file, self._in_memory)
+        self._in_memory = []
+        images = self._memory_map(self._file)
         if np.array_equal(order, np.arange(len(order))):
-            return found
+            return images
         sorted_file = self._new_file()
-        for _, chosen in iter_chunks(order, max(1, 4_000_000 // found[0].size)):
-            self._write_pieces(sorted_file, [np.ascontiguousarray(found[chosen])])
+        for _, chosen in iter_chunks(order, max(1, 4_000_000 // images[0].size)):
+            self._write_pieces(sorted_file, [np.ascontiguousarray(images[chosen])])
         return self._memory_map(sorted_file)
 
     def _memory_map(self, file: IO[bytes]) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""When each frame was seen: seconds from the first start of sliding, and the number of its repetition."""
+"""Times of frames, s from the first start of sliding, and the numbers of their repetitions."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ TIMES_HEADER = "give a CSV file with columns file,time[,repetition]"
 
 @dataclass(frozen=True)
 class FrameTimestamps:
-    """What a file says of the times of its frames, without their images; fields as of `Frames`.
+    """Time stamps of a file's frames; fields as in `RawFrames`.
 
-    `starts`: the moments that clock time 0 may be, s since 1970, several where the order of day and month is open; None
-    where a clock counts from 1970 itself, () where it has no date.  `zone`: its offset from UTC, s, where stated.
+    `starts`: possible moments of clock time 0, s since 1970, several if the order of day and month is open; None if the
+    clock counts from 1970, () if it has no date.  `zone`: offset of the clock from UTC, s, if stated.
     """
 
     count: int
@@ -37,20 +37,23 @@ class FrameTimestamps:
 
     @classmethod
     def from_pieces(cls, pieces: Sequence[RawFrames | FrameTimestamps]) -> FrameTimestamps:
-        """Of the pieces of one file, in order."""
-        found: dict[str, np.ndarray | None] = {}
+        """Time stamps of the pieces of one file, in order."""
+        joined: dict[str, np.ndarray | None] = {}
         for name in ("time", "clock", "repetition"):
             parts = [getattr(p, name) for p in pieces]
-            found[name] = None if any(p is None for p in parts) else np.concatenate(parts)
+            joined[name] = None if any(p is None for p in parts) else np.concatenate(parts)
         count = sum(p.count if isinstance(p, FrameTimestamps) else len(p.temperature) for p in pieces)
-        return cls(count, found["time"], found["clock"], pieces[0].fps, found["repetition"])
+        return cls(count, joined["time"], joined["clock"], pieces[0].fps, joined["repetition"])
 
 
 FileTimestamps = Sequence[tuple[Path, FrameTimestamps]]
 
 
 def resolve_times(seen: FileTimestamps, facts: ImportOptions) -> np.ndarray:
-    """Seconds from the first start of sliding of every frame of every file, in the order of the files."""
+    """Times of all frames of all files, s from the first start of sliding, in the order of the files.  Raises BadInput.
+
+    They follow from --times, --fps, the file's own times, or its clock, in this order of priority.
+    """
     if facts.times is not None:
         return np.concatenate([_times_from_rows(p, f, facts) for p, f in seen])
     counts = [f.count for _, f in seen]
@@ -60,8 +63,8 @@ def resolve_times(seen: FileTimestamps, facts: ImportOptions) -> np.ndarray:
         return _shift_to_start(facts, np.arange(sum(counts)) * (facts.every or 1) / facts.fps, clock=False)
     times = [f.time for _, f in seen if f.time is not None]
     if len(times) == len(seen):
-        own = np.concatenate(times)
-        return own if facts.start is None else own - own.min() + facts.start
+        file_times = np.concatenate(times)
+        return file_times if facts.start is None else file_times - file_times.min() + facts.start
     clocks = [f.clock for _, f in seen if f.clock is not None]
     if len(clocks) == len(seen):
         clock = np.concatenate(clocks)
@@ -75,18 +78,18 @@ def resolve_times(seen: FileTimestamps, facts: ImportOptions) -> np.ndarray:
     bare = next(p for p, f in seen if f.clock is None)
     if len(seen) == 1 and seen[0][1].fps:
         return _shift_to_start(facts, np.arange(counts[0]) / seen[0][1].fps, clock=False)
-    raise BadInput(f"{bare}: does not say when its frames were seen; give --fps and --start, or --times FILE.csv")
+    raise BadInput(f"{bare}: does not say when its frames were taken; give --fps and --start, or --times FILE.csv")
 
 
 def _shift_to_start(facts: ImportOptions, relative: np.ndarray, clock: bool, zone: float | None = None) -> np.ndarray:
-    """Times shifted so that the first start of sliding is 0, as the facts say; `zone` of the clock, s."""
+    """Times shifted so that the first start of sliding is 0, by --start or --zero; `zone` of the clock, s."""
     if facts.start is not None:
         return relative - relative.min() + facts.start
     if facts.zero is not None and clock:
-        begin, own = _parse_zero(facts)
-        if own is not None and zone is None:
+        begin, zero_zone = _parse_zero(facts)
+        if zero_zone is not None and zone is None:
             raise BadInput(f"zero: {facts.zero!r} has a zone, the file's clock has none; give it as that clock shows")
-        return relative - (begin if own is None else begin - own + (zone or 0.0))
+        return relative - (begin if zero_zone is None else begin - zero_zone + (zone or 0.0))
     if facts.zero is not None:
         raise BadInput("zero: the files have no usable time stamps; give --start, s from the first start of sliding")
     also = ", or --zero with the camera's clock at the first start of sliding" if clock else ""
@@ -94,7 +97,7 @@ def _shift_to_start(facts: ImportOptions, relative: np.ndarray, clock: bool, zon
 
 
 def _parse_zero(facts: ImportOptions) -> tuple[float, float | None]:
-    """The moment that --zero gives, s since 1970 or since midnight, and its zone.  Raises BadInput."""
+    """The moment that --zero states, s since 1970 or since midnight, and its zone.  Raises BadInput."""
     text = facts.zero or ""
     stamp = parse_stamp(text)
     if stamp is None or not stamp.clock:
@@ -106,7 +109,7 @@ def _parse_zero(facts: ImportOptions) -> tuple[float, float | None]:
 
 
 def _add_date(clock: np.ndarray, stamps: FrameTimestamps, facts: ImportOptions) -> np.ndarray:
-    """The clock (frames,) with the date that --zero has, where the file leaves it open.  Raises BadInput."""
+    """The clock (frames,) with the date of --zero, where the file leaves it open.  Raises BadInput."""
     if facts.zero is None or facts.start is not None or stamps.starts is None:
         return clock
     has_date = bool((parse_stamp(facts.zero) or parse_stamp("0:00:00")).date)  # type: ignore[union-attr]
@@ -126,7 +129,7 @@ def _add_date(clock: np.ndarray, stamps: FrameTimestamps, facts: ImportOptions) 
 
 
 def _read_rows(path: Path) -> list[dict[str, str]]:
-    """Rows of a CSV file with columns file, time and perhaps repetition, times in s.  BadInput names the line."""
+    """Rows of a CSV file with columns file, time and optionally repetition, times in s.  BadInput names the line."""
     where = f"times: {path}"
     if not path.is_file():
         raise BadInput(f"{where}: no such file; {TIMES_HEADER}")
@@ -144,7 +147,7 @@ def _read_rows(path: Path) -> list[dict[str, str]]:
 
 
 def _times_key(label: str, where: str) -> tuple[str, float]:
-    """What a column of times holds, and the factor of its unit to s."""
+    """Key of a column, and for times the factor from its unit to s."""
     name, unit = header.split_label(label, "s")
     if name.casefold() != "time" or not unit:
         return label.casefold(), 1.0
@@ -152,7 +155,7 @@ def _times_key(label: str, where: str) -> tuple[str, float]:
 
 
 def _times_cell(record: TableRecord, key: str, factor: float, cell: str, where: str) -> str:
-    """A cell of times, its numbers with a point and in s.  Raises BadInput."""
+    """A cell as text; times in s and with a decimal point.  Raises BadInput."""
     if key not in ("time", "repetition"):
         return cell
     value = record.parse_number_cell(cell)
@@ -188,7 +191,7 @@ def _times_from_rows(path: Path, frames: FrameTimestamps, facts: ImportOptions) 
 
 
 def resolve_repetitions(seen: FileTimestamps, time: np.ndarray, facts: ImportOptions) -> np.ndarray:
-    """Number of the repetition of every frame, from 1; during a wait the one before."""
+    """Number of the repetition of every frame, from 1; during a wait the preceding one.  Raises BadInput."""
     if facts.times is not None:
         rows = [(_rows_of_file(p, f, facts), f.count) for p, f in seen]
         if all("repetition" in r[0] for r, _ in rows):

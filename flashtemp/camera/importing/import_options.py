@@ -1,4 +1,4 @@
-"""What a person says of a recording: on the command line or in a recording template (TOML), the same names."""
+"""Import options: what the user states on the command line or in a recording template (TOML), with the same names."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ CHOICES = {
     "dead_pixels": ("find", "keep"),
     "labels": ("none", "columns", "rows", "both"),
 }
-IMPORT_OPTION_UNITS = {  # of facts that are numbers
+IMPORT_OPTION_UNITS = {  # of options that are numbers
     "mm_per_pixel": "mm", "at": "mm", "crop": "mm", "block": "mm", "start": "s", "starts": "s", "fps": "1/s",
     "emissivity": "1", "reflected": "degC", "air": "degC", "humidity": "1", "distance": "m", "window": "1",
     "window_temperature": "degC", "offset": "degC", "below": "degC", "exposure": "s", "netd": "K",
@@ -32,7 +32,7 @@ Direction = Literal["right", "left", "up", "down"]
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """Everything that camera files may not say, None where nobody has said it.
+    """Facts that camera files may not contain; None where not stated.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ class ImportOptions:
     rows
         Rows of a text file that holds a part of an image.
     labels
-        Which labels stand around the matrix of a text file: none, columns (above), rows (beside) or both.
+        Labels around the matrix of a text file: none, columns (above), rows (at the side) or both.
     limit
         GB of memory that reading one file may take, 1 unless said.
     netd
@@ -195,16 +195,16 @@ class ImportOptions:
         return case["block.length"], case["block.height"]
 
     def merged_over(self, other: ImportOptions) -> ImportOptions:
-        """These facts where they are said, the other ones elsewhere."""
+        """These options where they are stated, those of `other` elsewhere."""
         return replace(other, **{f.name: v for f in fields(self) if (v := getattr(self, f.name)) is not None})
 
 
 def option_name(name: str) -> str:
-    """A fact as the command line calls it."""
+    """Name of an option on the command line."""
     return "--" + name.replace("_", "-")
 
 
-TEMPLATE_EXAMPLE: dict[str, dict[str, str]] = {  # group: {key: value}; a leading # is a key that most do without
+TEMPLATE_EXAMPLE: dict[str, dict[str, str]] = {  # group: {key: value}; a leading # marks a key that is commented out
     "the files": {"files": '["*.jpg"]', "out": '"side.nc"', "#every": "1"},
     "the place": {
         "view": '"sidewall"', "downstream": '"right"', "up": '"up"', "pixel": "[12.0, 200.0]", "mm_per_pixel": "0.2",
@@ -232,7 +232,10 @@ TEMPLATE_EXAMPLE: dict[str, dict[str, str]] = {  # group: {key: value}; a leadin
         "#registration_sigma": "0.5",
     },
 }  # fmt: skip
-OWN_HELP = {"files": "Patterns beside this file, in order of their names.", "out": "The recording, beside this file."}
+OWN_HELP = {
+    "files": "Patterns in the folder of this file, in order of their names.",
+    "out": "The recording, in the folder of this file.",
+}
 
 
 def template_text() -> str:
@@ -256,7 +259,7 @@ def _option_helps() -> dict[str, str]:
 
 
 def load_template(path: Path) -> tuple[list[str], str | None, ImportOptions]:
-    """File patterns, output and facts of a template; file names in it are looked up beside it.
+    """File patterns, output and options of a template; its file names are relative to its folder.
 
     Raises BadInput with every fault at once, one line each.
     """
@@ -286,7 +289,7 @@ def load_template(path: Path) -> tuple[list[str], str | None, ImportOptions]:
 
 
 def _parse_value(key: str, kind: str, value: Any, folder: Path) -> Any:
-    """A TOML value as the type of its fact; BadInput says what would be right."""
+    """A TOML value as the type of its option.  BadInput states the valid form."""
     if key in CHOICES:
         if value not in CHOICES[key]:
             raise BadInput(f"{key}: {value!r}; give {', '.join(CHOICES[key])}")

@@ -1,4 +1,4 @@
-"""What is to be imported: which camera files are meant, what is said of them, and where the recording goes."""
+"""Import requests: the camera files, the options stated for them, and the file of the recording."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from flashtemp.camera.importing.import_options import ImportOptions, load_templa
 from flashtemp.errors import BadInput
 
 COPY_WORD = r"(?:copy|kopie|copie|copia|cópia|kopia|kopi|kopija|másolat)"
-COPY_SUFFIX = re.compile(  # what Windows, macOS, browsers and Linux add to the name of a copy
+COPY_SUFFIX = re.compile(  # suffixes that Windows, macOS, browsers and Linux add to the name of a copy
     rf"(?: [-–] {COPY_WORD}(?: ?\((?P<a>\d+)\))?| {COPY_WORD}(?: (?P<b>\d+))?"
     rf"| ?\((?:(?:another|(?P<c>\d+)(?:st|nd|rd|th|\.)) )?{COPY_WORD}\)| ?\((?P<d>\d+)\))$",
     re.IGNORECASE,
 )
 ORDINALS = {"another": 2}  # of copies that Linux names in words
-ORDER_NOTE_FILES = 6  # files that a note on their order names
-NO_CAMERA_FILE = {".toml", ".md", ".nc", ".xml", ".ini", ".py"}  # not taken out of a folder by itself
+ORDER_NOTE_FILES = 6  # files that a note on their order lists
+NO_CAMERA_FILE = {".toml", ".md", ".nc", ".xml", ".ini", ".py"}  # skipped in a folder
 
 
 @dataclass(frozen=True)
 class ImportRequest:
-    """What is to be imported: names of `files`, patterns or folders, the `facts` said, and where the recording goes."""
+    """Files, patterns or folders to import, the `facts` stated for them, and the file `out` of the recording."""
 
     files: tuple[str, ...]
     facts: ImportOptions
@@ -31,17 +31,19 @@ class ImportRequest:
 
     @classmethod
     def from_files(cls, files: Sequence[str], facts: ImportOptions, out: Path | None = None) -> ImportRequest:
-        """Files, or one recording template (.toml), over which `facts` and `out` go.  Raises BadInput."""
+        """Request from files, or from one recording template (.toml) that `facts` and `out` override."""
         if len(files) != 1 or not files[0].endswith(".toml"):
             return cls(tuple(files), facts, out)
         template = Path(files[0])
-        names, own, said = load_template(template)
-        beside = tuple(str(template.parent / name) for name in names)
-        return cls(beside, facts.merged_over(said), out or (None if own is None else Path(own)))
+        names, template_out, template_facts = load_template(template)
+        files = tuple(str(template.parent / name) for name in names)
+        return cls(
+            files, facts.merged_over(template_facts), out or (None if template_out is None else Path(template_out))
+        )
 
 
 def output_path(out: Path, overwrite: bool = False) -> Path:
-    """Where a recording goes; BadInput where it cannot."""
+    """The file of a recording.  BadInput if it cannot be written there."""
     if out.suffix != ".nc":
         raise BadInput(f"{out}: a recording is NetCDF; give a name that ends in .nc")
     if out.exists() and not overwrite:
@@ -54,13 +56,13 @@ def output_path(out: Path, overwrite: bool = False) -> Path:
 
 
 def expand_patterns(names: Sequence[str], folder: Path = Path()) -> list[Path]:
-    """Files of names, patterns and folders in the order given; those of one pattern or folder by name.
+    """Files of names, patterns and folders in the order given; those of one pattern or folder in the order of names.
 
-    So are files of one folder that follow each other: a shell hands img10 over before img2, and "img (1)" before "img".
-    Raises BadInput.
+    Consecutive files of one folder are sorted too: a shell lists img10 before img2, and "img (1)" before "img".  Raises
+    BadInput.
     """
     groups: list[list[Path]] = []
-    single = False  # whether the last group is of files given one by one
+    single = False  # whether the last group consists of single files
     for name in names:
         path = folder / name
         some = _matching_files(path)
@@ -77,7 +79,7 @@ def expand_patterns(names: Sequence[str], folder: Path = Path()) -> list[Path]:
 
 
 def _matching_files(path: Path) -> list[Path] | None:
-    """The files of a folder or pattern; None where the path is a file's own."""
+    """The files of a folder or pattern; None for the path of a single file."""
     if path.is_dir():
         inside = [p for p in path.iterdir() if p.is_file() and not p.name.startswith(".")]
         return [p for p in inside if p.suffix.lower() not in NO_CAMERA_FILE]
@@ -88,12 +90,12 @@ def _matching_files(path: Path) -> list[Path] | None:
 
 
 def _natural_key(text: str) -> tuple[int | str, ...]:
-    """A text with its numbers as numbers: words at even places, numbers at odd ones."""
+    """Sort key of a text: words at even places, numbers at odd ones."""
     return tuple(int(t) if k % 2 else t for k, t in enumerate(re.split(r"(\d+)", text.casefold())))
 
 
 def split_copies(stem: str) -> tuple[str, tuple[int, ...]]:
-    """A file's name without the marks of copies at its end, and the number of each copy.
+    """A file's name without copy suffixes, and the number of each copy.
 
     >>> split_copies("IMG_7"), split_copies("IMG_7 (2)"), split_copies("IMG_7 - Copy (3)"), split_copies("IMG_7 copy")
     (('IMG_7', ()), ('IMG_7', (2,)), ('IMG_7', (3,)), ('IMG_7', (1,)))
@@ -107,13 +109,13 @@ def split_copies(stem: str) -> tuple[str, tuple[int, ...]]:
 
 
 def _sort_key(path: Path) -> tuple:
-    """The place of a file among others: numbers count as numbers, a copy comes after what it is a copy of."""
+    """Sort key of a file: numbers by value, a copy after its original."""
     base, copies = split_copies(path.stem)
     return _natural_key(path.parent.as_posix()), _natural_key(base), copies, path.suffix.casefold(), path.name
 
 
 def describe_order(files: Sequence[Path]) -> list[str]:
-    """Notes on the order of files where their names alone do not make it plain; empty where they do."""
+    """Notes on the order of files if their names leave it open; else empty."""
     bases = [split_copies(path.stem) for path in files]
     originals, folders = set(bases), {path.parent for path in files}
     places = [(path.parent, *base, path.suffix.casefold()) for path, base in zip(files, bases, strict=True)]

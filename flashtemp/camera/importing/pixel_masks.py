@@ -1,4 +1,4 @@
-"""Pixels to leave out: rectangles, a file, and dead ones that the median test finds."""
+"""Pixel masks of an import: rectangles, a mask file, and dead pixels from the median test."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from flashtemp.errors import BadInput
 
 
 def find_masked_pixels(frames: RawFrames, facts: ImportOptions, T: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Dead and foreign pixels (rows, columns): rectangles, a file, and those that the median test finds."""
+    """Mask (rows, columns) of dead and foreign pixels from rectangles, a file and the median test, and notes."""
     mask, notes = rectification.rectangle_mask(frames.shape, facts.mask_box or ()), []
     if facts.mask is not None:
         mask |= _read_mask(facts.mask, frames.shape)

@@ -30,14 +30,16 @@ from flashtemp.physics.quantities import KELVIN
 FLIR_EXPORT_REMEDY = (
     "open it in ResearchIR or Research Studio, export TIFF (with scale and offset), CSV or MAT, and give that"
 )
-CLOSED_FORMATS = {  # name ends: whose and what to ask for
-    ".ats": ("FLIR ATS", FLIR_EXPORT_REMEDY), ".ptw": ("FLIR PTW", FLIR_EXPORT_REMEDY), ".sfmov": ("FLIR SFMOV", FLIR_EXPORT_REMEDY),
+CLOSED_FORMATS = {  # extension: format and what to export instead
+    ".ats": ("FLIR ATS", FLIR_EXPORT_REMEDY),
+    ".ptw": ("FLIR PTW", FLIR_EXPORT_REMEDY),
+    ".sfmov": ("FLIR SFMOV", FLIR_EXPORT_REMEDY),
     ".ravi": ("Optris RAVI", "export CSV or TIFF from PIX Connect and give that"),
     ".is2": ("Fluke IS2", "export CSV from SmartView and give that"),
     ".is3": ("Fluke IS3", "export CSV from SmartView and give that"),
     ".bmt": ("Testo BMT", "export the temperatures as CSV from IRSoft and give that"),
-}  # fmt: skip
-FOREIGN_SIGNATURES = {  # first bytes: what it is
+}
+FOREIGN_SIGNATURES = {  # first bytes: what the file is, and the remedy
     b"GIF8": "GIF" + COLOUR_IMAGE_REMEDY,
     b"BM": "a bitmap" + COLOUR_IMAGE_REMEDY,
     b"RIFF": "AVI" + COLOUR_IMAGE_REMEDY,
@@ -48,47 +50,47 @@ FOREIGN_SIGNATURES = {  # first bytes: what it is
     b"CEDIP": f"FLIR PTW, which only the maker's closed kit reads; {FLIR_EXPORT_REMEDY}",
 }
 Reader = Callable[[CameraFile], Iterator[RawFrames]]
-MIN_SCENE_DEGC = -150.0  # degC: what no camera sees beside something warm
-MAX_EMPTY_PIECES = 50  # pieces without any temperature that may come first
+MIN_SCENE_DEGC = -150.0  # degC: colder than any median of an image
+MAX_EMPTY_PIECES = 50  # groups of frames without any temperature at the beginning of a file
 
 
-def read_frames(path: str | Path, **unsaid: Any) -> RawFrames:
-    """All frames of a camera file at once; `unsaid` as in `ReaderOptions`.
+def read_frames(path: str | Path, **options: Any) -> RawFrames:
+    """All frames of a camera file at once; `options` are the fields of `ReaderOptions`.
 
-    Raises BadInput in one line that begins with the file's name, also where they take more memory than `limit`.
+    Raises BadInput in one line that begins with the file's name, also if the frames exceed the memory `limit`.
     """
     kept: list[RawFrames] = []
-    for piece in iter_frames(path, **unsaid):
+    for piece in iter_frames(path, **options):
         kept.append(piece)
         pixels = sum(p.temperature.size for p in kept)
         with _name_file_in_errors(Path(path)):
             check_memory(
-                pixels, ReaderOptions(**unsaid).limit, f"{pixels // kept[0].temperature[0].size} frames at once"
+                pixels, ReaderOptions(**options).limit, f"{pixels // kept[0].temperature[0].size} frames at once"
             )
     return concatenate_frames(kept)
 
 
-def iter_frames(path: str | Path, **unsaid: Any) -> Iterator[RawFrames]:
-    """Frames of a camera file, a few at a time where it is a long sequence.  Raises as `read_frames` does."""
-    path, known = Path(path), ReaderOptions(**unsaid)
-    held: list[RawFrames] = []
-    warm = False
+def iter_frames(path: str | Path, **options: Any) -> Iterator[RawFrames]:
+    """Frames of a camera file, a few at a time if it is a long sequence.  Raises BadInput as `read_frames` does."""
+    path, reader_options = Path(path), ReaderOptions(**options)
+    waiting: list[RawFrames] = []  # frames without any temperature: a file of them alone is refused
+    has_temperature = False
     with _name_file_in_errors(path):
-        for frames in _read_by_magic(path, known):
-            held.append(frames)
-            warm = warm or bool(np.isfinite(frames.temperature).any())
-            if warm:
-                yield from held
-                held = []
-            elif len(held) > MAX_EMPTY_PIECES:
+        for frames in _read_by_magic(path, reader_options):
+            waiting.append(frames)
+            has_temperature = has_temperature or bool(np.isfinite(frames.temperature).any())
+            if has_temperature:
+                yield from waiting
+                waiting = []
+            elif len(waiting) > MAX_EMPTY_PIECES:
                 break
-        if not warm:
+        if not has_temperature:
             raise BadInput("no pixel holds a temperature; choose another file or repair its parameters")
 
 
 @contextmanager
 def _name_file_in_errors(path: Path) -> Iterator[None]:
-    """Whatever is wrong with a file as BadInput that begins with its name."""
+    """Any fault of a file as BadInput that begins with its name."""
     try:
         yield
     except BadInput as fault:
@@ -105,7 +107,7 @@ def _name_file_in_errors(path: Path) -> Iterator[None]:
 
 
 def check_same_kind(first: Path, one: RawFrames, path: Path, other: RawFrames) -> None:
-    """BadInput where a file is of another kind, size or unit than the first."""
+    """BadInput if the frames `other` of a file differ in format, size or unit from those of the `first` file."""
     if one.format != other.format:
         raise BadInput(f"{path}: {other.format}, but {first.name} is {one.format}; give files of one kind at once")
     (rows, columns), (high, wide) = one.shape, other.shape
@@ -123,7 +125,7 @@ def check_same_kind(first: Path, one: RawFrames, path: Path, other: RawFrames) -
 
 
 def _median_value(image: np.ndarray) -> float:
-    """Median of the values of an image, 0 where all are dead."""
+    """Median of the values of an image, 0 if all are missing."""
     known = image[np.isfinite(image)]
     return float(np.median(known)) if known.size else 0.0
 
@@ -158,7 +160,7 @@ def _read_by_magic(path: Path, options: ReaderOptions) -> Iterator[RawFrames]:
 
 
 def _refuse_unsupported(path: Path, data: bytes) -> None:
-    """BadInput for what only a maker's closed kit reads and for pictures with a colour bar."""
+    """BadInput for closed formats and for pictures that hold colours instead of temperatures."""
     if whose := CLOSED_FORMATS.get(path.suffix.lower()):
         raise BadInput(f"{whose[0]}, which only the maker's closed kit reads; {whose[1]}")
     if data[4:8] == b"ftyp":

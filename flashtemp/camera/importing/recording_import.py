@@ -1,4 +1,4 @@
-"""Camera files -> one Recording: read, correct, place, time; what nobody has said is asked for in one line."""
+"""Import of camera files as one Recording: reading, radiometry, rectification and times; reports missing options."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from flashtemp.display import DisplayMixin, DisplayTable
 from flashtemp.errors import BadInput, suggest_name
 
 MM = 1e-3
-CAMERA_ATTRIBUTES = {  # fact: attribute of the recording
+CAMERA_ATTRIBUTES = {  # option: attribute of the recording
     "netd": "netd_K", "fixed_pattern": "fixed_pattern_K", "psf_sigma": "psf_sigma_px", "exposure": "exposure_s",
     "registration_sigma": "registration_sigma_px",
 }  # fmt: skip
@@ -36,9 +36,9 @@ CAMERA_ATTRIBUTES = {  # fact: attribute of the recording
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ImportResult(DisplayMixin):
-    """A recording with what was recognised and done on the way (`notes`), its files, and the block (m) if known.
+    """An imported recording with `notes` on what was recognised and done, its files, and the block (m) if known.
 
-    `saved` is where it was written, `picture` the file that shows where it lies.
+    `saved` is the file of the recording, `picture` the file that shows its registration.
     """
 
     recording: Recording
@@ -91,9 +91,10 @@ def import_recording(
     report_progress: Callable[[str], Any] = lambda text: None,
     folder: Path | None = None,
 ) -> ImportResult:
-    """The recording of camera files; `report_progress` hears of progress.  BadInput names file or option, and the remedy.
+    """The recording of camera files.  BadInput names the file or option and the remedy.
 
-    Files are read a few frames at a time; where the images together are many they lie in a file in `folder`.
+    Files are read a few frames at a time; many images are buffered in a file in `folder`.  `report_progress` is called
+    with lines of progress.
     """
     _check_ranges(facts)
     if facts.view == "points":
@@ -106,7 +107,7 @@ def import_recording(
 
 
 def missing_options(names: list[Path], facts: ImportOptions) -> tuple[str, ...]:
-    """What has to be said of camera files and is not: a line for each, as far as the first file tells."""
+    """Options that camera files need and that are missing: a line for each, as far as the first file shows."""
     _check_ranges(facts)
     if facts.view == "points":
         return ()
@@ -134,11 +135,11 @@ def _import_images(
                 first = path, replace(frames, temperature=frames.temperature[:1], counts=None)
                 _check_options(path, frames, facts, last)
             try:
-                T, said = apply_radiometry(frames, facts)
+                T, radiometry_notes = apply_radiometry(frames, facts)
             except BadInput as fault:
                 raise BadInput(*(f"{path}: {t}" for t in fault.lines)) from fault
             if place is None:
-                notes += [f"{path}: {frames}", *frames.notes, *said]
+                notes += [f"{path}: {frames}", *frames.notes, *radiometry_notes]
                 place = FrameRectifier(frames, facts, T)
                 notes += place.notes
             elif number == 1:
@@ -175,16 +176,16 @@ def _import_images(
 
 def _iter_frames(path: Path, facts: ImportOptions) -> Iterator[tuple[RawFrames, bool]]:
     """Frames of a file, a few at a time, and whether they are the last."""
-    found = _open_frames(path, facts)
-    now = next(found, None)
-    while now is not None:
-        after = next(found, None)
-        yield now, after is None
-        now = after
+    pieces = _open_frames(path, facts)
+    piece = next(pieces, None)
+    while piece is not None:
+        following = next(pieces, None)
+        yield piece, following is None
+        piece = following
 
 
 def _thin_files(names: list[Path], facts: ImportOptions) -> list[Path]:
-    """Every so many files where each holds one frame."""
+    """Every n-th file (`every`), if each holds one frame."""
     if (facts.every or 1) == 1 or len(names) == 1:
         return names
     first, last = next(_iter_frames(names[0], replace(facts, every=None)))
@@ -194,14 +195,14 @@ def _thin_files(names: list[Path], facts: ImportOptions) -> list[Path]:
 
 
 def _check_options(path: Path, frames: RawFrames, facts: ImportOptions, whole: bool) -> None:
-    """BadInput with one line for everything that is missing, as far as the first file tells."""
+    """BadInput with one line for each missing option, as far as the first file shows."""
     seen = [(path, frame_times.FrameTimestamps.from_pieces([frames]))]
     lines: list[str] = []
     needs = [lambda: _required_view(frames, facts), lambda: frame_times.resolve_times(seen, facts)]
     needs.append(lambda: frame_times.resolve_repetitions(seen, np.zeros(len(frames.temperature)), facts))
     if _is_unplaced(frames, facts):
         needs.insert(1, lambda: pixel_to_metre_map(facts, frames.shape))
-    if not whole and facts.times is not None:  # its rows are held against all frames
+    if not whole and facts.times is not None:  # the number of its rows is checked against all frames
         needs = needs[:-2]
     for need in needs:
         try:
@@ -236,7 +237,7 @@ def _check_ranges(facts: ImportOptions) -> None:
 
 
 def _user_parameters(facts: ImportOptions) -> dict[str, float]:
-    """Object parameters that a person gave."""
+    """Object parameters that the user states."""
     return {n: v for n in PARAMETER_NAMES if (v := getattr(facts, n)) is not None}
 
 
@@ -248,7 +249,7 @@ def _open_frames(path: Path, facts: ImportOptions) -> Iterator[RawFrames]:
 
 
 def apply_radiometry(frames: RawFrames, facts: ImportOptions) -> tuple[np.ndarray, list[str]]:
-    """Temperatures, degC, with the object parameters that a person gave, and notes on what changed."""
+    """Temperatures, degC, with the object parameters that the user states, and notes on the changes."""
     if frames.difference:
         raise BadInput("holds differences (a lock-in result), not temperatures; export the temperature images instead")
     given = _user_parameters(facts)
@@ -270,8 +271,8 @@ def apply_radiometry(frames: RawFrames, facts: ImportOptions) -> tuple[np.ndarra
         ask.append("reflected")
     if ask:
         raise BadInput(
-            f"{option_name(ask[0])}: the file holds temperatures and does not say which {ask[0]} they were computed with;"
-            f" give {' and '.join(f'--was.{k}' for k in ask)} as well"
+            f"{option_name(ask[0])}: the file holds temperatures and does not say which {ask[0]} they were computed"
+            f" with; give {' and '.join(f'--was.{k}' for k in ask)} as well"
         )
     before = ObjectParameters(**old)
     band = LONG_WAVE if facts.band is None else PlanckCalibration(1.0, 1.0, facts.band)
@@ -281,7 +282,7 @@ def apply_radiometry(frames: RawFrames, facts: ImportOptions) -> tuple[np.ndarra
 
 
 class FrameRectifier:
-    """Puts the images of every file where those of the first belong: mask, orientation, scale, crop."""
+    """Mask, orientation, scale and crop of the first images, applied to the images of every file."""
 
     def __init__(self, frames: RawFrames, facts: ImportOptions, T: np.ndarray):
         self.band = frames.planck or (LONG_WAVE if facts.band is None else PlanckCalibration(1.0, 1.0, facts.band))
@@ -314,7 +315,7 @@ class FrameRectifier:
 
 
 def _row_mean(T: np.ndarray, band: PlanckCalibration) -> np.ndarray:
-    """The rows of images averaged as radiance, for a profile: (frames, 1, nu)."""
+    """Mean of the rows of images, averaged as radiance, for a profile: (frames, 1, nu)."""
     light = band.counts(T)
     known = np.isfinite(light)
     total = np.where(known, light, 0.0).sum(axis=1, keepdims=True)
@@ -323,7 +324,7 @@ def _row_mean(T: np.ndarray, band: PlanckCalibration) -> np.ndarray:
 
 
 def pixel_to_metre_map(facts: ImportOptions, shape: tuple[int, int]) -> tuple[np.ndarray, str]:
-    """The map from pixels to m out of points or out of direction, origin and scale; asks for what is missing."""
+    """Map from pixels to m, from marked points or from direction, origin and scale.  BadInput lists missing options."""
     if facts.point is not None:
         return rectification.map_from_points(facts.point)
     missing = [n for n in ("downstream", "pixel") if getattr(facts, n) is None]
@@ -346,16 +347,16 @@ def pixel_to_metre_map(facts: ImportOptions, shape: tuple[int, int]) -> tuple[np
 
 
 def _camera_attributes(frames: RawFrames, facts: ImportOptions) -> dict[str, Any]:
-    """What is known of camera and object, as attributes of the recording."""
+    """Facts of camera and object, as attributes of the recording."""
     given = {
         to: v if (v := getattr(facts, name)) is not None else frames.camera_attributes.get(to)
         for name, to in CAMERA_ATTRIBUTES.items()
     }
-    said = {**frames.stated_parameters, **(facts.was or {}), **_user_parameters(facts)}
+    parameters = {**frames.stated_parameters, **(facts.was or {}), **_user_parameters(facts)}
     fps = facts.fps or frames.fps
     every = facts.every or 1
     return given | {
-        "emissivity": said.get("emissivity"),
-        "reflected_degC": said.get("reflected"),
+        "emissivity": parameters.get("emissivity"),
+        "reflected_degC": parameters.get("reflected"),
         "fps": fps / every if fps and facts.fps else fps,
     }

@@ -1,4 +1,4 @@
-"""From pixels to metres: orientation, scale and origin, four marked points, crop, masks and dead pixels.
+"""Rectification, from pixels to metres: orientation, scale, origin, marked points, crop, masks and dead pixels.
 
 A pixel is (column, row) counted from 0 at the upper left, its centre at whole numbers.  A map is a 3 x 3 matrix M
 with (u, v, 1) ~ M (column, row, 1), u and v in m.
@@ -17,14 +17,14 @@ from flashtemp.errors import BadInput
 DIRECTIONS = {"right": (1.0, 0.0), "left": (-1.0, 0.0), "down": (0.0, 1.0), "up": (0.0, -1.0)}  # (column, row)
 MM = 1e-3
 DEAD_PIXEL_SDS = 7.0  # robust standard deviations beyond the neighbours
-MIN_SCATTER_K = 0.02  # K: below this no neighbourhood is believed
-CUBIC_MARGIN_PX = 6  # pixels around an image so that a cubic sees no edge
-MAX_PIXEL_GROWTH = 4  # times the pixels of the image that a turned image may have
+MIN_SCATTER_K = 0.02  # K: lower bound of the scatter of neighbours
+CUBIC_MARGIN_PX = 6  # pixels added around an image, so that cubic interpolation has no edge
+MAX_PIXEL_GROWTH = 4  # ratio of pixels of the rectified image to those of the original
 
 
 @dataclass(frozen=True)
 class RectifiedFrames:
-    """Images in place: `temperature` (frames, nv, nu), pixel centres `u` (nu,), `v` (nv,) in m, and a note."""
+    """Rectified images: `temperature` (frames, nv, nu), pixel centres `u` (nu,), `v` (nv,) in m, and a note."""
 
     temperature: np.ndarray
     u: np.ndarray
@@ -33,12 +33,12 @@ class RectifiedFrames:
 
 
 def image_axes(downstream: str, up: str | None) -> np.ndarray:
-    """Rows: the image directions (column, row) of u and v; `up` may be left out where u is horizontal."""
+    """Matrix (2, 2) of the image directions (column, row) of u and v; `up` is optional if u is horizontal."""
     if up is None and downstream in ("left", "right"):
         up = "up"
     if up is None:
         raise BadInput(
-            f"up: which way of the image v points is not said, and u points {downstream}; give --up left or right"
+            f"up: the direction of v in the image is missing, and u points {downstream}; give --up left or right"
         )
     both = np.array([DIRECTIONS[downstream], DIRECTIONS[up]])
     if both[0] @ both[1] != 0:
@@ -47,7 +47,7 @@ def image_axes(downstream: str, up: str | None) -> np.ndarray:
 
 
 def map_from_scale(turn: np.ndarray, pixel, at, pitch) -> np.ndarray:
-    """M of an image along its axes: `pixel` lies at `at` (u, v; mm), pixels are `pitch` (u, v; mm) apart."""
+    """M of an image parallel to u and v: `pixel` lies at `at` (u, v; mm), pixels are `pitch` (u, v; mm) apart."""
     M = np.eye(3)
     M[:2, :2] = np.asarray(pitch)[:, None] * turn
     M[:2, 2] = np.asarray(at) - M[:2, :2] @ np.asarray(pixel)
@@ -57,8 +57,8 @@ def map_from_scale(turn: np.ndarray, pixel, at, pitch) -> np.ndarray:
 def map_from_two_points(turn: np.ndarray, pixel, at, second, shape) -> tuple[np.ndarray, str]:
     """M from two known points, (pixel, at) and `second` (column, row, u, v); and a note on scale and tilt.
 
-    Where the tilt moves no pixel of the image (rows, columns) by half a pixel it is left out, so that nothing
-    need be interpolated.
+    A tilt that moves no pixel of the image (rows, columns) by half a pixel is left out, so that nothing needs to be
+    interpolated.
     """
     step = turn @ (np.asarray(second[:2]) - pixel)
     world = np.asarray(second[2:]) - at
@@ -81,7 +81,7 @@ def map_from_two_points(turn: np.ndarray, pixel, at, second, shape) -> tuple[np.
 
 
 def map_from_points(points) -> tuple[np.ndarray, str]:
-    """M from four or more marked points (column, row, u mm, v mm), a homography; and how well it fits them."""
+    """M from four or more marked points (column, row, u mm, v mm), a homography; and a note on its residuals."""
     p = np.asarray(points, dtype=float)
     if len(p) < 4:
         raise BadInput(f"point: {len(p)} marked; give at least four, no three of them on a line")
@@ -89,7 +89,7 @@ def map_from_points(points) -> tuple[np.ndarray, str]:
     M = getattr(transform, "params", None)
     if M is None or not np.all(np.isfinite(M)) or np.linalg.cond(M) > 1e12:
         raise BadInput("point: the marked points lie on a line; give four of which no three do")
-    M = M / (M[2] @ (*p[:, :2].mean(axis=0), 1.0))  # in front of the horizon where the points are
+    M = M / (M[2] @ (*p[:, :2].mean(axis=0), 1.0))  # sign: the points lie in front of the horizon
     off = apply_homography(np.linalg.inv(M), p[:, 2:]) - p[:, :2]
     rms = float(np.sqrt((off**2).sum(axis=1).mean()))
     if not rms <= 5:
@@ -113,7 +113,7 @@ def rectify_frames(
 ) -> RectifiedFrames:
     """Images (frames, rows, columns) on a grid of u and v; `crop` (u0, u1, v0, v1), `pitch` (u, v) in m.
 
-    Along the image's axes pixels are only turned and cut; otherwise interpolated, as radiance and not as degC.
+    An image parallel to u and v is only flipped and cropped; any other is interpolated, as radiance and not as degC.
     """
     if np.all(M[2, :2] == 0) and np.count_nonzero(M[:2, :2]) == 2:
         placed = _rectify_aligned(T, M)
@@ -139,8 +139,8 @@ def crop_frames(placed: RectifiedFrames, crop) -> RectifiedFrames:
     keep_u = (placed.u >= crop[0] - 1e-9) & (placed.u <= crop[1] + 1e-9)
     keep_v = (placed.v >= crop[2] - 1e-9) & (placed.v <= crop[3] + 1e-9)
     if not keep_u.any() or not keep_v.any():
-        seen = ", ".join(f"{1e3 * x:.4g}" for x in (placed.u[0], placed.u[-1], placed.v[0], placed.v[-1]))
-        raise BadInput(f"crop: no pixel lies in it; the image spans (u0, u1, v0, v1) {seen} mm: choose within that")
+        extent = ", ".join(f"{1e3 * x:.4g}" for x in (placed.u[0], placed.u[-1], placed.v[0], placed.v[-1]))
+        raise BadInput(f"crop: no pixel lies in it; the image spans (u0, u1, v0, v1) {extent} mm: choose within that")
     return RectifiedFrames(placed.temperature[:, keep_v][:, :, keep_u], placed.u[keep_u], placed.v[keep_v], placed.note)
 
 
@@ -152,10 +152,10 @@ def _rectify_perspective(T: np.ndarray, M: np.ndarray, crop, pitch, band: Planck
         middle = apply_homography(M, np.array([[0, 0], [1, 0], [0, 1]]) + np.array([columns, rows]) / 2)
         pitch = (float(np.sqrt(abs(np.linalg.det(middle[1:] - middle[0])))),) * 2
     if crop is None:
-        seen = apply_homography(M, corners)
-        if np.any(np.isnan(seen)):
+        extent = apply_homography(M, corners)
+        if np.any(np.isnan(extent)):
             raise BadInput("crop: the image reaches the horizon of its perspective; give --crop u0 u1 v0 v1 in mm")
-        crop = (*np.sort(seen[:, 0])[[0, -1]], *np.sort(seen[:, 1])[[0, -1]])
+        crop = (*np.sort(extent[:, 0])[[0, -1]], *np.sort(extent[:, 1])[[0, -1]])
     nu, nv = (int((b - a) / p + 1e-6) + 1 for a, b, p in zip(crop[::2], crop[1::2], pitch, strict=True))
     if not 0 < nu * nv <= MAX_PIXEL_GROWTH * rows * columns:
         raise BadInput(
@@ -170,7 +170,7 @@ def _rectify_perspective(T: np.ndarray, M: np.ndarray, crop, pitch, band: Planck
 
 
 def _interpolate_image(image: np.ndarray, wanted: np.ndarray, band: PlanckCalibration) -> np.ndarray:
-    """An image at pixels `wanted` (nv, nu, 2), cubic in radiance; NaN outside and beside dead pixels."""
+    """An image at pixels `wanted` (nv, nu, 2), cubic in radiance; NaN outside and next to dead pixels."""
     from scipy.ndimage import map_coordinates
 
     where = np.nan_to_num(wanted[..., ::-1].transpose(2, 0, 1), nan=-10.0)
@@ -179,9 +179,8 @@ def _interpolate_image(image: np.ndarray, wanted: np.ndarray, band: PlanckCalibr
     dead = np.isnan(image)
     if dead.any():
         lost |= map_coordinates(dead.astype(float), where, order=1, mode="nearest") > 0.01
-    light = np.pad(
-        band.counts(fill_gaps(image)), CUBIC_MARGIN_PX, mode="reflect", reflect_type="odd"
-    )  # gradients go on at the rim
+    # odd reflection continues gradients beyond the rim
+    light = np.pad(band.counts(fill_gaps(image)), CUBIC_MARGIN_PX, mode="reflect", reflect_type="odd")
     light = map_coordinates(light, where + CUBIC_MARGIN_PX, order=3, mode="nearest")
     return np.where(lost, np.nan, band.temperature(light))
 
@@ -199,8 +198,9 @@ def fill_gaps(image: np.ndarray) -> np.ndarray:
 def find_dead_pixels(T: np.ndarray) -> np.ndarray:
     """Mask (rows, columns) of pixels that differ from the median of their neighbours in most frames.
 
-    Median test: further out than all neighbours but one, by more than `DEAD_PIXEL_SDS` robust standard deviations of these
-    neighbours and of the whole image about its local medians; lines, edges, gradients and clusters of three pass.
+    Median test: outside the range of all neighbours but one, by more than `DEAD_PIXEL_SDS` robust standard deviations
+    of these neighbours and of the whole image about its local medians.  Lines, edges, gradients and clusters of three
+    pass.
     """
     picked = T[np.unique(np.linspace(0, len(T) - 1, 25).astype(int))]
     known = np.isfinite(picked).any(axis=0)
@@ -221,7 +221,7 @@ def find_dead_pixels(T: np.ndarray) -> np.ndarray:
 
 
 def rectangle_mask(shape: tuple[int, int], rectangles) -> np.ndarray:
-    """Mask (rows, columns) of rectangles (column, row, column, row), both corners within."""
+    """Mask (rows, columns) of rectangles (column, row, column, row), with both corners."""
     mask = np.zeros(shape, bool)
     for c0, r0, c1, r1 in rectangles:
         if not (0 <= c0 <= c1 < shape[1] and 0 <= r0 <= r1 < shape[0]):

@@ -1,4 +1,4 @@
-"""Thermocouples as loggers record them: a table, a LabVIEW or a TDMS file -> a recording of points."""
+"""Import of thermocouple records of loggers (tables, LabVIEW, TDMS) as a recording of points."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ SERIES_NAME = re.compile(
     r"entityid|(?:sensor|channel|device|probe|series|tag|topic|field|variable|parameter|kanal|messstelle|fühler)"
     r"(?:id|name|no|nr|number)?|measurement|location"
 )
-COLDEST_DEGC = -273.0  # absolute zero in whole degrees or finer: no reading
-HOTTEST_DEGC = 3500.0  # beyond every thermocouple and pyrometer of this kind
-COLDEST_KELVIN_MEDIAN = 150.0  # below, numbers under a K are rather of a thermocouple of type K
+COLDEST_DEGC = -273.0  # absolute zero in whole degrees: not a reading
+HOTTEST_DEGC = 3500.0  # hotter than any thermocouple or pyrometer measures
+COLDEST_KELVIN_MEDIAN = 150.0  # K: below, a column headed K rather means a thermocouple of type K
 UNIT_KEY = re.compile(
     r"(?:temp\w*[ _.]?)?(?:units?|einheit)(?: of temp\w*)?|temp\w*[ _](?:units?|scale)|温度単位", re.IGNORECASE
 )
@@ -48,7 +48,7 @@ UNIT_KEY = re.compile(
 
 @dataclass(frozen=True)
 class SensorColumns:
-    """Thermocouples and the column of each: its number or its name in the header, None where neither is given."""
+    """Thermocouples and the column of each: number or name in the header, None if neither is stated."""
 
     places: SensorPositions
     columns: tuple[int | str | None, ...]
@@ -56,7 +56,7 @@ class SensorColumns:
 
 
 def read_recording(names: list[Path], facts: ImportOptions) -> tuple[Recording, tuple[str, ...]]:
-    """The recording of one file of a logger, and notes on what was recognised and assumed.  Raises BadInput."""
+    """The recording of one logger file, and notes on what was recognised and assumed.  Raises BadInput."""
     given = [name for name in ImportOptions.__dataclass_fields__ if getattr(facts, name) is not None]
     if other := next((name for name in given if name not in POINT_OPTIONS), None):
         raise BadInput(f"{option_name(other)}: belongs to images; leave it out for points")
@@ -121,7 +121,7 @@ def read_campaign_points(entry: dict[str, Any], folder: Path, schedule: Any, key
 def _assign_columns(
     table: TextTable, axis: TimeAxis | None, placed: SensorColumns, facts: ImportOptions
 ) -> tuple[list[TableColumn], TimeAxis | None]:
-    """The column of every thermocouple, and the times unless `fps` takes their place.  Raises BadInput."""
+    """The column of every thermocouple, and the time axis unless `fps` replaces it.  Raises BadInput."""
     if facts.time_column is not None:
         axis = None
     columns: list[TableColumn] | None
@@ -130,8 +130,8 @@ def _assign_columns(
     else:
         columns = [_find_column(table, c, placed.where) for c in placed.columns if c is not None]
     taken = [c.number for c in columns or ()]
-    if said := next((c for c in columns or () if table.has_header and header.is_time_label(c)), None):
-        raise BadInput(f"{table.where}: {said} says time, a thermocouple is expected there; correct --places")
+    if time_column := next((c for c in columns or () if table.has_header and header.is_time_label(c)), None):
+        raise BadInput(f"{table.where}: {time_column} says time, a thermocouple is expected there; correct --places")
     if facts.fps is not None:
         return columns or _columns_in_order(table, TimeAxis(np.zeros(0), (1,)), placed), None
     if axis is None and 1 in taken and len(taken) == len(table.columns):
@@ -145,7 +145,7 @@ def _assign_columns(
 
 
 def _find_column(table: TextTable, wanted: int | str, where: str) -> TableColumn:
-    """The column of a number or of a name in the header.  Raises BadInput."""
+    """The column with a number or with a name in the header.  Raises BadInput."""
     if isinstance(wanted, int):
         if wanted > len(table.columns):
             raise BadInput(
@@ -161,7 +161,7 @@ def _find_column(table: TextTable, wanted: int | str, where: str) -> TableColumn
 
 
 def _columns_by_name(table: TextTable, names: list[str | None]) -> list[TableColumn] | None:
-    """The columns whose names are those of all points; None where some are not in the header.  Raises BadInput."""
+    """The columns with the names of the points; None if the header does not contain each of them once."""
     labels: dict[str, list[TableColumn]] = {}
     for column in table.columns:
         for label in {column.label.casefold().strip(), header.split_label(column.label, "degC")[0].casefold()}:
@@ -178,7 +178,7 @@ def _columns_by_name(table: TextTable, names: list[str | None]) -> list[TableCol
 def _columns_in_order(
     table: TextTable, axis: TimeAxis, placed: SensorColumns, exact: bool = False
 ) -> list[TableColumn]:
-    """The columns of values behind the time, one per thermocouple in their order.  Raises BadInput."""
+    """The columns of values after the time, one per thermocouple in their order.  Raises BadInput."""
     free = _free_columns(table, axis)
     count = len(placed.places)
     if len(free) < count or (exact and len(free) > count):
@@ -193,7 +193,7 @@ def _columns_in_order(
 
 
 def _free_columns(table: TextTable, axis: TimeAxis | None) -> list[TableColumn]:
-    """The columns of values behind the time that are neither counted nor a status."""
+    """The columns of values after the time, without counters and status columns."""
     behind = 0 if axis is None else max(axis.columns, default=0)
     return [
         c
@@ -207,7 +207,7 @@ def _free_columns(table: TextTable, axis: TimeAxis | None) -> list[TableColumn]:
 def _note_of_order(
     table: TextTable, columns: list[TableColumn], axis: TimeAxis | None, placed: SensorColumns
 ) -> tuple[str, ...]:
-    """A note where thermocouples were found by their order alone, and the table has more columns of values."""
+    """A note if thermocouples were assigned by their order alone and the table has more columns of values."""
     if None not in placed.columns or _columns_by_name(table, list(placed.places.names)) is not None:
         return ()
     if len(_free_columns(table, axis)) <= len(columns):
@@ -216,7 +216,7 @@ def _note_of_order(
 
 
 def _check_one_series(table: TextTable, columns: list[TableColumn]) -> None:
-    """BadInput where a column names several sensors, whose readings stand under each other."""
+    """BadInput where a column names several sensors, whose readings are in one column."""
     for column in table.columns:
         if column in columns or not SERIES_NAME.fullmatch(header.bare_name(column.label)):
             continue
@@ -241,9 +241,8 @@ def read_temperatures(
     """
     if facts.scale is not None or facts.offset is not None:
         values = np.stack([_column_numbers(table, c) for c in columns], axis=1)
-        scale_counts(
-            values[np.isfinite(values)], facts.scale, facts.offset, f"{table.where}: table"
-        )  # refuses, or agrees
+        # called for its checks alone
+        scale_counts(values[np.isfinite(values)], facts.scale, facts.offset, f"{table.where}: table")
         return (facts.scale or 1.0) * values + (facts.offset or 0.0), []
     general = facts.unit or _preamble_unit(table)
     out, notes, bare = [], [], []
@@ -254,7 +253,7 @@ def read_temperatures(
         if facts.unit and header.is_unit_text(stated, "degC") and not _is_same_unit(stated, facts.unit):
             notes.append(f"{column} says {stated}, read as {facts.unit} as --unit says")
         elif unit and not _is_same_unit(unit, "degC"):
-            notes.append(f"{column} in {unit}, turned into degC")
+            notes.append(f"{column} in {unit}, converted to degC")
         if not unit:
             bare.append(T)
         out.append(T)
@@ -279,7 +278,7 @@ def _column_numbers(table: TextTable, column: TableColumn) -> np.ndarray:
 def _column_temperatures(
     table: TextTable, column: TableColumn, own: str | None, general: str | None
 ) -> tuple[np.ndarray, str]:
-    """Temperatures of a column in degC, and the unit in which they stand there, "" where none is stated."""
+    """Temperatures of a column in degC, and its unit in the file, "" if none is stated."""
     try:
         T, unit = table.read_quantity(column, "degC", own)
     except BadInput as fault:
@@ -306,7 +305,7 @@ def _is_same_unit(one: str, other: str) -> bool:
 
 
 def _preamble_unit(table: TextTable) -> str | None:
-    """The unit of temperatures that the lines above the table state."""
+    """Unit of temperatures that the lines above the table state, or None."""
     for key, value in table.preamble:
         if UNIT_KEY.fullmatch(key.strip()) and header.is_unit_text(value, "degC"):
             return value
@@ -319,7 +318,7 @@ def _check_known(table: TextTable, column: TableColumn, T: np.ndarray) -> None:
 
 
 def _check_range(table: TextTable, column: TableColumn, T: np.ndarray) -> None:
-    """BadInput for temperatures that cannot be, with their line and cell."""
+    """BadInput for impossible temperatures, with their line and cell."""
     bad = (T <= COLDEST_DEGC) | (T > HOTTEST_DEGC)
     if not bad.any():
         return
@@ -331,13 +330,13 @@ def _check_range(table: TextTable, column: TableColumn, T: np.ndarray) -> None:
         else f"is above {HOTTEST_DEGC:g} degC"
     )
     raise BadInput(
-        f"{table.locate_row(k)}: {cell} in column {column.number} {what}; if it marks a missing value, empty that cell, else"
-        " give --unit"
+        f"{table.locate_row(k)}: {cell} in column {column.number} {what}; if it marks a missing value, empty that cell,"
+        " else give --unit"
     )
 
 
 def _axis_timestamps(axis: TimeAxis | None, count: int) -> frame_times.FrameTimestamps:
-    """Times as `timing` takes them: of a clock, or counted by the file itself."""
+    """Time stamps of a logger file: from a clock, or counted by the file itself."""
     if axis is None:
         return frame_times.FrameTimestamps(count)
     if axis.is_clock:
@@ -345,9 +344,9 @@ def _axis_timestamps(axis: TimeAxis | None, count: int) -> frame_times.FrameTime
     return frame_times.FrameTimestamps(count, time=axis.seconds)
 
 
-# --- places -----------------------------------------------------------------------------------------
+# --- positions --------------------------------------------------------------------------------------
 def read_positions(file: Path) -> SensorColumns:
-    """Thermocouples of a CSV file with a line of names.  Raises BadInput."""
+    """Positions of thermocouples from a CSV file with a header.  Raises BadInput."""
     where = f"places: {file}"
     records = read_records(file, where, f"give {POSITIONS_REMEDY}")
     named = {name: _parse_label(name, where) for name in records[0].cells} if records else {}
@@ -371,7 +370,7 @@ def read_positions(file: Path) -> SensorColumns:
 
 
 def _parse_label(label: str, where: str) -> tuple[str, str]:
-    """The key that a name of a column means, and the unit that it states, "" for none."""
+    """Key of a column from its label, and the unit in the label, "" for none."""
     if label.casefold() in POSITION_COLUMNS:
         return label.casefold(), ""
     for key, (unit, *_) in SENSOR_KEYS.items():

@@ -1,4 +1,4 @@
-"""A camera with what acts on it: its clock, where its pixels lie, and what it makes of the light that they get."""
+"""Camera model: clock, pixel positions, and the temperature that a camera reports for the radiance of its pixels."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from flashtemp.camera.recording import Recording
 from flashtemp.model.scene import ActiveEffect, Scene
 from flashtemp.physics.quantities import KELVIN
 
-BLUR_STEP_FRACTION = 0.01  # share of a point spread: step of what follows from it
-TYPICAL_EMISSIVITY = 0.95  # emissivity where a recording does not say
+BLUR_STEP_FRACTION = 0.01  # relative step of the point spread, for a numerical derivative
+TYPICAL_EMISSIVITY = 0.95  # emissivity of a recording that states none
 
 
 class CameraModel:
-    """The camera with what acts on it: values of its quantities for a recording, stamped late by `clock` (s)."""
+    """A camera and the instrument effects that act on it, for one recording; frames are stamped late by `clock` (s)."""
 
     def __init__(self, recording: Recording, acting: tuple[ActiveEffect, ...] = (), clock: float = 0.0):
         self.recording = recording
@@ -36,13 +36,13 @@ class CameraModel:
         self.laws = [(part, a.p) for a in acting for part in a.effect.see(a.p)]
 
     def __call__(self, quantity: str, base):
-        """A quantity of the camera: `base` plus all that acts on it; numbers, or one value for every frame."""
+        """A quantity of the camera: `base` plus the contributions of all effects, one value or one per frame."""
         now = SimpleNamespace(recording=self.recording, repetition=self.recording.repetition)
         return base + sum(part.law(None, now, p) for part, p in self.laws if part.target == f"camera.{quantity}")
 
     @property
     def blur(self) -> float:
-        """Width of the point spread, px."""
+        """Standard deviation of the Gaussian point spread, px."""
         return float(self("blur", self.recording.psf_sigma_px or 0.0))
 
     def with_recording(self, recording: Recording) -> CameraModel:
@@ -52,11 +52,11 @@ class CameraModel:
         return other
 
     def observed_times(self) -> np.ndarray:
-        """Times (frames,) in s whose temperatures the frames show: the middle of the exposure, less the lag."""
+        """Times (frames,) in s whose temperatures the frames show: the middle of the exposure minus the lag."""
         return self.recording.time - 0.5 * (self.recording.exposure_s or 0.0) - self("lag", self.clock)
 
     def required_times(self) -> np.ndarray:
-        """Times (s) at which a run must keep its fields: those, and for points what their lag remembers."""
+        """Times (s) at which a run must keep its fields; for sensors also earlier ones that their lag depends on."""
         return (
             self.observed_times()
             if self.recording.places is None
@@ -66,8 +66,12 @@ class CameraModel:
 
 @dataclass(frozen=True)
 class ImageFormation:
-    """A camera's axes along u and v and its radiometry: `emissivity` true and `stated_emissivity`, counts that are `reflected_counts` truly
-    and as told, and of what is `background_counts` the body."""
+    """Pixel axes of a camera along u and v and its radiometry.
+
+    `emissivity` is the true one, `stated_emissivity` that set in the camera.  `reflected_counts` and
+    `stated_reflected_counts` are the radiance of the reflected surroundings, true and as set in the camera;
+    `background_counts` is the radiance of what surrounds the body in the image.
+    """
 
     camera: CameraModel
     axes: tuple[PixelAxis, PixelAxis]
@@ -84,11 +88,11 @@ class ImageFormation:
         cls, camera: CameraModel, scene: Scene, shift, change: float, place: ImagePlacement
     ) -> ImageFormation:
         recording, background = camera.recording, scene.ambient - KELVIN
-        given = recording.emissivity or (1.0 if recording.view == "profile" else TYPICAL_EMISSIVITY)
+        stated = recording.emissivity or (1.0 if recording.view == "profile" else TYPICAL_EMISSIVITY)
         reflected = background if recording.reflected_degC is None else recording.reflected_degC
         u, v = (_pixel_axis(camera, a, shift, place, scene.length) for a in (0, 1))
         return cls(
-            camera, (u, v), place, scene.length, camera("emissivity", given + change), given,
+            camera, (u, v), place, scene.length, camera("emissivity", stated + change), stated,
             LONG_WAVE.counts(camera("reflected", reflected)), LONG_WAVE.counts(reflected), LONG_WAVE.counts(background),
         )  # fmt: skip
 
@@ -97,23 +101,30 @@ class ImageFormation:
         return self.camera.recording
 
     def apparent_temperatures(self, body, nodes, kept: MatrixCache | None, slopes: bool) -> dict[str, np.ndarray]:
-        """Temperatures "" (frames, nv, nu) degC of pixels before a `body` (frames, v nodes, u nodes) degC with `nodes`
-        (m) along u and v, and `Seen.slopes`."""
-        got = self._sample_light(LONG_WAVE.counts(body) - self.background_counts, nodes, kept, slopes)
-        S = self.background_counts + got.seen
+        """Temperatures that the camera reports of a `body` (frames, v nodes, u nodes) degC at `nodes` (m) along u, v.
+
+        Returns them under the key "", (frames, nv, nu) degC, and with `slopes` the derivatives of `PredictedImage`.
+        """
+        # pixels average radiance, and only the excess over the background, so that a body may end inside the image
+        sampled = self._sample_light(LONG_WAVE.counts(body) - self.background_counts, nodes, kept, slopes)
+        S = self.background_counts + sampled.seen
+        # eps S + (1 - eps) S_reflected with the true values, solved for S with those set in the camera
         mirrored = (1.0 - self.emissivity) * self.reflected_counts
-        told = (
+        apparent = (
             self.emissivity * S + mirrored - (1.0 - self.stated_emissivity) * self.stated_reflected_counts
         ) / self.stated_emissivity
-        out = {"": LONG_WAVE.temperature(told)}
+        out = {"": LONG_WAVE.temperature(apparent)}
         if slopes:
-            steep = LONG_WAVE.temperature_per_count(told) / self.stated_emissivity
-            out |= {name: steep * self.emissivity * change for name, change in self._placement_derivatives(got).items()}
-            out["gain"] = steep * (S - self.reflected_counts)
+            per_count = LONG_WAVE.temperature_per_count(apparent) / self.stated_emissivity
+            out |= {
+                name: per_count * self.emissivity * change
+                for name, change in self._placement_derivatives(sampled).items()
+            }
+            out["gain"] = per_count * (S - self.reflected_counts)
         return out
 
     def _sample_light(self, light, nodes, kept: MatrixCache | None, slopes: bool) -> SampledImage:
-        """What pixels get of the light of a body."""
+        """Radiance of a body as the pixels average it."""
         if self.recording.view == "profile":
             return sample_aligned(light, nodes, (self.axes[0], None), slopes)
         if self.placement.turn:
@@ -128,25 +139,29 @@ class ImageFormation:
             )
         return sample_aligned(light, nodes, self.axes, slopes)
 
-    def _placement_derivatives(self, got: SampledImage) -> dict[str, np.ndarray]:
-        """What light changes as the image lies otherwise: scale and turn move pixels along u and v, and turn them."""
+    def _placement_derivatives(self, sampled: SampledImage) -> dict[str, np.ndarray]:
+        """Derivatives of the pixels' radiance with respect to shift, scale, rotation and blur of the image.
+
+        Scale and rotation move pixels along u and v.  A pixel whose variances along u and v differ also turns: that is
+        the mixed derivative.
+        """
         (u, v), (across, above) = self.axes, rotation_centre(self.recording, self.block_length)
-        origin, grown = scale_origin(self.recording, self.block_length), 1.0 + self.placement.scale
+        origin, magnification = scale_origin(self.recording, self.block_length), 1.0 + self.placement.scale
         square = self.recording.view == "profile" or u.variance == v.variance
-        oblong = 0.0 if square else (u.variance - v.variance) * mixed_derivative(got.seen, u, v)
+        oblong = 0.0 if square else (u.variance - v.variance) * mixed_derivative(sampled.seen, u, v)
         x, y = u.centres, 0.0 if self.recording.view == "profile" else v.centres[:, None]
-        larger = got.along_u * (x - origin) + got.along_v * y + got.larger
+        larger = sampled.along_u * (x - origin) + sampled.along_v * y + sampled.larger
         return {
-            "shift_u": got.along_u * u.pitch,
-            "shift_v": got.along_v * v.pitch,
-            "scale": larger / grown,
-            "turn": got.along_v * (x - across) - got.along_u * (y - above) + oblong,
-            "spread": got.wider * self._blur_ratio,
+            "shift_u": sampled.along_u * u.pitch,
+            "shift_v": sampled.along_v * v.pitch,
+            "scale": larger / magnification,
+            "turn": sampled.along_v * (x - across) - sampled.along_u * (y - above) + oblong,
+            "spread": sampled.wider * self._blur_ratio,
         }
 
     @property
     def _blur_ratio(self) -> float:
-        """Share by which the point spread is wider per share of what the recording tells of it."""
+        """Relative change of the point spread per relative change of the one that the recording states."""
         now = self.camera.blur
         if not now:
             return 0.0
@@ -155,10 +170,10 @@ class ImageFormation:
 
 
 def _pixel_axis(camera: CameraModel, axis: int, shift, place: ImagePlacement, length: float) -> PixelAxis:
-    """Pixels along u (0) or v (1) with the camera's shift and the image's scale."""
+    """Pixels along u (0) or v (1), with the camera's shift and the scale of the image."""
     recording, name = camera.recording, "uv"[axis]
     pitch = recording.pitch[axis]
-    if not np.isfinite(pitch):
+    if not np.isfinite(pitch):  # a single row or column: square pixels
         pitch = next(p for p in (*recording.pitch, 1e-4) if np.isfinite(p))
     centres = (recording.u, recording.v)[axis] + camera(f"shift_{name}", shift[axis]) * pitch
     if place.scale:

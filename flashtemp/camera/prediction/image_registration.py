@@ -1,4 +1,4 @@
-"""Where the image really is: one small shift per recording, by Gauss-Newton with exact resampling."""
+"""Image registration: one small shift per recording, by Gauss-Newton with exact resampling."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 from flashtemp.camera.prediction.observation import PredictedImage, observe
 from flashtemp.camera.recording import Recording
 
-SHIFT_DERIVATIVES = ("shift_u", "shift_v")  # slopes of what is seen, as `Seen` names them
-MAX_SHIFT_SDS = 3.0  # standard deviations: a shift beyond is not the image's
+SHIFT_DERIVATIVES = ("shift_u", "shift_v")  # keys of `PredictedImage.slopes`
+MAX_SHIFT_SDS = 3.0  # prior standard deviations: a larger shift has another cause and is not applied
 
 
 @dataclass(frozen=True)
 class Alignment:
-    """Shift of an image along u and v in px with its standard errors, and what is seen with it.
+    """Shift of an image along u and v in px with its standard errors, and the image predicted with it.
 
-    `refused` (px): a shift that would fit best but lies beyond what is known of the origin; then none is applied.
+    `refused` (px): the best-fitting shift if it contradicts the stated origin; then none is applied.
     """
 
     shift: tuple[float, float]
@@ -27,11 +27,11 @@ class Alignment:
 
 
 def align_image(run, scene, recording: Recording, plain: PredictedImage, weigh, known: float) -> Alignment:
-    """The shift with which a run explains a recording best, known beforehand to `known` px (standard deviation).
+    """Shift with which a run explains a recording best, under a Gaussian prior of `known` px (standard deviation).
 
-    `plain` is what is seen without a shift; it comes back where none is found.
-    `weigh(residual)` turns residuals (frames, nv, nu) K into sigma.  A single row of pixels cannot be shifted
-    across, nor can the wake across y: only its rims would tell, and they are left out.
+    `plain` is the image predicted without shift, which is returned where none applies.  `weigh(residual)` divides
+    residuals (frames, nv, nu) K by their noise.  A single row of pixels cannot be shifted across itself.  Nor is the
+    wake shifted along y, because only its edges depend on that and they are left out.
     """
     axes = [a for a, n in enumerate((len(recording.u), len(recording.v))) if n > 1 and recording.places is None]
     if recording.view == "wake":
@@ -42,11 +42,11 @@ def align_image(run, scene, recording: Recording, plain: PredictedImage, weigh, 
         return Alignment((0.0, 0.0), (0.0, 0.0), plain)
     seen = observe(run, scene, recording, acting, slopes=True)
     for _ in range(8):
-        left = _weighted_column(weigh, recording.temperature - seen.temperature, seen)
+        residual = _weighted_column(weigh, recording.temperature - seen.temperature, seen)
         J = np.stack([_weighted_column(weigh, seen.slopes[SHIFT_DERIVATIVES[a]], seen) for a in axes], axis=1)
-        good = np.isfinite(left)
+        good = np.isfinite(residual)
         normal = J[good].T @ J[good] + np.eye(len(axes)) / known**2
-        step = np.linalg.solve(normal, J[good].T @ left[good] - shift[axes] / known**2)
+        step = np.linalg.solve(normal, J[good].T @ residual[good] - shift[axes] / known**2)
         step = np.clip(step, -1.0, 1.0)
         shift[axes] += step
         seen = observe(run, scene, recording, acting, shift, slopes=True)
@@ -64,5 +64,5 @@ def _as_pair(values: np.ndarray) -> tuple[float, float]:
 
 
 def _weighted_column(weigh, values: np.ndarray, seen: PredictedImage) -> np.ndarray:
-    """Residuals or slopes (frames, nv, nu) K as one column in sigma, NaN where the edge of a body is seen."""
+    """Residuals or slopes (frames, nv, nu) K as one column over their noise, NaN at the edge of a body."""
     return weigh(np.where(seen.inside, values, np.nan)).ravel()

@@ -1,7 +1,7 @@
-"""What a camera would have seen of a run: pixels, optics and radiance, for the side wall, the wake or a profile.
+"""Predicted images of a run: the side wall, the wake or a profile as a camera reports them.
 
-Temperatures become radiance first; pixel and point spread average radiance, never kelvin; the camera
-turns the mean back with the emissivity and the reflected temperature it was told.
+Temperatures become radiance first, because pixel and point spread average radiance, not temperature.  The camera turns
+the mean back into a temperature with the emissivity and the reflected temperature that were set in it.
 """
 
 from __future__ import annotations
@@ -30,22 +30,21 @@ from flashtemp.model.scene import ActiveEffect, Scene
 from flashtemp.physics.interpolation import interpolate_linear
 from flashtemp.physics.quantities import KELVIN
 
-WAKE_CELL_GROWTH = 1.1  # growth of the road's cells behind the block where a wake is seen
-SIDE_WALL_CELLS = 10  # even cells up the block where a side wall is seen
-POINTS_PER_CELL = 3  # points per cell of the fields that are seen
-BATCH = 64  # frames that are seen at a time: what lies between the cells' centres is large
+WAKE_CELL_GROWTH = 1.1  # growth of the road's cells behind the block if a wake is recorded
+SIDE_WALL_CELLS = 10  # uniform cells up the block if a side wall is recorded
+POINTS_PER_CELL = 3  # of the refined fields that are sampled
+BATCH = 64  # frames that are predicted at a time: refined fields are large
 EDGE_MARGIN_PX = 1.5  # px around the edge of a body that no comparison uses
-BLOCK_SIZE_TOLERANCE = 0.01  # of the block's length and width, as they are known: its edges may lie that far off
-BLUR_TAIL_WIDTHS = 4.0  # widths of the optics within which a road's edge shows
+BLOCK_SIZE_TOLERANCE = 0.01  # relative uncertainty of the block's length and width, and so of its edges
+BLUR_TAIL_WIDTHS = 4.0  # widths of the point spread within which the edge of the wake shows
 
 
 @dataclass(frozen=True)
 class PredictedImage:
-    """Prediction: `temperature` (frames, nv, nu) degC, and `inside` (nv, nu): the pixel sees only block or road.
+    """Predicted `temperature` (frames, nv, nu) degC; `inside` (nv, nu): pixels that see only the block or the road.
 
-    `slopes` (frames, nv, nu) where they are asked for: what temperature changes as the image lies otherwise, by
-    "shift_u" and "shift_v" (K/px), "scale" (K) and "turn" (K/rad), per share of "spread" (K) that the optics blur more,
-    and as its "gain" (K) per emissivity that the body has more than told.
+    `slopes` (frames, nv, nu) where required: derivatives by "shift_u" and "shift_v" (K/px), "scale" (K), "turn"
+    (K/rad), relative "spread" of the optics (K), and "gain", by the true emissivity (K).
     """
 
     temperature: np.ndarray
@@ -76,8 +75,8 @@ def _extrapolate_ends(values, nodes, axis: int):
 def refine_grid(values: np.ndarray, nodes: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
     """A field and its nodes at POINTS_PER_CELL points per cell, by cubic splines over the number of the cell.
 
-    The nodes are the first edge, the centres of cells and the last edge.  Graded meshes are smooth in that
-    number: what is linear between the new nodes is far closer to the field.
+    The nodes are the first edge, the centres of cells and the last edge.  Graded meshes are smooth in the cell number,
+    so a field that is linear between the new nodes is far closer to the true one.
     """
     if len(nodes) < 4:
         return values, nodes
@@ -87,7 +86,7 @@ def refine_grid(values: np.ndarray, nodes: np.ndarray, axis: int) -> tuple[np.nd
 
 @cache
 def _refinement_weights(n: int) -> np.ndarray:
-    """Weights (points, n + 2) of the first edge, n centres of cells and the last edge in what is finer."""
+    """Weights (points, n + 2) of the first edge, n centres of cells and the last edge in the refined field."""
     number = np.concatenate([[0.0], np.arange(n) + 0.5, [n]])
     weights: np.ndarray = CubicSpline(number, np.eye(n + 2))(np.arange(n * POINTS_PER_CELL + 1) / POINTS_PER_CELL)
     return weights
@@ -95,53 +94,61 @@ def _refinement_weights(n: int) -> np.ndarray:
 
 # --- the operator -----------------------------------------------------------------------------------
 def check_view(recording: Recording, scene: Scene, file: str) -> None:
-    """BadInput for what no camera or thermocouple of this scene can see."""
+    """BadInput for a view that this scene cannot predict."""
     if recording.view == "sidewall" and scene.layers:
         raise BadInput(
             f"{file}: view: the side wall of a block with layers is not modelled; give points, a wake or a profile"
         )
     if recording.view == "wake" and scene.mesh.last == len(scene.mesh.x) - 1:
-        raise BadInput(f"{file}: view: no road lies behind the block; give road.downstream more than 0 m to see a wake")
+        raise BadInput(f"{file}: view: no road lies behind the block; give road.downstream more than 0 m for a wake")
     if recording.places is not None:
         sensor_observation.check_positions(recording.places, scene, file)
 
 
 def observe(
-    run, scene: Scene, recording: Recording, acting: tuple[ActiveEffect, ...] = (), shift=(0.0, 0.0), change: float = 0.0,
-    place: ImagePlacement = STATED_PLACEMENT, kept: MatrixCache | None = None, face: FaceHistory | None = None,
-    ruler: tuple[float, float] | None = None, slopes: bool = False,
-) -> PredictedImage:  # fmt: skip
-    """What the camera of a recording would have reported of a run, with instrument effects `acting`.
+    run,
+    scene: Scene,
+    recording: Recording,
+    acting: tuple[ActiveEffect, ...] = (),
+    shift=(0.0, 0.0),
+    change: float = 0.0,
+    place: ImagePlacement = STATED_PLACEMENT,
+    kept: MatrixCache | None = None,
+    face: FaceHistory | None = None,
+    ruler: tuple[float, float] | None = None,
+    slopes: bool = False,
+) -> PredictedImage:
+    """Predicted image of a run for the camera of a recording, with instrument effects `acting`.
 
-    `shift` (px along u, v) of the whole image, `change` of the true emissivity against the one told; `place` is the
-    image's scale, turn and clock, `kept` what turned images of one recording share, `face` the history of the block's
-    face where the run has few records.  `ruler`: length and width (m) of the block by which pixels are chosen, where
-    they are not the scene's.  With `slopes` those of `PredictedImage` come along (thermocouples have none).
-    Fields of the run are interpolated in time; a run that kept them at `Instrument.times` loses nothing.
+    `shift` (px along u, v) of the whole image; `change` of the true emissivity against the stated one; `place` is the
+    image's scale, rotation and clock.  `kept` caches matrices of one recording; `face` is the history of the block's
+    face, for runs with few records.  `ruler`: length and width (m) of the block by which pixels are selected, where
+    they differ from the scene's.  `slopes` adds the derivatives of `PredictedImage` (not for thermocouples).  Fields
+    are interpolated linearly in time, exactly if the run kept them at `CameraModel.required_times`.
     """
     camera = CameraModel(recording, acting, place.clock)
     if recording.places is not None:
         return _observe_sensors(run, recording, camera)
     times = np.clip(camera.observed_times(), 0.0, run.time[-1])
-    sight = ImageFormation.from_camera(camera, scene, shift, change, place)
+    formation = ImageFormation.from_camera(camera, scene, shift, change, place)
     offset = np.broadcast_to(camera("offset", 0.0), len(times))[:, None, None]
-    shown: dict[str, np.ndarray] = {}
+    predicted: dict[str, np.ndarray] = {}
     batches = np.array_split(np.arange(len(times)), max(1, -(-len(times) // BATCH)))
     for batch in batches:
         near = run if len(batches) == 1 else _run_around(run, times[batch])
         body, along, up = _visible_temperatures(near, scene, recording, times[batch], face, kept)
-        for name, part in sight.apparent_temperatures(body, (along, up), kept, slopes).items():
-            if name not in shown:
-                shown[name] = np.empty((len(times), *part.shape[1:]), np.float32 if name else float)
-            shown[name][batch] = part
-    temperature = shown.pop("") + offset
+        for name, part in formation.apparent_temperatures(body, (along, up), kept, slopes).items():
+            if name not in predicted:
+                predicted[name] = np.empty((len(times), *part.shape[1:]), np.float32 if name else float)
+            predicted[name][batch] = part
+    temperature = predicted.pop("") + offset
     return PredictedImage(
-        temperature, _interior_mask(recording, *_stated_nodes(recording, scene, ruler, along, up)), shown
+        temperature, _interior_mask(recording, *_stated_nodes(recording, scene, ruler, along, up)), predicted
     )
 
 
 def _observe_sensors(run, recording: Recording, camera: CameraModel) -> PredictedImage:
-    """What thermocouples show: no optics, no emissivity."""
+    """Readings of thermocouples, which have neither optics nor emissivity."""
     assert recording.places is not None
     T = sensor_temperatures(run, recording.places, np.clip(camera.observed_times(), 0.0, run.time[-1]))
     T = T + np.broadcast_to(camera("offset", 0.0), len(T))[:, None]
@@ -149,7 +156,7 @@ def _observe_sensors(run, recording: Recording, camera: CameraModel) -> Predicte
 
 
 def _run_around(run, times: np.ndarray):
-    """The run with those of its fields alone between which `times` (s) lie."""
+    """The run with only those of its fields that surround `times` (s)."""
     kept = run.time[run.frames]
     k = slice(max(np.searchsorted(kept, times.min()) - 1, 0), np.searchsorted(kept, times.max()) + 1)
     maps = {name: values[k] for name, values in run.maps.items()}
@@ -157,7 +164,7 @@ def _run_around(run, times: np.ndarray):
 
 
 def _visible_temperatures(run, scene, recording, times, face: FaceHistory | None, kept: MatrixCache | None):
-    """Temperatures (frames, v nodes, u nodes) degC of what is in view, with nodes along u and v (m)."""
+    """Temperatures (frames, v nodes, u nodes) degC of the body in view, and its nodes along u and v (m)."""
     if recording.view == "profile":
         x = np.concatenate([run.mesh.x[[run.mesh.first]], run.x, run.mesh.x[[run.mesh.last]]])
         T = _extrapolate_ends(interpolate_linear(run.T_block, run.time, times)[:, None], x, 2)
@@ -168,7 +175,7 @@ def _visible_temperatures(run, scene, recording, times, face: FaceHistory | None
 
 
 def _wake_temperatures(run, scene, recording, times, face: FaceHistory | None, kept: MatrixCache):
-    """The road's surface behind the block, as `_visible_temperatures` says."""
+    """Surface of the road behind the block, in the form of `_visible_temperatures`."""
     behind, road = _visible_road(run, run.mesh.x[run.mesh.last], recording)
     half, films = 0.5 * scene.width, WallFilmCoefficients.from_scene(scene)
     T = road(run.maps, run.frames) if scene.resolved else road(vars(run), slice(None))
@@ -178,17 +185,17 @@ def _wake_temperatures(run, scene, recording, times, face: FaceHistory | None, k
         return np.swapaxes(_repeat_ends(T, 2), 1, 2), behind, np.concatenate([[-half], run.mesh.y_centre, [half]])
     if run.direction is not None or scene.schedule.alone or not films.wall.any():
         return np.repeat(T[:, None], 2, axis=1), behind, np.array([-half, half])
-    known = times, behind, films.start_times, films.wall, films.section, run.mesh.x, run.mesh.y
-    same = b"edges of a wake" + b"".join(a.tobytes() for a in known)
-    if same not in kept:  # what little else changes them is of second order
-        kept[same] = wake_lateral_profile(scene, run, films, times, behind, face or FaceHistory.from_run(run, scene))
-    y, share = kept[same]
+    inputs = times, behind, films.start_times, films.wall, films.section, run.mesh.x, run.mesh.y
+    key = b"edges of a wake" + b"".join(a.tobytes() for a in inputs)
+    if key not in kept:  # perturbed runs share the profile: its change is of second order
+        kept[key] = wake_lateral_profile(scene, run, films, times, behind, face or FaceHistory.from_run(run, scene))
+    y, ratio = kept[key]
     air = scene.ambient - KELVIN + np.interp(times, *films.air)[:, None]
-    return air[:, None] + (T - air)[:, None] * share, behind, y
+    return air[:, None] + (T - air)[:, None] * ratio, behind, y
 
 
 def _wall_temperatures(run, scene, times, face: FaceHistory | None, kept: MatrixCache | None):
-    """The block's side wall, as `_visible_temperatures` says."""
+    """Side wall of the block, in the form of `_visible_temperatures`."""
     mesh, height = run.mesh, run.mesh.height
     x = np.concatenate([mesh.x[[mesh.first]], run.x, mesh.x[[mesh.last]]])
     z = np.concatenate([[0.0], 0.5 * (height[1:] + height[:-1]), height[-1:]])
@@ -199,7 +206,7 @@ def _wall_temperatures(run, scene, times, face: FaceHistory | None, kept: Matrix
     surface = interpolate_linear(surface.astype(float), records, times)
     air, films = scene.ambient - KELVIN, WallFilmCoefficients.from_scene(scene)
     rise = np.concatenate([surface[..., None], _extrapolate_ends(cells, z, 2)[..., 1:]], axis=2) - air
-    if scene.resolved:  # from the cell's centre to its wall
+    if scene.resolved:  # from the centre of the outermost cell to its wall
         length = wall_deficit_length(z, 0.5 * (mesh.y[1] - mesh.y[0]))
         film = films.coefficient_at(times, films.section)
         rise = rise / (1.0 + film[:, None] * length / scene.block.conductivity)[:, None]
@@ -212,10 +219,11 @@ def _wall_temperatures(run, scene, times, face: FaceHistory | None, kept: Matrix
 
 
 def _visible_road(run, length: float, recording: Recording):
-    """Nodes (m) of the road that a wake's camera sees, and the function that takes its temperatures from fields.
+    """Nodes (m) of the road that the camera of a wake sees, and the function that takes its temperatures from fields.
 
-    It is behind the block, x > L, or where it slides back and the pixels lie there, x < 0; while the block slides the
-    other way, the camera sees the road that comes.  The function is asked with the records that the fields belong to.
+    The road lies behind the block, x > L, or at x < 0 for a block that slides back, if the pixels lie there.  While the
+    block slides the other way, the camera sees the road ahead of it.  The function takes the fields and the indices of
+    their records.
     """
     x = run.mesh.x
     if run.direction is None:
@@ -225,17 +233,17 @@ def _visible_road(run, length: float, recording: Recording):
 
     def road(fields, kept):
         forward, back = (np.asarray(fields[name], float) for name in names)
-        way = run.direction[kept].reshape(-1, *[1] * (forward.ndim - 1))
-        if np.all(way < 0):
+        direction = run.direction[kept].reshape(-1, *[1] * (forward.ndim - 1))
+        if np.all(direction < 0):
             return back[:, ::-1]
-        return np.where(way > 0, forward, back[:, ::-1])
+        return np.where(direction > 0, forward, back[:, ::-1])
 
     lines = run.mesh.x_centre[run.mesh.last :] if right else run.mesh.x_centre[: run.mesh.first]
     return np.concatenate([[length], lines, x[-1:]] if right else [x[:1], lines, [0.0]]), road
 
 
 def _stated_nodes(recording: Recording, scene: Scene, ruler: tuple[float, float] | None, along, up):
-    """Nodes (m) along and up of what is in view, had the block the length and width that were told."""
+    """Nodes (m) along u and v of the body in view, for a block of the length and width in `ruler`."""
     if ruler is None:
         return along, up
     if recording.view != "wake":
@@ -245,10 +253,10 @@ def _stated_nodes(recording: Recording, scene: Scene, ruler: tuple[float, float]
 
 
 def _interior_mask(recording: Recording, along: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Pixels (nv, nu) at least RIM pixels away from the edges of the body, wherever the image may be shifted to.
+    """Pixels (nv, nu) that stay EDGE_MARGIN_PX away from the edges of the body, wherever the image may be shifted.
 
-    The trailing edge is as uncertain as the block's length.  The sides of a wake tell nothing but where they are, and
-    that in the tails of a few pixels, which no tangent follows: they are left out as far as they may show.
+    The trailing edge is as uncertain as the block's length.  The sides of a wake carry no information but their own
+    position, in the tails of a few pixels, where a linearisation fails: they are left out as far as they may show.
     """
     masks, moved = [], max(0.0, 3.0 * (recording.registration_sigma_px or 0.0) - 0.5)
     rims, ends = [EDGE_MARGIN_PX + moved] * 2, [(0.0, BLOCK_SIZE_TOLERANCE * (along[-1] - along[0])), (0.0, 0.0)]

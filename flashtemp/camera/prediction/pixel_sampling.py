@@ -1,4 +1,4 @@
-"""What pixels get of a body whose light is linear between nodes, and what that changes as they move or blur more."""
+"""Pixel averages of a radiance field that is linear between nodes, and their derivatives by position, size and blur."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 
 from flashtemp.physics.just_in_time import njit
 
-BLUR_REACH_WIDTHS = 7.0  # widths of the optics beyond the edge of a pixel that it sees
+BLUR_REACH_WIDTHS = 7.0  # widths of the point spread beyond the edge of a pixel that contribute to it
 NORMAL_CUTOFF_WIDTHS = 8.5  # widths beyond which the normal distribution function is 0 or 1 in double precision
-MIN_ROTATED_ROWS = 24  # nodes across a turned body, at least: the turned lines between them are straight
+MIN_ROTATED_ROWS = 24  # rows of nodes of a rotated body, at least: rotated lines are straight between them
 
 Array = np.ndarray
 EMPTY_IMAGE = np.empty(0)
-MatrixCache = dict[bytes, Any]  # matrices that several images of one recording share, and what they are made from
+MatrixCache = dict[bytes, Any]  # matrices that the images of one recording share, by the bytes of their inputs
 
 
 class PixelAxis(NamedTuple):
@@ -27,14 +27,16 @@ class PixelAxis(NamedTuple):
 
     @property
     def variance(self) -> float:
-        """Of where light comes from that a pixel gets, m2."""
+        """Variance of the pixel's response (point spread and box), m2."""
         return self.sigma**2 + self.pitch**2 / 12.0
 
 
 class SampledImage(NamedTuple):
-    """What pixels get (frames, nv, nu) and, where slopes are asked for, what that changes per metre that all of them
-    lie further along u and v, per share by which pixels and point spread are larger, and by which it alone is wider;
-    else nothing."""
+    """Averages over pixels, `seen` (frames, nv, nu), and their derivatives where required (else empty).
+
+    `along_u` and `along_v` are per metre of shift; `larger` per relative growth of pixels and point spread together,
+    `wider` per relative growth of the point spread alone.
+    """
 
     seen: Array
     along_u: Array = EMPTY_IMAGE
@@ -45,8 +47,11 @@ class SampledImage(NamedTuple):
 
 @njit(cache=True)
 def _ramps(x: float, pitch: float, sigma: float, once, twice):
-    """Integrals of what a pixel weighs, `once` and `twice` (4,), at `x` (m) beyond a node: themselves, and by the
-    place, the size and the width."""
+    """First and second integral of a pixel's response, `once` and `twice` (4,), at `x` (m) beyond a node.
+
+    Index 0 is the integral, 1 its derivative by position, 2 by size (pitch and sigma) and 3 by sigma alone.  The
+    response is a box convolved with a Gaussian, so its integrals are differences over the two edges of the box.
+    """
     half, density, integral, ramp = np.empty(2), np.empty(2), np.empty(2), np.empty(2)
     for side in range(2):
         at = x + (0.5 - side) * pitch
@@ -59,7 +64,7 @@ def _ramps(x: float, pitch: float, sigma: float, once, twice):
         integral[side] = at * half[side] + sigma * density[side]
         ramp[side] = 0.5 * (at * integral[side] + sigma * sigma * half[side])
     once[0], twice[0] = (integral[0] - integral[1]) / pitch, (ramp[0] - ramp[1]) / pitch
-    once[1], twice[1] = (half[0] - half[1]) / pitch, once[0]  # by the place, the width, the size
+    once[1], twice[1] = (half[0] - half[1]) / pitch, once[0]  # derivative by position
     once[3], twice[3] = sigma * (density[0] - density[1]) / pitch, sigma * sigma * once[1]
     once[2] = 0.5 * (half[0] + half[1]) - once[0] + once[3]
     twice[2] = 0.5 * (integral[0] + integral[1]) - twice[0] + twice[3]
@@ -67,8 +72,11 @@ def _ramps(x: float, pitch: float, sigma: float, once, twice):
 
 @njit(cache=True)
 def _fill_hat_weights(at, nodes, first, start, pitch: float, sigma: float, out):
-    """`hat_weights` of pixels `at` (n,) over `nodes` from number `first` (n,) on, as many as lie between `start` (n + 1,) of a
-    row and of the next, one by one: as arrays they would pass through memory twenty times."""
+    """Fills `out` with the weights of `hat_weights`, one by one: arrays would pass through memory twenty times.
+
+    Pixel i has `start[i + 1] - start[i]` nodes, the first of them number `first[i]`.  The weight of a hat function is
+    the second difference of the second integrals, written with first integrals to keep the digits.
+    """
     slopes = out.shape[0]
     once, twice, last, before = np.empty(4), np.empty(4), np.empty(4), np.empty(4)
     for i in range(at.shape[0]):
@@ -85,12 +93,11 @@ def _fill_hat_weights(at, nodes, first, start, pitch: float, sigma: float, out):
 
 
 def hat_weights(at: Array, nodes: Array, first: Array, start: Array, axis: PixelAxis, slopes: bool = False) -> Array:
-    """Weights (1, total) of a field that is linear between `nodes` (m) and zero outside, as pixels `at` (n,) m see it:
-    a box of the pitch of `axis` convolved with its Gaussian.
+    """Weights (1, total) by which pixels centred `at` (n,) m average a field linear between `nodes` (m), zero outside.
 
-    Each pixel has nodes from number `first` (n,) on; its weights begin at `start` (n + 1,) of all.  With `slopes`
-    (4, total): the weights, and what they change per metre of `at`, per share that pitch and sigma are larger, and per
-    share that sigma alone is.
+    The response is a box of the pitch of `axis` convolved with its Gaussian; integrals are exact.  Each pixel has nodes
+    from number `first` (n,) on, and its weights begin at index `start` (n + 1,).  With `slopes` (4, total): the weights
+    and their derivatives per metre of `at`, per relative growth of pitch and sigma, and of sigma alone.
     """
     out = np.zeros((4 if slopes else 1, int(start[-1])))
     _fill_hat_weights(at, nodes, first, start, float(axis.pitch), float(axis.sigma), out)
@@ -107,9 +114,9 @@ def axis_weights(axis: PixelAxis, nodes: Array, slopes: bool = False) -> Array:
 def sample_aligned(
     values: Array, nodes: tuple[Array, Array], axes: tuple[PixelAxis, PixelAxis | None], slopes: bool = False
 ) -> SampledImage:
-    """What pixels see of `values` (frames, v nodes, u nodes) in an image whose axes are those of the body.
+    """Pixel averages of `values` (frames, v nodes, u nodes) in an image whose axes are parallel to those of the body.
 
-    Without an axis along v all that it has is one line.
+    Without an axis along v the field is one line.
     """
     (along, up), (u, v) = nodes, axes
     x = axis_weights(u, along, slopes)
@@ -126,20 +133,26 @@ def sample_aligned(
 
 
 def sample_rotated(
-    values: Array, nodes: tuple[Array, Array], axes: tuple[PixelAxis, PixelAxis], turn: float, about: tuple[float, float],
-    kept: MatrixCache | None = None, slopes: bool = False,
-) -> SampledImage:  # fmt: skip
-    """What pixels see of `values` (frames, v nodes, u nodes) when the image is turned by `turn` (rad).
+    values: Array,
+    nodes: tuple[Array, Array],
+    axes: tuple[PixelAxis, PixelAxis],
+    turn: float,
+    about: tuple[float, float],
+    kept: MatrixCache | None = None,
+    slopes: bool = False,
+) -> SampledImage:
+    """Pixel averages of `values` (frames, v nodes, u nodes) in an image that is rotated by `turn` (rad).
 
-    `axes` of the image, its scale applied already; `about` the u and v that do not move.  Two shears are the turn:
-    first every line of nodes is seen by the pixels that will need it, then every column of these.  `kept` holds
+    `axes` are those of the image, with its scale; `about` is the fixed point (u, v).  Two shears make the rotation:
+    every row of nodes is averaged along u for the pixels that need it, then every column of the result along v.
+    Averaging along sheared lines adds a covariance, which the mixed derivative removes to first order.  `kept` caches
     matrices from one image to the next.
     """
     (along, up), (u, v) = nodes, axes
     if len(up) < MIN_ROTATED_ROWS:
         finer = np.linspace(up[0], up[-1], MIN_ROTATED_ROWS)
-        share = np.stack([np.interp(finer, up, row) for row in np.eye(len(up))], axis=1)
-        values, up = np.einsum("kz,fzx->fkx", share, values), finer
+        weights = np.stack([np.interp(finer, up, row) for row in np.eye(len(up))], axis=1)
+        values, up = np.einsum("kz,fzx->fkx", weights, values), finer
     cos, sin = np.cos(turn), np.sin(turn)
     lines, columns = _shear_matrices(u, v, (along, up), turn, about, kept, slopes)
     flat = np.ascontiguousarray(values.reshape(len(values), -1).T)
@@ -161,7 +174,7 @@ def sample_rotated(
 
 
 def mixed_derivative(image: Array, u: PixelAxis, v: PixelAxis) -> Array:
-    """d2/du dv of an image (per m2): what pixels see less as they look along sheared lines, per shear and variance."""
+    """d2/du dv of an image, per m2: the change of a pixel average along sheared lines, per shear and variance."""
     if min(len(u.centres), len(v.centres)) < 2:
         return np.zeros_like(image)
     return np.gradient(np.gradient(image, u.centres, axis=2), v.centres, axis=1)
@@ -170,26 +183,26 @@ def mixed_derivative(image: Array, u: PixelAxis, v: PixelAxis) -> Array:
 def _shear_matrices(
     u: PixelAxis, v: PixelAxis, nodes: tuple[Array, Array], turn: float, about, kept: MatrixCache | None, slopes: bool
 ):
-    """Matrices of both shears, each with its slopes where they are asked for (they may be there where they are not)."""
+    """Matrices of both shears, with their derivatives if `slopes` (a cached pair may have them anyway)."""
     (along, up), (x, y) = nodes, about
     first = x + (u.centres[None] - x) / np.cos(turn) - np.tan(turn) * (up[:, None] - y)  # (v nodes, nu)
     second = y + (v.centres[:, None] - y) * np.cos(turn) + (u.centres[None] - x) * np.sin(turn)  # (nv, nu)
     key = b"".join(np.asarray(a, float).tobytes() for a in (first, second, along, up, [*u[1:], *v[1:]]))
-    made = None if kept is None else kept.get(key)
-    if made is None or (slopes and len(made[0]) == 1):
+    matrices = None if kept is None else kept.get(key)
+    if matrices is None or (slopes and len(matrices[0]) == 1):
         n, wide = len(along), len(u.centres)
         lines = _sparse_weights(first, along, u, np.arange(len(up)).repeat(wide) * n, 1, len(up) * n, slopes)
         columns = _sparse_weights(second, up, v, np.tile(np.arange(wide), len(second)), wide, len(up) * wide, slopes)
-        made = lines, columns
+        matrices = lines, columns
         if kept is not None:
-            kept[key] = made
-    return made
+            kept[key] = matrices
+    return matrices
 
 
 def _sparse_weights(
     at: Array, nodes: Array, axis: PixelAxis, begin: Array, stride: int, size: int, slopes: bool
 ) -> list[Any]:
-    """Matrices (pixels, size) of pixels `at` (a, b) m over nodes: node k of a pixel is number `begin` + `stride` k."""
+    """Sparse matrices (pixels, size) for pixels `at` (a, b) m; node k of a pixel is column `begin` + `stride` k."""
     from scipy.sparse import csr_array
 
     reach = 0.5 * axis.pitch + BLUR_REACH_WIDTHS * axis.sigma
@@ -199,7 +212,7 @@ def _sparse_weights(
     width = last - first  # many nodes where the mesh is fine, few elsewhere
     start = np.concatenate([[0], np.cumsum(width)])
     which = np.arange(start[-1]) - np.repeat(start[:-1] - first, width)
-    made = hat_weights(flat, nodes, first, start, axis, slopes)
+    weights = hat_weights(flat, nodes, first, start, axis, slopes)
     column = (np.repeat(begin, width) + stride * which).astype(np.int32)
     row = start.astype(np.int32)
-    return [csr_array((w, column, row), shape=(len(flat), size)) for w in made]
+    return [csr_array((w, column, row), shape=(len(flat), size)) for w in weights]

@@ -1,4 +1,4 @@
-"""What thermocouples and pyrometers would have shown of a run: the field at their places, late by a time constant."""
+"""Predicted readings of thermocouples and pyrometers: the field at their positions, delayed by a time constant."""
 
 from __future__ import annotations
 
@@ -10,16 +10,14 @@ from flashtemp.camera.sensors import SensorPositions
 from flashtemp.errors import BadInput
 from flashtemp.physics.interpolation import interpolate_linear
 
-REMEMBERED_LAGS = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)  # time constants before a reading that count
-LAG_SUBSTEPS = 8  # into which the time between kept fields is cut for what a lag smooths
-HEIGHT_TOLERANCE = 1e-9  # of a height: as good as equal
-MIN_SPACING_LAGS = (
-    0.2  # of the mean time constant: moments closer to one before them are not asked for, but for readings
-)
+REMEMBERED_LAGS = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)  # earlier times that matter, in time constants
+LAG_SUBSTEPS = 8  # between two kept fields, for the convolution with the lag
+HEIGHT_TOLERANCE = 1e-9  # relative difference below which two heights are equal
+MIN_SPACING_LAGS = 0.2  # of the mean time constant: earlier times closer together than this are left out
 
 
 def required_times(places: SensorPositions, times: np.ndarray) -> np.ndarray:
-    """Moments (s) at which a run must keep its field for readings at `times` (s): those, and what a lag remembers."""
+    """Times (s) at which a run must keep its field for readings at `times` (s), with those that a lag depends on."""
     lags = np.unique(np.maximum(places.lag_s, places.lag_sigma_s))
     lags = lags[lags > 0]
     more = np.concatenate([times, *(times - w * lag for lag in lags for w in REMEMBERED_LAGS)])
@@ -27,45 +25,46 @@ def required_times(places: SensorPositions, times: np.ndarray) -> np.ndarray:
     if not len(lags):
         return more
     kept: list[float] = []
-    own = set(times.tolist())
+    readings = set(times.tolist())
     for t in more.tolist():
-        if t in own or not kept or t - kept[-1] > MIN_SPACING_LAGS * lags.mean():
+        if t in readings or not kept or t - kept[-1] > MIN_SPACING_LAGS * lags.mean():
             kept.append(t)
     return np.array(kept)
 
 
 def sensor_temperatures(run, places: SensorPositions, times: np.ndarray) -> np.ndarray:
-    """Temperatures (times, points) degC; between the fields that a run kept they are linear in time."""
+    """Readings (times, points) degC; between the kept fields of a run temperature is linear in time."""
     kept = run.time[run.frames]
     T = _fields_at_sensors(run, places)
-    shown = interpolate_linear(T, kept, times)
+    readings = interpolate_linear(T, kept, times)
     fine = np.unique(
         np.concatenate([kept[:-1] + f * np.diff(kept) for f in np.arange(LAG_SUBSTEPS) / LAG_SUBSTEPS] + [kept[-1:]])
     )
     for j in np.flatnonzero(places.lag_s):
         smooth, lag = PchipInterpolator(kept, T[:, j])(fine), float(places.lag_s[j])
-        late = first_order_lag(fine, smooth, abs(lag)) - smooth
-        shown[:, j] = np.interp(times, fine, smooth + np.sign(lag) * late)  # below zero, where fits may stray: early
-    return shown
+        delay = first_order_lag(fine, smooth, abs(lag)) - smooth
+        # a fit may try a negative lag: the reading is then early by as much, which keeps the derivative continuous
+        readings[:, j] = np.interp(times, fine, smooth + np.sign(lag) * delay)
+    return readings
 
 
 def first_order_lag(time: np.ndarray, T: np.ndarray, lag: float) -> np.ndarray:
-    """Solution (n,) of lag dS/dt = T - S from rest, exact for T (n,) that is linear between `time` (n,) s.
+    """Solution (n,) of lag dS/dt = T - S from equilibrium, exact for T (n,) that is linear between `time` (n,) s.
 
     >>> first_order_lag(np.array([0.0, 1.0]), np.array([0.0, 1.0]), 1.0).round(6).tolist()  # t - lag (1 - exp(-t/lag))
     [0.0, 0.367879]
     """
     T = np.asarray(T, dtype=float)
     step = np.diff(time)
-    fade, late = np.exp(-step / lag), lag * np.diff(T) / step
-    own = np.concatenate([T[:1], T[1:] - late - (T[:-1] - late) * fade])  # S[i] - fade S[i-1]
-    both = np.vstack([np.ones(len(T)), np.append(-fade, 0.0)])
-    shown: np.ndarray = solve_banded((1, 0), both, own)
-    return shown
+    decay, offset = np.exp(-step / lag), lag * np.diff(T) / step
+    source = np.concatenate([T[:1], T[1:] - offset - (T[:-1] - offset) * decay])  # S[i] - decay S[i-1]
+    bands = np.vstack([np.ones(len(T)), np.append(-decay, 0.0)])
+    readings: np.ndarray = solve_banded((1, 0), bands, source)
+    return readings
 
 
 def check_positions(places: SensorPositions, scene, file: str) -> None:
-    """BadInput for a point outside the block, or the road under the window that is simulated."""
+    """BadInput for a point outside the block or outside the simulated part of the road."""
     mesh, half = scene.mesh, 0.5 * scene.width
     for i, name in enumerate(places.names):
         x, y, z = (float(getattr(places, k)[i]) for k in "xyz")
@@ -78,13 +77,13 @@ def check_positions(places: SensorPositions, scene, file: str) -> None:
             if not lowest <= value <= highest:
                 raise BadInput(
                     f"{file}: points: {name}: {key} = {value:g} m lies outside what is simulated, {lowest:g} to "
-                    f"{highest:g} m; mend its place, or the case"
+                    f"{highest:g} m; correct its position, or the case"
                 )
 
 
-# --- fields at places -------------------------------------------------------------------------------
+# --- fields at positions ----------------------------------------------------------------------------
 def _fields_at_sensors(run, places: SensorPositions) -> np.ndarray:
-    """Temperatures (frames, points) degC at places, in all kept fields."""
+    """Temperatures (frames, points) degC at the positions, in all kept fields."""
     out = np.empty((len(run.frames), len(places)))
     mesh = run.mesh
     above = places.z >= 0
@@ -105,7 +104,7 @@ def _fields_at_sensors(run, places: SensorPositions) -> np.ndarray:
 
 
 def _face_temperatures(run) -> np.ndarray:
-    """Surface of the block's face (frames, lines, planes) degC."""
+    """Surface temperature of the block's face (frames, columns, planes across) degC."""
     if run.mesh.n_across > 1:
         shape = (len(run.frames), -1, run.mesh.n_across)
         return np.asarray(run.maps["T_block"], dtype=float).reshape(shape)
@@ -113,7 +112,7 @@ def _face_temperatures(run) -> np.ndarray:
 
 
 def cell_weights(edges: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Weights (points, cells) of values at cell centres: splines over the cell's number, parabolas at the edges."""
+    """Weights (points, cells) of values at cell centres: splines over the cell number, parabolas at the edges."""
     n = len(edges) - 1
     if n == 1:
         return np.ones((len(at), 1))
@@ -124,19 +123,20 @@ def cell_weights(edges: np.ndarray, at: np.ndarray) -> np.ndarray:
 def block_height_weights(mesh, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Weights of the face (points,) and of the cells up the block (points, cells) at heights `at` (points,) m.
 
-    Each layer by itself: temperature has a bend, or a jump, where another begins; a point there is in the one below.
+    Each layer is interpolated by itself, since temperature has a kink or a jump at a joint.  A point there belongs to
+    the lower layer.
     """
     if not mesh.joints:
         return _height_weights(mesh.height, at)
     at_face, cells = np.zeros(len(at)), np.zeros((len(at), mesh.n_block))
     tops = mesh.height[[s.stop for s in mesh.layers]]
     number = np.minimum(np.searchsorted(tops * (1.0 + HEIGHT_TOLERANCE), at), len(tops) - 1)
-    for n, own in enumerate(mesh.layers):
-        edges, here = mesh.height[own.start : own.stop + 1], number == n
+    for n, layer in enumerate(mesh.layers):
+        edges, here = mesh.height[layer.start : layer.stop + 1], number == n
         if n == 0:
-            at_face[here], cells[here, own] = _height_weights(edges, at[here])
+            at_face[here], cells[here, layer] = _height_weights(edges, at[here])
         else:
-            cells[here, own] = cell_weights(edges, at[here])
+            cells[here, layer] = cell_weights(edges, at[here])
     return at_face, cells
 
 
@@ -144,22 +144,22 @@ def _height_weights(height: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.
     """Weights of the face (points,) and of the cells up the block (points, cells)."""
     n = len(height) - 1
     if n == 1:
-        share = np.clip(1.0 - at / (0.5 * height[1]), 0.0, 1.0)
-        return share, (1.0 - share)[:, None]
+        of_face = np.clip(1.0 - at / (0.5 * height[1]), 0.0, 1.0)
+        return of_face, (1.0 - of_face)[:, None]
     spline = _spline_weights(height, at)
     return spline[:, 0], spline[:, 1:-1] + spline[:, -1:] * _edge_weights(height, n)
 
 
 def _spline_weights(edges: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Weights (points, cells + 2) of first edge, centres, last edge: graded meshes are smooth in the cell's number."""
+    """Weights (points, cells + 2) of first edge, centres, last edge: graded meshes are smooth in the cell number."""
     n = len(edges) - 1
     number = np.concatenate([[0.0], np.arange(n) + 0.5, [n]])
     place = np.concatenate([edges[:1], 0.5 * (edges[1:] + edges[:-1]), edges[-1:]])
     to_place = CubicSpline(number, place)
-    found = np.interp(at, place, number)
-    for _ in range(4):  # Newton: the map is smooth and nearly the broken line
-        found = np.clip(found - (to_place(found) - at) / to_place(found, 1), 0.0, n)
-    return np.asarray(CubicSpline(number, np.eye(n + 2))(found))
+    cell_number = np.interp(at, place, number)
+    for _ in range(4):  # Newton from the piecewise linear map, which is close
+        cell_number = np.clip(cell_number - (to_place(cell_number) - at) / to_place(cell_number, 1), 0.0, n)
+    return np.asarray(CubicSpline(number, np.eye(n + 2))(cell_number))
 
 
 def _edge_weights(edges: np.ndarray, k: int) -> np.ndarray:

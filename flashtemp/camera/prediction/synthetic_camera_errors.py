@@ -1,4 +1,4 @@
-"""Errors of real infrared cameras for synthetic recordings: drift, shutter, maps, lag, rows and columns, bad pixels.
+"""Errors of real infrared cameras for synthetic recordings: drift, shutter, maps, lag, line noise, bad pixels.
 
 Magnitudes of uncooled microbolometers: Nugent, Shaw & Pust, Opt. Eng. 52, 061304 (2013) and 53, 123106 (2014) for
 drift; Thomassen & van Rheenen, Proc. SPIE 11536, 115360F (2020) for large-scale nonuniformity; D'Agostino & Webb,
@@ -20,34 +20,34 @@ from flashtemp.camera.camera_classes import COOLED, UNCOOLED
 
 IDEAL = "ideal"
 CAMERA_KINDS = (IDEAL, UNCOOLED, COOLED)
-FLICKERING_SHARE = 0.3  # of what is bad; the rest is stuck at a value
+FLICKERING_SHARE = 0.3  # of the bad pixels; the others are stuck at a value
 FLICKER_PROBABILITY = 0.25  # of a frame in which a flickering pixel is off its value
 
 
 @dataclass(frozen=True)
 class SyntheticCameraErrors:
-    """What one camera adds to its recordings; lengths in px, shares of the image where nothing else is said."""
+    """Errors that one camera adds to its recordings; lengths without a unit are fractions of the image."""
 
     wander_K_per_sqrt_s: float  # Wiener process of the offset between two closings of the shutter
     offset_sd_K: float  # left after the shutter has closed
     shutter_interval_s: float
     repeated_frames: float  # while the shutter is closed
-    warming_K: float  # by the lens, from the first frame to the last
-    warming_gradient: float  # of the warming, from edge to edge
-    lamp_K: float  # how warm its mirror image looks
+    warming_K: float  # of the lens, from the first frame to the last
+    warming_gradient: float  # relative difference of the warming from edge to edge
+    lamp_K: float  # apparent temperature excess of its mirror image
     lamp_width: float
     narcissus_K: float
     vignetting: float  # of the contrast against the housing, in the farthest corner
     housing_degC: float
-    stray_light: float  # share of the light of every point
+    stray_light: float  # fraction of the light of every point that is scattered
     stray_sigma_px: float
     response_s: float  # of a pixel
-    untracked_speed: float  # share of the sliding speed with which the scene moves through the image
+    untracked_speed: float  # of the scene through the image, as a fraction of the sliding speed
     row_pattern_K: float
     column_pattern_K: float
     row_noise_K: float
     column_noise_K: float
-    bad_pixels: float  # share
+    bad_pixels: float  # fraction of all pixels
     bad_rows: float
     bad_columns: float
     count_K: float
@@ -55,7 +55,7 @@ class SyntheticCameraErrors:
     highest_degC: float
 
 
-ERROR_RANGES = {  # of what is drawn for an uncooled and for a cooled camera; numbers of frames and lines are rounded down
+ERROR_RANGES = {  # of random uncooled and cooled cameras; numbers of frames and lines are rounded down
     "wander_K_per_sqrt_s": ((0.005, 0.03), (5e-4, 3e-3)),
     "offset_sd_K": ((0.05, 0.2), (0.01, 0.05)),
     "shutter_interval_s": ((5.0, 40.0), (600.0, 3600.0)),
@@ -86,7 +86,7 @@ ERROR_RANGES = {  # of what is drawn for an uncooled and for a cooled camera; nu
 
 @dataclass(frozen=True)
 class SyntheticCamera:
-    """A camera with its errors; `seed` fixes what stays with it: maps, patterns and bad pixels."""
+    """A camera with its errors; `seed` fixes its constant ones: maps, patterns and bad pixels."""
 
     errors: SyntheticCameraErrors
     seed: tuple[int, ...]
@@ -100,19 +100,21 @@ class SyntheticCamera:
         return cls(SyntheticCameraErrors(**values), seed)
 
     def distort(self, images: np.ndarray, speed_px: np.ndarray) -> np.ndarray:
-        """Images (frames, nv, nu) degC behind the lens and the lag of the pixels, before any noise.
+        """Images (frames, nv, nu) degC after stray light, pixel lag and vignetting, before any noise.
 
-        `speed_px` (frames,): px per second by which the block slides, positive along u.
+        `speed_px` (frames,) px/s: sliding speed of the block, positive along u.
         """
         from scipy.ndimage import gaussian_filter1d
 
         e = self.errors
         wide = gaussian_filter1d(images, e.stray_sigma_px, axis=2, mode="nearest")
         wide = gaussian_filter1d(wide, e.stray_sigma_px, axis=1, mode="nearest")
-        seen = images + e.stray_light * (wide - images)
+        scattered = images + e.stray_light * (wide - images)
         length = e.response_s * e.untracked_speed * np.asarray(speed_px)
-        seen = np.stack([_apply_pixel_lag(image, float(pixels)) for image, pixels in zip(seen, length, strict=True)])
-        return e.housing_degC + (1.0 - self._vignetting_loss(images.shape[1:])) * (seen - e.housing_degC)
+        lagged = np.stack(
+            [_apply_pixel_lag(image, float(pixels)) for image, pixels in zip(scattered, length, strict=True)]
+        )
+        return e.housing_degC + (1.0 - self._vignetting_loss(images.shape[1:])) * (lagged - e.housing_degC)
 
     def degrade(self, images: np.ndarray, time: np.ndarray, rng) -> np.ndarray:
         """The values that the camera writes for noisy images (frames, nv, nu) degC taken at `time` (frames,) s."""
@@ -133,7 +135,7 @@ class SyntheticCamera:
         return 1.0 - (1.0 + (slope * off / max(off.max(), 1e-12)) ** 2) ** -2
 
     def _static_offset(self, shape) -> np.ndarray:
-        """Offset (nv, nu) K that stays: lamp, narcissus, patterns of rows and columns."""
+        """Constant offset (nv, nu) K: lamp, narcissus, patterns of rows and columns."""
         e, rng = self.errors, np.random.default_rng((*self.seed, 2))
         y, x = _image_positions(shape)
         (lamp_y, lamp_x), radius = 0.4 * rng.uniform(-1.0, 1.0, 2), rng.uniform(0.15, 0.35)
@@ -147,11 +149,11 @@ class SyntheticCamera:
         angle = np.random.default_rng((*self.seed, 3)).uniform(0.0, 2.0 * np.pi)
         y, x = _image_positions(shape)
         uneven = 1.0 + self.errors.warming_gradient * (np.cos(angle) * x + np.sin(angle) * y)
-        share = (time - time[0]) / max(float(time[-1] - time[0]), 1e-9)
-        return self.errors.warming_K * share[:, None, None] * uneven
+        elapsed = (time - time[0]) / max(float(time[-1] - time[0]), 1e-9)
+        return self.errors.warming_K * elapsed[:, None, None] * uneven
 
     def bad_pixels(self, shape) -> list[np.ndarray]:
-        """Masks (nv, nu) of what is stuck or flickers together: single pixels, pairs, rows and columns."""
+        """Masks (nv, nu) of pixels that are stuck or flicker together: single ones, pairs, rows and columns."""
         e, rng = self.errors, np.random.default_rng((*self.seed, 4))
         masks, wanted = [], round(e.bad_pixels * shape[0] * shape[1])
         while wanted > 0:
@@ -170,10 +172,10 @@ class SyntheticCamera:
         return masks
 
     def _add_bad_pixels(self, images, rng) -> np.ndarray:
-        out, own = images.copy(), np.random.default_rng((*self.seed, 5))
+        out, constant_rng = images.copy(), np.random.default_rng((*self.seed, 5))
         for mask in self.bad_pixels(images.shape[1:]):
-            off = float(own.choice([-1.0, 1.0]) * own.uniform(0.5, 20.0))
-            if own.random() < FLICKERING_SHARE:
+            off = float(constant_rng.choice([-1.0, 1.0]) * constant_rng.uniform(0.5, 20.0))
+            if constant_rng.random() < FLICKERING_SHARE:
                 out[:, mask] += np.clip(off, -2.0, 2.0) * (rng.random(len(out)) < FLICKER_PROBABILITY)[:, None]
             else:
                 out[:, mask] = self.errors.housing_degC + off
@@ -181,14 +183,14 @@ class SyntheticCamera:
 
 
 def _image_positions(shape) -> tuple[np.ndarray, np.ndarray]:
-    """Places (nv, 1) and (1, nu) from the middle of the image, in its longer extent."""
+    """Positions (nv, 1) and (1, nu) from the middle of the image, as fractions of its longer side."""
     longest = max(*shape, 2) - 1.0
     y, x = ((np.arange(n) - 0.5 * (n - 1.0)) / longest for n in shape)
     return y[:, None], x[None, :]
 
 
 def _apply_pixel_lag(image: np.ndarray, length: float) -> np.ndarray:
-    """An image (nv, nu) whose pixels answer late while the scene moves by `length` (px along u) in their time constant.
+    """Image (nv, nu) of pixels with a time constant in which the scene moves by `length` px along u.
 
     A first-order response to a scene that is linear between pixels, integrated exactly.
     """
@@ -212,20 +214,20 @@ def shutter_closings(time: np.ndarray, interval: float, rng) -> np.ndarray:
 
 
 def _draw_offset_drift(time, closings, errors: SyntheticCameraErrors, rng) -> np.ndarray:
-    """Offset (frames,) K: a Wiener process that begins anew, from another residual, when the shutter has closed."""
+    """Offset (frames,) K: a Wiener process that starts again from a new random offset after each shutter closing."""
     interval = np.searchsorted(closings, time, side="right")
     starts = np.concatenate([time[:1], closings])
     out = np.empty(len(time))
     for number in np.unique(interval):
-        own = interval == number
-        steps = np.diff(time[own], prepend=starts[number])
+        within = interval == number
+        steps = np.diff(time[within], prepend=starts[number])
         walk = np.cumsum(np.sqrt(np.maximum(steps, 0.0)) * rng.normal(size=len(steps)))
-        out[own] = errors.offset_sd_K * rng.normal() + errors.wander_K_per_sqrt_s * walk
+        out[within] = errors.offset_sd_K * rng.normal() + errors.wander_K_per_sqrt_s * walk
     return out
 
 
 def _repeat_shutter_frames(images, time, closings, count: int) -> np.ndarray:
-    """Images of which `count` after each closing show the last one before it."""
+    """Images of which `count` after each shutter closing repeat the last one before it."""
     show = np.arange(len(time))
     for closing in closings:
         first = int(np.searchsorted(time, closing))

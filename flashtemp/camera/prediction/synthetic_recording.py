@@ -1,4 +1,4 @@
-"""Images as a laboratory would hand them over: pixels, noise, fixed pattern, dead pixels, an origin a little off."""
+"""Synthetic recordings of a run: pixels, noise, fixed pattern, dead pixels and an origin that is slightly off."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from flashtemp.camera.recording import Recording
 from flashtemp.camera.sensors import SensorPositions
 from flashtemp.physics.quantities import KELVIN
 
-EMISSIVITY_AND_SD = 0.95, 0.01  # emissivity told to the camera, and how well it is known
-VIEW_GEOMETRY = {  # view: pixel pitch and margin around what is seen, m; road seen behind the block, m
+EMISSIVITY_AND_SD = 0.95, 0.01  # emissivity set in the camera, and the standard deviation of the true one
+VIEW_GEOMETRY = {  # view: pixel pitch, margin around the body, visible road behind the block; all m
     "sidewall": (2.5e-4, 1e-3, None),
     "wake": (5e-4, 5e-3, 0.04),
     "profile": (2.5e-4, 0.0, None),
@@ -24,9 +24,9 @@ VIEW_GEOMETRY = {  # view: pixel pitch and margin around what is seen, m; road s
 
 @dataclass(frozen=True)
 class SyntheticRecordingErrors:
-    """What the truth of a recording has and its file does not tell: shift in px, pattern in K, true emissivity.
+    """Errors of a recording that its file does not state: shift in px, fixed pattern in K, true emissivity and blur.
 
-    Of points: how far (m) each lies from where it is said to be, up the block, the errors of its gain and its lag (s).
+    For sensors: the errors of each position up the block, `astray` (m), of the gains and of the lags (s).
     """
 
     shift: tuple[float, float]
@@ -39,7 +39,7 @@ class SyntheticRecordingErrors:
 
 
 def empty_recording(view: str, scene, times, repetition, netd: float) -> Recording:
-    """An empty recording of a view: pixels over what is to be seen, and what its file tells of the camera."""
+    """A recording of a view without images: pixels that cover the body, and the camera facts that its file states."""
     pitch, margin, behind = VIEW_GEOMETRY[view]
     length = scene.length
 
@@ -52,18 +52,18 @@ def empty_recording(view: str, scene, times, repetition, netd: float) -> Recordi
         u = pixels(-margin, length + margin)
         v = np.zeros(1) if view == "profile" else pixels(-margin, scene.height + margin)
     frames = np.full((len(times), len(v), len(u)), scene.ambient - KELVIN)
-    told: dict[str, Any] = {} if view == "profile" else {"emissivity": EMISSIVITY_AND_SD[0], "psf_sigma_px": 0.7}
-    made = Recording(
+    stated: dict[str, Any] = {} if view == "profile" else {"emissivity": EMISSIVITY_AND_SD[0], "psf_sigma_px": 0.7}
+    recording = Recording(
         view, frames, np.asarray(times), np.asarray(repetition), u, v, netd_K=netd,
         reflected_degC=None if view == "profile" else scene.ambient - KELVIN,
-        registration_sigma_px=None if view == "profile" else 0.2, source="synthetic", **told,
+        registration_sigma_px=None if view == "profile" else 0.2, source="synthetic", **stated,
     )  # fmt: skip
-    check_view(made, scene, view)
-    return made
+    check_view(recording, scene, view)
+    return recording
 
 
 def empty_sensor_recording(places: SensorPositions, scene, times, repetition, netd: float) -> Recording:
-    """An empty recording of thermocouples."""
+    """A recording of thermocouples without readings."""
     frames = np.full((len(times), 1, len(places)), scene.ambient - KELVIN)
     return Recording(
         "points", frames, np.asarray(times), np.asarray(repetition), np.arange(len(places), dtype=float), np.zeros(1),
@@ -72,7 +72,7 @@ def empty_sensor_recording(places: SensorPositions, scene, times, repetition, ne
 
 
 def draw_errors(recording: Recording, rng, nuisance: float) -> SyntheticRecordingErrors:
-    """Faults of a recording; `nuisance` scales all but the fixed pattern."""
+    """Random errors of a recording; `nuisance` scales all of them but the fixed pattern."""
     if recording.places is not None:
         places = recording.places
         n = len(places)
@@ -80,11 +80,11 @@ def draw_errors(recording: Recording, rng, nuisance: float) -> SyntheticRecordin
         known = (places.gain_sigma, places.lag_sigma_s)
         gains, lags = (nuisance * sd * rng.normal(size=n) if sd.any() else np.zeros(n) for sd in known)
         return SyntheticRecordingErrors((0.0, 0.0), 0.0, 1.0, 0.0, tuple(astray), tuple(gains), tuple(lags))
-    wide = recording.registration_sigma_px or 0.0
-    along, up = (float(s) for s in nuisance * wide * rng.normal(size=2))
+    sigma = recording.registration_sigma_px or 0.0
+    along, up = (float(s) for s in nuisance * sigma * rng.normal(size=2))
     pattern = 0.0 if recording.view == "profile" else float(rng.uniform(0.02, 0.05))
-    given = recording.emissivity or 1.0
-    truth = min(given + nuisance * EMISSIVITY_AND_SD[1] * float(rng.normal()), 1.0)
+    stated = recording.emissivity or 1.0
+    truth = min(stated + nuisance * EMISSIVITY_AND_SD[1] * float(rng.normal()), 1.0)
     spread = (recording.psf_sigma_px or 0.0) * (1.0 + 0.05 * nuisance * float(rng.normal()))
     return SyntheticRecordingErrors((along, up), pattern, truth if recording.emissivity else 1.0, spread)
 
@@ -98,10 +98,10 @@ def render_recording(
     dead: float = 1e-3,
     camera: SyntheticCamera | None = None,
 ) -> Recording:
-    """The recording with its images: what the camera sees of a run, and its noise.
+    """The recording with its images: the predicted image of a run, and noise.
 
-    The camera turns radiance back with the emissivity it was told, whatever the true one.  A `camera` with errors of
-    its own writes a number for every pixel; without one, a share of `dead` pixels is NaN.
+    The camera turns radiance back with the emissivity that is set in it, whatever the true one.  A `camera` with
+    further errors writes a number for every pixel; without one, the fraction `dead` of the pixels is NaN.
     """
     if recording.places is not None:
         true = recording.places
@@ -113,9 +113,9 @@ def render_recording(
         T = T + (T - scene.ambient + KELVIN) * np.array(faults.gains or 0.0)
         return replace(recording, temperature=T + (recording.netd_K or 0.0) * rng.normal(size=T.shape))
     change = 0.0 if recording.emissivity is None else faults.emissivity - recording.emissivity
-    told = replace(recording, psf_sigma_px=None if recording.psf_sigma_px is None else faults.psf_sigma_px)
-    seen = observe(run, scene, told, scene.acting, faults.shift, change)
-    shape, T = recording.temperature.shape, seen.temperature
+    blurred = replace(recording, psf_sigma_px=None if recording.psf_sigma_px is None else faults.psf_sigma_px)
+    predicted = observe(run, scene, blurred, scene.acting, faults.shift, change)
+    shape, T = recording.temperature.shape, predicted.temperature
     if camera is not None:
         T = camera.distort(T, sliding_speed(scene.schedule, recording.time) / recording.pitch[0])
     T = T + faults.pattern_K * rng.normal(size=shape[1:])
@@ -128,21 +128,21 @@ def render_recording(
 
 
 def sliding_speed(schedule, times) -> np.ndarray:
-    """Speed (frames,) m/s of the block along u at these times, 0 while it does not slide."""
+    """Signed speed (frames,) m/s of the block along u at `times` (s), 0 while it does not slide."""
     phases = [schedule.phase_at(float(t)) for t in times]
     return np.array([p.sliding * p.direction * schedule.speed(t - p.start) for p, t in zip(phases, times, strict=True)])
 
 
 def frame_schedule(schedule, sliding: int, waiting: int, crowding: float = 1.5) -> tuple[np.ndarray, np.ndarray]:
-    """Times (s) and repetitions of the frames: dense after each start, the last at the end; then during the wait.
+    """Times (s) and repetitions of `sliding` and `waiting` frames per repetition, dense after each start.
 
-    With a `crowding` of 1 they follow one another evenly, as a camera that runs all the time takes them.
+    With a `crowding` of 1 they are evenly spaced, as a camera that runs all the time takes them.
     """
     times, repetition = [], []
     for r in range(1, schedule.repetitions + 1):
-        own = [p for p in schedule.phases if p.repetition == r]
+        phases = [p for p in schedule.phases if p.repetition == r]
         for on, count in ((True, sliding), (False, waiting)):
-            part = [p for p in own if p.sliding == on]
+            part = [p for p in phases if p.sliding == on]
             if not part or not count:
                 continue
             begin, end = part[0].begin, part[-1].end

@@ -1,4 +1,4 @@
-"""Is the final model good enough?  Tests that stay quiet while it is, and simulated tests of residual structure."""
+"""Adequacy tests of the final model, and simulated tests for structure in its residuals."""
 
 from __future__ import annotations
 
@@ -25,17 +25,21 @@ from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.discovery.verdict import StructureTest
 
 SIMULATED_DATA_SETS = 99  # noise-only data sets per block
-MAX_TESTED_DATA = 4000  # last data of a block that they cover
+MAX_TESTED_DATA = 4000  # the tests cover as many of the last data of a block
 
 
 def run_adequacy_tests(problem: Problem, fit: LinearisedFit, criteria: Criteria) -> tuple[AdequacyTest, ...]:
-    """What is left of all data by a fit, its calibrated parameters and the agreement of conditions, with limits."""
+    """Six tests of a fit with their limits: equal amplitudes in all conditions, no heat or pressure of another shape,
+    calibrated parameters near their priors, and residuals as small as the noise.
+
+    Held-out data are included: a model must describe all data, even if it was fitted to a part of them.
+    """
     every = refit_all_data(fit)
-    seen = fit.system.fitted_columns
-    away = normalised_deviations(every) | {p: v for p, v in normalised_deviations(fit).items() if p in seen}
-    setup = (Kind.SIZE, Kind.SCALE, Kind.TURN, Kind.CLOCK, Kind.SHIFT_U, Kind.SHIFT_V)  # reported by themselves
-    keys = max((abs(v) for p, v in away.items() if p.kind is Kind.KEY), default=0.0)
-    own = max((abs(v) for p, v in away.items() if p.kind is not Kind.KEY and p.kind not in setup), default=0.0)
+    fitted = fit.system.fitted_columns
+    pulls = normalised_deviations(every) | {p: v for p, v in normalised_deviations(fit).items() if p in fitted}
+    setup = (Kind.SIZE, Kind.SCALE, Kind.TURN, Kind.CLOCK, Kind.SHIFT_U, Kind.SHIFT_V)  # see `setup_errors`
+    keys = max((abs(v) for p, v in pulls.items() if p.kind is Kind.KEY), default=0.0)
+    other = max((abs(v) for p, v in pulls.items() if p.kind is not Kind.KEY and p.kind not in setup), default=0.0)
     scatter = [
         s.probability for e in fit.model.effects for s in estimate_effect_by_condition(problem, fit, e, every=True)
     ]
@@ -47,30 +51,33 @@ def run_adequacy_tests(problem: Problem, fit: LinearisedFit, criteria: Criteria)
                      criteria.ln_bayes_unnamed_heat),
         AdequacyTest("pressure of any shape (chi2 of modes)", pressure_mode_chi2(fit), criteria.pressure_modes_chi2),
         AdequacyTest("calibrated parameters (standard deviations)", keys, criteria.pull_adequate),
-        AdequacyTest("camera and friction scatter (standard deviations)", own, criteria.pull_nuisance),
+        AdequacyTest("camera and friction scatter (standard deviations)", other, criteria.pull_nuisance),
         AdequacyTest("noise left over (chi2 over what noise may give)", largest_misfit(fit, every, criteria), 1.0),
     )  # fmt: skip
 
 
 def largest_misfit(fit: LinearisedFit, all_data_fit: LinearisedFit, criteria: Criteria) -> float:
-    """Largest chi2 per datum of a recording, over what its noise may give: its stated variance is uncertain itself."""
+    """Largest chi2 per datum of a recording, relative to the largest value that its noise explains.
+
+    The noise explains an excess from chance and from the uncertainty of its own stated variance, added in quadrature.
+    """
     worst = 0.0
     fitted, all_data = (f.system.block_chi2(f.solution) for f in (fit, all_data_fit))
-    for b, seen, unseen in zip(fit.blocks, fitted, all_data, strict=True):
+    for b, chi2_fitted, chi2_all_data in zip(fit.blocks, fitted, all_data, strict=True):
         chance = criteria.adequacy_standard_errors * np.sqrt(2.0 / b.count)
-        known = 2.0 * 2.0 * criteria.noise_sd_uncertainty  # two standard uncertainties of a variance
-        chi2 = (unseen if b.held_out else seen) / b.count
-        worst = max(worst, chi2 / (1.0 + float(np.hypot(chance, known))))
+        stated = 2.0 * 2.0 * criteria.noise_sd_uncertainty  # two standard uncertainties of a variance
+        chi2 = (chi2_all_data if b.held_out else chi2_fitted) / b.count
+        worst = max(worst, chi2 / (1.0 + float(np.hypot(chance, stated))))
     return float(worst)
 
 
 def unnamed_heat_evidence(problem: Problem, fit: LinearisedFit) -> float:
-    """ln Bayes factor of heat of any shape along the block, per condition and growing over the repetitions.
+    """ln Bayes factor of additional heat of any shape along the block, for each condition and growing over repetitions.
 
-    0 where nothing slides, or no data fitted feel it.
+    0 if nothing slides, or if no fitted data depend on it.
     """
-    seen = fit.system.fitted_columns
-    unnamed = unnamed_heat_priors(n for n in fit.system.names if n in seen)
+    fitted = fit.system.fitted_columns
+    unnamed = unnamed_heat_priors(n for n in fit.system.names if n in fitted)
     if not unnamed:
         return 0.0
     free = {p: v for p, v in fit.effect_priors.items() if p not in fit.bound}
@@ -86,8 +93,7 @@ def pressure_mode_chi2(fit: LinearisedFit) -> float:
 
 
 def refit_all_data(fit: LinearisedFit) -> LinearisedFit:
-    """A fit with held-out data fitted too: what was fitted is known within its errors only, and the question is whether
-    one model may explain everything."""
+    """The same model and point with held-out data fitted too, to see whether one model can explain all data."""
     if not any(b.held_out for b in fit.blocks):
         return fit
     everything = fit.system.normal_equations(lambda b: True, fit.hyper.variances)
@@ -95,69 +101,68 @@ def refit_all_data(fit: LinearisedFit) -> LinearisedFit:
 
 
 def normalised_deviations(fit: LinearisedFit) -> dict[ParameterId, float]:
-    """Distance of every nuisance from what was known, in standard deviations of that knowledge."""
+    """Deviation of every estimated parameter from its prior mean, in prior standard deviations."""
     out, gains = {}, any(map(is_camera_gain, fit.priors))
     for p in fit.solution.names:
         mean, sd = fit.priors[p]
-        apart = p.kind is Kind.SPREAD or (gains and p.kind is Kind.MAP)  # not all cameras are known alike
-        known = sd if apart else NUISANCE_SD.get(p.kind, sd)
-        out[p] = (fit.solution[p] - mean) / known
+        # priors of these kinds depend on the camera; those of other kinds may have been widened by hyperparameters
+        is_of_camera = p.kind is Kind.SPREAD or (gains and p.kind is Kind.MAP)
+        prior_sd = sd if is_of_camera else NUISANCE_SD.get(p.kind, sd)
+        out[p] = (fit.solution[p] - mean) / prior_sd
     return out
 
 
 def simulate_structure_tests(fit: LinearisedFit, seed: int, stage: str) -> list[StructureTest]:
-    """Structure in what is left, with the share of simulated noise-only data that shows more.
+    """Tests for structure in the residuals, with p values from simulated data sets of noise alone.
 
-    Toys are noise projected like the data were.
+    The simulated noise is projected like the data were, so that it lacks what the fit absorbs.
     """
     rng = np.random.default_rng(seed)
     out = []
     for block in fit.blocks:
-        left, Q = _last_residuals(block, fit)
-        found = _structure_statistics(left)
-        toys = np.empty((SIMULATED_DATA_SETS, len(found)))
+        residual, Q = _last_residuals(block, fit)
+        statistics = _structure_statistics(residual)
+        simulated = np.empty((SIMULATED_DATA_SETS, len(statistics)))
         for i in range(SIMULATED_DATA_SETS):
-            noise = rng.normal(size=len(left))
-            toys[i] = list(_structure_statistics(noise - Q @ (Q.T @ noise)).values())
-        for j, (name, value) in enumerate(found.items()):
-            far = np.abs(toys[:, j] - np.median(toys[:, j])) >= abs(value - np.median(toys[:, j]))
-            out.append(
-                StructureTest(
-                    name, block.label, float(value), float((1 + far.sum()) / (1 + SIMULATED_DATA_SETS)), stage
-                )
-            )
+            noise = rng.normal(size=len(residual))
+            simulated[i] = list(_structure_statistics(noise - Q @ (Q.T @ noise)).values())
+        for j, (name, value) in enumerate(statistics.items()):
+            middle = np.median(simulated[:, j])
+            is_farther = np.abs(simulated[:, j] - middle) >= abs(value - middle)
+            p = float((1 + is_farther.sum()) / (1 + SIMULATED_DATA_SETS))
+            out.append(StructureTest(name, block.label, float(value), p, stage))
     return out
 
 
 def _last_residuals(block: DataBlock, fit: LinearisedFit) -> tuple[Array, Array]:
-    """What is left of the last data of a block (n,), and an orthonormal basis (n, k) of what was fitted to them."""
+    """Residuals (n,) of the last data of a block, and an orthonormal basis (n, k) of the columns fitted to them."""
     used = sorted({c for p, c in block.names if p in fit.solution.names})
     part = slice(max(0, block.count - MAX_TESTED_DATA), None)
     C = np.concatenate([block.C[part], block.F[part]], axis=1)[:, used].astype(float)
-    left = whitened_residual(block, fit.solution)[part]
-    return left, np.linalg.qr(C)[0] if len(C) > C.shape[1] else np.zeros((len(left), 0))
+    residual = whitened_residual(block, fit.solution)[part]
+    return residual, np.linalg.qr(C)[0] if len(C) > C.shape[1] else np.zeros((len(residual), 0))
 
 
-def _structure_statistics(left: Array) -> dict[str, float]:
+def _structure_statistics(residual: Array) -> dict[str, float]:
     return {
-        "mean square": float(np.mean(left**2)),
-        "correlation of neighbours": lag1_autocorrelation(left, 0)[0],
-        "wider than a pixel": float(np.max(np.abs(_block_means(left)), initial=0.0)),
+        "mean square": float(np.mean(residual**2)),
+        "correlation of neighbours": lag1_autocorrelation(residual, 0)[0],
+        "wider than a pixel": float(np.max(np.abs(_block_means(residual)), initial=0.0)),
     }
 
 
-def _block_means(left: Array, size: int = 8) -> Array:
-    """Means over runs of neighbouring data, in standard errors."""
-    whole = len(left) // size * size
-    means: Array = left[:whole].reshape(-1, size).sum(axis=1) / np.sqrt(size)
+def _block_means(residual: Array, size: int = 8) -> Array:
+    """Means over `size` neighbouring data each, in standard errors."""
+    whole = len(residual) // size * size
+    means: Array = residual[:whole].reshape(-1, size).sum(axis=1) / np.sqrt(size)
     return means
 
 
 def near_contact_rmse(view: RecordingEntry, residual: npt.NDArray[np.float64]) -> float:
     """Root mean square (K) of the mean over frames in the two rows of pixels nearest to the contact."""
     v = view.recording.v
-    seen = np.flatnonzero(np.isfinite(residual).any(axis=(0, 2)))
-    rows = seen[np.argsort(np.abs(v[seen]))[:2]]
+    compared = np.flatnonzero(np.isfinite(residual).any(axis=(0, 2)))
+    rows = compared[np.argsort(np.abs(v[compared]))[:2]]
     mean = frame_mean(residual[:, rows])
     return float(np.sqrt(np.nanmean(mean**2))) if np.isfinite(mean).any() else float("nan")
 

@@ -1,4 +1,4 @@
-"""How well a fit predicts data that it did not see: recordings held out, or each condition from the others."""
+"""Cross-validation: how well a fit predicts held-out recordings, or each condition from the others."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
 from flashtemp.discovery.estimation.nuisance_priors import rigid_priors
 from flashtemp.discovery.estimation.whitening import WhitenedData
 
-HELD_OUT_FOLD = "held out"  # name of the fold of recordings and traces that are marked so
-MAX_RIGID_PULL = 3.0  # prior standard deviations that a model may be bent by to be called the model as people know it
+HELD_OUT_FOLD = "held out"  # name of the fold of recordings and load-cell records that the campaign holds out
+MAX_RIGID_PULL = 3.0  # prior standard deviations by which a parameter may deviate in a model without flexible terms
 
 BlockFilter = Callable[[DataBlock], bool]
 
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """Data left out, fold by fold: joint ln probability of each fold given the rest, `density` (folds,), root mean
-    square of what is left in K and in standard deviations, and chi2 less its expectation, `excess`.
+    """The prediction of left-out data, fold by fold.
 
-    `residuals` (n,) of all that was left out, in standard deviations.
+    `density` (folds,): joint ln probability of each fold given the rest.  `rmse_K` and `z`: root mean square residual
+    in K and in standard deviations.  `excess`: chi2 minus its expectation.  `residuals` (n,): those of all left-out
+    data, in standard deviations.
     """
 
     labels: tuple[str, ...]
@@ -39,9 +40,9 @@ class CrossValidation:
 
 
 def without_flexible_terms(fit: LinearisedFit) -> LinearisedFit:
-    """A fit that may not bend the pressure, the walls or the friction of a repetition: the model as people know it.
+    """A fit without free pressure modes, wall terms and friction of repetitions: the model as the case describes it.
 
-    Nothing may go farther than MAX_RIGID_PULL standard deviations from what was known, however badly the model fits.
+    No parameter deviates from its prior by more than MAX_RIGID_PULL standard deviations, however badly the model fits.
     """
     priors = rigid_priors(fit.priors) | fit.effect_priors
     solution = fit.system.solve_bounded(priors, MAX_RIGID_PULL, fit.equations)
@@ -49,7 +50,7 @@ def without_flexible_terms(fit: LinearisedFit) -> LinearisedFit:
 
 
 def cross_validate(data: WhitenedData, fit: LinearisedFit) -> CrossValidation:
-    """Predict recordings marked held out; where none is, every condition from the others, or every recording."""
+    """Predict held-out recordings; if none are, each condition from the others, or (one condition) each recording."""
     system, variances = fit.system, fit.hyper.variances
     folds = _make_folds(system)
     densities, residuals, kelvins, count, total = [], [], 0.0, 0, 0
@@ -58,12 +59,12 @@ def cross_validate(data: WhitenedData, fit: LinearisedFit) -> CrossValidation:
         rest = system.solve(fit.priors, system.normal_equations(_excluding_fold(inside), variances))
         densities.append(every.ln_evidence - rest.ln_evidence)
         for block in (b for b in system.blocks if inside(b)):
-            left = _heldout_residual(system, fit, rest, block)
-            residuals.append(left)
+            residual = _heldout_residual(system, fit, rest, block)
+            residuals.append(residual)
             total += block.count
             if block.label in data.noises:
-                kelvins += float(left @ left) * data.noises[block.label].white ** 2
-                count += len(left)
+                kelvins += float(residual @ residual) * data.noises[block.label].white ** 2
+                count += len(residual)
     left_out = np.concatenate(residuals) if residuals else np.zeros(0)
     squares = float(left_out @ left_out)
     rmse, z = np.sqrt(kelvins / max(count, 1)), np.sqrt(squares / max(total, 1))
@@ -110,7 +111,7 @@ def _block_filter(block: DataBlock) -> BlockFilter:
 
 
 def _heldout_residual(system: LinearSystem, fit: LinearisedFit, training: Solution, block: DataBlock) -> Array:
-    """Residual (n,) of a block with what others share of the parameters, and its own camera's unknowns fitted."""
+    """Residual (n,) of a left-out block: shared parameters as estimated from the others, those of its camera fitted."""
     others = {p for b in system.blocks if b is not block for p, _ in b.names}
     priors = {}
     for i, p in enumerate(training.names):

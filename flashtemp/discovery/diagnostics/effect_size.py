@@ -1,4 +1,4 @@
-"""How large an extension is: what it changes in kelvin after calibration, against errors of model and mesh."""
+"""The size of an extension: the change of the predicted data in kelvin and as a fraction of the temperature rise."""
 
 from __future__ import annotations
 
@@ -21,28 +21,33 @@ from flashtemp.discovery.prediction.prediction import Prediction
 
 @dataclass(frozen=True)
 class LargestChange:
-    """The recording `file` of which an extension changes the largest fraction of the rise, and the `size` of that."""
+    """The recording `file` with the largest relative change by an extension, and the `size` of the change."""
 
     file: str
     size: EffectSize
 
 
 def largest_change(
-    data: WhitenedData, before: tuple[RecordingComparison, ...], after: tuple[RecordingComparison, ...], forces_before: tuple[ForceComparison, ...],
+    data: WhitenedData,
+    before: tuple[RecordingComparison, ...],
+    after: tuple[RecordingComparison, ...],
+    forces_before: tuple[ForceComparison, ...],
     forces_after: tuple[ForceComparison, ...],
-) -> LargestChange:  # fmt: skip
-    """What an extended model changes against the base, both calibrated."""
+) -> LargestChange:
+    """The largest change by an extended model against the base, both calibrated."""
     changes = [_recording_change(b, e) for b, e in zip(before, after, strict=True)]
-    file, changed, share = max(changes, key=lambda c: c[2], default=("", 0.0, 0.0))
+    file, change_K, fraction = max(changes, key=lambda c: c[2], default=("", 0.0, 0.0))
     friction = max((_friction_change(b, e) for b, e in zip(forces_before, forces_after, strict=True)), default=0.0)
-    return LargestChange(file, EffectSize(share, friction, changed, _mesh_error(data, file)))
+    return LargestChange(file, EffectSize(fraction, friction, change_K, _mesh_error(data, file)))
 
 
 def camera_fraction(
     data: WhitenedData, base: LinearisedFit, extended: LinearisedFit, candidates: Sequence[CandidateEffect]
 ) -> float:
-    """The largest fraction of the rise of a recording that effects of an extended model change by themselves, if all of
-    them act in the camera alone; else 0.  `base` has sensitivities of all `candidates`."""
+    """The largest relative change of a recording by the effects of an extended model, with nothing calibrated again.
+
+    0 unless all effects of the model act in the camera only.  `base` must have sensitivities of all `candidates`.
+    """
     own = [c for c in candidates if c.effect in extended.model.effects]
     if not all(c.is_optical for c in own):
         return 0.0
@@ -55,8 +60,10 @@ def camera_fraction(
 
 
 def _mesh_error(data: WhitenedData, file: str) -> float:
-    """K rms by which a mesh may err in a recording once its columns are calibrated: half of what a coarser
-    one changes is the error, of which they left 1 to 4 % where it was measured (docs: discovery_method)."""
+    """The mesh error (K rms) that may remain in a recording after its mesh terms were calibrated.
+
+    The error is half of the change by a coarser mesh; calibration left 1 to 4 % of it where it was measured.
+    """
     if (fixed := data.fixed.get(file)) is None:
         return 0.0
     columns = [fixed.F[:, k].astype(float) for k, p in enumerate(fixed.names) if p.kind is Kind.MESH]
@@ -67,22 +74,25 @@ def _mesh_error(data: WhitenedData, file: str) -> float:
 def change_per_unit(
     data: WhitenedData, predictions: Sequence[Prediction], system: LinearSystem, p: ParameterId
 ) -> float:
-    """The largest fraction of the rise of a recording (rms), or of the friction of a trace, that one unit of a
-    parameter of a system changes if nothing else moves; `predictions` of all conditions where the system is linear."""
+    """The largest relative change (rms) of a recording's temperature rise, or of a load-cell record's friction, by one
+    unit of a parameter with nothing else changed.
+
+    `predictions`: of all conditions, at the point where `system` was linearised.
+    """
     shown = {file: o for prediction in predictions for file, o in prediction.observables.items()}
-    found = 0.0
+    largest = 0.0
     for b in system.blocks:
         for column in (c for q, c in b.names if q == p):
-            known, o = data.is_compared[b.label], shown[b.label]
+            compared, o = data.is_compared[b.label], shown[b.label]
             low = 0.0 if b.label in data.sigmas else float(np.nanmin(o.values))
             values = o.values if b.label in data.sigmas else o.values[:, o.inside] - low
-            change = data.to_kelvin(b.label, b.C[:, column].astype(float))[known]
-            found = max(found, float(np.sqrt(np.mean(change**2) / np.mean(values[known] ** 2))))
-    return found
+            change = data.to_kelvin(b.label, b.C[:, column].astype(float))[compared]
+            largest = max(largest, float(np.sqrt(np.mean(change**2) / np.mean(values[compared] ** 2))))
+    return largest
 
 
 def _recording_change(base: RecordingComparison, extended: RecordingComparison) -> tuple[str, float, float]:
-    """File, rms change (K) and its share of the rms rise of one recording."""
+    """File, rms change (K) and its ratio to the rms temperature rise of one recording."""
     here = np.isfinite(base.residual) & np.isfinite(extended.residual)
     r = base.view.recording
     if not here.any():
@@ -93,7 +103,7 @@ def _recording_change(base: RecordingComparison, extended: RecordingComparison) 
 
 
 def _friction_change(base: ForceComparison, extended: ForceComparison) -> float:
-    """rms change of one load-cell trace over its friction."""
+    """rms change of one load-cell record as a fraction of its friction."""
     here = np.isfinite(base.residual) & np.isfinite(extended.residual)
     if not here.any():
         return 0.0

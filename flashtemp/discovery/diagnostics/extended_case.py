@@ -1,4 +1,4 @@
-"""The case with what was found: calibrated parameters and accepted effects, to be run as it is."""
+"""The extended case: calibrated parameters and accepted effects, or a corrected input, written as a case file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from flashtemp.model.priors import expand_materials
 
 
 def write_extended_case(problem: Problem, fit: LinearisedFit, verdict: Verdict, folder: Path) -> None:
-    """extended.toml, and the files that it names; nothing where the verdict extends nothing."""
+    """Write extended.toml and the files that it names; nothing if the verdict has no extension."""
     if not verdict.has_extension:
         return
     free = {p.name: fit.model.free[p.name] + fit.solution[p] for p in problem.free_keys}
@@ -30,7 +30,7 @@ def write_extended_case(problem: Problem, fit: LinearisedFit, verdict: Verdict, 
     if (held := verdict.corrected_key) is not None:
         case, comment = correct_input(problem.case, held), describe_correction(held)
     files = case.copy_files(folder)
-    if LEARNED_LAW_NAME in files:  # a learned law lies beside the case, to be read
+    if LEARNED_LAW_NAME in files:  # the file of a learned law is placed next to the case, where a user looks for it
         (folder / files[LEARNED_LAW_NAME]).rename(folder / f"{LEARNED_LAW_NAME}.py")
         files[LEARNED_LAW_NAME] = f"./{LEARNED_LAW_NAME}.py"
         if not any((folder / "inputs").iterdir()):
@@ -39,9 +39,9 @@ def write_extended_case(problem: Problem, fit: LinearisedFit, verdict: Verdict, 
 
 
 def correct_input(case: Case, correction: InputCorrection) -> Case:
-    """The case with a stated number as the data want it, and its free keys as calibrated with that number.
+    """The case with a stated number corrected as the data require, and its free keys calibrated with that number.
 
-    Where conditions state the number, as often a load or a speed, that of the case changes by the same factor, or by
+    If conditions state the number (often a load or a speed), the number of the case changes by the same factor or by
     the same difference.  Raises BadInput.
     """
     full: Case = expand_materials(case)
@@ -56,10 +56,10 @@ def correct_input(case: Case, correction: InputCorrection) -> Case:
 
 
 def describe_correction(correction: InputCorrection) -> str:
-    """A comment for the head of the corrected case."""
+    """A comment for the first line of the corrected case."""
     unit = "" if correction.unit == "1" else f" {correction.unit}"
     also = f"; calibrated with it: {', '.join(correction.calibrated)}" if correction.calibrated else ""
     return (
-        f"# {correction.key} is corrected from {correction.told:.6g} to {correction.value:.6g} +- {correction.stderr:.2g}{unit}, "
-        f"as the data want it{also}\n"
+        f"# {correction.key} is corrected from {correction.told:.6g} to {correction.value:.6g} +- "
+        f"{correction.stderr:.2g}{unit}, as the data require{also}\n"
     )

@@ -1,4 +1,4 @@
-"""The parts of a verdict for people: recordings against a fit, causes, rejected candidates, calibrated parameters."""
+"""The parts of a report on a fit: comparisons with recordings, causes, rejected candidates, calibrated parameters."""
 
 from __future__ import annotations
 
@@ -45,31 +45,33 @@ STDERR_INFLATION = 1.2  # errors scatter 1.13 times their standard errors (bench
 def compare_all_recordings(
     search: EffectSearch, fit: LinearisedFit
 ) -> tuple[tuple[RecordingComparison, ...], tuple[ForceComparison, ...]]:
-    """Every recording and trace against a fit, its nuisances included."""
-    seeings, pullings = {}, {}
+    """Compare every recording and load-cell record with a fit, including its nuisances."""
+    recordings, forces = {}, {}
     blocks = {b.label: b for b in fit.blocks}
     for condition, prediction in zip(search.problem.conditions, fit.predictions, strict=True):
         for view in condition.views:
             observable = prediction.observables[view.file]
             predicted = np.array(observable.values, dtype=float)
             predicted[:, observable.inside] += _fitted_change(search.data, fit, blocks[view.file])
-            left = np.full(predicted.shape, np.nan)  # what no fit compares, such as a wake that just begins, stays out
+            residual = np.full(
+                predicted.shape, np.nan
+            )  # NaN at pixels that no fit compares, such as a wake's beginning
             difference = view.recording.temperature[:, observable.inside] - predicted[:, observable.inside]
-            left[:, observable.inside] = np.where(search.data.is_compared[view.file], difference, np.nan)
+            residual[:, observable.inside] = np.where(search.data.is_compared[view.file], difference, np.nan)
             u, v = (_column_sd(fit.solution, ParameterId(axis, file=view.file)) for axis in SHIFT_KINDS)
             noise, shift = search.data.noises[view.file], fit.model.image_shift(view.file)
-            seeings[view.file] = compare_with_prediction(view, predicted, left, noise, shift, (u, v))
+            recordings[view.file] = compare_with_prediction(view, predicted, residual, noise, shift, (u, v))
         for force in condition.forces:
             observable = prediction.observables[force.file]
             predicted = observable.values + _fitted_change(search.data, fit, blocks[force.file])
-            left = np.where(observable.inside, np.array(force.mu) - predicted, np.nan)
-            pullings[force.file] = compare_force_with_prediction(force, predicted, left)
+            residual = np.where(observable.inside, np.array(force.mu) - predicted, np.nan)
+            forces[force.file] = compare_force_with_prediction(force, predicted, residual)
     campaign = search.problem.campaign
-    return tuple(seeings[v.file] for v in campaign.views), tuple(pullings[f.file] for f in campaign.forces)
+    return tuple(recordings[v.file] for v in campaign.views), tuple(forces[f.file] for f in campaign.forces)
 
 
 def _fitted_change(data: WhitenedData, fit: LinearisedFit, block: DataBlock) -> Array:
-    """What the fit adds to an observable, (frames, pixels inside) or (n,)."""
+    """Change of an observable by the solution of a fit, (frames, valid pixels) or (n,), in its unit."""
     return data.to_kelvin(block.label, predicted_change(block, fit.solution))
 
 
@@ -77,23 +79,23 @@ def _column_sd(solution: Solution, p: ParameterId) -> float:
     return solution.sd(p) if p in solution.names else 0.0
 
 
-def fitted_residuals(seeings: Sequence[RecordingComparison]) -> Array:
-    """Measured less predicted (n,) K of all recordings that are fitted; of all where every one is held out."""
-    fitted = [s for s in seeings if not s.view.held_out] or list(seeings)
+def fitted_residuals(recordings: Sequence[RecordingComparison]) -> Array:
+    """Measured minus predicted (n,) K of all fitted recordings; of all recordings if every one is held out."""
+    fitted = [s for s in recordings if not s.view.held_out] or list(recordings)
     kept = [s.residual[np.isfinite(s.residual)] for s in fitted]
     return np.concatenate(kept) if kept else np.zeros(0)
 
 
 def summary_metrics(
-    fit: LinearisedFit, seeings: Sequence[RecordingComparison], validation: CrossValidation
+    fit: LinearisedFit, recordings: Sequence[RecordingComparison], validation: CrossValidation
 ) -> FitMetrics:
-    """The numbers of a model for people."""
-    fitted = [s for s in seeings if not s.view.held_out] or list(seeings)
-    left = fitted_residuals(seeings)
+    """Root mean square residuals and chi2 of a fit."""
+    fitted = [s for s in recordings if not s.view.held_out] or list(recordings)
+    residual = fitted_residuals(recordings)
     maps = [time_mean_rmse(s.residual) for s in fitted]
     near = [near_contact_rmse(s.view, s.residual) for s in fitted if s.view.recording.view != "wake"]
     return FitMetrics(
-        rmse_K=float(np.sqrt(np.mean(left**2))) if len(left) else float("nan"),
+        rmse_K=float(np.sqrt(np.mean(residual**2))) if len(residual) else float("nan"),
         chi2_per_dof=fit.chi2 / max(fit.solution.count, 1),
         held_out_rmse_K=validation.rmse_K,
         held_out_z=validation.z,
@@ -104,7 +106,7 @@ def summary_metrics(
 
 # --- causes and rejected candidates -------------------------------------------------------------------------
 def describe_cause(search: EffectSearch, fit: LinearisedFit, effect: str, heldout_gain: float) -> Cause:
-    """One effect of a fit against the best model without it."""
+    """One effect of a fit, compared with the model without it (its own fit, or the base)."""
     without = search.fits.get(frozenset(fit.model.effects) - {effect}, search.base)
     score = next((s for ranking in search.ranking for s in ranking if s.effect == effect), None)
     own = [p for p in fit.solution.names if p.effect == effect]
@@ -126,7 +128,7 @@ def describe_cause(search: EffectSearch, fit: LinearisedFit, effect: str, heldou
 
 
 def _chi2_with_same_priors(without: LinearisedFit, fit: LinearisedFit) -> float:
-    """chi2 of a model without an effect, its nuisances as tightly known as in the fit that has it."""
+    """chi2 of a model without an effect, with the prior widths and noise of the fit that has it."""
     priors = {p: (mean, fit.priors[p][1] if p in fit.priors else sd) for p, (mean, sd) in without.priors.items()}
     return without.system.solve(priors, without.system.normal_equations(variances=fit.hyper.variances)).chi2
 
@@ -141,7 +143,7 @@ def _estimate_parameter(search: EffectSearch, fit: LinearisedFit, p: ParameterId
 
 
 def report_candidates(search: EffectSearch, accepted: Sequence[str]) -> tuple[CandidateReport, ...]:
-    """Every candidate with the reason why it was not chosen."""
+    """Every candidate with the reason why it was not accepted."""
     single = compute_separability(search.base, search.problem.candidates)
     out = [_report_candidate(search, s, single, accepted) for s in (search.ranking[0] if search.ranking else ())]
     out += [
@@ -154,7 +156,7 @@ def report_candidates(search: EffectSearch, accepted: Sequence[str]) -> tuple[Ca
 def _report_candidate(
     search: EffectSearch, s: CandidateScore, single: Separability, accepted: Sequence[str]
 ) -> CandidateReport:
-    """A candidate by its full fit where it had one, by its score otherwise."""
+    """A candidate with the results of its full fit if there is one, else with its score."""
     k, a = s.candidate.leading_strength
     param, name = s.candidate.params[k], s.candidate.strength_column(k)
     refit, left = search.fits.get(frozenset({s.effect})), None
@@ -183,18 +185,20 @@ def _rejection_reason(
     if s.reason:
         return s.reason
     if frozenset({s.effect}) in search.vanished:
-        return "its strength became none when everything was fitted"
+        return "its strength became zero in the full fit"
     if left is not None and score > CRITERIA.ln_bayes_hint:
-        return f"explains part of it, but leaves ln Bayes factor {left:.0f} to {' and '.join(accepted)}"
+        return f"explains a part, but {' and '.join(accepted)} is better by a ln Bayes factor of {left:.0f}"
     if score > CRITERIA.ln_bayes_named and accepted:
-        return f"its sensitivity resembles that of {accepted[0]}; nothing is left for it beside that"
+        return (
+            f"its sensitivity resembles that of {accepted[0]}; with {accepted[0]} in the model it explains nothing more"
+        )
     if s.typical_z < 3.0:
         return "calibration absorbs it: even at its typical strength these data would hardly show it"
-    return "the data do not ask for it"
+    return "the data do not require it"
 
 
 def calibrated_parameters(search: EffectSearch, fit: LinearisedFit) -> tuple[NormalisedDeviation, ...]:
-    """Calibrated nuisances, free keys first, then those farthest from what was known."""
+    """Calibrated parameters: free keys first, then nuisances by their deviation from the prior."""
     free, other, away = [], [], normalised_deviations(fit)
     for p in fit.solution.names:
         step, sd = fit.solution[p], fit.solution.sd(p)
@@ -225,7 +229,7 @@ def _key_unit(search: EffectSearch, key: str) -> str:
 
 
 def assumed_priors(problem: Problem) -> dict[str, float]:
-    """Prior standard deviations of free keys, and of every kind of nuisance in words; without a unit: relative."""
+    """Prior standard deviations of free keys, and of every kind of nuisance in words; relative if no unit is given."""
     units = {Kind.TURN: " (rad)", Kind.CLOCK: " (s)"}
     kinds = {NUISANCE_WORDS[k].rstrip(",").removesuffix(" of").removesuffix(" in") + units.get(k, ""): sd
              for k, sd in NUISANCE_SD.items()}  # fmt: skip

@@ -1,8 +1,8 @@
-"""Do the data contradict a stated number?  One input is freed at a time, on top of a linearised fit.
+"""Checks of stated inputs against the data: one input is freed at a time, on top of a linearised fit.
 
-The measure is the normalised deviation ("pull") of what the data alone want from what is stated, in units of both
-uncertainties together: Demortier & Lyons, Everything you always wanted to know about pulls, CDF/ANAL/PUBLIC/5776
-(2002).  It is normal with unit variance where the stated value and its standard deviation are right.
+The measure is the normalised deviation ("pull") of the estimate from the data alone from the stated value, in units of
+both uncertainties together: Demortier & Lyons, Everything you always wanted to know about pulls, CDF/ANAL/PUBLIC/5776
+(2002).  It is normal with unit variance if the stated value and its standard deviation are right.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from flashtemp.discovery.diagnostics.stated_inputs import StatedInput
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem, NormalEquations
 from flashtemp.discovery.parameters import Kind, ParameterId, Prior, Priors
 
-MIN_GROUP_CORRELATION = 0.9  # of columns that nuisances cannot absorb
-MAX_INPUT_LN_FACTOR = 100.0  # of an estimate: where the data say nothing it may be any number
+MIN_GROUP_CORRELATION = 0.9  # of the columns of two inputs after nuisances were projected out
+MAX_INPUT_LN_FACTOR = 100.0  # limit of an estimate: without information in the data it may be any number
 FIXED_INPUT_SD_FRACTION = 1e-4  # of a prior's standard deviation: as good as fixed, and safe in double precision
 
 
 class InputVerdict(StrEnum):
-    """What the data say of a stated number."""
+    """The result of checking a stated number."""
 
     CONTRADICTED = "contradicted"
     CONSISTENT = "consistent"
@@ -34,12 +34,13 @@ class InputVerdict(StrEnum):
 
 @dataclass(frozen=True)
 class InputCheck:
-    """A stated `input` against the data: `estimate` and `sd` (unit of the input, K for degC) are from the data alone.
+    """The check of a stated `input`: `estimate` and `sd` (unit of the input, K for degC) are from the data alone.
 
-    `shift` is estimate less stated value in prior standard deviations, `pull` the same in standard deviations of both,
-    `ln_bayes` of freeing the input with its prior against holding it.  `influence` is what one prior standard deviation
-    changes in all data together, in sigma of their noise, if nothing else moves; `change` what `estimate` does, as the
-    largest fraction of the rise of a recording or of the friction of a trace.
+    `shift`: estimate minus stated value, in prior standard deviations.  `pull`: the same in standard deviations of both
+    together.  `ln_bayes`: of freeing the input with its prior against fixing it.
+    `influence`: change of all data together by one prior standard deviation of the input with nothing else changed, in
+    standard deviations of their noise.  `change`: largest relative change of a recording's temperature rise, or of a
+    load-cell record's friction, by the difference between estimate and stated value.
     """
 
     input: StatedInput
@@ -58,36 +59,36 @@ class InputCheck:
 
     @property
     def is_invisible(self) -> bool:
-        """Whether all that a contradiction would change is less than the model may err."""
+        """Whether a deviating estimate would change the data by less than the model may err."""
         return abs(self.pull) > CRITERIA.pull_input and self.change < CRITERIA.visible_fraction
 
     @property
     def summary_line(self) -> str:
-        """One line for people."""
+        """The result in one line for reports."""
         i = self.input
         unit = "" if i.unit == "1" else f" {i.unit}"
         known = f"{100 * i.sd:.2g} %" if i.relative else f"{i.sd:.2g} {'K' if i.unit == 'degC' else ''}".strip()
         stated = f"{i.key}: stated {i.value:.4g}{unit}, known to {known} ({i.source})"
         if self.verdict is InputVerdict.NOT_CHECKABLE:
             why = (
-                "they hardly depend on it" if self.is_invisible or self.influence < 1.0 else "other unknowns act alike"
+                "they hardly depend on it"
+                if self.is_invisible or self.influence < 1.0
+                else "other unknowns have the same effect"
             )
             return f"{stated}; these data cannot check it: {why}"
-        found = (
-            f"the data want {self.estimate:.4g} +- {self.sd:.2g}{unit}, {abs(self.pull):.1f} standard deviations away"
-        )
-        return f"{stated}; {found}"
+        estimate = f"{self.estimate:.4g} +- {self.sd:.2g}{unit}"
+        return f"{stated}; the data require {estimate}, {abs(self.pull):.1f} standard deviations away"
 
 
 def check_inputs(
     system: LinearSystem, nuisance_priors: Priors, equations: NormalEquations | None, inputs: Sequence[StatedInput],
     change_per_unit: Callable[[ParameterId], float],
 ) -> tuple[InputCheck, ...]:  # fmt: skip
-    """Every input freed alone, with its prior, on top of the nuisances of a linearised fit.
+    """Check every input: free it alone, with its prior, in addition to the nuisances of a linearised fit.
 
-    `change_per_unit`: the largest fraction of the rise of a recording that one unit of a column changes.
-    A column of the nuisances that is the same number (the length of the block) is taken out of them: against it stands
-    the fit with the input held at what is stated.
+    `change_per_unit`: largest relative change of a recording by one unit of a column (`effect_size.change_per_unit`).
+    If a nuisance is the same number (the length of the block), it is removed from the nuisances, and the freed input is
+    compared with a fit in which the input is fixed at its stated value.
     """
     total = equations or system.normal_equations()
     plain = system.solve(nuisance_priors, total).ln_evidence
@@ -105,14 +106,14 @@ def _check_input(
     mean = nuisances[twin][0] if twin else 0.0
     others = {p: prior for p, prior in nuisances.items() if p != twin}
     prior: Prior = (mean, i.sd)
-    held = (
+    ln_evidence_fixed = (
         plain
         if twin is None
         else system.solve(others | {column: (mean, FIXED_INPUT_SD_FRACTION * i.sd)}, total).ln_evidence
     )
-    found = system.solve(others | {column: prior}, total)
-    change, sd = _remove_prior(found[column], found.sd(column), prior)
-    ratio = min(found.sd(column) / i.sd, 1.0)
+    freed = system.solve(others | {column: prior}, total)
+    change, sd = _remove_prior(freed[column], freed.sd(column), prior)
+    ratio = min(freed.sd(column) / i.sd, 1.0)
     change -= mean
     pull = change / math.hypot(sd, i.sd)  # two independent values of the same number: their variances add up
     value = i.value * math.exp(min(change, MAX_INPUT_LN_FACTOR)) if i.relative else i.value + change
@@ -120,14 +121,14 @@ def _check_input(
     k = system.index[column]
     influence = i.sd * math.sqrt(max(float(total.matrix[k, k]), 0.0))
     check = InputCheck(
-        i, value, scale * sd, change / i.sd, pull, found.ln_evidence - held, influence, _classify_pull(ratio, pull),
-        abs(change) * change_per_unit(column),
+        i, value, scale * sd, change / i.sd, pull, freed.ln_evidence - ln_evidence_fixed, influence,
+        _classify_pull(ratio, pull), abs(change) * change_per_unit(column),
     )  # fmt: skip
     return replace(check, verdict=InputVerdict.NOT_CHECKABLE) if check.is_invisible else check
 
 
 def _remove_prior(posterior: float, sd: float, prior: Prior) -> tuple[float, float]:
-    """Estimate and standard deviation from the data without the prior of the input: normal densities divided."""
+    """Estimate and standard deviation from the data alone: the normal posterior divided by the normal prior."""
     mean, wide = prior
     precision = 1.0 / sd**2 - 1.0 / wide**2
     if precision <= 1e-9 / wide**2:
@@ -142,7 +143,7 @@ def _classify_pull(ratio: float, pull: float) -> InputVerdict:
 
 
 def find_column(system: LinearSystem, i: StatedInput) -> ParameterId | None:
-    """The column of an input in a system: its own, or that of a size of the block; None where there is none."""
+    """The column of an input in a system: its own, that of a block size or that of a free key; None without any."""
     ways = (i.column_id, ParameterId(Kind.SIZE, name=i.key), ParameterId.of_key(i.key))
     return next((p for p in ways if p in system.index), None)
 
@@ -155,9 +156,9 @@ def _same_nuisance(nuisances: Priors, i: StatedInput) -> ParameterId | None:
 def group_inputs(
     system: LinearSystem, nuisance_priors: Priors, equations: NormalEquations | None, inputs: Sequence[StatedInput]
 ) -> tuple[tuple[StatedInput, ...], ...]:
-    """Inputs that the data can check but cannot tell from each other, in groups of two or more.
+    """Inputs that the data can check but cannot distinguish from each other, in groups of two or more.
 
-    Their columns are nearly parallel once the nuisances have taken what they can.
+    Their columns are nearly parallel after the nuisances were projected out.
     """
     from scipy.sparse.csgraph import connected_components
 
@@ -170,9 +171,9 @@ def group_inputs(
     wanted = [p for i in known if (p := columns[i.key]) is not None]
     information = system.project_out(nuisances, wanted, equations).information
     strength = np.diag(information) * np.array([i.sd for i in known]) ** 2
-    able = np.flatnonzero(1.0 / (1.0 + np.maximum(strength, 0.0)) < CRITERIA.sd_ratio_uncheckable**2)
-    size = np.sqrt(np.diag(information)[able])
-    alike = np.abs(information[np.ix_(able, able)]) / np.outer(size, size) > MIN_GROUP_CORRELATION
-    _, label = connected_components(alike, directed=False)
-    groups = [tuple(known[k] for k in able[label == n].tolist()) for n in range(label.max(initial=-1) + 1)]
+    checkable = np.flatnonzero(1.0 / (1.0 + np.maximum(strength, 0.0)) < CRITERIA.sd_ratio_uncheckable**2)
+    size = np.sqrt(np.diag(information)[checkable])
+    is_parallel = np.abs(information[np.ix_(checkable, checkable)]) / np.outer(size, size) > MIN_GROUP_CORRELATION
+    _, label = connected_components(is_parallel, directed=False)
+    groups = [tuple(known[k] for k in checkable[label == n].tolist()) for n in range(label.max(initial=-1) + 1)]
     return tuple(g for g in groups if len(g) > 1)

@@ -1,4 +1,4 @@
-"""Columns of stated inputs, predicted on a coarser mesh than the data are compared with, which halves their cost."""
+"""Sensitivities to stated inputs, computed on a coarser mesh than the predictions to halve their cost."""
 
 from __future__ import annotations
 
@@ -12,31 +12,28 @@ from flashtemp.discovery.hypotheses.candidates import ModelPoint
 from flashtemp.discovery.prediction.prediction import DerivativeRequest, Observable, Prediction, Single
 from flashtemp.discovery.prediction.problem import Problem
 
-INPUT_CELL_FACTORS = (
-    0.5,
-    0.5,
-    0.5,
-)  # times the cells along, up and down: columns differ by 1 to 8 %, a prior's sd as little
+# of the cells along, up and down; the columns differ from those of the fine mesh by 1 to 8 %
+INPUT_CELL_FACTORS = (0.5, 0.5, 0.5)
 
 
 def add_input_columns(
     problem: Problem, model: ModelPoint, predictions: Sequence[Prediction], inputs: Sequence[StatedInput],
     cells: tuple[float, ...] | None = INPUT_CELL_FACTORS,
 ) -> list[Prediction]:  # fmt: skip
-    """Predictions of all conditions at a point with columns of `inputs` besides their own, on a mesh of so many times
-    the `cells` along, up and down; None: the mesh that data are compared with.
+    """Add the columns of `inputs` to the predictions of all conditions at a point.
 
+    `cells`: cell factors of the mesh on which the columns are computed; None for the mesh of the predictions.
     Raises BadInput, SolverFailure.
     """
-    asked = DerivativeRequest(inputs=tuple(i.column_id for i in inputs))
-    coarse = problem.predict(problem.make_tasks(model, asked, cells))
+    request = DerivativeRequest(inputs=tuple(i.column_id for i in inputs))
+    coarse = problem.predict(problem.make_tasks(model, request, cells))
     return [merge_columns(fine, other) for fine, other in zip(predictions, coarse, strict=True)]
 
 
 def merge_columns(fine: Prediction, coarse: Prediction) -> Prediction:
-    """A prediction with the columns of another that it lacks."""
-    shown = {file: _with_columns(seen, coarse.observables[file]) for file, seen in fine.observables.items()}
-    return replace(fine, observables=shown)
+    """A prediction with those columns of another that it lacks."""
+    observables = {file: _with_columns(o, coarse.observables[file]) for file, o in fine.observables.items()}
+    return replace(fine, observables=observables)
 
 
 def _with_columns(fine: Observable, coarse: Observable) -> Observable:
@@ -45,7 +42,7 @@ def _with_columns(fine: Observable, coarse: Observable) -> Observable:
 
 
 def _map_to_pixels(fine: Observable, coarse: Observable, column: Single) -> Single:
-    """A column of the pixels inside one observable, for those inside another; 0 where only the other has one."""
+    """A column of `coarse` for the valid pixels of `fine`; 0 at pixels that are valid in `fine` only."""
     if fine.values.ndim == 1 or np.array_equal(fine.inside, coarse.inside):
         return column
     images = np.zeros(coarse.values.shape, np.float32)

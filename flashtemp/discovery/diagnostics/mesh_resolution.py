@@ -1,4 +1,4 @@
-"""Meshes that are too coarse for what a campaign shows, with the key that would make them finer."""
+"""Warnings that a mesh is too coarse for a campaign, with the key that makes it finer."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ COARSER_ACROSS_FACTORS = (1, 1, 1, 0.5)
 def lateral_resolution_warnings(
     data: WhitenedData, predictions: Iterable[Prediction], coarser_across: int
 ) -> list[str]:
-    """Whether half the cells across change a recording by more than the error that a model may have.
+    """A warning if half the cells across change a recording by more than the largest model discrepancy.
 
-    `coarser_across`: number of the coarser mesh that has half the cells across, among all that were simulated; there is
-    none in 2D.  The error of the mesh is the usual fraction of that change; the worst recording is named.
+    `coarser_across`: number, among the coarser meshes that were simulated, of the one with half the cells across; 2D
+    runs have none.  The mesh error is taken as the usual fraction of that change; the worst recording is named.
     """
     worst = (0.0, 0.0, "")
     for prediction in predictions:
@@ -45,12 +45,13 @@ def lateral_resolution_warnings(
     first = f" with numerics.first_y = {case['numerics.first_y']:g}" if case["numerics.first_y"] else ""
     return [
         f"numerics.across = {case['numerics.across']}{first} may be too coarse: half as many cells change {file} by "
-        f"{change_K:.2g} K rms, {100 * fraction:.2g} % of its rise; try 60 with numerics.first_y = 3e-5, or 1 (2D)"
+        f"{change_K:.2g} K rms, {100 * fraction:.2g} % of its temperature rise; try 60 with "
+        "numerics.first_y = 3e-5, or 1 (2D)"
     ]
 
 
 def unconverged_fit_warnings(fits: Mapping[frozenset[str], LinearisedFit], mesh: float) -> list[str]:
-    """Whether a fit did not reach its best point while the mesh errs by more than its coarser ones can tell."""
+    """A warning if a fit did not converge and its estimated mesh error exceeds what the coarser meshes suggest."""
     far = []
     for names, fit in fits.items():
         if not fit.is_comparable and fit.status is not FitStatus.OUTRUN:
@@ -60,6 +61,6 @@ def unconverged_fit_warnings(fits: Mapping[frozenset[str], LinearisedFit], mesh:
     if worst < CRITERIA.pull_nuisance:
         return []
     return [
-        f"numerics.mesh = {mesh:g} may be too coarse: the fit of {cause} did not converge, and its mesh errs by "
-        f"{worst:.2g} standard deviations; try {2 * mesh:g}"
+        f"numerics.mesh = {mesh:g} may be too coarse: the fit of {cause} did not converge, and its mesh error is "
+        f"{worst:.2g} prior standard deviations; try {2 * mesh:g}"
     ]

@@ -1,4 +1,4 @@
-"""What is missing along the contact without any catalogue: regularised inversion of the residual."""
+"""Missing heat and pressure along the contact, without a catalogue of effects: regularised inversion of residuals."""
 
 from __future__ import annotations
 
@@ -18,18 +18,21 @@ from flashtemp.solver.run import Run
 
 
 def estimate_missing_heat(problem: Problem, fit: LinearisedFit) -> tuple[MissingHeatFlux, ...]:
-    """Heat and pressure along the contact that the model lacks: regularised inversion for cosines along the block."""
-    found = fit.solve_with(problem, fit.effect_priors | unnamed_heat_priors(fit.system.names))
+    """Heat and pressure along the contact that the model lacks, as cosines along the block with priors on their size.
+
+    One result for each condition.
+    """
+    maximum = fit.solve_with(problem, fit.effect_priors | unnamed_heat_priors(fit.system.names))
     out = []
     for number, (condition, prediction) in enumerate(zip(problem.conditions, fit.predictions, strict=True)):
-        out.append(_missing_heat(_collect_series(found.solution, number, prediction.run), condition, prediction.run))
+        out.append(_missing_heat(_collect_series(maximum.solution, number, prediction.run), condition, prediction.run))
     return tuple(out)
 
 
 @dataclass(frozen=True)
 class CosineSeries:
-    """Cosines along the block at the run's columns, `waves` (n, k), and what was found of them: `d` (k,) with
-    `covariance` and prior `sd` (k,); whether each is `steady` (k,) or grows over the repetitions."""
+    """Cosines along the block at the run's columns, `waves` (n, k), with estimated amplitudes `d` (k,), their
+    `covariance` (k, k) and prior `sd` (k,); `steady` (k,): False for those that grow over the repetitions."""
 
     waves: Array
     d: Array
@@ -43,13 +46,13 @@ class CosineSeries:
         return B @ self.d, np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", B, self.covariance, B), 0.0))
 
     def prior_error(self, weights: Array | float) -> Array:
-        """Standard error (n,) of the sum before anything was measured."""
+        """Prior standard deviation (n,) of the sum."""
         B = self.waves * weights
         return np.sqrt(np.maximum((B**2) @ self.sd**2, 1e-300))
 
 
 def _collect_series(solution: Solution, number: int, run: Run) -> CosineSeries:
-    """What was found of the heat and pressure of one condition."""
+    """The estimated series of heat and pressure of one condition."""
     free = unnamed_heat_priors(solution.names)
     names = [p for p in solution.names if p in free and p.condition == number]
     names += [p for p in solution.names if p.kind is Kind.MODE]
@@ -82,7 +85,7 @@ def _missing_heat(shape: CosineSeries, condition: Condition, run: Run) -> Missin
 
 
 def _mean_heat_flux(run: Run, is_sliding: npt.NDArray[np.bool_]) -> float:
-    """mu p v, W/m2 of nominal area, averaged over one repetition."""
+    """Mean friction heat flux mu p v (W/m2 of nominal area) of one repetition."""
     if is_sliding.sum() < 2:
         return 0.0
     dx = run.mesh.dx_block

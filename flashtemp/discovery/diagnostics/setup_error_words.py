@@ -1,4 +1,4 @@
-"""What errors of a laboratory are called: names for files and words for people."""
+"""Names and words of set-up errors: names for files, sentences for reports."""
 
 from __future__ import annotations
 
@@ -19,27 +19,29 @@ ALL_IMAGES_WORDS = {
 
 
 def setup_error_name(p: ParameterId) -> str:
-    """As a cause is called in files.
+    """The name of a set-up error in files, as a cause.
 
-    >>> setup_error_name(ParameterId(Kind.SCALE, file="wall.nc")), setup_error_name(ParameterId(Kind.SIZE, name="block.length"))
-    ('pixel_scale', 'block_length')
+    >>> setup_error_name(ParameterId(Kind.SCALE, file="wall.nc"))
+    'pixel_scale'
+    >>> setup_error_name(ParameterId(Kind.SIZE, name="block.length"))
+    'block_length'
     """
     return BLOCK_SIZE_NAMES[p.name] if p.kind is Kind.SIZE else SETUP_ERROR_NAMES[p.kind]
 
 
 def describe_setup_error(problem: Problem, p: ParameterId, value: float) -> str:
-    """An error in plain words; `value` relative, in rad or in s."""
+    """A set-up error in words; its `value` is relative for scales and sizes, else in rad or s."""
     where = ALL_IMAGES_WORDS.get(p.name, p.name) if p.name else p.file.rpartition("/")[2]
     if p.kind is Kind.SCALE:
         return f"the pixel scale of {where} is {100.0 * abs(value):.2g} % too {'small' if value > 0 else 'large'}"
     if p.kind is Kind.TURN:
         way = "anticlockwise" if value > 0 else "clockwise"
-        return f"the image of {where} has to be turned {way} by {np.degrees(abs(value)):.2g} degrees"
+        return f"the image of {where} has to be rotated {way} by {np.degrees(abs(value)):.2g} degrees"
     if p.kind is Kind.CLOCK:
-        return f"the frames of {where} are stamped {abs(value):.2g} s too {'late' if value > 0 else 'early'}"
-    told = problem.case[p.name]
+        return f"the time stamps of {where} are {abs(value):.2g} s too {'late' if value > 0 else 'early'}"
+    stated = problem.case[p.name]
     side = p.name.rpartition(".")[2]
     return (
-        f"the block's {side} is {1e3 * told * (1.0 + value):.4g} mm, {100.0 * abs(value):.2g} % "
-        f"{'more' if value > 0 else 'less'} than stated"
+        f"the block's {side} is {1e3 * stated * (1.0 + value):.4g} mm, {100.0 * abs(value):.2g} % "
+        f"{'larger' if value > 0 else 'smaller'} than stated"
     )

@@ -1,10 +1,10 @@
-"""Errors of the set-up that the data show: scale, turn and clock of images, sizes of the block, stated inputs.
+"""Errors of the set-up that the data show: scale, rotation and clock of images, block sizes, and stated inputs.
 
-All of them have priors.  With everything else eliminated they are a few unknowns.  Stepwise regression (Efroymson, in
-Ralston and Wilf, Mathematical Methods for Digital Computers, 1960) finds the set in which each is needed: those that
-the data can do without are taken out one by one, then each of the others is tried in place of what it makes needless.
-Sets that explain the data as well share an effect, such as the length of the block and the pixel scale: they are told
-together.
+All of them have priors.  With all other unknowns eliminated, only these few remain.  Stepwise regression (Efroymson, in
+Ralston and Wilf, Mathematical Methods for Digital Computers, 1960) finds a set in which each error is needed: errors
+without evidence are removed one by one, and each of the others is then tried in place of those that it makes needless.
+Several sets may explain the data equally well, such as the length of the block and the pixel scale.  They are reported
+as alternatives.
 """
 
 from __future__ import annotations
@@ -26,14 +26,15 @@ from flashtemp.discovery.estimation.whitening import WhitenedData
 from flashtemp.discovery.parameters import PLACEMENT_KINDS, Kind, ParameterId, Priors
 from flashtemp.discovery.prediction.problem import Problem
 
-MAX_LISTED_ALTERNATIVES = 3  # that a sentence lists
+MAX_LISTED_ALTERNATIVES = 3  # in one sentence
 
 
 @dataclass(frozen=True)
 class SetupError:
-    """An error of the set-up: `value` with `stderr` in `unit`, `pull` in standard deviations of what is usual.
+    """An error of the set-up: `value` with `stderr` in `unit`, and `pull` in prior standard deviations.
 
-    `ln_bayes` against none, `words` for people, and `alternatives` in words that explain the data as well.
+    `ln_bayes`: against no error.  `words`: a sentence for reports.  `alternatives`: name and words of other errors that
+    explain the data as well.
     """
 
     name: str
@@ -48,11 +49,11 @@ class SetupError:
 
     @property
     def is_input(self) -> bool:
-        """Whether it is a stated number of the case, not how a camera stood."""
+        """Whether it is a stated number of the case, not the placement of an image or a size of the block."""
         return self.parameter.kind is Kind.INPUT
 
     def is_unusual(self, criteria: Criteria) -> bool:
-        """Whether it lies where few set-ups do; how a camera stood and the block's size, by two standard errors."""
+        """Whether it exceeds the limit of its kind; for placements and block sizes less two standard errors."""
         if self.is_input:
             return abs(self.pull) > criteria.pull_input
         return abs(self.pull) * (1.0 - 2.0 * self.stderr / abs(self.value)) > criteria.pull_setup
@@ -60,8 +61,11 @@ class SetupError:
 
 @dataclass(frozen=True)
 class ReducedFit:
-    """The fit as a quadratic in errors of the set-up alone, all nuisances eliminated: ln probability of the data is
-    x.g - x.I.x / 2 up to a constant, x (k,) the errors themselves."""
+    """The fit as a quadratic function of set-up errors alone, with all nuisances eliminated.
+
+    ln probability of the data is x.g - x.I.x / 2 up to a constant, with the errors x (k,), the `gradient` g (k,) and
+    the `information` I (k, k); `sd` (k,) are prior standard deviations.
+    """
 
     names: tuple[ParameterId, ...]
     gradient: Array
@@ -69,7 +73,7 @@ class ReducedFit:
     sd: Array
 
     def solve(self, free: tuple[int, ...]) -> tuple[float, Array, Array]:
-        """ln evidence with some errors free and the others none, their values and standard errors."""
+        """ln evidence with some errors free and the others zero; values and standard errors of the free ones."""
         at = list(free)
         precision = self.information[np.ix_(at, at)] + np.diag(self.sd[at] ** -2.0)
         lower = np.linalg.cholesky(precision)
@@ -87,7 +91,7 @@ def find_setup_errors(
     inputs: Sequence[StatedInput],
     criteria: Criteria,
 ) -> tuple[SetupError, ...]:
-    """Errors of the set-up and of stated inputs that a fit shows, the most certain first.
+    """Errors of the set-up and of stated inputs that the data show at a fit, the most certain first.
 
     `with_inputs`: the system of the fit with columns of all stated inputs.
     """
@@ -97,33 +101,33 @@ def find_setup_errors(
         return ()
     sets = _select_stepwise(system, criteria.ln_bayes_named)
     free = max(sets, key=lambda s: sets[s])
-    alike = sorted((s for s in sets if sets[free] - sets[s] < criteria.ln_bayes_distinct), key=lambda s: -sets[s])
+    equivalent = sorted((s for s in sets if sets[free] - sets[s] < criteria.ln_bayes_distinct), key=lambda s: -sets[s])
     best = system.solve(free)
-    found = []
+    errors = []
     for place, k in enumerate(free):
         rest = tuple(q for q in free if q != k)
-        # what a smooth error of the model explains as well is no error of the set-up
+        # the gain must remain with the largest model discrepancy, which may explain the data as well
         gain = min(best[0] - system.solve(rest)[0], largest.solve(free)[0] - largest.solve(rest)[0])
         value, sd = float(best[1][place]), float(best[2][place])
-        certain = gain > criteria.ln_bayes_named and abs(value) > criteria.setup_standard_errors * sd
+        is_certain = gain > criteria.ln_bayes_named and abs(value) > criteria.setup_standard_errors * sd
         p = system.names[k]
-        # what changes all that is measured by less than the model may err is no finding, whatever absorbs it: the
-        # height of a block through which no heat has come yet
-        if certain and _visible_fraction(data, fit, with_inputs, p, value, gain) > criteria.visible_fraction:
-            others = _list_alternatives(problem, known, system, free, [s for s in alike if k not in s])
-            found.append(_make_error(problem, known, system.names[k], value, sd, gain, others))
-    return tuple(sorted(found, key=lambda e: -e.ln_bayes))
+        # an error that changes the data by less than the model may err is not reported, such as the height of a block
+        # whose upper half is still cold
+        if is_certain and _visible_fraction(data, fit, with_inputs, p, value, gain) > criteria.visible_fraction:
+            others = _list_alternatives(problem, known, system, free, [s for s in equivalent if k not in s])
+            errors.append(_make_error(problem, known, system.names[k], value, sd, gain, others))
+    return tuple(sorted(errors, key=lambda e: -e.ln_bayes))
 
 
 def _select_stepwise(system: ReducedFit, price: float) -> dict[tuple[int, ...], float]:
-    """Sets of errors in which each is worth its `price`, with ln evidence less the price of all of them."""
+    """{set of errors: ln evidence less `price` for each} of sets in which every error is worth its price."""
     sets: dict[tuple[int, ...], float] = {}
     every = tuple(range(len(system.names)))
 
     def eliminate_and_store(free: tuple[int, ...], kept: tuple[int, ...] = ()) -> tuple[int, ...]:
-        found = _eliminate_backward(system, free, kept, price)
-        sets[found] = system.solve(found)[0] - price * len(found)
-        return found
+        needed = _eliminate_backward(system, free, kept, price)
+        sets[needed] = system.solve(needed)[0] - price * len(needed)
+        return needed
 
     best = eliminate_and_store(every)
     while True:
@@ -137,7 +141,7 @@ def _select_stepwise(system: ReducedFit, price: float) -> dict[tuple[int, ...], 
 def _eliminate_backward(
     system: ReducedFit, free: tuple[int, ...], kept: tuple[int, ...], price: float
 ) -> tuple[int, ...]:
-    """Errors that the data need, by backward elimination; those `kept` stay."""
+    """Remove the least needed error until each is worth `price`; errors in `kept` stay."""
     while set(free) - set(kept):
         now = system.solve(free)[0]
         without = {k: system.solve(tuple(q for q in free if q != k))[0] for k in free if k not in kept}
@@ -152,7 +156,7 @@ def _list_alternatives(
     problem: Problem, known: Mapping[ParameterId, StatedInput], system: ReducedFit, free: tuple[int, ...],
     others: Sequence[tuple[int, ...]],
 ) -> tuple[tuple[str, str], ...]:  # fmt: skip
-    """Name and words of what other sets have in place of an error: single ones, or the fewest where none does alone."""
+    """Name and words of the errors that other sets have in place of one error; of these only the smallest sets."""
     new: dict[tuple[int, ...], tuple[int, ...]] = {}
     for other in others:  # the best first
         new.setdefault(tuple(q for q in other if q not in free), other)
@@ -161,8 +165,8 @@ def _list_alternatives(
     for instead, other in new.items():
         if instead and len(instead) == fewest:
             values = dict(zip(other, system.solve(other)[1].tolist(), strict=True))
-            called = [_name_and_words(problem, known, system.names[q], values[q]) for q in instead]
-            out.append((called[0][0], " and ".join(words for _, words in called)))
+            named = [_name_and_words(problem, known, system.names[q], values[q]) for q in instead]
+            out.append((named[0][0], " and ".join(words for _, words in named)))
     return tuple(out[:MAX_LISTED_ALTERNATIVES])
 
 
@@ -173,7 +177,10 @@ def _reduce_fit(
     known: Mapping[ParameterId, StatedInput],
     discrepancy: float | None,
 ) -> ReducedFit | None:
-    """All errors that may be asked: of the block, of all images of a view, of each of several, of stated inputs."""
+    """Reduce a fit to set-up errors: block sizes, placements common to a view or of one of several recordings, inputs.
+
+    `discrepancy`: prior width of the model discrepancy; None for that of the fit.  Returns None without any such error.
+    """
     views = {v.file: v.recording.view for v in problem.campaign.views}
     count = {view: sum(v == view for v in views.values()) for view in views.values()}
     names = tuple(
@@ -189,21 +196,22 @@ def _reduce_fit(
     }
     if discrepancy is not None:
         priors |= {p: (mean, discrepancy) for p, (mean, _) in priors.items() if p.kind is Kind.FLOOR}
-    # a recording that is the only one of its view lies where the fit has it: its error is that of the view
+    # for the only recording of a view, its placement and that of the view are the same unknown
     alone = {
         views[p.file]: p
         for p in fit.solution.names
         if p.kind in PLACEMENT_KINDS and p.file and count[views[p.file]] == 1
     }
-    # cameras of data that are held out stand somewhere too
-    found = system.project_out(priors, list(names), system.normal_equations(lambda b: True, fit.hyper.variances))
+    # held-out data are included, because their cameras may have errors too
+    projection = system.project_out(priors, list(names), system.normal_equations(lambda b: True, fit.hyper.variances))
     places = []
     for p in names:
         single = alone.get(p.name) if p.kind in PLACEMENT_KINDS and not p.file else None
         places.append(fit.model.setup_value(replace(p, name="", file=single.file) if single else p))
-    gradient = found.score + found.information @ np.array(places)
+    # the quadratic is about the fitted placements; its gradient is needed about zero error
+    gradient = projection.score + projection.information @ np.array(places)
     sd = np.array([known[p].sd if p in known else NUISANCE_SD[p.kind] for p in names])
-    return ReducedFit(names, gradient, found.information, sd)
+    return ReducedFit(names, gradient, projection.information, sd)
 
 
 def _name_and_words(
@@ -213,9 +221,9 @@ def _name_and_words(
     if p not in known:
         return setup_error_name(p), describe_setup_error(problem, p, value)
     i = known[p]
-    found = i.value * float(np.exp(value)) if i.relative else i.value + value
+    corrected = i.value * float(np.exp(value)) if i.relative else i.value + value
     unit = "" if i.unit == "1" else f" {i.unit}"
-    return i.key, f"{i.key} is {found:.4g}{unit}, not {i.value:.4g}{unit}"
+    return i.key, f"{i.key} is {corrected:.4g}{unit}, not {i.value:.4g}{unit}"
 
 
 def _make_error(
@@ -231,10 +239,10 @@ def _make_error(
 def _visible_fraction(
     data: WhitenedData, fit: LinearisedFit, system: LinearSystem, p: ParameterId, value: float, gain: float
 ) -> float:
-    """How much of the rise of recordings, or of the friction of a trace, an error changes.
+    """Relative change of the recordings' temperature rise, or of the friction of a load-cell record, by an error.
 
-    Of an image what no other unknown can imitate, rms over all that it acts on; of an input and of a size of the block
-    all that it changes where it shows most.
+    For the placement of an image: the change that no other unknown can imitate, rms over all recordings that it acts
+    on.  For an input or a block size: the whole change, in the recording where it is largest.
     """
     if p.kind not in PLACEMENT_KINDS:
         return abs(value) * change_per_unit(data, fit.predictions, system, p)
@@ -242,7 +250,7 @@ def _visible_fraction(
     squares = 0.0
     for b in fit.blocks:
         if b.label in data.noises and any(q == p for q, _ in b.names):
-            seen = shown[b.label]
-            rise = seen.values[:, seen.inside] - float(np.nanmin(seen.values))
+            o = shown[b.label]
+            rise = o.values[:, o.inside] - float(np.nanmin(o.values))
             squares += b.count * float(np.nanmean(rise**2)) / data.noises[b.label].white ** 2
     return float(np.sqrt(2.0 * gain / squares)) if squares else 1.0

@@ -1,6 +1,7 @@
-"""Every stated number of case and setup that the data may question, with how well it is known.
+"""The stated inputs of a campaign: every number of case and set-up that the data can check, with its uncertainty.
 
-A standard deviation is stated by the campaign (`known`) or by the case (`{ value, sd }`); else its kind has one.
+The standard deviation is stated by the campaign (`known`) or by the case (`{ value, sd }`); otherwise the kind of the
+input has one (`hypotheses/input_kinds.py`).
 """
 
 from __future__ import annotations
@@ -32,11 +33,11 @@ OPAQUE_VIEWS = ("sidewall", "wake")  # views whose emissivity is assumed where a
 
 @dataclass(frozen=True)
 class StatedInput:
-    """A stated number: its `key`, plain `words`, `value` in `unit` and the standard deviation `sd` of what is known.
+    """A stated number: its `key`, a description in `words`, `value` in `unit` and its standard deviation `sd`.
 
-    `sd` is of ln value (a share) where the input is `relative`, else in its unit, degC as K.  `source`: "stated" or
-    "by kind", with the `reason`.  `values` are all that the conditions state; the input moves them alike: by a common
-    factor, or by a common difference.
+    `sd` is that of ln value if the input is `relative`, else in its unit (K for degC).  `source`: "stated" or "by
+    kind", with the `reason`.  `values`: all values that the conditions state.  The input changes them together, by a
+    common factor or by a common difference.
     """
 
     key: str
@@ -51,21 +52,21 @@ class StatedInput:
 
     @property
     def column_id(self) -> ParameterId:
-        """Its column in predictions: per ln of the value, or per unit."""
+        """Its column in predictions: derivative per ln of the value, or per unit."""
         return ParameterId.of_input(self.key)
 
 
 def list_stated_inputs(problem: Problem) -> tuple[StatedInput, ...]:
-    """Every stated number of case and setup that is physical and not free.  Raises BadInput.
+    """Every stated number of case and set-up that is physical and not free.
 
-    BadInput names a key of `known` that is no measured input of this campaign.
+    Raises BadInput for a key of `known` that is not a measured input of this campaign.
     """
     campaign = problem.campaign
     cases = [expand_materials(problem.case.with_values(c.given)) for c in problem.conditions]
-    found = [*_case_inputs(problem, cases), *_camera_inputs(problem, cases)]
-    for key in campaign.known.keys() - {i.key for i in found}:
+    inputs = [*_case_inputs(problem, cases), *_camera_inputs(problem, cases)]
+    for key in campaign.known.keys() - {i.key for i in inputs}:
         raise BadInput(f"campaign: known: {key}: {_refusal_reason(problem, cases, key)}; leave it out")
-    return tuple(found)
+    return tuple(inputs)
 
 
 def _case_inputs(problem: Problem, cases: list[Case]) -> Iterator[StatedInput]:
@@ -83,7 +84,7 @@ def _case_inputs(problem: Problem, cases: list[Case]) -> Iterator[StatedInput]:
 
 
 def _uncertain_choices(case: Case, known: Mapping[str, StatedUncertainty]) -> Iterator[tuple[str, str, str]]:
-    """Table, name and key of choices of the model that a campaign calls uncertain all the same."""
+    """Table, name and key of model choices to which a campaign assigns an uncertainty."""
     for key in known:
         table, _, name = key.rpartition(".")
         if name in case.values.get(table, {}) and exemption_reason(case, key) == MODEL_CHOICE:
@@ -101,7 +102,7 @@ def _camera_inputs(problem: Problem, cases: list[Case]) -> Iterator[StatedInput]
 
 
 def _recorded_value(recording: Recording, name: str, ambient: float) -> float:
-    """What a recording states, or what the camera model takes where it does not."""
+    """The value that a recording states, else the one that the camera model assumes."""
     if name == "emissivity":
         return TYPICAL_EMISSIVITY if recording.emissivity is None else recording.emissivity
     return ambient if recording.reflected_degC is None else recording.reflected_degC
@@ -121,17 +122,19 @@ def _make_input(problem: Problem, key: str, words: str, unit: str, values: tuple
 
 
 def _describe_key(key: str, about: str) -> str:
-    """A key in plain words, with the material or layer that it is of.
+    """A key in words, with its material or layer.
 
-    >>> _describe_key("materials.asphalt.density", "density"), _describe_key("friction.mu", "friction coefficient; or a table")
-    ('density of asphalt', 'friction coefficient')
+    >>> _describe_key("materials.asphalt.density", "density")
+    'density of asphalt'
+    >>> _describe_key("friction.mu", "friction coefficient; or a table")
+    'friction coefficient'
     """
     kind, *names, _ = key.split(".")
     return about.split(";")[0].split(", mean")[0] + (f" of {names[0]}" if names else "")
 
 
 def _refusal_reason(problem: Problem, cases: list[Case], key: str) -> str:
-    """Why a key is no input of a campaign."""
+    """Why a key is not a checkable input of a campaign."""
     table, _, name = key.rpartition(".")
     reasons = [exemption_reason(case, key) for case in cases if name in case.values.get(table, {})]
     if reasons:

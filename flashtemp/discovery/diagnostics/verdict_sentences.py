@@ -23,9 +23,11 @@ from flashtemp.discovery.verdict import (
 from flashtemp.physics.effect import Effect
 
 MAX_LISTED_ITEMS = 3  # of each kind in the text; the report lists all
-CLEARLY_VISIBLE_SIGMA = 5.0  # of a typical amplitude: data that show most candidates less clearly say little
-SHIFT_STANDARD_ERRORS = 2.0  # by which a calibrated parameter must move to be mentioned
-CHANGE_STANDARD_ERRORS = 2.0  # by which a root mean square must change not to be called the same: 1 in 20 by chance
+CLEARLY_VISIBLE_SIGMA = (
+    5.0  # signal-to-noise ratio of a typical amplitude; below it for most candidates, data say little
+)
+SHIFT_STANDARD_ERRORS = 2.0  # by which a calibrated parameter must change to be mentioned
+CHANGE_STANDARD_ERRORS = 2.0  # by which an rms value must change not to be called unchanged: 1 in 20 by chance
 LN_BAYES_IMPOSSIBLE = 1e6  # what the engine reports of recordings that cannot be as stated
 NUISANCE_WORDS = {
     Kind.SHIFT_U: "shift along u of", Kind.SHIFT_V: "shift along v of", Kind.GAIN: "camera gain of",
@@ -41,8 +43,8 @@ NUISANCE_WORDS = {
 
 @dataclass(frozen=True)
 class RuleWords:
-    """A rule for people: what is true if it `passes`, what it is `measured_by`, and what is wrong if it `fails` (empty
-    where the rule says so itself); `is_upper` where the value may not exceed the limit."""
+    """A rule in words: what is true if it `passes`, what it is `measured_by`, and what is wrong if it `fails` (empty if
+    the rule has its own consequence).  `is_upper`: the value may not exceed the limit, else not fall below it."""
 
     passes: str
     measured_by: str
@@ -86,7 +88,7 @@ DECISION_WORDS = {  # by the names of the other rules of `decide`
 
 
 def describe_rule(name: str) -> RuleWords:
-    """The words for a rule by its name; its own name where there are none.
+    """The words for a rule by its name; the name itself if there are none.
 
     >>> describe_rule("it is distinguished from a rival").passes
     'It is distinguished from a rival'
@@ -99,7 +101,7 @@ def describe_rule(name: str) -> RuleWords:
 
 
 def describe_success(rule: RuleResult) -> str:
-    """What is true where a rule passed.
+    """What is true if a rule passed.
 
     >>> describe_success(RuleResult("the evidence is strong", 58.0, 8.0, True, ""))
     'The evidence for the cause is strong (ln Bayes factor: 58, at least 8)'
@@ -119,11 +121,11 @@ def describe_failure(rule: RuleResult) -> str:
 
 
 def explain_uncertainty(v: Verdict) -> str:
-    """Why a verdict is not more certain, from the rules that did not pass; empty where all did."""
+    """Why a verdict is not more certain, from the rules that did not pass; empty if all passed."""
     failures = [describe_failure(r) for r in v.rules if not r.passed]
     if not failures:
         return ""
-    # here the rules concern a candidate that was not accepted, and the verdict stands without it
+    # in these verdicts the rules concern a candidate that was not accepted
     is_without_candidate = v.kind in ("none_needed", "held_key", "named")
     lead = "The best candidate is not reported because" if is_without_candidate else "Not more certain because"
     return f"{lead}: {'; '.join(failures)}."
@@ -147,7 +149,7 @@ def describe_nuisance(p: ParameterId) -> str:
 
 
 def describe_assumed_optics(file: str, names: tuple[str, ...]) -> str:
-    """Which values were assumed for what a recording does not state of its camera."""
+    """Which camera values were assumed because a recording does not state them."""
     values, verb = (
         " and ".join(f"{ASSUMED_CAMERA_VALUES[name]:g} px" for name in names),
         "is" if len(names) == 1 else "are",
@@ -182,12 +184,12 @@ def describe_verdict(v: Verdict, known: Mapping[str, type[Effect]]) -> tuple[str
 
 
 def _physical_causes(v: Verdict) -> list[Cause]:
-    """Causes that are physics."""
+    """Causes that are physical effects, not errors of the set-up or of a recording."""
     return [c for c in v.causes if not c.laboratory]
 
 
 def _acts_in_camera(c: Cause, known: Mapping[str, type[Effect]]) -> bool:
-    """Whether a cause changes what a camera shows, and no heat."""
+    """Whether an effect acts in the camera only and changes no heat."""
     return c.effect in known and known[c.effect].heat is Effect.heat
 
 
@@ -258,7 +260,7 @@ def _is_physical(v: Verdict, known: Mapping[str, type[Effect]]) -> bool:
 
 
 def _group_words(v: Verdict, known: Mapping[str, type[Effect]]) -> str:
-    """Members of a group in words; the words of an error of the set-up hold its alternatives already."""
+    """Members of a group in words; the words of a set-up error contain its alternatives already."""
     setup = [c.words for c in v.causes if c.laboratory and c.effect in v.group]
     if setup and not _is_physical(v, known):
         return "; ".join(setup)
@@ -314,13 +316,13 @@ def _answer_no_verdict(v: Verdict) -> Iterator[str]:
 
 # --- what else the data say ------------------------------------------------------------------------------------
 def select_contradicted(inputs: Sequence[InputResult]) -> list[InputResult]:
-    """Stated inputs that the data contradict by more than chance, the most certain first."""
+    """Stated inputs that the data contradict with at least the evidence of a hint, the most certain first."""
     some = [i for i in inputs if i.verdict == "contradicted" and i.ln_bayes > CRITERIA.ln_bayes_hint]
     return sorted(some, key=lambda i: -i.ln_bayes)
 
 
 def _describe_contradictions(v: Verdict) -> Iterator[str]:
-    """Stated inputs that the data contradict, without the one that the answer names."""
+    """Stated inputs that the data contradict, without the one in the answer."""
     in_answer = v.held_key.key if v.held_key is not None and v.kind in ("held_key", "group") else ""
     some = [i for i in select_contradicted(v.inputs) if i.key != in_answer]
     if v.held_key is not None and not in_answer and v.held_key.key not in {i.key for i in some}:
@@ -330,8 +332,8 @@ def _describe_contradictions(v: Verdict) -> Iterator[str]:
         sd = f"{100.0 * i.sd:.2g} %" if i.relative else f"{i.sd:.2g}{sd_unit}"
         yield (
             f"The data contradict a stated input: {i.key} is stated as {_format_digits(i.stated)}{unit} +- {sd}; "
-            f"the data require {_format_digits(i.estimate)} +- {_format_digits(i.stderr, 2)}{unit}, {abs(i.pull):.1f} standard "
-            f"deviations away (ln Bayes factor {i.ln_bayes:.0f})."
+            f"the data require {_format_digits(i.estimate)} +- {_format_digits(i.stderr, 2)}{unit}, {abs(i.pull):.1f} "
+            f"standard deviations away (ln Bayes factor {i.ln_bayes:.0f})."
         )
     if len(some) > MAX_LISTED_ITEMS:
         yield f"The report lists {len(some) - MAX_LISTED_ITEMS} more."
@@ -355,7 +357,7 @@ def _describe_gain(v: Verdict) -> Iterator[str]:
 
 
 def is_within_noise(before: float, after: float, error: float) -> bool:
-    """Whether two numbers differ by less than chance may make them differ; `error` of the change, NaN if unknown.
+    """Whether two numbers differ by no more than chance explains; `error` of the change, NaN if unknown.
 
     >>> is_within_noise(0.0587, 0.06, 0.001), is_within_noise(0.0587, 0.06, float("nan"))
     (True, False)
@@ -368,7 +370,7 @@ def _describe_alternative(v: Verdict) -> Iterator[str]:
     some = [r for r in v.rivals if r.left is not None and r.score > CRITERIA.ln_bayes_hint]
     if v.kind == "named" and some:
         best = min(some, key=lambda r: r.left or 0.0)
-        about = "" if best.refitted else "about "  # its fit was not followed to its end
+        about = "" if best.refitted else "about "  # without a completed fit the number is an estimate
         yield f"The best alternative, {best.effect}, is less probable by a ln Bayes factor of {about}{best.left:.0f}."
 
 
@@ -380,7 +382,7 @@ def _describe_shifts(v: Verdict) -> Iterator[str]:
 
 
 def _describe_usual_errors(v: Verdict) -> Iterator[str]:
-    """Errors of the set-up within usual limits; of a fit that explains nothing they mean little."""
+    """Errors of the set-up within usual limits; not for a fit without a valid model, where they mean little."""
     absolute = {i.key: _unit_suffix("K" if i.unit == "degC" else i.unit) for i in v.inputs if not i.relative}
     for f in () if v.kind in ("no_verdict", "unexplained") else v.laboratory[:MAX_LISTED_ITEMS]:
         error = f"{f.stderr:.2g}{absolute[f.name]}" if f.name in absolute else _format_error(f.stderr, f.unit)
@@ -393,7 +395,7 @@ def _cause_words(c: Cause) -> str:
 
 
 def _parameter_words(c: Cause) -> str:
-    """Parameters with their intervals, ready for more; empty where there are none."""
+    """Parameters with their intervals, each followed by a semicolon; empty without any."""
     return "".join(f"{_estimate_words(p)}; " for p in c.parameters)
 
 
@@ -434,7 +436,7 @@ def _law_words(law: LearnedLaw) -> str:
 
 
 def _describe_doubt(c: Cause) -> Iterator[str]:
-    """That a cause is certain and its law is not, where conditions hardly agree on its amplitude."""
+    """That a cause is certain but its law is not, if the conditions hardly agree on its amplitude."""
     if not c.is_doubtful:
         return
     unit = _unit_suffix(c.parameters[0].unit)
@@ -447,7 +449,7 @@ def _describe_doubt(c: Cause) -> Iterator[str]:
 
 
 def _format_digits(value: float, count: int = 4) -> str:
-    """A number to some significant digits, without a power of ten where it is of everyday size.
+    """A number to some significant digits, without a power of ten for values of everyday size.
 
     >>> _format_digits(150000.0), _format_digits(7134.4, 2), _format_digits(1.5e-7), _format_digits(0.9600001)
     ('150000', '7100', '1.5e-07', '0.96')

@@ -25,7 +25,7 @@ MAX_MAP_ORDER = 4  # total order of Legendre products: vignetting by the fourth 
 MAX_GROWING_MAP_ORDER = 2  # order of maps that a warming lens makes grow with time
 MAX_WIENER_MODES = 16  # of the offset between shutter events
 MIN_JUMP_PIXEL_FRACTION = (
-    0.5  # fraction of pixels of a residual that must share a jump: what is left of heat covers the others
+    0.5  # fraction of pixels of a residual that must show a jump; residual heat may hide it in the others
 )
 HALO_WIDTH_FRACTIONS = (0.05, 0.2)  # fractions of an image over which light goes astray
 UNTRACKED_MOTION_FRACTIONS = (0.1, 0.3)  # fractions of the motion that a camera which follows the body may miss
@@ -42,10 +42,10 @@ USUAL_CAMERA_ERRORS: Mapping[Kind, float] = dict.fromkeys(CAMERA_ERROR_SCALES, 1
 def camera_columns(
     r: Recording, predicted: Observable, residual: Array, speed: Array | None = None
 ) -> dict[ParameterId, Single]:
-    """Columns (frames, pixels inside) K of all camera errors of a recording as predicted; none of points.
+    """Columns (frames, valid pixels) K of all camera errors of a recording; none for points.
 
-    `residual` (frames, nv, nu) K is what a first fit leaves, in which jumps of the offset show; `speed` (frames,) m/s is
-    that of sliding.
+    `residual` (frames, nv, nu) K: residual of a first fit, in which jumps of the offset show.  `speed` (frames,) m/s:
+    sliding speed.
     """
     if r.places is not None:
         return {}

@@ -1,10 +1,10 @@
 """Hyperparameters of a fit by maximum evidence, and the solution of all linear unknowns at them.
 
-Sizes of the errors that nobody states (friction scatter, free pressure shapes, the model's own error, each family of
-camera errors) maximise the marginal likelihood: "evidence maximisation" of MacKay (Neural Computation 4, 1992, 415),
-"type-II maximum likelihood" elsewhere.  The variance of the noise of each recording is one of them, never below the
-stated one: where a model misfits, its noise is taken as large as its misfit (Birge, Phys. Rev. 40, 1932, 207), so that
-no recording pulls harder than it can be explained, and priors keep their say.
+The unstated sizes of errors (friction scatter, free pressure shapes, model discrepancy, families of camera errors)
+maximise the marginal likelihood: "evidence maximisation" of MacKay (Neural Computation 4, 1992, 415), also called
+"type-II maximum likelihood".  The noise variance of each recording is estimated too, but never below the stated one.
+If the model misfits a recording, its noise is taken as large as the misfit (Birge, Phys. Rev. 40, 1932, 207), so that
+its weight decreases and the priors keep their influence.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from flashtemp.discovery.hypotheses.candidates import ModelPoint
 from flashtemp.discovery.parameters import CAMERA_ERROR_KINDS, Kind, Priors
 from flashtemp.discovery.prediction.problem import Problem
 
-MAX_NOISE_SWEEPS = 6  # over noise variances and sizes in turn
+MAX_NOISE_SWEEPS = 6  # alternations of noise variances and prior widths
 VARIANCE_TOLERANCE = 0.02  # relative change of a noise variance below which the sweeps end
 
 
 @dataclass(frozen=True)
 class Hyperparameters:
-    """Sizes that maximise the evidence: `scale` of free pressure shapes and scatter, `discrepancy` of the model itself
-    (fraction of the rise), `families` of camera errors (times the usual size), `variances` of the noise of recordings
-    {label: times the stated variance, at least 1}."""
+    """Values of largest evidence: `scale` of free pressure shapes and friction scatter, model `discrepancy` (fraction
+    of the temperature rise), `families` of camera errors (times the usual size), noise `variances` {label: times the
+    stated variance, at least 1}."""
 
     scale: float
     discrepancy: float
@@ -49,18 +49,24 @@ class EvidenceMaximum:
 
 
 def maximise_evidence(
-    problem: Problem, system: LinearSystem, model: ModelPoint, more: Priors, *, variances: Mapping[str, float] | None = None,
+    problem: Problem,
+    system: LinearSystem,
+    model: ModelPoint,
+    more: Priors,
+    *,
+    variances: Mapping[str, float] | None = None,
     equations: NormalEquations | None = None,
     discrepancies: tuple[float, ...] = (LARGEST_DISCREPANCY, LEAST_DISCREPANCY),
-) -> EvidenceMaximum:  # fmt: skip
-    """Nuisances as seen from a point, and `more` unknowns, at the hyperparameters of largest evidence.
+) -> EvidenceMaximum:
+    """Solve for all nuisances and the parameters in `more` at the hyperparameters of largest evidence.
 
-    With `variances` the noise stays as it is; `equations` are then those of the system with them, if they are known.
+    Priors are relative to `model`.  With `variances`, the noise is fixed; `equations` are then the normal equations
+    with these variances, if they exist already.  `discrepancies`: allowed sizes of the model discrepancy.
     """
     plain = nuisance_priors(problem, system.names, model)
     if variances is not None:
-        asked = equations or system.normal_equations(variances=variances)
-        return _maximise_at_noise(system, plain, more, asked, variances, discrepancies, problem)
+        total = equations or system.normal_equations(variances=variances)
+        return _maximise_at_noise(system, plain, more, total, variances, discrepancies, problem)
     found, now = None, {b.label: 1.0 for b in system.blocks}
     for _ in range(MAX_NOISE_SWEEPS):
         found = _maximise_at_noise(
@@ -75,12 +81,12 @@ def maximise_evidence(
 
 
 def estimate_noise_variances(system: LinearSystem, solution: Solution) -> dict[str, float]:
-    """Variance of the noise of every block that its residual asks for, in units of the stated one, at least 1.
+    """Noise variance of every block from its residual, in units of the stated one: chi2 per datum, at least 1.
 
-    This is the square of Birge's ratio: chi2 per datum where that exceeds one.
+    This is the square of Birge's ratio.
     """
-    left = zip(system.blocks, system.block_chi2(solution), strict=True)
-    return {b.label: max(1.0, chi2 / b.count) for b, chi2 in left}
+    values = zip(system.blocks, system.block_chi2(solution), strict=True)
+    return {b.label: max(1.0, chi2 / b.count) for b, chi2 in values}
 
 
 def _maximise_at_noise(
@@ -100,6 +106,6 @@ def _maximise_at_noise(
 def priors_at_hyperparameters(
     problem: Problem, system: LinearSystem, model: ModelPoint, hyper: Hyperparameters, more: Priors
 ) -> Priors:
-    """Priors of the nuisances as seen from a point, and of `more`, at given hyperparameters."""
+    """Priors of the nuisances relative to a point, and of `more`, at given hyperparameters."""
     plain = nuisance_priors(problem, system.names, model)
     return scale_priors(plain, hyper.scale, hyper.discrepancy, hyper.families) | more

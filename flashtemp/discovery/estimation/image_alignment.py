@@ -23,21 +23,19 @@ from flashtemp.discovery.prediction.prediction import CLOCK_STEP_S, Prediction, 
 from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.errors import FlashtempError, SolverFailure
 
-MAX_ALIGNMENTS = 8  # images predicted again per simulation; two or three as a rule
-NEGLIGIBLE_ALIGNMENT_GAIN = 0.1  # ln evidence: no decision turns on less
-FIXED_STEP_SD = (
-    1e-6  # of what stands still in a solution of all unknowns, relative: nothing moves it, nothing overflows
-)
-# Scale of a step of each kind: the contrast at an edge bends over a pixel, fields are kept within LAG of a frame
+MAX_ALIGNMENTS = 8  # iterations for one simulation; usually two or three suffice
+NEGLIGIBLE_ALIGNMENT_GAIN = 0.1  # ln evidence; a smaller change affects no decision
+FIXED_STEP_SD = 1e-6  # relative prior width of a fixed parameter: small enough to fix it, large enough not to overflow
+# Scale of a step of each kind: the image is linear over less than a pixel at an edge, fields are stored near each frame
 IMAGE_STEP_SCALES = {
-    Kind.SHIFT_U: 0.5, Kind.SHIFT_V: 0.5, Kind.SCALE: 0.01, Kind.TURN: 0.01, Kind.CLOCK: 0.5 * CLOCK_STEP_S, Kind.PLACE: 2.5e-4,
-    Kind.LAG: 0.25,
+    Kind.SHIFT_U: 0.5, Kind.SHIFT_V: 0.5, Kind.SCALE: 0.01, Kind.TURN: 0.01, Kind.CLOCK: 0.5 * CLOCK_STEP_S,
+    Kind.PLACE: 2.5e-4, Kind.LAG: 0.25,
 }  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Linearisation:
-    """A model with what it predicts and the linearised `system` there; `tasks` that made the predictions."""
+    """A model with its `predictions`, the linearised `system` there, and the `tasks` of the predictions."""
 
     model: ModelPoint
     tasks: tuple[PredictionTask, ...]
@@ -45,12 +43,12 @@ class Linearisation:
     system: LinearSystem
 
     def without_fields(self) -> Linearisation:
-        """The same without the fields of the runs."""
+        """The linearisation without the stored temperature fields of the runs."""
         return replace(self, predictions=tuple(p.without_columns for p in self.predictions))
 
 
 def image_parameters(system: LinearSystem) -> tuple[ParameterId, ...]:
-    """Parameters of images and sensors that a system has columns for, each recording's own."""
+    """Parameters of images and sensors that have columns in a system, those of single recordings."""
     own = (*SHIFT_KINDS, *PLACEMENT_KINDS)
     return tuple(p for p in system.names if p.kind in BEAD_KINDS or (p.kind in own and p.file))
 
@@ -58,7 +56,7 @@ def image_parameters(system: LinearSystem) -> tuple[ParameterId, ...]:
 def align_images(
     problem: Problem, data: WhitenedData, start: Linearisation, hyper: Hyperparameters, fixed: frozenset[ParameterId]
 ) -> Linearisation:
-    """Images where the data want them with the physics (`fixed` parameters) as it is.  Raises SolverFailure."""
+    """Align images with the data, with the physics (`fixed` parameters) unchanged.  Raises SolverFailure."""
     marched, region = start.model, TrustRegion()
     value = profile_objective(problem, start, hyper, fixed, with_heldout=True)
     for _ in range(MAX_ALIGNMENTS):
@@ -81,7 +79,7 @@ def align_images(
 
 
 def _of_promising_images(names: Sequence[ParameterId], model: QuadraticModel, step: Array) -> Array:
-    """A step without images that promise less than their share of what is negligible: they are not predicted again."""
+    """A step without images whose predicted gain is negligible, so that they need not be predicted again."""
     promised = step * (model.gradient - 0.5 * model.hessian @ step)  # adds up to the reduction by the step
     files = [p.file for p in names]
     gains = dict.fromkeys(files, 0.0)
@@ -98,9 +96,9 @@ def profile_objective(
     fixed: frozenset[ParameterId],
     with_heldout: bool = False,
 ) -> float:
-    """Half of chi2 of data and priors at a point: physics and images stand still, all else is at its optimum.
+    """Half of chi2 of data and priors at a point, with physics and images fixed and all else at its optimum.
 
-    Priors of `fixed` parameters of the physics are not counted.  `with_heldout` datum counts, or those that are fitted.
+    Priors of `fixed` parameters of the physics are not included.  `with_heldout`: include held-out data.
     """
     images = image_parameters(at.system)
     free = _nuisance_priors(problem, at, hyper, fixed)
@@ -113,9 +111,9 @@ def profile_objective(
 def step_beyond_fields(
     problem: Problem, at: Linearisation, hyper: Hyperparameters, fixed: frozenset[ParameterId], region: TrustRegion
 ) -> tuple[float, float, dict[ParameterId, float]]:
-    """What images still promise if the fields were of any time, what a step within a region promises, and that step.
+    """Predicted gain of images with fields at any time, predicted gain of a step within a region, and that step.
 
-    Alignment has clocks no farther than LAG from those of the run: beyond that the campaign is simulated anew.
+    Fields are stored within LAG of the clock of the simulation; for larger steps the campaign must be simulated again.
     """
     names, model = _quadratic_model(problem, at, hyper, fixed)
     step = region.limited_step(model, step_scales(names))
@@ -127,7 +125,7 @@ def step_beyond_fields(
 
 
 def step_scales(names: Iterable[ParameterId]) -> Array:
-    """Scales (k,) of steps of images' parameters."""
+    """Scales (k,) of steps of image parameters."""
     return np.array([IMAGE_STEP_SCALES[p.kind] for p in names])
 
 
@@ -135,12 +133,10 @@ def _quadratic_model(
     problem: Problem, at: Linearisation, hyper: Hyperparameters, fixed: frozenset[ParameterId],
     marched: ModelPoint | None = None,
 ) -> tuple[tuple[ParameterId, ...], QuadraticModel]:  # fmt: skip
-    """The objective to second order in what images and sensors do; clocks within reach of the model `marched`."""
+    """The objective to second order in image and sensor parameters; clocks within the fields of `marched`."""
     images = image_parameters(at.system)
     free = _nuisance_priors(problem, at, hyper, fixed)
-    keep = at.system.normal_equations(
-        lambda b: True, hyper.variances
-    )  # cameras of data that are held out stand somewhere too
+    keep = at.system.normal_equations(lambda b: True, hyper.variances)  # images of held-out data are aligned too
     found = at.system.project_out(free, list(images), keep)
     mean, precision = _image_prior(problem, at, images)
     limits = [_clock_limits(p, at.model, marched) for p in images]
@@ -151,15 +147,15 @@ def _quadratic_model(
 def _nuisance_priors(
     problem: Problem, at: Linearisation, hyper: Hyperparameters, fixed: frozenset[ParameterId]
 ) -> Priors:
-    """Priors of everything linear but what images and sensors do."""
+    """Priors of all linear unknowns except image and sensor parameters."""
     priors = priors_at_hyperparameters(problem, at.system, at.model, hyper, {})
     moving = (*SHIFT_KINDS, *PLACEMENT_KINDS, *BEAD_KINDS)
     return {p: v for p, v in priors.items() if p not in fixed and p.kind not in moving}
 
 
 def _image_prior(problem: Problem, at: Linearisation, images: tuple[ParameterId, ...]) -> tuple[Array, Array]:
-    """Means (k,), as seen from a point, and precision (k, k) of images' parameters: each its own error, and one that
-    all images of a view share."""
+    """Prior means (k,), relative to a point, and precision (k, k) of image parameters: each image has its own error and
+    one that all images of its view share."""
     views = {v.file: v.recording.view for v in problem.campaign.views}
     priors = nuisance_priors(problem, at.system.names, at.model)
     mean, sd = (np.array([priors[p][i] for p in images]) for i in (0, 1))
@@ -175,9 +171,9 @@ def predict_image_steps(
     problem: Problem, system: LinearSystem, nuisances_there: Priors, steps: Mapping[ParameterId, float],
     hyper: Hyperparameters,
 ) -> dict[ParameterId, float]:  # fmt: skip
-    """How far images move, by the linearised model, when the physics takes given `steps`.
+    """Predicted steps of images by the linearised model if the physics takes given `steps`.
 
-    Images of data that are held out stay: data that are fitted would have them where they are stated to lie.
+    Images of held-out data are not moved, because fitted data contain no information on them.
     """
     fixed = {p: (step, FIXED_STEP_SD * max(abs(step), FIXED_STEP_SD)) for p, step in steps.items()}
     found = system.solve(nuisances_there | fixed, system.normal_equations(variances=hyper.variances))
@@ -190,7 +186,7 @@ def predict_image_steps(
 
 
 def move_images(model: ModelPoint, steps: Mapping[ParameterId, float]) -> ModelPoint:
-    """The model with its images and sensors moved."""
+    """The model after steps of its images and sensors."""
     for p, step in steps.items():
         if p.kind in SHIFT_KINDS:
             shift = list(model.image_shift(p.file))
@@ -202,7 +198,7 @@ def move_images(model: ModelPoint, steps: Mapping[ParameterId, float]) -> ModelP
 
 
 def _clock_limits(p: ParameterId, model: ModelPoint, marched: ModelPoint | None) -> tuple[float, float]:
-    """How far a clock may step down and up: fields were kept within LAG of the one that the run was made for."""
+    """The largest steps of a clock down and up: fields are stored within LAG of the clock of the simulation."""
     if p.kind is not Kind.CLOCK or marched is None:
         return -np.inf, np.inf
     now, middle = model.setup_value(p), marched.setup_value(p)
@@ -210,7 +206,7 @@ def _clock_limits(p: ParameterId, model: ModelPoint, marched: ModelPoint | None)
 
 
 def _predict_images(problem: Problem, data: WhitenedData, at: Linearisation, model: ModelPoint) -> Linearisation:
-    """The linearisation with images predicted again where they moved; columns of the physics stay."""
+    """The linearisation with moved images predicted again; columns of the physics are not computed again."""
     changed, predictions = {}, []
     blocks = {b.label: b for b in at.system.blocks}
     for number, (task, prediction) in enumerate(zip(at.tasks, at.predictions, strict=True)):
@@ -231,8 +227,9 @@ def _predict_images(problem: Problem, data: WhitenedData, at: Linearisation, mod
 
 
 def _has_moved(file: str, before: ModelPoint, after: ModelPoint) -> bool:
-    """Whether an image lies elsewhere, or any sensor does: sensors carry names that several recordings share."""
+    """Whether the placement of an image, or of any sensor, differs; several recordings may share a sensor."""
     return (
-        before.image_shift(file) != after.image_shift(file) or before.image_placement(file) != after.image_placement(file)
+        before.image_shift(file) != after.image_shift(file)
+        or before.image_placement(file) != after.image_placement(file)
         or before.bead_offsets != after.bead_offsets
-    )  # fmt: skip
+    )

@@ -130,8 +130,8 @@ class Solution:
 
 @dataclass(frozen=True)
 class Projection:
-    """Some columns after nuisances were projected out: `score` (w,), `information` (w, w), and the diagonal `raw` (w,) of
-    the information before."""
+    """Some columns after nuisances were projected out: `score` (w,), `information` (w, w), and the diagonal `raw` (w,)
+    of the information before."""
 
     score: Array
     information: Array
@@ -263,8 +263,8 @@ class LinearSystem:
         return frozenset(n for b in self.blocks if not b.held_out for n, _ in b.names)
 
     def fit_heldout_nuisances(self, solution: Solution, priors: Priors) -> Solution:
-        """A solution in which parameters of held-out recordings alone, such as their image placements, are estimated from
-        those recordings; shared and fitted parameters stay as they are."""
+        """A solution in which parameters of held-out recordings alone, such as their image placements, are estimated
+        from those recordings; shared and fitted parameters stay as they are."""
         if not any(b.held_out for b in self.blocks):
             return solution
         fitted = self.fitted_columns
@@ -307,7 +307,7 @@ class LinearSystem:
         return total.right[at], total.matrix[np.ix_(at, at)]
 
     def solve_bounded(self, priors: Priors, max_deviation: float, equations: NormalEquations | None = None) -> Solution:
-        """As `solve`, but no parameter may deviate from its prior mean by more than `max_deviation` standard deviations."""
+        """As `solve`, but no parameter deviates by more than `max_deviation` prior standard deviations."""
         total = equations or self.normal_equations()
         free = self.solve(priors, total)
         at = [self.index[n] for n in free.names]
@@ -343,8 +343,8 @@ def _number_columns(blocks: Iterable[DataBlock]) -> dict[ParameterId, int]:
 
 
 class Eliminated(NamedTuple):
-    """The Schur complement of the columns of one recording: what it subtracts from the products of the shared columns and
-    the right-hand side (s + 1, s + 1), and its ln determinant."""
+    """The Schur complement of the columns of one recording: `taken` (s + 1, s + 1) is subtracted from the products of
+    the shared columns, with the right-hand side last; `ln_det` is its ln determinant."""
 
     taken: Array
     ln_det: float

@@ -1,7 +1,8 @@
-"""A floor for the model's own error: smooth relative deviations of every view in space and time, of unknown size.
+"""Model discrepancy: smooth relative errors of the model in every view, in space and time, of unknown size.
 
-No mesh and no closure is right to a thousandth of the rise, and a camera's 1e5 values would make a cause of every
-millikelvin that they share.  What is as smooth and as small as such an error is therefore no evidence.
+No mesh and no closure is accurate to a thousandth of the temperature rise, while the 1e5 values of a camera would turn
+a common deviation of a millikelvin into strong evidence.  A deviation as smooth and small as a model error is therefore
+absorbed by these terms (Kennedy and O'Hagan, J. R. Stat. Soc. B 63, 2001, 425).
 """
 
 from __future__ import annotations
@@ -16,16 +17,16 @@ from flashtemp.comparison.campaign import RecordingEntry
 from flashtemp.discovery.parameters import Kind, ParameterId
 from flashtemp.discovery.prediction.prediction import Observable, Single, flatten_valid_pixels
 
-# of the rise, rms over a view: what discretisation and closures state (docs: verification); evidence chooses one
+# of the rise, rms over a view: errors of discretisation and closures (docs: verification); evidence chooses one
 LEAST_DISCREPANCY, LARGEST_DISCREPANCY = 1e-3, 3e-3
 MAX_DISCREPANCY_ORDER = 3  # half waves at most, along, up, within a repetition and over the repetitions together
-TYPICAL_DISCREPANCY = 2e-3  # by which pulls are judged
+TYPICAL_DISCREPANCY = 2e-3  # prior width for pulls
 
 
 def discrepancy_basis(view: RecordingEntry, predicted: Observable) -> dict[ParameterId, Single]:
-    """Columns of a view: products of half waves along and up the image, in a repetition and over all, times the rise.
+    """Columns of a view: products of half waves along and up the image, within and over repetitions, times the rise.
 
-    Each is weighted so that a prior of one size for all is an error of that size (rms, relative), less for finer ones.
+    Weights are such that one prior width for all is a relative rms error of that size; finer waves have less weight.
     """
     r = view.recording
     if r.places is not None:
@@ -51,7 +52,7 @@ def discrepancy_basis(view: RecordingEntry, predicted: Observable) -> dict[Param
 
 
 def _relative_times(r: Recording) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Where every frame stands in its repetition, and this among all, from 0 to 1."""
+    """Time of every frame in its repetition, and number of the repetition, both scaled from 0 to 1."""
     inside = np.zeros(r.frames)
     for number in np.unique(r.repetition):
         own = r.repetition == number
@@ -60,7 +61,7 @@ def _relative_times(r: Recording) -> tuple[npt.NDArray[np.float64], npt.NDArray[
 
 
 def _scale_to_unit(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Values from 0 to 1, all 0 where they are the same."""
+    """Values scaled from 0 to 1; all 0 if they are equal."""
     values = np.asarray(values, float)
     out: npt.NDArray[np.float64] = (values - values[0]) / max(float(values[-1] - values[0]), 1e-12)
     return out

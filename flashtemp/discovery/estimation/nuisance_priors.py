@@ -1,4 +1,4 @@
-"""Nuisances that no laboratory knows better: what calibration may move besides free keys, and how far."""
+"""Priors of nuisance parameters: everything that calibration estimates in addition to free keys."""
 
 from __future__ import annotations
 
@@ -32,29 +32,29 @@ PRESSURE_MODE_COUNT = 6  # cosines of the pressure along the block
 NUISANCE_SD = {  # standard deviations, by the kind of nuisance
     Kind.SCATTER: 0.01,  # of friction from repetition to repetition
     Kind.LEVEL: 0.02,  # of friction from condition to condition
-    Kind.GAIN: 0.01,  # what a view takes the radiance times
+    Kind.GAIN: 0.01,  # relative gain of a view on the radiance
     Kind.SPREAD: 0.05,  # relative width of the optics
     Kind.MAP: 0.003,  # gain along and up a view
-    Kind.WALL: 0.01,  # what the wall is cooler than the section behind it
+    Kind.WALL: 0.01,  # relative cooling of the wall against the section behind it
     Kind.MESH: 0.5,  # of the difference to a mesh that is coarser in one direction, or in all
     Kind.CELL: 0.005,  # gain of the load cell
-    Kind.FLOOR: TYPICAL_DISCREPANCY,  # the model's own error over the rise, 1e-3 to 3e-3 by evidence
+    Kind.FLOOR: TYPICAL_DISCREPANCY,  # model discrepancy over the temperature rise; 1e-3 to 3e-3, chosen by evidence
     Kind.SCALE: 0.01,  # pixel scale of a view
     Kind.TURN: np.pi / 180.0,  # rad: turn of an image, 1 degree
     Kind.CLOCK: 0.02,  # s: clock of a camera against the schedule, half a frame of 25 Hz
     Kind.SIZE: 0.01,  # length and width of the block
 }
-UNSTATED_OPTICS_SD = 0.4  # relative width of optics that a recording does not say
+UNSTATED_OPTICS_SD = 0.4  # relative, of the width of the optics if a recording does not state it
 PRESSURE_MODE_SD = 0.01  # of the first pressure mode; the n-th has an n-th of it
 GAIN_MAP_HALF_WAVES = ((1, 0), (2, 0), (0, 1), (1, 1), (0, 2))
-PIVOT_SD_FRACTION = 3.0**-0.5  # of half an image: standard deviation of the point in it about which it is turned
+PIVOT_SD_FRACTION = 3.0**-0.5  # of half an image: standard deviation of the point about which it is rotated
 USUAL_SCALE_FRACTION = (
     0.5  # of a usual scale: from where the point about which it is off is not the one that was marked
 )
-SCALED_KINDS = (Kind.SCATTER, Kind.MAP, Kind.WALL)  # than said where deviations of unknown shape are, up to MOST times
+SCALED_KINDS = (Kind.SCATTER, Kind.MAP, Kind.WALL)  # widened with pressure shapes, up to MAX_SCALED_FACTOR
 MAX_SCALED_FACTOR = 3.0
-HEAT_MODE_SD = 0.05  # of the local heat: standard deviation of modes that have no name
-RIGID_KINDS = frozenset(  # what everybody would calibrate
+HEAT_MODE_SD = 0.05  # of the local heat: standard deviation of modes of additional heat
+RIGID_KINDS = frozenset(  # kinds that a model without flexible terms calibrates too
     {
         Kind.KEY,
         *SHIFT_KINDS,
@@ -73,12 +73,12 @@ WALL_COOLING_DEPTHS_M = (1e-3, 4e-3)  # m: depths over which the wall's own cool
 
 
 def all_derivatives(problem: Problem) -> DerivativeRequest:
-    """Derivatives by all that calibration may move."""
+    """The derivatives by all parameters that calibration may change."""
     return DerivativeRequest(problem.free_keys, True, PRESSURE_MODE_COUNT, True, optics=True, block_sizes=True)
 
 
 def nuisance_priors(problem: Problem, names: Iterable[ParameterId], model: ModelPoint) -> Priors:
-    """(mean, standard deviation) of everything that calibration may move, seen from a point."""
+    """(mean, standard deviation) of everything that calibration may change, relative to a point."""
     out: Priors = {}
     free = problem.key_priors
     recordings = {v.file: v.recording for v in problem.campaign.views}
@@ -104,15 +104,16 @@ def nuisance_priors(problem: Problem, names: Iterable[ParameterId], model: Model
 
 
 def _camera_error_sd(recording: Recording, p: ParameterId) -> float:
-    """Usual size of an error of a real camera; most columns are as large as it is already."""
+    """Prior width of a camera error; most columns already have the usual size of the error."""
     return CAMERA_CLASSES[recording.camera].gain_map if is_camera_gain(p) else 1.0
 
 
 def position_sd_px(recording: Recording, place: ImagePlacement, axis: int) -> float:
-    """Standard deviation (px along u, 0, or v, 1) of where an image with a `place` stands.
+    """Standard deviation (px along u, 0, or v, 1) of the position of an image with a `place`.
 
-    Nobody notes about which point a camera was turned: any that the image shows, alike; nor about which a scale is off
-    beyond what is usual; added to how well its origin is known.  A wake begins at the edge that it is lined up with.
+    The point about which a camera was rotated is unknown: any point of the image is equally likely.  The same holds for
+    a scale error beyond the usual size.  Both are added to the uncertainty of the origin.  A wake is aligned with the
+    edge where it begins and has neither.
     """
     if recording.view != "sidewall":
         return recording.registration_sigma_px or 0.0
@@ -126,18 +127,18 @@ def position_sd_px(recording: Recording, place: ImagePlacement, axis: int) -> fl
 
 
 def prior_scale_factors(scale: float) -> dict[Kind, float]:
-    """Times as wide as said: priors of what is small and unknown in shape, at a `scale`."""
+    """Factors on the prior widths of pressure shapes and friction scatter at a `scale`."""
     return {Kind.MODE: scale, Kind.TREND: scale, **dict.fromkeys(SCALED_KINDS, min(scale, MAX_SCALED_FACTOR))}
 
 
 def is_camera_gain(p: ParameterId) -> bool:
-    """Whether it belongs to a gain map that only real cameras have, not to the slight one of every camera."""
+    """Whether a parameter belongs to the gain map of a real camera, not to the slight one of every camera."""
     return p.kind is Kind.MAP and len(p.index) > 2
 
 
 def width_factors(scale: float, families: Mapping[Kind, float]) -> dict[tuple[Kind, bool], float]:
-    """Times as wide as said, by kind and whether only real cameras have it (`is_camera_gain`): priors of what is small
-    and unknown in shape, at a `scale`, and of camera errors by family; 0 of errors that a camera does not have."""
+    """Factors on prior widths, by kind and `is_camera_gain`: `scale` for pressure shapes and friction scatter, and the
+    sizes of the `families` of camera errors; 0 for errors that a camera does not have."""
     out = {(kind, False): times for kind, times in (dict(families) | prior_scale_factors(scale)).items()}
     return out | {(Kind.MAP, True): families[Kind.MAP]}
 
@@ -145,8 +146,8 @@ def width_factors(scale: float, families: Mapping[Kind, float]) -> dict[tuple[Ki
 def scale_priors(
     priors: Priors, scale: float, floor: float, families: Mapping[Kind, float] = NO_CAMERA_ERRORS
 ) -> Priors:
-    """The same at a `scale` of what is small and unknown in shape, a `floor` of the model's own relative error, and
-    sizes of the `families` of camera errors; those that are none are left out."""
+    """Priors at a `scale` of pressure shapes and friction scatter, a `floor` of the model discrepancy, and sizes of the
+    `families` of camera errors; families of size 0 are left out."""
     out, times = {}, width_factors(scale, families)
     for p, (mean, sd) in priors.items():
         wide = floor if p.kind is Kind.FLOOR else sd * times.get((p.kind, is_camera_gain(p)), 1.0)
@@ -156,19 +157,19 @@ def scale_priors(
 
 
 def rigid_priors(priors: Priors) -> Priors:
-    """Priors of nuisances that may not bend the pressure, the walls or the friction of a repetition; gain maps are
-    calibrated where a camera clearly has one."""
+    """Priors without free pressure shapes, wall terms and friction of repetitions; gain maps only for a camera that
+    clearly has one."""
     kinds = RIGID_KINDS | ({Kind.MAP} if any(map(is_camera_gain, priors)) else set())
     return {p: v for p, v in priors.items() if p.kind in kinds}
 
 
 def unnamed_heat_priors(names: Iterable[ParameterId]) -> Priors:
-    """Priors of heat of any shape along the block, per condition and growing over the repetitions."""
+    """Priors of heat of any shape along the block, by condition, constant or growing over repetitions."""
     return {p: (0.0, HEAT_MODE_SD / p.index[0] ** 0.5) for p in names if p.kind in (Kind.FLUX, Kind.TREND)}
 
 
 def camera_smooth_basis(view: RecordingEntry, predicted: Observable) -> dict[ParameterId, Single]:
-    """Smooth maps that no run explains: a slight gain along a view, and the wall's own cooling."""
+    """Smooth maps that no simulation contains: a slight gain along a view, and the cooling of the wall itself."""
     r = view.recording
     if r.places is not None:  # points are no image
         return {}

@@ -1,6 +1,6 @@
-"""What the first predictions leave of images once their own traces are fitted: where defects and noise of cameras show.
+"""Residuals of the first predictions after a smooth fit, and rejection of pixels and lines with camera defects.
 
-Used once, before anything is compared, so that the same pixels and the same noise serve every hypothesis.
+Used once before the first fit, so that every hypothesis is compared with the same pixels and the same noise.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from flashtemp.discovery.prediction.problem import Problem, replace_views
 from flashtemp.display import format_count
 
 Array = npt.NDArray[np.float64]
-RIDGE_FRACTION = 1e-6  # of the largest product of columns: those that nearly are sums of others get small coefficients
+RIDGE_FRACTION = 1e-6  # of the largest product of columns: bounds the coefficients of nearly dependent columns
 
 
 def calibrated_residual(view: RecordingEntry, predicted: Observable) -> Array:
-    """Measured less predicted (frames, nv, nu) K, NaN where not compared, less a least-squares fit of all traces
-    and of smooth errors of the model.
+    """Measured minus predicted (frames, nv, nu) K after a least-squares fit of all sensitivities and of the model
+    discrepancy; NaN where not compared.
 
-    The fit has no priors: it stands for nothing but the smooth part of what a calibration will explain.
+    The fit has no priors: it only removes the smooth part that a calibration will explain.
     """
     left: Array = np.where(predicted.inside, view.recording.temperature - predicted.values, np.nan)
     known = np.isfinite(left[:, predicted.inside])
@@ -46,7 +46,7 @@ def calibrated_residual(view: RecordingEntry, predicted: Observable) -> Array:
 
 
 def reject_outliers(problem: Problem, first: Sequence[Prediction]) -> Problem:
-    """The problem with those pixels and lines of images masked whose residuals stand alone among their neighbours."""
+    """The problem without pixels and lines of images whose residuals are outliers among their neighbours."""
     views, found = [], dict(problem.screening)
     for condition, prediction in zip(problem.conditions, first, strict=True):
         for view in condition.views:

@@ -1,4 +1,4 @@
-"""What each condition alone would have of a parameter that all share: does an effect agree with itself?"""
+"""Estimates of a shared parameter from each condition alone, to test whether an effect is the same in all of them."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from flashtemp.discovery.verdict import ConditionEstimate
 
 @dataclass(frozen=True)
 class PerConditionEstimates:
-    """What each condition would have of something that all share, with the `covariance` (n, n) of these values."""
+    """Estimates of one shared quantity from each condition, with their `covariance` (n, n)."""
 
     conditions: tuple[ConditionEstimate, ...]
     covariance: Array
 
     @property
     def probability(self) -> float:
-        """Probability of so much scatter between conditions if all had the same value."""
+        """p value of the scatter between conditions if all have the same true value (chi2 test)."""
         from scipy.stats import chi2
 
         if len(self.conditions) < 2:
@@ -37,8 +37,10 @@ class PerConditionEstimates:
 def estimate_by_condition(
     problem: Problem, fit: LinearisedFit, parameter: ParameterId, every: bool = False
 ) -> PerConditionEstimates:
-    """A parameter of an effect as each condition would have it, if it were one for each and all else shared; by `every`
-    datum, those held out too."""
+    """A parameter of an effect estimated for each condition separately, with all other parameters shared.
+
+    `every`: use held-out data too.
+    """
     now, (words, split, own) = fit.model.effect_value(parameter), _split_by_condition(problem, fit, [parameter], every)
     return _make_estimates(words, [now + split[p] for [p] in own], _select_covariance(split, [p for [p] in own]))
 
@@ -46,9 +48,9 @@ def estimate_by_condition(
 def estimate_law_by_condition(
     problem: Problem, fit: LinearisedFit, effect: str, every: bool = False
 ) -> PerConditionEstimates:
-    """How many times a law as found each condition would have it, all its nodes free there.
+    """The factor on a fitted law for each condition, with all nodes of the law free there.
 
-    A node alone says little: nodes beside it, kept as all conditions want them, leave it no room.
+    The nodes are not tested one by one, because a node is hardly free while its neighbours are fixed.
     """
     nodes = [p for p in fit.effect_parameters if p.effect == effect]
     if not nodes:  # all on their bounds
@@ -69,18 +71,18 @@ def estimate_law_by_condition(
 def _split_by_condition(
     problem: Problem, fit: LinearisedFit, own: list[ParameterId], every: bool
 ) -> tuple[list[str], Solution, list[list[ParameterId]]]:
-    """Conditions in words, the solution with some parameters one for each of them, and what these are called there."""
+    """Conditions in words, the solution with the parameters `own` split by condition, and the names of the parts."""
 
     def is_counted(b: DataBlock) -> bool:
         return every or not b.held_out
 
-    seen = {b.condition for b in fit.blocks if is_counted(b) and {n for n, _ in b.names} >= set(own)}
+    numbers = {b.condition for b in fit.blocks if is_counted(b) and {n for n, _ in b.names} >= set(own)}
     split = fit.system.split_by_condition(own)
-    names = [[replace(p, condition=n) for p in own] for n in sorted(seen)]
+    names = [[replace(p, condition=n) for p in own] for n in sorted(numbers)]
     loose = {q: (0.0, 1e3 * fit.priors[p][1]) for each in names for p, q in zip(own, each, strict=True)}
     shared = {p: v for p, v in fit.priors.items() if p not in own}
     solution = split.solve(shared | loose, split.normal_equations(is_counted, fit.hyper.variances))
-    return [problem.conditions[n].words for n in sorted(seen)], solution, names
+    return [problem.conditions[n].words for n in sorted(numbers)], solution, names
 
 
 def _select_covariance(solution: Solution, names: list[ParameterId]) -> Array:
@@ -98,7 +100,7 @@ def _make_estimates(words: Sequence[str], values: Sequence[float], covariance: A
 def estimate_effect_by_condition(
     problem: Problem, fit: LinearisedFit, effect: str, every: bool = False
 ) -> list[PerConditionEstimates]:
-    """The same of everything that says how large an effect is: its parameters one by one, or a learned law whole."""
+    """Estimates by condition of every parameter of an effect; for a learned law, of its factor as a whole."""
     if effect == LEARNED_LAW_NAME:
         return [estimate_law_by_condition(problem, fit, effect, every)]
     return [estimate_by_condition(problem, fit, p, every) for p in fit.effect_parameters if p.effect == effect]

@@ -1,4 +1,4 @@
-"""Hyperparameters of the largest evidence: sizes of deviations and of camera errors that nobody states."""
+"""Prior widths of largest evidence: unstated sizes of friction scatter, pressure shapes and camera errors."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from flashtemp.discovery.estimation.linear_gaussian import Array, LinearSystem, 
 from flashtemp.discovery.estimation.nuisance_priors import is_camera_gain, width_factors
 from flashtemp.discovery.parameters import Kind, Priors
 
-DEVIATION_SCALES = (0.3, 1.0, 3.0, 10.0, 30.0)  # of deviations of unknown shape: chosen under each hypothesis
-LN_ODDS_AGAINST_FAMILY = 3.0  # ln of the prior odds against each family of camera errors, as of any more freedom
+DEVIATION_SCALES = (0.3, 1.0, 3.0, 10.0, 30.0)  # of pressure shapes and scatter: one is chosen for each hypothesis
+LN_ODDS_AGAINST_FAMILY = 3.0  # ln of the prior odds against each family of camera errors
 MAX_FAMILY_SWEEPS = 4  # over the families of camera errors, at most
 
 
@@ -41,10 +41,11 @@ class PriorWidths:
 def find_likeliest_widths(
     system: LinearSystem, given: Priors, more: Priors, equations: NormalEquations, floors: tuple[float, ...]
 ) -> PriorWidths:
-    """Hyperparameters of the largest evidence: scale and floor together, for one hides the other, then the families of
-    camera errors one after the other until none changes; from cameras without errors and from usual ones.
+    """The prior widths of largest evidence, by coordinate search on a grid.
 
-    Each family that there is costs LN_ODDS_AGAINST_FAMILY of ln evidence, its prior odds.
+    Scale and floor are varied together, because one can compensate the other; then the families of camera errors are
+    varied in turn until none changes.  The search starts from cameras without errors and from usual ones.
+    Each family with errors costs LN_ODDS_AGAINST_FAMILY of ln evidence, its prior odds.
     """
     evidence, names = system.evidence_function(given, equations), system.known_columns(given)
     sd = np.array([given[p][1] for p in names])

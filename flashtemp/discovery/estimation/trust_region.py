@@ -32,7 +32,7 @@ class QuadraticModel:
     high: Array
 
     def predicted_reduction(self, step: Array) -> float:
-        """What a step reduces the objective by, as predicted."""
+        """Predicted reduction of the objective by a step."""
         return float(self.gradient @ step - 0.5 * step @ self.hessian @ step)
 
     def best_step(self, radius: Array | float = np.inf) -> Array:

@@ -1,4 +1,4 @@
-"""Measured less predicted as whitened columns: every recording and trace with noise, nuisances and derivatives."""
+"""Whitened data: residuals and columns of every recording and load-cell record, in standard deviations of the noise."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.errors import BadInput, SolverFailure
 from flashtemp.solver.run import Run
 
-# small, or of unknown shape: their first traces serve all fits
+# small, or of unknown shape: their sensitivities from the first predictions are used in all fits
 FIXED_KINDS = (Kind.SCATTER, Kind.MODE, Kind.TREND)
-CLOCK_STANDARD_DEVIATIONS = 3.0  # standard deviations of a clock within which a frame may be of another phase
-FRICTION_LEVEL_KEY = "friction.mu"  # the free key that a condition may have a level of its own for
+CLOCK_STANDARD_DEVIATIONS = 3.0  # of the clock prior, within which a frame may belong to another phase
+FRICTION_LEVEL_KEY = "friction.mu"  # the free key for which each condition has an additional level
 
 
 @dataclass(frozen=True)
@@ -40,10 +40,11 @@ class FixedColumns:
 
 @dataclass(frozen=True)
 class WhitenedData:
-    """What is kept from the first predictions, so that all hypotheses are compared alike.
+    """Noise, masks and fixed columns from the first predictions, the same for all hypotheses.
 
-    `noises` of recordings and `sigmas` of load-cell traces by file; `is_compared` what of them is compared, `fixed` columns
-    that stay as they are, whitened.  Pixels `inside` (nv, nu) of images with noise of rows and columns.
+    By file: `noises` of recordings, `sigmas` of load-cell records, `is_compared` (frames, valid pixels) or (n,),
+    whitened columns `fixed` that are not computed again, and valid pixels `inside` (nv, nu) of images with noise of
+    rows and columns.
     """
 
     problem: Problem
@@ -58,9 +59,9 @@ class WhitenedData:
         cls, problem: Problem, first: Sequence[Prediction], coarser: Sequence[Sequence[Prediction]] = (),
         noises: Mapping[str, NoiseLevels] | None = None,
     ) -> WhitenedData:  # fmt: skip
-        """Keep traces of what is small and of unknown shape, differences to predictions on coarser meshes, and noise.
+        """Whitened data with fixed columns from `first` and mesh columns from predictions on `coarser` meshes.
 
-        What `noises` does not give is what a campaign states or, last, what the data show.  Raises BadInput.
+        Noise that is not in `noises` is stated by the campaign or else estimated from the data.  Raises BadInput.
         """
         data = cls(problem, dict(noises or {}), {}, {}, {})
         for condition, fine, *rough in zip(problem.conditions, first, *coarser, strict=True):
@@ -89,7 +90,7 @@ class WhitenedData:
         return data
 
     def make_blocks(self, predictions: Sequence[Prediction], first: int = 0) -> list[DataBlock]:
-        """One block per recording and trace; conditions are numbered from `first`."""
+        """One block for each recording and load-cell record; conditions are numbered from `first`."""
         return [
             self.make_block(number, entry, prediction.observables[entry.file])
             for number, (c, prediction) in enumerate(zip(self.problem.conditions, predictions, strict=True), first)
@@ -97,7 +98,7 @@ class WhitenedData:
         ]
 
     def make_block(self, number: int, entry: RecordingEntry | LoadCellEntry, predicted: Observable) -> DataBlock:
-        """One recording or trace as predicted, of a condition with a number."""
+        """The block of one recording or load-cell record of a condition."""
         fixed = self.fixed[entry.file]
         own = {p: v for p, v in predicted.columns.items() if p not in fixed.names}
         names = self._column_names([*own, *fixed.names], number, entry)
@@ -105,8 +106,8 @@ class WhitenedData:
         return DataBlock(entry.file, number, entry.held_out, r, C, names, fixed.F, fixed.FF)
 
     def to_kelvin(self, file: str, whitened: Array) -> Array:
-        """What is whitened (n,), as it was: of a recording (frames, pixels inside) K, of a trace (n,) friction; 0 where
-        nothing is compared."""
+        """Undo the whitening of values (n,): (frames, valid pixels) K of a recording, or (n,) friction of a load-cell
+        record; 0 where nothing is compared."""
         known = self.is_compared[file]
         out = np.zeros(known.shape)
         if file in self.sigmas:
@@ -118,12 +119,12 @@ class WhitenedData:
         return out
 
     def _pixel_mask(self, file: str) -> npt.NDArray[np.bool_]:
-        """Pixels (nv, nu) of an image whose values are kept; all in one row where it does not matter where they lie."""
+        """Valid pixels (nv, nu) of an image; all in one row if their positions do not matter for the noise."""
         inside = self.inside.get(file)
         return np.ones((1, self.is_compared[file].shape[1]), bool) if inside is None else inside
 
     def _as_images(self, file: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Values (frames, pixels inside) as images (frames, nv, nu), NaN outside."""
+        """Values (frames, valid pixels) as images (frames, nv, nu), NaN elsewhere."""
         inside = self._pixel_mask(file)
         out = np.full((len(values), *inside.shape), np.nan)
         out[:, inside] = values
@@ -132,7 +133,7 @@ class WhitenedData:
     def _column_names(
         self, columns: list[ParameterId], number: int, entry: RecordingEntry | LoadCellEntry
     ) -> tuple[tuple[ParameterId, int], ...]:
-        """Names under which columns are known: those of one recording or condition carry its name."""
+        """Pairs of parameter and column number; some columns belong to several parameters."""
         out = []
         for i, p in enumerate(columns):
             out.append((p.with_scope(number, entry.file), i))
@@ -147,7 +148,7 @@ class WhitenedData:
         return tuple(out)
 
     def _whitened_residual(self, entry: RecordingEntry | LoadCellEntry, predicted: Observable) -> Array:
-        """Measured less predicted (n,) in sigma.  Raises SolverFailure where nothing is predicted any more."""
+        """Measured minus predicted (n,) in standard deviations.  SolverFailure if a compared datum is missing."""
         left = (
             _image_residual(entry, predicted)[:, predicted.inside]
             if isinstance(entry, RecordingEntry)
@@ -157,11 +158,11 @@ class WhitenedData:
             left.shape != self.is_compared[entry.file].shape
             or not np.isfinite(left[self.is_compared[entry.file]]).all()
         ):
-            raise SolverFailure(f"{entry.file}: the model no longer predicts all that was measured")
+            raise SolverFailure(f"{entry.file}: the model no longer predicts all measured values")
         return self._whiten_values(entry, left)
 
     def _whiten_values(self, entry: RecordingEntry | LoadCellEntry, values: npt.NDArray[Any]) -> Array:
-        """What belongs to an observable, (frames, pixels inside) K or (n,), in sigma (n,)."""
+        """Values of an observable, (frames, valid pixels) K or (n,), in standard deviations (n,)."""
         known = self.is_compared[entry.file]
         if isinstance(entry, LoadCellEntry):
             return np.asarray(values, float)[known] / self.sigmas[entry.file]
@@ -171,7 +172,7 @@ class WhitenedData:
     def _whiten_columns(
         self, entry: RecordingEntry | LoadCellEntry, columns: Mapping[ParameterId, npt.NDArray[Any]]
     ) -> Single:
-        """The columns (n, k) whitened, one after the other: two at once would be much memory."""
+        """The whitened columns (n, k), computed one by one to save memory."""
         out = np.empty((np.count_nonzero(self.is_compared[entry.file]), len(columns)), np.float32, order="F")
         for k, values in enumerate(columns.values()):
             out[:, k] = self._whiten_values(entry, values)
@@ -198,14 +199,17 @@ def _recording_noise(view: RecordingEntry, predicted: Observable, rest: Array) -
 
 
 def _sliding_speed(run: Run, time: Array) -> Array:
-    """Speed of sliding (frames,) m/s at the times of frames."""
+    """Sliding speed (frames,) m/s at the times of frames."""
     speed = np.abs(np.diff(run.slid)) / np.maximum(np.diff(run.time), 1e-12)
     later = np.searchsorted(run.time, time) - 1
     return np.asarray(speed[np.clip(later, 0, len(speed) - 1)])
 
 
 def _is_near_start(view: RecordingEntry, run: Run) -> npt.NDArray[np.bool_]:
-    """Frames (frames,) of a wake so near to a start that its clock says whether there is a wake: no tangent tells."""
+    """Frames (frames,) of a wake so near to a start of sliding that its existence depends on the clock.
+
+    The prediction is not differentiable there, so these frames are not compared.
+    """
     t = view.recording.time
     way = run.sliding * (1 if run.direction is None else run.direction)
     turns = (np.diff(way, prepend=0) != 0) | (np.diff(run.repetition, prepend=0) > 0)  # with a wait, and without
@@ -218,10 +222,8 @@ def _is_near_start(view: RecordingEntry, run: Run) -> npt.NDArray[np.bool_]:
 
 
 def _image_residual(view: RecordingEntry, predicted: Observable) -> Array:
-    """Measured less predicted (frames, nv, nu) K, NaN where not compared."""
+    """Measured minus predicted (frames, nv, nu) K, NaN where not compared."""
     left = np.where(predicted.inside, view.recording.temperature - predicted.values, np.nan)
     if not np.isfinite(left).any():
-        raise BadInput(
-            f"{view.file}: no pixel of it lies on the block or the road, clear of their edges; check u, v and view"
-        )
+        raise BadInput(f"{view.file}: no pixel is on the block or the road, away from their edges; check u, v and view")
     return left

@@ -1,4 +1,4 @@
-"""What may be the case: the believed one at a point, and the candidate effects that it may lack."""
+"""The stated case at a point of its parameters, and the candidate effects that it may lack."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from flashtemp.errors import BadInput
 from flashtemp.model.case import Case
 from flashtemp.physics.effect import Effect, Param
 
-KEY_PRIOR_SD = {  # relative standard deviation: how well a laboratory knows what it may calibrate
+KEY_PRIOR_SD = {  # relative prior standard deviation of keys that are usually calibrated
     "friction.mu": 0.1,
     "contact.spot_fraction": 0.1,
     "ambient.convection": 0.3,
 }
 DEFAULT_KEY_PRIOR_SD = 0.2
-STRENGTH_STEP_FRACTION = 0.01  # of an effect's typical strength: the step of its trace
+STRENGTH_STEP_FRACTION = 0.01  # of an effect's typical strength: the step of its derivative
 
 
 def prior_sd_of_key(key: str) -> float:
@@ -42,10 +42,12 @@ def clip_to_bounds(param: Param, value: float) -> float:
 
 @dataclass(frozen=True)
 class ModelPoint:
-    """The believed case at a point: `free` {key: ln of the factor}, `effects` beyond it {name: {parameter: value}},
-    `shifts` (px along u and v) of the images of recordings by file, and their `placements`: scale, turn and clock; `bead_offsets`
-    (m, s): by which points lie elsewhere along an axis, or are slower; `sizes` {key: share} by which the block is
-    larger than told."""
+    """The stated case at a point of its parameters.
+
+    `free` {key: ln of the factor on its value}.  `effects` {name: {parameter: value}}: those added to the case.
+    `shifts` {file: (u, v)} px and `placements` {file: scale, rotation and clock} of images.  `bead_offsets`: offsets of
+    points along an axis (m) and of their time constants (s).  `sizes` {key: relative error of the stated block size}.
+    """
 
     free: dict[str, float] = field(default_factory=dict)
     effects: dict[str, dict[str, float]] = field(default_factory=dict)
@@ -72,11 +74,11 @@ class ModelPoint:
         return out
 
     def effect_value(self, p: ParameterId) -> float:
-        """Where a parameter of one of the effects stands."""
+        """The value of an effect parameter."""
         return self.effects[p.effect][p.name]
 
     def image_shift(self, file: str) -> tuple[float, float]:
-        """Where the image of a recording stands, px along u and v."""
+        """The shift (px along u and v) of the image of a recording."""
         return self.shifts.get(file, (0.0, 0.0))
 
     def image_placement(self, file: str) -> ImagePlacement:
@@ -84,7 +86,7 @@ class ModelPoint:
         return self.placements.get(file, STATED_PLACEMENT)
 
     def setup_value(self, p: ParameterId) -> float:
-        """Where scale, turn or clock of a recording, or a size, stands; 0 for all else that only adds a column."""
+        """The value of scale, rotation or clock of a recording, or of a block size; 0 for other kinds."""
         if p.kind is Kind.SIZE:
             return self.sizes.get(p.name, 0.0)
         return (
@@ -92,7 +94,7 @@ class ModelPoint:
         )
 
     def with_step(self, p: ParameterId, step: float) -> ModelPoint:
-        """The same with a free key, the place of an image, or a parameter of one of the effects, moved."""
+        """The point with a step of a free key, of an image placement, of a block size or of an effect parameter."""
         if p.kind in BEAD_KINDS:
             return replace(self, bead_offsets=self.bead_offsets | {p: self.bead_offsets.get(p, 0.0) + step})
         if p.kind is Kind.SIZE:
@@ -105,13 +107,14 @@ class ModelPoint:
         return self.with_effect(p.effect, self.effects[p.effect] | {p.name: self.effect_value(p) + step})
 
     def with_effect(self, effect: str, values: dict[str, float]) -> ModelPoint:
-        """The same with an effect added or changed."""
+        """The point with an effect added or its values replaced."""
         return replace(self, effects=self.effects | {effect: values})
 
 
 @dataclass(frozen=True)
 class CandidateEffect:
-    """An effect that may be missing: `strengths` {parameter: typical change from off}, `shapes` {parameter: default}.
+    """An effect that may be missing: `strengths` {parameter: typical change from its neutral value} and `shapes`
+    {parameter: default}.
 
     `params` are its declarations; `is_optical`: it acts in the camera only.
     """
@@ -124,12 +127,12 @@ class CandidateEffect:
 
     @property
     def leading_strength(self) -> tuple[str, float]:
-        """The strength that stands for the effect, and its typical change from off."""
+        """The first strength, which represents the effect, and its typical change from its neutral value."""
         return next(iter(self.strengths.items()))
 
     @property
     def shape_variants(self) -> tuple[dict[str, float], ...]:
-        """Values of the shapes from which a fit may start: defaults, then each lower and higher by its spread."""
+        """Values of the shapes from which a fit may start: defaults, then each divided and multiplied by its spread."""
         out = [dict(self.shapes)]
         for k, value in self.shapes.items():
             spread = self.params[k].spread
@@ -138,19 +141,19 @@ class CandidateEffect:
         return tuple(out)
 
     def neutral_values(self, variant: int = 0) -> dict[str, float]:
-        """Values of all parameters with every strength off."""
+        """Values of all parameters at which the effect does not act."""
         idle = {k: p.off for k, p in self.params.items() if p.off is not None}
         return idle | self.shape_variants[variant]
 
     def strength_column(self, k: str, variant: int = 0) -> ParameterId:
-        """The trace of a strength."""
+        """The column of a strength."""
         return ParameterId.of_effect(self.effect, k, variant)
 
     def strength_columns(self, variant: int = 0) -> list[ParameterId]:
         return [self.strength_column(k, variant) for k in self.strengths]
 
     def parameter_priors(self) -> Priors:
-        """Of all that a full fit may move: strengths about off, shapes about their defaults."""
+        """Priors of all parameters of a full fit: strengths about their neutral values, shapes about their defaults."""
         out = {}
         for k, a in self.strengths.items():
             out[self.strength_column(k)] = (self.params[k].off or 0.0, abs(a))
@@ -161,7 +164,7 @@ class CandidateEffect:
 
 
 def find_candidates(case: Case, names: tuple[str, ...] | None) -> tuple[list[CandidateEffect], dict[str, str]]:
-    """Effects that may be missing in a case, and for each that cannot be tried the reason."""
+    """Effects that may be missing in a case, and {effect: reason} of those that cannot be tried."""
     found, left = [], {}
     for name, effect in case.known_effects.items():
         if effect.base or (names is not None and name not in names):
@@ -176,13 +179,13 @@ def find_candidates(case: Case, names: tuple[str, ...] | None) -> tuple[list[Can
 
 
 def _exclusion_reason(case: Case, name: str, effect: type[Effect], is_requested: bool) -> str:
-    """Why an effect cannot be tried; empty where it can."""
+    """Why an effect cannot be tried; empty if it can."""
     if name in case.effects:
-        return "the case holds it already"
+        return "the case has it already"
     if not effect.candidate and not is_requested:
         return "its file does not declare it a candidate; name it in candidates to try it too"
     if effect.alike and not is_requested:
-        return f"looks like {effect.alike}, which is tried; name it in candidates to try it too"
+        return f"resembles {effect.alike}, which is tried; name it in candidates to try it too"
     try:
         case.with_values({"effects": [*case.effects, name]})
     except BadInput as fault:

@@ -1,4 +1,4 @@
-"""Deviations without a name: friction that scatters from run to run, and pressure of any shape along the block.
+"""Effects of unknown origin as nuisances: friction scatter between repetitions, and pressure of any shape.
 
 They belong to no catalogue.  Calibration carries them with small priors, and whatever needs them large
 is physics that the catalogue does not hold.

@@ -1,4 +1,4 @@
-"""A formula for a learned curve, where one of a few families fits its nodes as well as the curve itself."""
+"""Formulas for learned curves: the simplest family that fits the nodes of a law within their errors."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class FittedFormula:
 
     @property
     def is_adequate(self) -> bool:
-        """Whether chance alone gives so large a misfit (chi-squared test at 5 %)."""
+        """Whether the misfit may be chance (chi-squared test at 5 %)."""
         return bool(self.dof > 0 and self.chi2 <= chi2.isf(MIN_P_VALUE, self.dof))
 
 
@@ -148,7 +148,7 @@ def _fit_family(family: FormulaFamily, law: PiecewiseLinearLaw, covariance: Arra
 
 
 def _project_on_nodes(law: PiecewiseLinearLaw, curve: Callable[[Array], Array]) -> Array:
-    """Values at the nodes of the piecewise-linear function that is nearest to a curve, by least squares."""
+    """Values at the nodes of the piecewise linear function nearest to a curve, by least squares."""
     if law.regressor.name in DISCRETE_REGRESSORS:
         return curve(np.array(law.nodes))
     at = np.linspace(*law.domain, PROJECTION_POINTS)
@@ -162,7 +162,7 @@ def _geometric_middle(law: PiecewiseLinearLaw) -> float:
 
 
 def variable_legend(law: PiecewiseLinearLaw) -> str:
-    """What s and r of a formula are."""
+    """The definitions of s and r in a formula."""
     (low, high), name = law.domain, law.regressor.name
     unit = "" if law.regressor.unit == "1" else f" {law.regressor.unit}"
     s = f"s = ({name} - {low:.4g}{unit})/{high - low:.4g}{unit}"

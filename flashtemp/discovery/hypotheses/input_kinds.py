@@ -1,7 +1,7 @@
-"""How well the stated numbers of a test are usually known, by kind, and which numbers are no measured inputs.
+"""Usual uncertainties of the stated numbers of a test, by kind, and which numbers are not measured inputs.
 
 The standard deviations are type B evaluations (JCGM 100:2008, section 4.3): from data sheets, handbooks and usual
-practice where nobody repeated the measurement.
+practice if the measurement was not repeated.
 """
 
 from __future__ import annotations
@@ -117,9 +117,9 @@ def input_kind(key: str, unit: str) -> InputKind:
 
 
 def exemption_reason(case: Case, key: str) -> str:
-    """Why a key of a case is no measured input; empty where it is one.
+    """Why a key of a case is not a measured input; empty if it is one.
 
-    `case` has its ready materials written out (`model.priors.with_materials`).
+    `case` has its ready materials written out (`model.priors.expand_materials`).
     """
     table, name = key.rsplit(".", 1)
     value, param = case.values[table][name], case.declared_params(table)[name]
@@ -137,14 +137,14 @@ def exemption_reason(case: Case, key: str) -> str:
 
 
 def _road_material(case: Case) -> str:
-    """The table of the road's material, empty where the block has the same."""
+    """The table of the road's material; empty if the block has the same material."""
     names = {d["material"] for t, d in case.values.items() if t == "block" or t.startswith("layers.")}
     road = case.values["road"]["material"]
     return "" if road in names else f"materials.{road}"
 
 
 def _missing_sd_reason(key: str, value: Any, param: Param) -> str:
-    """Why the value of a key has no standard deviation; empty where it has one."""
+    """Why the value of a key has no standard deviation; empty if it has one."""
     if value is None:
         return "not given; follows from the other numbers"
     if isinstance(value, bool) or "number" not in param.kinds:
@@ -168,7 +168,7 @@ def physical_keys(case: Case) -> dict[str, str]:
 
 
 def course_values(case: Case, key: str) -> tuple[float, ...]:
-    """The number that a key has, or all values of its course over time; none where it is no input of the case."""
+    """The value of a key, or all values of its time series; empty if it is not an input of the case."""
     table, name = key.rsplit(".", 1)
     if name not in case.values.get(table, {}) or exemption_reason(case, key) not in ("", MODEL_CHOICE):
         return ()
@@ -177,7 +177,7 @@ def course_values(case: Case, key: str) -> tuple[float, ...]:
 
 
 def scale_value(case: Case, key: str, factor: float) -> Any:
-    """The number that a key has times a factor, or the rows of its course over time with values times it.
+    """The value of a key times a factor, or the rows of its time series with their values times the factor.
 
     Raises BadInput for a value that is neither.
     """

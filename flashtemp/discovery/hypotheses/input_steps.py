@@ -14,7 +14,7 @@ from flashtemp.model.priors import expand_materials
 from flashtemp.model.scene import Scene
 from flashtemp.solver.mesh_mapping import stretch_mesh
 
-TANGENT_STEP_LN = 1e-3  # of the ln of a value: tangents are exact in it but for curvature
+TANGENT_STEP_LN = 1e-3  # of the ln of a value; the error of a tangent is the curvature only
 TANGENT_STEP_SD = 0.02  # usual standard deviations of a value that moves in its own unit
 RUN_STEP_RATIO = 10.0  # times as far where two separate runs are subtracted: their solver errors do not cancel
 CAMERA_INPUTS = {  # stated by a recording: effect and parameter that move it, and the step in its own unit
@@ -42,7 +42,7 @@ def iter_stepped_cases(case: Case, key: str, scale: float = 1.0) -> Iterator[tup
 
 
 def is_neighbour(plain: Scene, moved: Scene) -> bool:
-    """Whether tangents can follow a moved scene: the same schedule, and the same cells but for their size."""
+    """Whether a tangent run is possible: the same schedule, and the same cells except for their size."""
     if _phase_times(plain) != _phase_times(moved):
         return False
     try:
@@ -53,7 +53,7 @@ def is_neighbour(plain: Scene, moved: Scene) -> bool:
 
 
 def has_same_mesh(plain: Scene, moved: Scene) -> bool:
-    """Whether a moved scene has the very cells of another."""
+    """Whether two scenes have the same cells."""
     return all(np.array_equal(getattr(plain.mesh, k), getattr(moved.mesh, k)) for k in ("x", "thickness", "y"))
 
 

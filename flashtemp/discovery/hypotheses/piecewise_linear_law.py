@@ -22,17 +22,17 @@ from flashtemp.solver.run import Run
 Runs = Sequence[Run]  # of the conditions of a campaign, and their scenes
 Scenes = Sequence[Scene]
 LEARNED_LAW_NAME = "learned"
-INITIAL_LAW_NODES, MAX_LAW_NODES = 5, 17  # at first, and from which on a law is not refined
-MAX_LN_FACTOR = 3.0  # of a quantity, either way
+INITIAL_LAW_NODES, MAX_LAW_NODES = 5, 17  # number of nodes at first, and from which a law is not refined further
+MAX_LN_FACTOR = 3.0  # largest ln of a factor on a quantity, up or down
 MAX_SIZE_RATIO = 1e3  # of a term or film, to what is typical of it
-DISCRETE_REGRESSORS = ("speed", "repetition")  # a campaign has a few values of them: nodes are there and nowhere else
+DISCRETE_REGRESSORS = ("speed", "repetition")  # a campaign has few values of these, which are the nodes
 MIN_RELATIVE_RANGE = 0.05  # of a regressor: below, the data cannot show that anything depends on it
 MIN_TEMPERATURE_RANGE_K = 2.0
 
 
 @dataclass(frozen=True)
 class Regressor:
-    """What a quantity may depend on: its `description` for people, its `unit`, and its `code` in an effect file."""
+    """A variable that a quantity may depend on: its `description`, its `unit`, and its `code` in an effect file."""
 
     name: str
     description: str
@@ -117,7 +117,9 @@ LEARNABLE_QUANTITIES = (
     LearnableQuantity(
         "walls", "what cools the walls of the block", "film", WALL_SITES, ("speed", "time", "wall"), 20.0, "W/m2K",
     ),
-    LearnableQuantity("holder", "what the holder takes", "film", HOLDER_SITES, ("speed", "time", "wall"), 50.0, "W/m2K"),
+    LearnableQuantity(
+        "holder", "what the holder takes", "film", HOLDER_SITES, ("speed", "time", "wall"), 50.0, "W/m2K",
+    ),
 )  # fmt: skip
 MATERIAL_TARGETS = {  # of the block, and what a law of one of its layers is called
     "block.conductivity": ("conductivity", "the thermal conductivity"),
@@ -166,7 +168,7 @@ class PiecewiseLinearLaw:
 
     @property
     def description(self) -> str:
-        """What the law says, for people."""
+        """The law in words."""
         return f"{self.quantity.description} changes with {self.regressor.description}"
 
     @property
@@ -182,7 +184,7 @@ class PiecewiseLinearLaw:
 
     @property
     def refined_nodes(self) -> tuple[float, ...]:
-        """The nodes with others half way between; unchanged where the regressor is discrete, or they are enough."""
+        """The nodes with others half way between; unchanged for a discrete regressor or MAX_LAW_NODES."""
         if self.regressor.name in DISCRETE_REGRESSORS or len(self.nodes) >= MAX_LAW_NODES:
             return self.nodes
         ends = self.nodes if self.period is None else (*self.nodes, self.domain[1])
@@ -199,7 +201,7 @@ class PiecewiseLinearLaw:
         return np.array([np.interp(at, self.nodes, row, period=self.period) for row in rows]).T
 
     def to_display(self, values: Array) -> Array:
-        """Values of the law as people read them: a factor, or in the unit of the quantity."""
+        """Values of the law for reports: a factor, or in the unit of the quantity."""
         return np.exp(values) if self.quantity.action == "factor" else values
 
 
@@ -222,7 +224,7 @@ def _round_nodes(nodes: Array) -> tuple[float, ...]:
 
 # --- where the nodes are ------------------------------------------------------------------------------------------
 def candidate_laws(runs: Runs, scenes: Scenes) -> Iterator[PiecewiseLinearLaw]:
-    """All pairs of a quantity and a regressor that varies in a campaign, of typical size at every node.
+    """All pairs of a quantity and a regressor that varies in a campaign, with typical values at every node.
 
     `runs` and `scenes`: the conditions of the campaign that a fit uses, as they are believed.
     """
@@ -236,7 +238,7 @@ def candidate_laws(runs: Runs, scenes: Scenes) -> Iterator[PiecewiseLinearLaw]:
 
 
 def node_positions(quantity: LearnableQuantity, regressor: str, runs: Runs, scenes: Scenes) -> tuple[float, ...]:
-    """Where a law of a quantity over a regressor (its name) has its nodes; fewer than two where that does not vary.
+    """The nodes of a law of a quantity over a regressor (its name); fewer than two if the regressor does not vary.
 
     `runs` and `scenes`: the conditions of the campaign that a fit uses.
     """
@@ -409,7 +411,7 @@ def _law_body(law: PiecewiseLinearLaw, names: list[str]) -> str:
     )
 
 
-EFFECT_FILE_TEMPLATE = '''"""{Quantity} over {regressor}, as measured temperatures want it: a line between nodes.
+EFFECT_FILE_TEMPLATE = '''"""{Quantity} over {regressor}, learned from measured temperatures: piecewise linear.
 
 >>> from types import SimpleNamespace as N
 >>> parts = list(Learned().heat({example}, N({numbers})))
@@ -426,7 +428,7 @@ from flashtemp.physics.interpolation import Curve{kelvin}
 
 
 class Learned(Effect):
-    """A line between values at nodes, level beyond the outermost."""
+    """Linear between values at nodes, constant beyond the outermost ones."""
 
     cause = "{cause}"
     source = "learned from measured temperatures"
@@ -435,6 +437,6 @@ class Learned(Effect):
 {params}
 
     def heat(self, scene, p):
-        """The law at work."""
+        """Apply the law."""
 {laws}
 '''

@@ -1,9 +1,9 @@
-"""Images that lie far from where they are stated to lie, registered with the predicted picture before any fit.
+"""Registration of images that are far from their stated positions, with the predicted mean image, before any fit.
 
-A pixel that crosses the edge of the block changes by kelvins, so Gauss-Newton steps do not lead back from an image that
-was turned by two degrees about its far corner.  The predicted mean picture, moved and turned as a whole, does.  A
-registered position is a second starting point of the same fit; it is taken where the evidence of the recording alone
-is clearly larger there.
+A pixel that crosses the edge of the block changes by kelvins, so Gauss-Newton steps cannot correct an image that was
+rotated by two degrees about its far corner.  Shifting and rotating the predicted mean image as a whole can.  The
+registered pose is a second starting point of the same fit; it is used if the evidence of the recording alone is clearly
+larger there.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ MAX_ALIGNED_SHIFT_PX = 1.0  # displacement that Gauss-Newton steps follow: the c
 
 @dataclass(frozen=True)
 class ImagePose:
-    """Where an image lies: its `place` (scale, turn) and its `shift` (px along u and v)."""
+    """The position of an image: its `place` (scale, rotation) and its `shift` (px along u and v)."""
 
     place: ImagePlacement = STATED_PLACEMENT
     shift: tuple[float, float] = (0.0, 0.0)
@@ -46,16 +46,16 @@ STATED_POSE = ImagePose()
 
 
 def with_poses(problem: Problem, poses: dict[str, ImagePose]) -> Problem:
-    """The problem with images that begin in other poses, by file."""
+    """The problem with other starting poses of images, by file."""
     places = {file: pose.place for file, pose in poses.items()}
     shifts = {file: pose.shift for file, pose in poses.items()}
     return replace(problem, placements=problem.placements | places, shifts=problem.shifts | shifts)
 
 
 def register_image(problem: Problem, recording: Recording, predicted: Observable) -> ImagePose | None:
-    """The pose in which the predicted mean picture fits a side wall best.
+    """The pose in which the predicted mean image fits a side wall best.
 
-    None where the image shows no edge to register by, or lies so near that the alignment of every fit finds it.
+    None if the image shows no edge, or if it is so near that the alignment of every fit finds its position.
     """
     from scipy.optimize import least_squares
 
@@ -85,7 +85,7 @@ def displace_pixels(recording: Recording, length: float, pose: ImagePose, u: Arr
 
 
 def is_far_from(recording: Recording, length: float, pose: ImagePose, other: ImagePose) -> bool:
-    """Whether a corner of the image lies so far from where another pose has it that no alignment leads there."""
+    """Whether a corner of the image is too far from its position in another pose for an alignment to get there."""
     u, v = (a.ravel() for a in np.meshgrid(recording.u[[0, -1]], recording.v[[0, -1]]))
     (x, y), (X, Y) = (displace_pixels(recording, length, p, u, v) for p in (pose, other))
     return bool(np.max(np.hypot((x - X) / recording.pitch[0], (y - Y) / recording.pitch[1])) > MAX_ALIGNED_SHIFT_PX)
@@ -117,7 +117,7 @@ class _MeanImage:
         return ImagePose(ImagePlacement(scale=float(scale), turn=float(turn)), (float(z[0]), float(z[1])))
 
     def rise_difference(self, z: Array) -> Array:
-        """Measured less predicted (pixels,) K, with all rises multiplied by what unknown friction may explain."""
+        """Measured minus predicted (pixels,) K, with rises scaled by a factor that unknown friction may explain."""
         from scipy.ndimage import map_coordinates
 
         x, y = displace_pixels(self.recording, self.length, self.to_pose(z), self.u, self.v)

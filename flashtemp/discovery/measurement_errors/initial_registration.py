@@ -29,10 +29,10 @@ from flashtemp.errors import FlashtempError
 
 
 def register_images(problem: Problem, predictions: Sequence[Prediction]) -> Problem:
-    """The problem with those images in another starting pose whose recordings clearly ask for it.
+    """The problem with another starting pose for images whose data clearly require it.
 
-    `predictions`: at the start of the problem, with all nuisances and with fields.  They have to be made anew where the
-    problem that comes back is not the one given.
+    `predictions`: of the stated model, with all nuisances and fields.  They must be computed again if another problem
+    is returned.
     """
     poses = {}
     tasks = problem.make_tasks(problem.stated_model, replace(all_derivatives(problem), fields=True))
@@ -47,7 +47,7 @@ def register_images(problem: Problem, predictions: Sequence[Prediction]) -> Prob
 def _registered_pose(
     problem: Problem, task: PredictionTask, prediction: Prediction, hypothesis: RecordingHypothesis
 ) -> ImagePose | None:
-    """The pose of an image that is registered elsewhere, if the evidence is clear; None where it stays."""
+    """The registered pose of an image if the evidence for it is clear; else None."""
     recording = hypothesis.view.recording
     pose = register_image(problem, recording, prediction.observables[hypothesis.file])
     if pose is None:
@@ -57,7 +57,7 @@ def _registered_pose(
         return None
     try:
         registered = fit_at_pose(problem, task, prediction, hypothesis, pose, stated.noise).with_aligned_image()
-    except FlashtempError:  # a pose in which the image shows nothing of the block
+    except FlashtempError:  # in this pose the image shows no part of the block
         return None
     is_other = is_far_from(recording, problem.case["block.length"], registered.pose, stated.pose)
     is_clear = compare_fits(problem, [stated], [registered]).is_clear(1)

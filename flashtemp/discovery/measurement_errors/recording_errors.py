@@ -1,9 +1,9 @@
-"""Recordings that are not what they are stated to be: mirrored, turned over, exchanged, of another condition, copies.
+"""Handling errors of recordings: mirrored, upside down, exchanged, of another condition, of another view, copies.
 
-One rule decides all of them.  Every hypothesis about a recording is fitted with all freedom of a calibration, free
-pressure shapes included, so that a missing effect explains what it can under each.  A hypothesis is accepted where its
-ln Bayes factor against the stated recording is very strong, prior odds of a handling error and the number of
-hypotheses allowed for, and where it leaves at most half of the excess misfit.
+One rule decides all of them.  Every hypothesis about a recording is fitted with all freedom of a calibration, including
+free pressure shapes, so that a missing effect explains as much as it can under each.  A hypothesis is accepted if its
+ln Bayes factor against the recording as stated is very strong (including the prior odds of a handling error and the
+number of hypotheses), and if at most half of the excess misfit remains.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ from flashtemp.discovery.prediction.problem import Problem, pin_mesh
 from flashtemp.errors import FlashtempError
 from flashtemp.model.scene import Scene
 
-# A hypothesis is fitted only if the plain picture speaks less than so much against it: cost, no criterion.  A missing
-# effect may make the picture of a recording as it is this much worse than one that is turned over.
+# A hypothesis is fitted only if its image misfit is below this multiple of the stated one.  This saves cost and decides
+# nothing: with a missing effect, the misfit of a correct recording may be that much larger than that of a flipped one.
 SCREENING_RATIO = 2.0
-MIN_SHARED_FRACTION = 0.5  # of the values of two recordings that both know, to be compared at all
-END_TIME_TOLERANCE = 0.05  # relative: last frames of two cameras that run through the same test
+MIN_SHARED_FRACTION = 0.5  # of the pixels of two recordings that must be valid in both to compare them
+END_TIME_TOLERANCE = 0.05  # relative difference of the last frames of two cameras that record the same test
 
 
 class ErrorKind(StrEnum):
-    """What was handled wrongly."""
+    """The kind of a handling error."""
 
     MIRRORED = "mirrored"
     UPSIDE_DOWN = "upside_down"
@@ -64,19 +64,17 @@ FLIP_AXES = {ErrorKind.MIRRORED: (2,), ErrorKind.UPSIDE_DOWN: (1,), ErrorKind.RO
 FLIP_WORDS = {
     ErrorKind.MIRRORED: "is mirrored: its leading and trailing end are exchanged",
     ErrorKind.UPSIDE_DOWN: "is upside down",
-    ErrorKind.ROTATED: "is turned by 180 degrees",
+    ErrorKind.ROTATED: "is rotated by 180 degrees",
 }
-
-
 IMPOSSIBLE_EVIDENCE = HypothesisEvidence(np.inf)
 
 
 @dataclass(frozen=True)
 class RecordingError:
-    """One handling error: `files` concerned, `words` for people, and the `evidence` against them as stated.
+    """One handling error of some `files`: a sentence in `words`, and the `evidence` against the recordings as stated.
 
-    `corrected` {file: (condition number, view put right)}; `left_out` files; `poses` where images of corrected
-    recordings lie.
+    `corrected` {file: (condition number, corrected recording)}; `left_out`: files that are not used; `poses`: positions
+    of the images of corrected recordings.
     """
 
     kind: ErrorKind
@@ -88,11 +86,11 @@ class RecordingError:
     poses: dict[str, ImagePose] = field(default_factory=dict)
 
 
-# --- what cannot be as stated: before anything is simulated ------------------------------------------------------
+# --- errors that the schedules show, before any simulation -------------------------------------------------------
 def find_schedule_errors(problem: Problem) -> tuple[RecordingError, ...]:
-    """Recordings whose frames cannot belong to the schedule of their condition, and do to that of another one.
+    """Recordings whose frames contradict the schedule of their condition but match that of another one.
 
-    Two are exchanged where each may be what the other is stated to be, and no third one may.  One is moved where only
+    Two recordings are exchanged if each fits the condition of the other and no third one does.  One is moved if only
     one condition is possible and its frames end like those of a recording there.
     """
     scenes = _condition_scenes(problem)
@@ -116,7 +114,7 @@ def find_schedule_errors(problem: Problem) -> tuple[RecordingError, ...]:
 
 
 def _has_same_end(problem: Problem, view: RecordingEntry, number: int) -> bool:
-    """Whether a recording of a condition ends when this one does; else the schedule may be what is stated wrongly."""
+    """Whether a recording of a condition ends when this one does; if none does, the schedule itself may be wrong."""
     end = view.recording.time[-1]
     others = (v.recording for v in problem.conditions[number].views if v.file != view.file)
     return any(abs(r.time[-1] - end) <= END_TIME_TOLERANCE * end for r in others)
@@ -128,26 +126,26 @@ def _condition_scenes(problem: Problem) -> list[Scene]:
     return [problem.case.with_values(c.given | pins).scene for c, pins in pairs]
 
 
-# --- what the evidence speaks against ----------------------------------------------------------------------------
+# --- errors that the evidence shows ------------------------------------------------------------------------------
 def find_recording_errors(problem: Problem, predictions: Sequence[Prediction]) -> tuple[RecordingError, ...]:
-    """All recordings that are clearly something else than stated, the clearest error first, one for each recording.
+    """All recordings that are clearly not what they are stated to be: one error for each, the clearest first.
 
-    Errors whose correction is adequate come before those that only leave less misfit.
+    Errors whose correction is adequate come before those that only reduce the misfit.
 
-    `predictions`: at the start of the problem, with all nuisances and with fields (`replace(everything(problem),
-    fields=True)`).  Nothing is simulated again unless a recording is not adequate as stated and may belong to a
-    condition with frames at other times.
+    `predictions`: of the stated model, with all nuisances and fields (`replace(all_derivatives(problem),
+    fields=True)`).  A condition is simulated again only for a recording that is not adequate as stated and whose frames
+    are at other times than those of that condition.
     """
     search = _ErrorSearch(problem, tuple(predictions))
-    found: list[RecordingError] = []
-    for look in (_find_duplicates, _find_exchanged_views, _find_flipped, _find_misplaced):
-        explained = {file for e in found if e.evidence.is_adequate for file in e.files}
-        found += look(search, tuple(e for e in search.entries if e.view.file not in explained))
-    return tuple(_best_for_each_file(found))
+    errors: list[RecordingError] = []
+    for find in (_find_duplicates, _find_exchanged_views, _find_flipped, _find_misplaced):
+        explained = {file for e in errors if e.evidence.is_adequate for file in e.files}
+        errors += find(search, tuple(e for e in search.entries if e.view.file not in explained))
+    return tuple(_best_for_each_file(errors))
 
 
 def _best_for_each_file(errors: Sequence[RecordingError]) -> list[RecordingError]:
-    """The clearest error of each recording, those whose correction is adequate before all others."""
+    """The clearest error of each recording; those with an adequate correction come first."""
     out: list[RecordingError] = []
     for error in sorted(errors, key=lambda e: (not e.evidence.is_adequate, -e.evidence.ln_bayes)):
         if not any(set(error.files) & set(other.files) for other in out):
@@ -156,23 +154,23 @@ def _best_for_each_file(errors: Sequence[RecordingError]) -> list[RecordingError
 
 
 def correct_recordings(problem: Problem, errors: Sequence[RecordingError]) -> Problem:
-    """The problem with recordings put right: under their conditions, images turned back, copies left out.
+    """The problem with corrected recordings: moved to their conditions, images flipped back, copies left out.
 
-    Conditions keep their order; those of which nothing is left are dropped.
+    Conditions keep their order; those without any recording left are removed.
     """
     moved = {file: place for e in errors for file, place in e.corrected.items()}
-    gone = {file for e in errors for file in e.left_out}
+    left_out = {file for e in errors for file in e.left_out}
     conditions, pins = [], []
     for number, (c, own) in enumerate(zip(problem.conditions, problem.mesh_overrides, strict=True)):
-        stay = [moved.get(v.file, (number, v)) for v in c.views if v.file not in gone]
+        stay = [moved.get(v.file, (number, v)) for v in c.views if v.file not in left_out]
         come = [place for file, place in moved.items() if all(v.file != file for v in c.views)]
         views = tuple(replace(v, given=c.given) for n, v in (*stay, *come) if n == number)
         new = replace(c, views=views)
         if new.entries:
             conditions.append(new)
             pins.append(own if views == c.views else pin_mesh(problem.campaign, new, list(problem.candidates)))
-    right = {v.file: v for c in conditions for v in c.views}
-    views = tuple(right[v.file] for v in problem.campaign.views if v.file in right)
+    kept = {v.file: v for c in conditions for v in c.views}
+    views = tuple(kept[v.file] for v in problem.campaign.views if v.file in kept)
     poses = {file: pose for e in errors for file, pose in e.poses.items()}
     corrected = replace(
         problem,
@@ -183,10 +181,10 @@ def correct_recordings(problem: Problem, errors: Sequence[RecordingError]) -> Pr
     return with_poses(corrected, poses)
 
 
-# --- fits of single recordings, each made once -------------------------------------------------------------------
+# --- fits of single recordings, with a cache --------------------------------------------------------------------
 @dataclass(frozen=True)
 class _StatedRecording:
-    """A recording where it is stated to belong: condition `number` and what is predicted of it there."""
+    """A recording as stated: its condition `number` and its prediction there."""
 
     number: int
     view: RecordingEntry
@@ -195,7 +193,7 @@ class _StatedRecording:
 
 @dataclass(frozen=True)
 class _ErrorSearch:
-    """The stated problem with its predictions, and fits of recordings under hypotheses."""
+    """The stated problem with its predictions, and fits of its recordings under hypotheses."""
 
     problem: Problem
     predictions: tuple[Prediction, ...]
@@ -229,7 +227,7 @@ class _ErrorSearch:
         return fit_recording(self.problem, self.tasks[e.number], self.predictions[e.number], hypothesis, noise)
 
     def aligned_stated_fit(self, e: _StatedRecording) -> RecordingFit:
-        """The same with its image aligned."""
+        """The fit of a recording as stated, with its image aligned."""
         key = e.view.file, True
         if key not in self._fit_cache:
             self._fit_cache[key] = self.stated_fit(e).with_aligned_image()
@@ -238,16 +236,16 @@ class _ErrorSearch:
     def fit_under_hypothesis(
         self, e: _StatedRecording, hypothesis: RecordingHypothesis, source: RecordingEntry
     ) -> RecordingFit | None:
-        """The fit of a recording under a hypothesis, from fields and sensitivities of `source`; None if none is."""
+        """The fit of a recording under a hypothesis, from the fields of `source`; None if it cannot be predicted."""
         n = hypothesis.condition
         try:
             hypothesis, made = predict_hypothesis(self.problem, self.tasks[n], self.predictions[n], source, hypothesis)
             return fit_recording(self.problem, self.tasks[n], made, hypothesis, self.stated_fit(e).noise)
-        except FlashtempError:  # under this hypothesis nothing of it would be seen
+        except FlashtempError:  # under this hypothesis no pixel would be valid
             return None
 
     def image_misfit(self, view: RecordingEntry, predicted: np.ndarray) -> float:
-        """What predicted images (frames, nv, nu) leave of a recording, times what friction may explain: rms, K."""
+        """Residual (rms, K) against predicted images (frames, nv, nu), scaled by a factor that friction may explain."""
         ambient = self.problem.case["ambient.temperature"]
         measured, rise = view.recording.temperature - ambient, predicted - ambient
         known = np.isfinite(measured) & np.isfinite(rise)
@@ -267,11 +265,11 @@ class _ErrorSearch:
     def evidence_if_clear(
         self, recordings: Sequence[_StatedRecording], fits: Sequence[RecordingFit], is_expected: bool = False
     ) -> HypothesisEvidence | None:
-        """Evidence of hypotheses about recordings together against these as stated; None if it is not clear.
+        """Evidence of joint hypotheses about recordings against these as stated; None if it is not clear.
 
-        One `is_expected` where the same error was found before: it has even prior odds.
+        `is_expected`: the same error was found in another recording, so that it has even prior odds.
 
-        Images are aligned only where the linearised fits are better: those of wrong hypotheses go astray at great cost.
+        Images are aligned only if the linearised fits are better, because alignment under a wrong hypothesis is slow.
         """
         if compare_fits(self.problem, [self.stated_fit(a) for a in recordings], fits).ln_bayes <= 0.0:
             return None
@@ -280,15 +278,15 @@ class _ErrorSearch:
                 [self.aligned_stated_fit(a) for a in recordings],
                 [fit.with_aligned_image() for fit in fits],
             )
-            found = compare_fits(self.problem, stated, aligned, self._find_companions(recordings, fits))
+            evidence = compare_fits(self.problem, stated, aligned, self._find_companions(recordings, fits))
         except FlashtempError:
             return None
-        if is_expected and found.ln_bayes > CRITERIA.ln_bayes_distinct:
-            return found
-        return found if found.is_clear(self.count_hypotheses(recordings[0])) else None
+        if is_expected and evidence.ln_bayes > CRITERIA.ln_bayes_distinct:
+            return evidence
+        return evidence if evidence.is_clear(self.count_hypotheses(recordings[0])) else None
 
     def _find_companions(self, recordings: Sequence[_StatedRecording], fits: Sequence[RecordingFit]) -> Companions:
-        """All else that was measured under the conditions between which recordings may have to move."""
+        """All other data of the conditions between which recordings may have to be moved."""
         numbers = {a.number for a in recordings} | {fit.hypothesis.condition for fit in fits}
         if all(a.number == fit.hypothesis.condition for a, fit in zip(recordings, fits, strict=True)):
             return NO_COMPANIONS
@@ -300,7 +298,7 @@ class _ErrorSearch:
 
 # --- copies ------------------------------------------------------------------------------------------------------
 def _find_duplicates(search: _ErrorSearch, entries: Sequence[_StatedRecording]) -> Iterator[RecordingError]:
-    """Recordings that hold the values of another one: noise does not repeat.  The one that fits worse is left out."""
+    """Copies: recordings with the same values, noise included.  The one that fits worse is left out."""
     for k, second in enumerate(entries):
         first = next((e for e in entries[:k] if _has_same_values(e.view, second.view)), None)
         if first is None:
@@ -311,12 +309,12 @@ def _find_duplicates(search: _ErrorSearch, entries: Sequence[_StatedRecording]) 
         fits = {second.view.file: other, first.view.file: search.stated_fit(first)}
         wrong, right = sorted(fits, key=lambda file: fits[file].ln_evidence)
         evidence = HypothesisEvidence(np.inf, fits[wrong].chi2_per_datum, fits[right].chi2_per_datum)
-        words = f"{wrong} holds the same values as {right}"
+        words = f"{wrong} has the same values as {right}"
         yield RecordingError(ErrorKind.DUPLICATE, (wrong, right), words, evidence, left_out=(wrong,))
 
 
 def _has_same_values(a: RecordingEntry, b: RecordingEntry) -> bool:
-    """Whether all values that two recordings both know are equal, and vary."""
+    """Whether all values that are valid in both recordings are equal, and not all the same."""
     first, second = a.recording.temperature, b.recording.temperature
     if first.shape != second.shape:
         return False
@@ -329,9 +327,9 @@ def _has_same_values(a: RecordingEntry, b: RecordingEntry) -> bool:
     )
 
 
-# --- images that are turned over ---------------------------------------------------------------------------------
+# --- flipped images ---------------------------------------------------------------------------------------------
 def _possible_flips(view: RecordingEntry) -> list[ErrorKind]:
-    """Ways in which the images of a recording may be turned over; wakes are alike up and down."""
+    """Ways in which the images of a recording may be flipped; a wake is symmetric up and down."""
     r = view.recording
     if r.places is not None or len(r.u) < 2:
         return []
@@ -340,9 +338,9 @@ def _possible_flips(view: RecordingEntry) -> list[ErrorKind]:
 
 
 def _find_flipped(search: _ErrorSearch, entries: Sequence[_StatedRecording]) -> Iterator[RecordingError]:
-    """Images that are clearly turned over, and with them those of the same view that rather are than not.
+    """Images that are clearly flipped, and those of the same view that are more likely flipped likewise than not.
 
-    A camera is set up, and its images exported, in one way: what happened once has no small prior odds any more.
+    All images of a camera are usually exported in the same way, so a second flip of a view has even prior odds.
     """
     found = [e for entry in entries for kind in _possible_flips(entry.view) if (e := _flip_error(search, entry, kind))]
     yield from found
@@ -358,7 +356,7 @@ def _find_flipped(search: _ErrorSearch, entries: Sequence[_StatedRecording]) -> 
 def _flip_error(
     search: _ErrorSearch, e: _StatedRecording, kind: ErrorKind, is_expected: bool = False
 ) -> RecordingError | None:
-    """The error that a recording is turned over, if it clearly is."""
+    """The error that a recording is flipped, if the evidence is clear."""
     length = search.problem.case["block.length"]
     views = [replace(e.view, recording=r) for r in flip_recording(e.view.recording, FLIP_AXES[kind], length)]
     misfits = [search.image_misfit(v, resample_images(e.predicted, e.view, v)) for v in views]
@@ -367,18 +365,18 @@ def _flip_error(
         return None
     hypothesis = RecordingHypothesis(views[best], e.number, FLIP_AXES[kind])
     fit = search.fit_under_hypothesis(e, hypothesis, e.view)
-    found = fit and search.evidence_if_clear([e], [fit], is_expected)
-    if not fit or not found:
+    evidence = fit and search.evidence_if_clear([e], [fit], is_expected)
+    if not fit or not evidence:
         return None
     file = e.view.file
     poses = {} if fit.pose == STATED_POSE else {file: fit.pose}
-    right = {file: (e.number, views[best])}
-    return RecordingError(kind, (file,), f"{file} {FLIP_WORDS[kind]}", found, right, poses=poses)
+    corrected = {file: (e.number, views[best])}
+    return RecordingError(kind, (file,), f"{file} {FLIP_WORDS[kind]}", evidence, corrected, poses=poses)
 
 
 # --- recordings of another condition -----------------------------------------------------------------------------
 def _find_misplaced(search: _ErrorSearch, entries: Sequence[_StatedRecording]) -> Iterator[RecordingError]:
-    """Recordings that belong to another condition, and pairs of them that are exchanged."""
+    """Recordings that belong to another condition, and pairs that are exchanged."""
     for e in entries:
         host = _find_likeliest_host(search, e)
         visit = None if host is None else _fit_at_host(search, e, host)
@@ -392,7 +390,7 @@ def _find_misplaced(search: _ErrorSearch, entries: Sequence[_StatedRecording]) -
 
 
 def _find_likeliest_host(search: _ErrorSearch, e: _StatedRecording) -> _StatedRecording | None:
-    """The recording of another condition whose predicted picture is nearest to this one, nearer than its own."""
+    """The recording of another condition whose predicted images fit this one best, if better than its own."""
     others = [o for o in search.entries if o.number != e.number and _has_same_view(e.view, o.view)]
     found = [(search.image_misfit(e.view, resample_images(o.predicted, o.view, e.view)), o) for o in others]
     best = min(found, key=lambda pair: pair[0], default=None)
@@ -400,7 +398,7 @@ def _find_likeliest_host(search: _ErrorSearch, e: _StatedRecording) -> _StatedRe
 
 
 def _has_same_view(a: RecordingEntry, b: RecordingEntry) -> bool:
-    """Whether two recordings are of one view, and points of the same places."""
+    """Whether two recordings are of the same view, and for points of the same positions."""
     first, second = a.recording, b.recording
     if first.view != second.view:
         return False
@@ -411,10 +409,10 @@ def _has_same_view(a: RecordingEntry, b: RecordingEntry) -> bool:
 
 
 def _fit_at_host(search: _ErrorSearch, e: _StatedRecording, host: _StatedRecording) -> RecordingFit | None:
-    """The fit of a recording under the condition of another one; None where it cannot belong there.
+    """The fit of a recording under the condition of another one; None if it cannot belong there.
 
-    Where their frames are of other moments the condition is simulated again, for recordings alone that are not
-    adequate as stated.
+    If their frames are at other times, the condition is simulated again, but only for a recording that is not adequate
+    as stated.
     """
     if not is_schedule_possible(e.view, search.scenes[host.number]):
         return None
@@ -443,7 +441,7 @@ def is_schedule_possible(view: RecordingEntry, scene: Scene) -> bool:
 
 
 def _find_exchanged_views(search: _ErrorSearch, entries: Sequence[_StatedRecording]) -> Iterator[RecordingError]:
-    """Pairs of recordings of one condition whose images bear the view and the pixels of each other."""
+    """Pairs of recordings of one condition whose images have the view and pixel positions of each other."""
     for k, a in enumerate(entries):
         for b in entries[k + 1 :]:
             shapes = a.view.recording.temperature.shape, b.view.recording.temperature.shape
@@ -457,7 +455,7 @@ def _find_exchanged_views(search: _ErrorSearch, entries: Sequence[_StatedRecordi
 
 
 def _view_error(search: _ErrorSearch, a: _StatedRecording, b: _StatedRecording) -> RecordingError | None:
-    """The error that two recordings bear the view of each other, if they clearly do."""
+    """The error that two recordings have each other's view, if the evidence is clear."""
     pairs = (a, b), (b, a)
     views = [replace(e.view, recording=place_images(o.view.recording, e.view.recording)) for e, o in pairs]
     before = [search.stated_misfit(e) for e in (a, b)]
@@ -474,17 +472,17 @@ def _view_error(search: _ErrorSearch, a: _StatedRecording, b: _StatedRecording) 
             )
         except FlashtempError:
             return None
-    found = search.evidence_if_clear([a, b], fits)
-    if not found:
+    evidence = search.evidence_if_clear([a, b], fits)
+    if not evidence:
         return None
     files = a.view.file, b.view.file
-    words = f"{files[0]} and {files[1]} bear the view of each other: {files[0]} is a {views[0].recording.view}"
-    right = {v.file: (a.number, v) for v in views}
-    return RecordingError(ErrorKind.OTHER_VIEW, files, words, found, right)
+    words = f"{files[0]} and {files[1]} are stated with each other's view: {files[0]} is a {views[0].recording.view}"
+    corrected = {v.file: (a.number, v) for v in views}
+    return RecordingError(ErrorKind.OTHER_VIEW, files, words, evidence, corrected)
 
 
 def place_images(pixels: Recording, images: Recording) -> Recording:
-    """The images of one recording on the pixels of another, as the view of that."""
+    """The images of one recording with the view and pixel positions of another."""
     return replace(images, view=pixels.view, u=pixels.u, v=pixels.v)
 
 
@@ -496,8 +494,7 @@ def _moved_error(problem: Problem, view: RecordingEntry, to: int, evidence: Hypo
 def _exchange_error(
     first: tuple[RecordingEntry, int], second: tuple[RecordingEntry, int], evidence: HypothesisEvidence
 ) -> RecordingError:
-    """Two recordings, each with the condition that it belongs to."""
+    """The error of two exchanged recordings, each given with the condition that it belongs to."""
     (a, to), (b, back) = first, second
     words = f"{a.file} and {b.file} are exchanged: each belongs to the condition of the other"
-    right = {a.file: (to, a), b.file: (back, b)}
-    return RecordingError(ErrorKind.EXCHANGED, (a.file, b.file), words, evidence, right)
+    return RecordingError(ErrorKind.EXCHANGED, (a.file, b.file), words, evidence, {a.file: (to, a), b.file: (back, b)})

@@ -1,8 +1,8 @@
-"""One recording by itself under one hypothesis of what it shows: its ln evidence with all freedom of a calibration.
+"""The fit of one recording alone under one hypothesis: its ln evidence with all freedom of a calibration.
 
-Free keys, friction of each repetition, free pressure shapes, errors of the camera and the pose of the image may all
-move, and the variance of the noise is what the residual asks for, at least the stated one (Birge's ratio).  A
-hypothesis that misfits by chi2 over n data therefore costs n/2 ln(chi2/n), whatever the model itself lacks.
+Free keys, friction of each repetition, free pressure shapes, camera errors and the pose of the image are all estimated.
+The noise variance is estimated from the residual and is at least the stated one (Birge's ratio).  A hypothesis with a
+misfit chi2 over n data therefore costs n/2 ln(chi2/n), whatever the model itself lacks.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ from flashtemp.errors import BadInput, FlashtempError
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Weights = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Single]  # lower, upper index, weight of the upper
-MIN_COMMON_FRACTION = 0.25  # of the stated data that a hypothesis must predict too, to be compared at all
-FRICTION_LAW_SD = 0.3  # ln of friction between conditions, by laws of load and speed that a case may lack
-TIME_TOLERANCE = 1e-4  # relative: frames of two recordings that are of the same moments
+MIN_COMMON_FRACTION = 0.25  # of the data that a hypothesis must predict, to be compared with the recording as stated
+FRICTION_LAW_SD = 0.3  # ln of friction between conditions, for laws of load and speed that a case may lack
+TIME_TOLERANCE = 1e-4  # relative difference of frame times that count as equal
 
 
 @dataclass(frozen=True)
 class RecordingHypothesis:
-    """What a recording may show: `view` with its images put right, under the condition of number `condition`.
+    """A hypothesis about a recording: the corrected recording `view`, under the condition number `condition`.
 
     `flipped`: axes of its images (1 up, 2 along) whose order is reversed against the file.
     """
@@ -63,16 +63,16 @@ class RecordingHypothesis:
 
 
 def is_adequate(chi2_per_datum: float, count: int) -> bool:
-    """Whether chi2 per datum of so many data may be noise of the stated size, as well as that is known."""
+    """Whether chi2 per datum of a number of data is compatible with noise of the stated size and its uncertainty."""
     tolerance = CRITERIA.adequacy_standard_errors * np.sqrt(2.0 / max(count, 1))
     return bool(chi2_per_datum <= (1.0 + CRITERIA.noise_sd_uncertainty) ** 2 + tolerance)
 
 
 @dataclass(frozen=True)
 class RecordingFit:
-    """A recording fitted by itself, `linearisation` a linearised point of its image, with what was `maximum` there.
+    """The fit of one recording alone: a `linearisation` at a position of its image, and the evidence `maximum` there.
 
-    `problem` and `data` of this recording alone; `known` (frames, nv, nu) which of its pixels are compared.
+    `problem` and `data`: of this recording alone.  `known` (frames, nv, nu): the pixels that are compared.
     """
 
     hypothesis: RecordingHypothesis
@@ -92,7 +92,7 @@ class RecordingFit:
 
     @property
     def chi2_per_datum(self) -> float:
-        """Sum of squares that the best calibration leaves over the number of data, in stated variances."""
+        """chi2 per datum after the best calibration, in stated variances."""
         return float(self.linearisation.system.block_chi2(self.maximum.solution)[0]) / max(self.block.count, 1)
 
     @property
@@ -117,7 +117,7 @@ class RecordingFit:
         return is_adequate(self.chi2_per_datum, self.block.count)
 
     def with_aligned_image(self) -> RecordingFit:
-        """The fit with its image where the data want it.  Raises SolverFailure."""
+        """The fit with its image aligned with the data.  Raises SolverFailure."""
         if self.hypothesis.view.recording.places is not None:
             return self
         at = align_images(self.problem, self.data, self.linearisation, self.maximum.hyper, frozenset())
@@ -156,7 +156,7 @@ def fit_recording(
         return stated
     try:
         registered = fit_at_pose(problem, task, prediction, hypothesis, pose, stated.noise)
-    except FlashtempError:  # a pose in which the image shows nothing of the block
+    except FlashtempError:  # in this pose the image shows no part of the block
         return stated
     return max(stated, registered, key=lambda fit: fit.ln_evidence)
 
@@ -179,7 +179,9 @@ def fit_at_pose(
         observable = replace(moved, columns=observable.columns | moved.columns)
     shown = replace(prediction, observables={view.file: observable})
     data = WhitenedData.from_predictions(alone, [shown], noises=None if noise is None else {view.file: noise})
-    block = replace(data.make_blocks([shown])[0], held_out=False)  # where a camera stood is no claim about heat
+    block = replace(
+        data.make_blocks([shown])[0], held_out=False
+    )  # its image placement is fitted even if its temperatures are held out
     at = Linearisation(model, (task,), (shown,), LinearSystem([block]))
     known = np.zeros(observable.values.shape, bool)
     known[:, observable.inside] = data.is_compared[view.file]
@@ -199,8 +201,8 @@ def single_recording_problem(problem: Problem, hypothesis: RecordingHypothesis) 
 # --- comparisons on the same data -----------------------------------------------------------------------------
 @dataclass(frozen=True)
 class HypothesisEvidence:
-    """`ln_bayes` of a hypothesis against the recordings as stated, infinite where these cannot be; chi2 per datum of
-    what the best calibration of `count` data leaves, `chi2_stated` and `chi2_corrected`, NaN if unknown."""
+    """Evidence of a hypothesis: `ln_bayes` against the recordings as stated, infinite if these are impossible; chi2 per
+    datum after the best calibration of `count` data, `chi2_stated` and `chi2_corrected`, NaN if unknown."""
 
     ln_bayes: float
     chi2_stated: float = np.nan
@@ -209,23 +211,23 @@ class HypothesisEvidence:
 
     @property
     def is_adequate(self) -> bool:
-        """Whether what the hypothesis leaves may be noise; so of one that nothing else can stand for."""
+        """Whether the residuals under the hypothesis may be noise; True if the recording as stated is impossible."""
         return not np.isfinite(self.ln_bayes) or is_adequate(self.chi2_corrected, self.count)
 
     @property
     def is_excess_halved(self) -> bool:
-        """Whether the hypothesis leaves at most half of the excess chi2, or none.
+        """Whether at most half of the excess chi2 remains under the hypothesis.
 
-        Misfit of a model that lacks something is smooth, and the number of pixels overstates its evidence: a
-        hypothesis that misfits nearly as much is no better, whatever the evidence.
+        The misfit of an incomplete model is smooth, so the number of pixels overstates its evidence.  A hypothesis with
+        nearly the same misfit is therefore no better, whatever its ln Bayes factor.
         """
         before, after = (max(chi2 - 1.0, 0.0) for chi2 in (self.chi2_stated, self.chi2_corrected))
         return after <= CRITERIA.law_excess_left * before
 
     def is_clear(self, hypotheses: int) -> bool:
-        """Whether one of so many hypotheses about a recording is accepted against the stated one.
+        """Whether one of a number of hypotheses about a recording is accepted against the stated one.
 
-        Very strong evidence, after the prior odds of any handling error and of this one among those that were tried.
+        The evidence must be very strong after the prior odds of a handling error and the number of hypotheses.
         """
         odds = CRITERIA.ln_odds_handling_error + float(np.log(max(hypotheses, 1)))
         needed = CRITERIA.ln_bayes_distinct + odds
@@ -234,8 +236,8 @@ class HypothesisEvidence:
 
 @dataclass(frozen=True)
 class Companions:
-    """What was measured beside recordings that may belong to other conditions: `fits` of recordings and `traces`
-    (blocks) of load cells of the conditions concerned, as stated under every hypothesis."""
+    """The other data of the conditions between which recordings may be moved: `fits` of recordings and `traces`
+    (blocks) of load cells, which are as stated under every hypothesis."""
 
     fits: tuple[RecordingFit, ...] = ()
     traces: tuple[DataBlock, ...] = ()
@@ -248,7 +250,7 @@ def compare_fits(
     problem: Problem, stated: Sequence[RecordingFit], other: Sequence[RecordingFit],
     companions: Companions = NO_COMPANIONS,
 ) -> HypothesisEvidence:  # fmt: skip
-    """Evidence of fits of recordings together against fits as stated, by those data that both predict."""
+    """Joint evidence of fits of recordings against fits as stated, from the data that both predict."""
     before, after = [], []
     for a, b in zip(stated, other, strict=True):
         common = a.known_in_file & b.known_in_file
@@ -265,8 +267,8 @@ def compare_fits(
 def _joint_fit(problem: Problem, fits: Sequence[RecordingFit], companions: Companions) -> tuple[float, float, int]:
     """ln evidence, chi2 per datum and number of data of recordings and their companions together.
 
-    The friction of every condition may be its own, as by any law that the case lacks: the size of a rise alone does not
-    tell to which condition a recording belongs, but one friction has to explain all that was measured together.
+    Each condition has its own friction, because the case may lack a law.  The size of a temperature rise alone then
+    does not show the condition of a recording, but one friction must explain all data of a condition.
     """
     if len(fits) == 1 and companions == NO_COMPANIONS:
         return fits[0].ln_evidence, fits[0].chi2_per_datum, fits[0].block.count
@@ -285,7 +287,7 @@ def _joint_fit(problem: Problem, fits: Sequence[RecordingFit], companions: Compa
 
 
 def fit_traces(problem: Problem, prediction: Prediction, number: int) -> tuple[DataBlock, ...]:
-    """Load-cell traces of one condition as whitened blocks."""
+    """Load-cell records of one condition as whitened blocks."""
     condition = replace(problem.conditions[number], views=())
     if not condition.forces:
         return ()
@@ -303,12 +305,12 @@ def number_block(block: DataBlock, condition: int) -> DataBlock:
     return replace(block, condition=condition, names=names)
 
 
-# --- predictions of a recording that is seen otherwise -----------------------------------------------------------
+# --- predictions of a recording under a hypothesis ---------------------------------------------------------------
 def flip_recording(r: Recording, axes: tuple[int, ...], length: float) -> list[Recording]:
     """A recording with the order of its pixels reversed along some axes: 1 up, 2 along.
 
-    Pixels keep their places, as where a file was written in another order; or the block of a `length` (m) keeps its
-    ends, as where they were marked in the images as they are.
+    Two versions along the block: pixels keep their positions (the file was written in another order), or the block of a
+    `length` (m) keeps its ends (they were marked in the flipped images).
     """
     flipped = replace(r, temperature=np.ascontiguousarray(np.flip(r.temperature, axes)))
     if 2 not in axes:
@@ -326,10 +328,10 @@ def predict_hypothesis(
     source: RecordingEntry,
     hypothesis: RecordingHypothesis,
 ) -> tuple[RecordingHypothesis, Prediction]:
-    """A recording predicted from fields that exist, with its pixels left out where sensitivities are not known.
+    """Predict a recording under a hypothesis from existing fields, without pixels that have no sensitivities.
 
-    Its images are predicted exactly; sensitivities to the physics are interpolated from those of `source`, a recording
-    of the same condition, view and moments.  Raises BadInput, SolverFailure.
+    Its images are predicted exactly.  Sensitivities to the physics are interpolated from those of `source`, a recording
+    of the same condition, view and frame times.  Raises BadInput, SolverFailure.
     """
     assert prediction.full_run is not None
     view = hypothesis.view
@@ -341,7 +343,7 @@ def predict_hypothesis(
             columns[p] = values
             valid &= np.isfinite(values).all(axis=0)
     if not valid.any():
-        raise BadInput(f"{view.file}: nothing of it would be seen")
+        raise BadInput(f"{view.file}: no pixel of it would be valid")
     masked = np.where(valid, view.recording.temperature, np.nan)
     view = replace(view, recording=replace(view.recording, temperature=masked))
     own = {p: flatten_valid_pixels(np.nan_to_num(values), seen.inside) for p, values in columns.items()}
@@ -361,9 +363,9 @@ def _interpolate_columns(
 
 
 def resample_images(observable: Observable, source: RecordingEntry, wanted: RecordingEntry) -> Array:
-    """Predicted images (frames, nv, nu) at the moments and pixels of another recording, NaN where not predicted.
+    """Predicted images (frames, nv, nu) at the times and pixels of another recording, NaN where not predicted.
 
-    Linear between frames and pixels: good enough to see which pictures are alike.
+    Interpolation is linear between frames and pixels, which is accurate enough to compare images.
     """
     a, b = source.recording, wanted.recording
     images = np.where(observable.inside, observable.values, np.nan).astype(np.float32)
@@ -392,7 +394,7 @@ def _interpolate_axis(images: Single, weights: Weights, axis: int) -> Single:
 
 
 def has_same_moments(first: RecordingEntry, second: RecordingEntry) -> bool:
-    """Whether two recordings show the same moments, frame by frame."""
+    """Whether the frames of two recordings are at the same times."""
     a, b = first.recording, second.recording
     if len(a.time) != len(b.time) or first.means != second.means:
         return False

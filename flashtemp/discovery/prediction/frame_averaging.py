@@ -1,4 +1,4 @@
-"""Long recordings condensed: frames between which hardly anything changes become one that says as much."""
+"""Averaging of frames in long recordings, where hardly anything changes between neighbouring frames."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from flashtemp.comparison.campaign import Campaign, RecordingEntry
 from flashtemp.comparison.frame_means import AveragedFrames
 from flashtemp.model.case import Case
 
-MAX_UNAVERAGED_PIXELS = 4_000_000  # pixels of all recordings of a campaign that are taken frame by frame
+MAX_UNAVERAGED_PIXELS = 4_000_000  # of all recordings of a campaign; above it frames are averaged
 MAX_GROUP_TIME_FRACTION = 0.2  # of the time to the nearest event: sqrt(t) is then near enough to a parabola, to 1e-4
 
 
 def average_frames(campaign: Campaign) -> Campaign:
-    """The campaign with means of neighbouring frames where its recordings hold more than MAX_UNAVERAGED_PIXELS pixels.
+    """The campaign with means of neighbouring frames if its recordings have more than MAX_UNAVERAGED_PIXELS pixels.
 
-    The rise after an event goes as the root of the time since, so over a share of that time a parabola says what the
-    mean is (`Means`); white noise falls with the root of their number.
+    The temperature rise after an event grows with the root of the time since, so a parabola gives the mean over a small
+    fraction of that time (`AveragedFrames`).  White noise decreases with the root of the number of frames.
     """
     if sum(v.recording.temperature.size for v in campaign.views) <= MAX_UNAVERAGED_PIXELS:
         return campaign

@@ -1,6 +1,6 @@
-"""One condition predicted at one point: what cameras and load cells would show, and what every parameter would change.
+"""Prediction of one condition at one point: values of cameras and load cells, with derivatives by every parameter.
 
-A `PredictionTask` is all that a worker needs; a `Prediction` is what comes back.  Nothing here knows the measured values.
+A worker receives a `PredictionTask` and returns a `Prediction`.  Measured values are not used here.
 """
 
 from __future__ import annotations
@@ -57,17 +57,17 @@ BLOCK_SIZE_KEYS, BLOCK_SIZE_STEP = (
     ("block.length", "block.width"),
     1e-3,
 )  # keys that a ruler gives, and their relative step
-CLOCK_STEP_S = 0.02  # s: step of what moves frames in time
-MIN_CAMERA_SIGNAL_K = 5e-3  # K: a trace in the camera below it is taken again with the whole strength
+CLOCK_STEP_S = 0.02  # s: step of the clock
+MIN_CAMERA_SIGNAL_K = 5e-3  # K: a smaller camera sensitivity is computed again with the whole strength
 
 
 @dataclass(frozen=True)
 class DerivativeRequest:
-    """Which to compute: by the model's `model_parameters` parameters, by `scatter` of friction per repetition, by pressure
-    `modes` (and their `trends`), by strengths of `candidates`, by the camera's `optics` and clock, by the
-    `block_sizes`: sizes of the block, by stated `inputs` of case and cameras.
+    """Which derivatives to compute: by `model_parameters`, by friction `scatter` of each repetition, by pressure
+    `modes` (and their `trends`), by strengths of `candidates`, by the camera's `optics` and clock, by `block_sizes`,
+    and by stated `inputs` of case and cameras.
 
-    Columns by inputs are per ln of the value, or per unit of one whose kind is absolute (K, emissivity)."""
+    Columns of inputs are per ln of the value, or per unit for absolute kinds (K, emissivity)."""
 
     model_parameters: tuple[ParameterId, ...] = ()
     scatter: bool = False
@@ -82,9 +82,9 @@ class DerivativeRequest:
 
 @dataclass(frozen=True)
 class PredictionTask:
-    """One condition at one point: the `case` with overrides `given` and `mesh_overrides` of the mesh.
+    """One condition at one point: the `case` with overrides `given` and `mesh_overrides`.
 
-    The case brings the effect files that were read with it: no process reads or judges them again.
+    The case contains the effect files that were read with it, so that no worker reads or checks them again.
     """
 
     case: Case
@@ -98,9 +98,9 @@ class PredictionTask:
 
 @dataclass(frozen=True)
 class Observable:
-    """A recording or trace as predicted: `values` (frames, nv, nu) or (n,), `inside` what may be compared.
+    """A predicted recording or load-cell record: `values` (frames, nv, nu) or (n,), and the valid ones, `inside`.
 
-    `columns` change per unit of each parameter, of the pixels inside (frames, pixels) or (n,).
+    `columns`: derivatives by each parameter, (frames, valid pixels) or (n,).
     """
 
     values: Array
@@ -110,8 +110,8 @@ class Observable:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What a condition shows at a point: `observables` by file; `run` without its fields, for pictures and audits, and
-    the `full_run` one where fields are asked for."""
+    """The prediction of a condition at a point: `observables` by file, the `run` without its fields, and the
+    `full_run` with fields if they were requested."""
 
     observables: dict[str, Observable]
     run: Run
@@ -120,7 +120,7 @@ class Prediction:
 
     @property
     def without_columns(self) -> Prediction:
-        """The same without columns, which blocks hold whitened, and without fields."""
+        """The prediction without columns, which blocks have in whitened form, and without fields."""
         return replace(
             self, observables={f: replace(o, columns={}) for f, o in self.observables.items()}, full_run=None
         )
@@ -128,22 +128,22 @@ class Prediction:
 
 @dataclass(frozen=True)
 class EvaluationPoint:
-    """The scene of a task at its point, with what its neighbours are made from."""
+    """The scene of a task at its point, with the case from which neighbouring scenes are made."""
 
     task: PredictionTask
     case: Case  # without what the model changes
     scene: Scene
 
     def perturbed_scene(self, model: ModelPoint) -> Scene:
-        """The scene with another model on the same case."""
+        """The scene of another model of the same case."""
         return model.apply_to(self.case).scene
 
     def effect_parameter(self, p: ParameterId) -> Param:
-        """What is declared of a parameter of an effect."""
+        """The declaration of an effect parameter."""
         return self.case.known_effects[p.effect].params()[p.name]
 
     def step_size(self, p: ParameterId) -> float:
-        """Of a parameter of an effect that the model holds already, away from the nearer bound."""
+        """The step of a parameter of an effect in the model, away from the nearer bound."""
         param, now = self.effect_parameter(p), self.task.model.effect_value(p)
         size = abs(param.value - param.off) if param.off is not None else abs(now)
         step = STRENGTH_STEP_FRACTION * float(size or 1.0)
@@ -154,7 +154,7 @@ class EvaluationPoint:
 
 
 def predict_condition(task: PredictionTask) -> Prediction:
-    """Simulate a condition at a point with all derivatives asked for.  Raises BadInput, SolverFailure."""
+    """Simulate a condition at a point with all requested derivatives.  Raises BadInput, SolverFailure."""
     base = task.case.with_values(task.given | task.mesh_overrides)
     case = task.model.apply_to(base)
     scene = case.scene
@@ -193,7 +193,7 @@ def predict_again(task: PredictionTask, run: Run, view: RecordingEntry, model: M
     return _predict_recording(point, view, RunWithSensitivities[ParameterId](run, None, {}, {}), {}, {})
 
 
-# --- neighbouring scenes: everything that is asked for and acts on heat ---------------------------------------
+# --- neighbouring scenes for derivatives by everything that acts on heat --------------------------------------
 def _iter_perturbations(point: EvaluationPoint) -> Iterator[tuple[ParameterId, Perturbation]]:
     asked = point.task.derivatives
     yield from (pair for p in asked.model_parameters for pair in _perturb_model(point, p))
@@ -210,7 +210,7 @@ def _iter_perturbations(point: EvaluationPoint) -> Iterator[tuple[ParameterId, P
 
 
 def _perturb_model(point: EvaluationPoint, p: ParameterId) -> Iterator[tuple[ParameterId, Perturbation]]:
-    """A free key, or a parameter of an effect that the model holds already."""
+    """Scenes with a step of a free key or of a parameter of an effect in the model."""
     model = point.task.model
     if p.kind is Kind.KEY:
         now = model.case_overrides(point.case).get(p.name, point.case[p.name])
@@ -227,7 +227,7 @@ def _perturb_model(point: EvaluationPoint, p: ParameterId) -> Iterator[tuple[Par
 
 
 def _perturb_friction(scene: Scene) -> Iterator[tuple[ParameterId, Perturbation]]:
-    """Friction of each repetition; nothing differs before it begins."""
+    """Friction of each repetition; the scenes are equal before the repetition begins."""
     for r in range(2, scene.schedule.repetitions + 1):
         begin = next(p.begin for p in scene.schedule.phases if p.repetition == r)
         yield (
@@ -274,7 +274,7 @@ def _perturb_strengths(point: EvaluationPoint, c: CandidateEffect) -> Iterator[t
 
 
 def _perturb_inputs(point: EvaluationPoint) -> Iterator[tuple[ParameterId, Perturbation]]:
-    """Stated numbers of the case that leave schedule and cells as they are, or make cells a little larger."""
+    """Stated numbers of the case that do not change the schedule or the cells, except for their size."""
     for p in _case_inputs(point):
         for case, step in iter_stepped_cases(point.case, p.name):
             scene = point.task.model.apply_to(case).scene
@@ -284,7 +284,7 @@ def _perturb_inputs(point: EvaluationPoint) -> Iterator[tuple[ParameterId, Pertu
 
 
 def _case_inputs(point: EvaluationPoint) -> tuple[ParameterId, ...]:
-    """Inputs that are keys of the case, without sizes that the laboratory's columns hold already."""
+    """Inputs that are keys of the case, without block sizes that have columns already."""
     images = any(v.recording.places is None for v in point.task.views)
     twice = BLOCK_SIZE_KEYS if point.task.derivatives.block_sizes and images else ()
     asked = (p for p in point.task.derivatives.inputs if p.name not in twice)
@@ -293,7 +293,7 @@ def _case_inputs(point: EvaluationPoint) -> tuple[ParameterId, ...]:
 
 @dataclass(frozen=True)
 class SeparateRun:
-    """A run of a scene with one input moved by `step_size`, whose schedule or mesh no tangent can follow."""
+    """A separate run with one input changed by `step_size`, for inputs that change the schedule or the mesh."""
 
     scene: Scene
     run: Run
@@ -323,11 +323,14 @@ def _run_separate_scenes(
     return out
 
 
-# --- what instruments show ------------------------------------------------------------------------------------
+# --- predicted recordings --------------------------------------------------------------------------------------
 def _predict_recording(
-    point: EvaluationPoint, view: RecordingEntry, near: RunWithSensitivities[ParameterId], moves: dict[ParameterId, Perturbation],
+    point: EvaluationPoint,
+    view: RecordingEntry,
+    near: RunWithSensitivities[ParameterId],
+    moves: dict[ParameterId, Perturbation],
     other: Mapping[ParameterId, SeparateRun] = MappingProxyType({}),
-) -> Observable:  # fmt: skip
+) -> Observable:
     recording = sensor_parameters.place_sensors(view, point.task.model)
     scene, asked = point.scene, point.task.derivatives
     shift, place = point.task.model.image_shift(view.file), point.task.model.image_placement(view.file)
@@ -344,7 +347,7 @@ def _predict_recording(
         return group_means(observe(run, scene, recording, acting, shift, 0.0, place, kept, history, ruler).temperature)
 
     def group_means(values: Array) -> Array:
-        """What a recording that was condensed keeps of frames."""
+        """The means over frames of a recording whose frames were averaged."""
         return values if view.means is None else view.means.time_mean(recording.time, values)
 
     now = observe(near.run, scene, recording, scene.acting, shift, 0.0, place, kept, face, ruler, asked.optics)
@@ -352,7 +355,7 @@ def _predict_recording(
     columns: dict[ParameterId, Single] = {}
 
     def keep_column(name: ParameterId, change: Array) -> None:
-        # at once: all of them in double precision would be much memory
+        # one at a time, because all of them in double precision would need much memory
         columns[name] = flatten_valid_pixels(change, seen.inside)
 
     level = predict_images(near.reference) if moves else seen.temperature
@@ -380,7 +383,7 @@ def _predict_recording(
 def _iter_camera_columns(
     point: EvaluationPoint, predict_images: Callable[..., Array], plain: Array, view: str
 ) -> Iterator[tuple[ParameterId, Array]]:
-    """Traces of what acts in the camera: of candidates, of effects that the model holds, of inputs of its `view`."""
+    """Derivatives in the camera: by candidates, by effects of the model, and by inputs of the `view`."""
     for name, (effect, param, step) in CAMERA_INPUTS.items():
         if (p := ParameterId.of_input(f"{view}.{name}")) in point.task.derivatives.inputs:
             moved = (*point.scene.acting, point.make_active_effect(effect, {param: step}))
@@ -395,14 +398,14 @@ def _iter_camera_columns(
 
 
 def flatten_valid_pixels(values: Array, inside: npt.NDArray[np.bool_]) -> Single:
-    """Images (frames, nv, nu) as (frames, pixels inside), in single precision."""
+    """Images (frames, nv, nu) as (frames, valid pixels), in single precision."""
     return values[:, inside].astype(np.float32)
 
 
 def _candidate_column(
     point: EvaluationPoint, predict_images: Callable[..., Array], c: CandidateEffect, k: str, a: float, plain: Array
 ) -> Array:
-    """Trace of an effect in the camera; with its whole strength where it is flat at off."""
+    """Derivative by a camera effect; with its whole strength if the derivative vanishes at the neutral value."""
     off = c.neutral_values()
     for share in (STRENGTH_STEP_FRACTION, 1.0):
         step = share * a
@@ -416,7 +419,7 @@ def _candidate_column(
 
 
 def _effect_column(point: EvaluationPoint, predict_images: Callable[..., Array], p: ParameterId, plain: Array) -> Array:
-    """Trace of a parameter of an effect in the camera that the model holds already."""
+    """Derivative by a parameter of a camera effect in the model."""
     step, model = point.step_size(p), point.task.model
     others = tuple(a for a in point.scene.acting if a.name != p.effect)
     moved = point.make_active_effect(p.effect, model.effects[p.effect] | {p.name: model.effect_value(p) + step})
@@ -424,7 +427,7 @@ def _effect_column(point: EvaluationPoint, predict_images: Callable[..., Array],
 
 
 def _optics_columns(image: PredictedImage, recording: Recording) -> Columns:
-    """What the camera's own unknowns change: shift along u and v (px), scale, turn, gain, point spread (relative)."""
+    """Derivatives by camera parameters: shift along u and v (px), scale, rotation, gain, point spread (relative)."""
     told, slopes = bool(recording.registration_sigma_px), image.slopes
     wide, high = len(recording.u) > 1, len(recording.v) > 1
     unknown = {

@@ -1,4 +1,4 @@
-"""A campaign made ready for fitting: conditions on meshes that stay, candidates, and what recordings do not state."""
+"""A campaign prepared for fitting: conditions with fixed meshes, candidates, and assumed camera values."""
 
 from __future__ import annotations
 
@@ -33,12 +33,13 @@ TaskRunner = Callable[[list[PredictionTask]], Sequence[Prediction | FlashtempErr
 
 @dataclass(frozen=True)
 class Problem:
-    """What does not change while a campaign is fitted.
+    """Everything that stays the same while a campaign is fitted.
 
-    `mesh_overrides` of the mesh per condition; `candidates` and `excluded_candidates` {effect: why it cannot be tried}; `run`
-    maps `predict_condition` over tasks and gives failures as answers.  Images that were seen to lie far from where they
-    are stated to begin at their `placements` and `shifts`.  `assumed_camera_facts` {recording: which of
-    ASSUMED_CAMERA_VALUES it does not state}.  `screening` {recording: which defects of its camera were found}.
+    `mesh_overrides`: keys that fix the mesh of each condition.  `candidates`, and `excluded_candidates` {effect: why it
+    cannot be tried}.  `run`: maps `predict_condition` over tasks and returns failures as answers.
+    `placements` and `shifts`: starting values for images that are far from their stated positions.
+    `assumed_camera_facts` {recording: names in ASSUMED_CAMERA_VALUES that it does not state}.
+    `screening` {recording: camera defects that were found}.
     """
 
     campaign: Campaign
@@ -56,7 +57,7 @@ class Problem:
     def make_tasks(
         self, model: ModelPoint, derivatives: DerivativeRequest, cell_factors: tuple[float, ...] | None = None
     ) -> list[PredictionTask]:
-        """One task per condition; `cell_factors` (3,) or (4,) multiplies the number of cells along, up, down and across."""
+        """One task for each condition; `cell_factors` (3,) or (4,): on the cells along, up, down (and across)."""
         out = []
         for c, pins in zip(self.conditions, self.mesh_overrides, strict=True):
             if cell_factors:
@@ -65,7 +66,7 @@ class Problem:
         return out
 
     def _coarser_mesh(self, along: float, up: float, down: float, across: float = 1.0) -> dict[str, Any]:
-        """Keys of a mesh that has so many times the cells."""
+        """Keys of a mesh with these factors on the number of cells."""
         finer = zip((along, up, down), self.case["numerics.finer"], strict=True)
         out: dict[str, Any] = {"numerics.finer": [max(MIN_MESH_REFINEMENT, k * f) for k, f in finer]}
         if across < 1.0:
@@ -90,7 +91,7 @@ class Problem:
 
     @property
     def stated_model(self) -> ModelPoint:
-        """The case as it is believed."""
+        """The stated case, without any effect added."""
         return ModelPoint(dict.fromkeys(self.campaign.free, 0.0), shifts=self.shifts, placements=self.placements)
 
 
@@ -102,9 +103,9 @@ def raise_if_error(answer: Prediction | FlashtempError) -> Prediction:
 
 
 def prepare_problem(campaign: Campaign, run: TaskRunner) -> Problem:
-    """Check a campaign for what fitting needs; long recordings are condensed.  Raises BadInput."""
+    """Check a campaign and prepare it for fitting; frames of long recordings are averaged.  Raises BadInput."""
     if campaign.entries and all(entry.held_out for entry in campaign.entries):
-        raise BadInput("campaign: held_out = true of every recording and trace; leave at least one to be fitted")
+        raise BadInput("campaign: held_out = true for every recording and trace; leave at least one to be fitted")
     assumed = {v.file: missing for v in campaign.views if (missing := _unstated_facts(v))}
     campaign, screening = screen_campaign(campaign)
     campaign = average_frames(replace(campaign, views=tuple(map(_assume_facts, campaign.views))))
@@ -126,20 +127,20 @@ def prepare_problem(campaign: Campaign, run: TaskRunner) -> Problem:
 
 
 def _unstated_facts(view: RecordingEntry) -> tuple[str, ...]:
-    """What an image does not say of its camera: nobody knows exactly where it lies, and no optics are sharp."""
+    """Names of camera values that an image does not state: uncertainty of its position, and blur of the optics."""
     if view.recording.view not in ("sidewall", "wake"):
         return ()
     return tuple(name for name in ASSUMED_CAMERA_VALUES if getattr(view.recording, name) is None)
 
 
 def _assume_facts(view: RecordingEntry) -> RecordingEntry:
-    """A view with what is usual for what it does not say."""
+    """A view with usual values for those that it does not state."""
     usual: dict[str, Any] = {name: ASSUMED_CAMERA_VALUES[name] for name in _unstated_facts(view)}
     return replace(view, recording=replace(view.recording, **usual)) if usual else view
 
 
 def check_free_key(campaign: Campaign, case: Case, key: str) -> None:
-    """BadInput unless a key can move while mesh and schedule stay."""
+    """Raise BadInput if changing a key would change the mesh or the schedule."""
     pins = first_cells(case.scene, case.values["numerics"])
     scene, moved = case.with_values(pins).scene, case.with_values(pins | {key: case[key] * 0.99}).scene
     same = all(np.array_equal(getattr(moved.mesh, k), getattr(scene.mesh, k)) for k in ("x", "height"))
@@ -149,7 +150,7 @@ def check_free_key(campaign: Campaign, case: Case, key: str) -> None:
 
 
 def pin_mesh(campaign: Campaign, condition: Condition, tried: list[CandidateEffect]) -> dict[str, Any]:
-    """Overrides that give a condition one mesh, whatever is tried on it."""
+    """Overrides that give a condition the same mesh under every hypothesis."""
     case = campaign.load(condition.given)
     others = [c.effect for c in tried if not c.is_optical]
     scenes = [case.scene, *(case.with_values({"effects": [*case.effects, other]}).scene for other in others)]
@@ -169,7 +170,7 @@ def pin_mesh(campaign: Campaign, condition: Condition, tried: list[CandidateEffe
 
 
 def replace_views(problem: Problem, changed: Sequence[RecordingEntry]) -> Problem:
-    """The problem with other images of some recordings."""
+    """The problem with the images of some recordings replaced."""
     by_file = {v.file: v for v in changed}
 
     def updated_views(views: Sequence[RecordingEntry]) -> tuple[RecordingEntry, ...]:

@@ -1,4 +1,4 @@
-"""What is not known better of a thermocouple: its place, its time constant, the gain with which it shows its rise."""
+"""Uncertain parameters of thermocouples: position, time constant and gain on the temperature rise."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SENSOR_STEP_FRACTION = 0.25  # of what is known of a place, or a time constant: 
 
 
 def sensor_columns(predict_images: Callable[..., Array], recording: Recording, rise: Array) -> dict[ParameterId, Array]:
-    """What places (K/m), time constants (K/s) and gains (K) change: the `rise` (frames, 1, points) is over the air."""
+    """Derivatives by positions (K/m), time constants (K/s) and gains (K); `rise` (frames, 1, points) K."""
     out: dict[ParameterId, Array] = {}
     places = recording.places
     assert places is not None
@@ -41,7 +41,7 @@ def sensor_columns(predict_images: Callable[..., Array], recording: Recording, r
 
 
 def place_sensors(view: RecordingEntry, model: ModelPoint) -> Recording:
-    """The recording with its points where, and as slow as, the model has them."""
+    """The recording with the positions and time constants of its points in the model."""
     places = view.recording.places
     if places is None or not model.bead_offsets:
         return view.recording
@@ -67,7 +67,7 @@ def sensor_priors(views: Iterable[RecordingEntry]) -> dict[ParameterId, float]:
 
 
 def _single_point(recording: Recording, places: SensorPositions, number: int) -> Recording:
-    """One point of a recording, where `places` have it; what it measured is of no concern, and may be nothing."""
+    """One point of a recording at its position in `places`, without its measured values."""
     own = slice(number, number + 1)
     return replace(
         recording, temperature=np.zeros((recording.frames, 1, 1)), u=recording.u[own], places=places.subset(own)
@@ -75,7 +75,7 @@ def _single_point(recording: Recording, places: SensorPositions, number: int) ->
 
 
 def _iter_bead_parameters(places: SensorPositions) -> Iterator[tuple[int, ParameterId, str, float]]:
-    """What a point may have otherwise than told: number, parameter, key of its table, standard deviation (m, s)."""
+    """Uncertain values of points: number, parameter, key of its table, standard deviation (m, s)."""
     for i, name in enumerate(places.names):
         for axis, key in enumerate("xyz"):
             yield i, _point_parameter(Kind.PLACE, name, i, axis), key, float(places.place_sigma(axis)[i])
@@ -83,10 +83,10 @@ def _iter_bead_parameters(places: SensorPositions) -> Iterator[tuple[int, Parame
 
 
 def _point_parameter(kind: Kind, name: str, number: int, *axis: int) -> ParameterId:
-    """A parameter of a point: a name is that of one thermocouple in all recordings, a number is not."""
+    """A parameter of a point: named points are the same thermocouple in all recordings, unnamed ones are not."""
     return ParameterId(kind, (number, *axis)) if name.isdigit() else ParameterId(kind, axis, name=name)
 
 
 def sensor_gain_id(name: str, number: int) -> ParameterId:
-    """The gain of a point, likewise."""
+    """The gain of a point, identified in the same way."""
     return _point_parameter(Kind.SENSOR, name, number)

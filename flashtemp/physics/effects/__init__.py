@@ -1,1 +1,1 @@
-"""The catalogue: one physical or instrumental effect per file."""
+"""The catalogue of effects: one physical or instrumental effect per file."""

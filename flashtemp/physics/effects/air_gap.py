@@ -1,9 +1,9 @@
-"""Air fills the gap beside the spots and conducts from the rubber to the road between the lanes.
+"""Air in the gap around the spots conducts heat from the rubber to the road between the lanes.
 
     h = 1/(u/k_air + r),    r = (4/3) sqrt(t/pi)/e_S
 
-u is the mean height of the gap, r how much the road itself warms by an even flux on its way of t = L/v under the block,
-on average; the road comes in at ambient temperature.
+u is the mean height of the gap.  r is the mean temperature rise of the road per unit of a uniform flux, while it passes
+under the block in t = L/v; the road enters at ambient temperature.
 
 >>> from types import SimpleNamespace as N
 >>> from flashtemp.physics.material import LIBRARY
@@ -33,7 +33,7 @@ class AirGap(Effect):
     candidate = True
 
     conductivity = Param(0.026, "W/mK", "heat conductivity of the air", low=0.0, high=1.0, off=0.0)
-    height = Param(5e-4, "m", "mean height of the gap beside the spots", low=1e-6, high=1e-2)
+    height = Param(5e-4, "m", "mean height of the gap around the spots", low=1e-6, high=1e-2)
 
     def heat(self, scene, p):
         """Flux through the face while it touches the road."""

@@ -1,4 +1,4 @@
-"""The laboratory warms up during the test: T_air = T_0 + rate t.
+"""The air of the laboratory warms up during the test: T_air = T_0 + rate t.
 
 >>> from types import SimpleNamespace as N
 >>> [law] = AmbientDrift().heat(None, None)

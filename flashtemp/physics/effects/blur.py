@@ -1,4 +1,4 @@
-"""The optics blur more than the recording says.
+"""Blur of the optics beyond the value stated in the recording.
 
 >>> from types import SimpleNamespace as N
 >>> [law] = Blur().see(None)
@@ -12,7 +12,7 @@ from flashtemp.physics.effect import Effect, Param, Term
 
 
 class Blur(Effect):
-    """Gaussian point spread of the optics, beside the integration over the pixel."""
+    """Gaussian point spread of the optics, in addition to the integration over each pixel."""
 
     cause = "the image is blurred"
     source = "knife edge in the image; a fraction of a pixel in focus"

@@ -22,7 +22,7 @@ class CapacitySlope(Effect):
     block = Param(0.003, "1/K", "relative slope of the rubber's heat capacity", low=0.0, high=0.02, off=0.0)
     road = Param(0.0, "1/K", "relative slope of the road's heat capacity", low=0.0, high=0.02, off=0.0)
 
-    layer = layer_param("`block` is about it alone; about all of the block if not given")
+    layer = layer_param("`block` applies to it alone; to the whole block if not given")
 
     def heat(self, scene, p):
         """Slopes of the enthalpy's derivative."""

@@ -16,7 +16,7 @@ from flashtemp.physics.tables.wanted import CONDUCTANCE, SPEED
 
 
 class Conductance(Effect):
-    """Temperature jump (T_block - T_road) = J/alpha inside the spots, eq. (4)."""
+    """Temperature jump (T_block - T_road) = J/alpha inside the spots; theory.md, eq. (4)."""
 
     cause = "the contact resists the passage of heat"
     source = "theory 2.7; speed dependence after Fortunato et al. 2015"
@@ -34,12 +34,12 @@ class Conductance(Effect):
         kinds=("number", "table", "text"),
     )
     heat_split = Param(
-        1.0, "1", "share of the interfacial heat released on the block's side of alpha", low=0.0, high=1.0
+        1.0, "1", "fraction of the interfacial heat released on the block's side of alpha", low=0.0, high=1.0
     )
 
     @classmethod
     def prepare(cls, values, folder):
-        """Turn number, {a0, a1} or table into a law alpha(v)."""
+        """Convert a number, {a0, a1} or a table to a law alpha(v)."""
         alpha, key = values["alpha"], "contact.alpha"
         if isinstance(alpha, dict):
             if set(alpha) == {"contact_size", "contact_share"}:

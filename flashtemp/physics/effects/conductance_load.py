@@ -1,4 +1,4 @@
-"""A film in the contact resists less where it is pressed harder: R (p_ref/p)^0.95.
+"""Thermal contact resistance that falls with pressure: R (p_ref/p)^0.95.
 
 >>> from types import SimpleNamespace as N
 >>> [law] = ConductanceLoad().heat(None, None)
@@ -13,7 +13,7 @@ import numpy as np
 from flashtemp.physics.effect import Effect, Param, Term
 
 CONDUCTANCE_EXPONENT = 0.95
-MIN_RESISTANCE_PRESSURE_RATIO = 1e-2  # share of the reference pressure below which the resistance grows no more
+MIN_RESISTANCE_PRESSURE_RATIO = 1e-2  # fraction of the reference pressure below which the resistance is constant
 
 
 class ConductanceLoad(Effect):

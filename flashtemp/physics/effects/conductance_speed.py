@@ -1,4 +1,4 @@
-"""A film in the contact resists less the faster the block slides: R (v_ref/v)^n.
+"""Thermal contact resistance that falls with sliding speed: R (v_ref/v)^n.
 
 >>> from types import SimpleNamespace as N
 >>> [law] = ConductanceSpeed().heat(None, None)
@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from flashtemp.physics.effect import Effect, Param, Term
 
-MIN_RESISTANCE_SPEED_RATIO = 1e-2  # share of the reference speed below which the resistance grows no more
+MIN_RESISTANCE_SPEED_RATIO = 1e-2  # fraction of the reference speed below which the resistance is constant
 
 
 class ConductanceSpeed(Effect):
-    """Resistance in the spots whose conductance rises as sqrt(v), in series with 1/alpha."""
+    """Resistance in the spots, in series with 1/alpha; by default its conductance grows as sqrt(v)."""
 
     cause = "the thermal resistance of the contact falls with speed"
     source = "theory 2.7; conductance rising with speed after Fortunato et al. 2015"

@@ -12,7 +12,7 @@ from flashtemp.physics.effect import Effect, Factor, Param
 
 
 class ConductivityAnisotropy(Effect):
-    """Conductivity of the rubber along the direction of sliding over that through its height."""
+    """Conductivity of the rubber along the direction of sliding relative to that through its height."""
 
     cause = "the block conducts differently along its length and through its height"
     source = "calendered and extruded compounds: fillers align, k_x/k_z = 1.1-2"
@@ -20,7 +20,7 @@ class ConductivityAnisotropy(Effect):
     tells = ("profile along the block smoothed", "grows with time", "nothing at a uniform temperature along x")
     candidate = True
 
-    excess = Param(0.3, "1", "k_x/k_z of the rubber less 1", low=-0.9, high=20.0, off=0.0)
+    excess = Param(0.3, "1", "k_x/k_z of the rubber minus 1", low=-0.9, high=20.0, off=0.0)
 
     def heat(self, scene, p):
         """Multiplies the rubber's conductivity along x."""

@@ -22,7 +22,7 @@ class ConductivitySlope(Effect):
     block = Param(-0.002, "1/K", "relative slope of the rubber's conductivity", low=-0.005, high=0.02, off=0.0)
     road = Param(0.0, "1/K", "relative slope of the road's conductivity", low=-0.005, high=0.02, off=0.0)
 
-    layer = layer_param("`block` is about it alone; about all of the block if not given")
+    layer = layer_param("`block` applies to it alone; to the whole block if not given")
 
     def heat(self, scene, p):
         """Multiplies both conductivities."""

@@ -1,4 +1,4 @@
-"""Air cools the walls of the block, the free road, and the face of a lifted block: its film coefficient stands here.
+"""Convection to the air: walls of the block, free road, and the face of a lifted block.
 
 >>> from types import SimpleNamespace as N
 >>> films = list(Convection().heat(N(resolved=False), None))
@@ -12,7 +12,7 @@ from flashtemp.physics.effect import Effect, Heat, Param
 
 
 class Convection(Effect):
-    """Newton cooling h (T_air - T) on every surface that meets air."""
+    """Newton cooling h (T_air - T) on every surface in contact with air."""
 
     cause = "surfaces lose heat to the air"
     source = "theory 1.3: natural, slow forced convection and radiation together 5-20 W/m2K"
@@ -27,7 +27,7 @@ class Convection(Effect):
     )  # fmt: skip
 
     def heat(self, scene, p):
-        """Films on walls, free road and, while lifted, on both faces; in 2D the side walls are left out."""
+        """Convection on walls, free road and, while lifted, both faces; in 2D without the side walls."""
         walls = ("block.leading", "block.trailing", "road.free")
         for site in (*walls, "block.sides") if scene.resolved else walls:
             yield Heat.film(site, lambda now, p: p.convection)

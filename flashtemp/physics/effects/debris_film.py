@@ -1,10 +1,10 @@
-"""Debris of the block stays in the spots as a film: it thickens as the block wears, and saturates.
+"""Debris of the block forms a film in the spots that thickens with wear and saturates.
 
-Of every worn depth w the share kappa enters the film, and the film loses in proportion to its thickness h, so that
+A fraction kappa of every worn depth w enters the film, which loses debris in proportion to its thickness h, so that
 
     dh/dw = kappa (1 - h/h_max),    h = h_max (1 - exp(-kappa w/h_max)),    resistance h/k
 
-w is the worn depth of the state; where nothing wears, what `rate` gives under the local pressure.
+w is the worn depth of the simulated block; without a wear effect, `rate` times local pressure and slid distance.
 
 >>> from types import SimpleNamespace as N
 >>> p = N(thickness=1e-5, share=0.1, conductivity=0.2, rate=6e-11)
@@ -22,7 +22,7 @@ from flashtemp.physics.effect import Effect, Param, Term
 
 
 class DebrisFilm(Effect):
-    """Resistance in the spots of a third body that wear feeds, up to a largest thickness."""
+    """Resistance in the spots of a third body that grows by wear, up to a largest thickness."""
 
     cause = "a film of wear debris grows in the contact until it feeds no more"
     source = (
@@ -34,9 +34,9 @@ class DebrisFilm(Effect):
     candidate = True
 
     thickness = Param(1e-5, "m", "largest thickness of the film", low=0.0, high=1e-3, off=0.0)
-    share = Param(0.1, "1", "share of the worn depth that stays in the spots", low=0.0, high=1.0)
+    share = Param(0.1, "1", "fraction of the worn depth that stays in the spots", low=0.0, high=1.0)
     conductivity = Param(0.2, "W/mK", "heat conductivity of the debris", low=1e-2, high=10.0)
-    rate = Param(6e-11, "m2/N", "worn depth per distance and pressure where no wear acts", low=0.0, high=1e-7)
+    rate = Param(6e-11, "m2/N", "worn depth per distance and pressure without a wear effect", low=0.0, high=1e-7)
 
     def heat(self, scene, p):
         """Adds to 1/alpha."""

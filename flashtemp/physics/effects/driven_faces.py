@@ -1,4 +1,4 @@
-"""Face and back of a block that nothing touches follow measured temperatures, through a coefficient or exactly.
+"""Face and back of a block without contact follow measured temperatures, exactly or through a coefficient.
 
 >>> from types import SimpleNamespace as N
 >>> p = N(coefficient=float("inf"), face=lambda t: 20.0 + t, back=None)
@@ -22,7 +22,7 @@ DRIVEN_SITES = {"face": "block.face", "back": "block.holder"}
 
 
 class DrivenFaces(Effect):
-    """Thermocouples as boundaries: T(t) of face and back from tables, linear between rows, held outside."""
+    """Thermocouples as boundary conditions: T(t) of face and back from tables, linear, constant outside their range."""
 
     cause = "face or back of the block follows what a thermocouple shows"
     source = "the table's own source"
@@ -30,14 +30,18 @@ class DrivenFaces(Effect):
     needs = "a block that nothing touches: schedule.alone, or lifted waits"
 
     coefficient = Param(
-        inf, "W/m2K", "conductance between table and surface; 'inf' holds the surface itself", low=0.0, off=0.0
+        inf,
+        "W/m2K",
+        "conductance between table and surface; 'inf' prescribes the surface temperature",
+        low=0.0,
+        off=0.0,
     )
     face = Param(None, "s, degC", "time against temperature of the face: CSV file or rows", kinds=("text", "table"))
-    back = Param(None, "s, degC", "the same of the back, at the holder", kinds=("text", "table"))
+    back = Param(None, "s, degC", "the same for the back, at the holder", kinds=("text", "table"))
 
     @classmethod
     def prepare(cls, values, folder):
-        """Read the tables.  Raises BadInput where there is none."""
+        """Read the tables.  Raises BadInput if both are missing."""
         if values["face"] is None and values["back"] is None:
             raise BadInput(
                 "driven_faces.face: missing; give rows of [time in s, degC] or a CSV file, or driven_faces.back"
@@ -52,7 +56,7 @@ class DrivenFaces(Effect):
         return values | {"pace": pace}
 
     def heat(self, scene, p):
-        """Films at both ends; no step of the integrator is longer than the mean one of a table."""
+        """Boundary conditions at both ends; time steps are at most the mean step of a table."""
 
         def coefficient(now, p):
             return 0.0 if now.touching else p.coefficient

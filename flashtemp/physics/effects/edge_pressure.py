@@ -1,4 +1,4 @@
-"""The sheared block folds under at its leading edge and presses there: B [exp(-d/l) - mean], d m behind it.
+"""Pressure peak at the leading edge, where the sheared block folds under: B [exp(-d/l) - mean], d m behind the edge.
 
 >>> from types import SimpleNamespace as N
 >>> [law] = EdgePressure().heat(N(length=0.025), None)
@@ -26,7 +26,7 @@ class EdgePressure(Effect):
     length = Param(2.5e-3, "m", "decay length of the peak", low=0.0, high=0.1, open_low=True, spread=2.0)
 
     def heat(self, scene, p):
-        """Adds to local over mean pressure; the mean over the block is zero."""
+        """Adds to the ratio of local to mean pressure; the mean over the block is zero."""
 
         def law(T, now, p):
             mean = p.length / scene.length * -np.expm1(-scene.length / p.length)

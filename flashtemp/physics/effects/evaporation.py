@@ -1,4 +1,4 @@
-"""Moisture on the road evaporates where sliding has warmed it, until the track is dry: h exp(-(r-1)/n) (T_air - T).
+"""Moisture on the warm road evaporates until the track is dry: h exp(-(r-1)/n) (T_air - T).
 
 >>> from types import SimpleNamespace as N
 >>> [sink] = Evaporation().heat(N(length=0.025), None)
@@ -15,10 +15,11 @@ from flashtemp.physics.effect import Effect, Heat, Param
 
 
 class Evaporation(Effect):
-    """Latent heat drawn from the warm road behind the block, less in every repetition.
+    """Latent heat taken from the warm road behind the block, less in every repetition.
 
-    Vapour pressure at equilibrium with the air at ambient temperature, linear in the rise: the sink ends
-    where the road is as warm as the air.  Only its decay with repetition tells it from a film of air.
+    The vapour pressure is in equilibrium with the air at ambient temperature and linear in the temperature rise: the
+    sink vanishes where the road is as warm as the air.  Only its decay with repetition distinguishes it from
+    convection.
     """
 
     cause = "moisture on the road evaporates behind the block"
@@ -26,8 +27,12 @@ class Evaporation(Effect):
     tells = ("road behind the block cooler", "gone after a few repetitions", "nothing on a dry track")
     candidate = True
 
-    coefficient = Param(150.0, "W/m2K", "latent heat per rise in the first repetition", low=0.0, high=5e3, off=0.0)
-    repetitions = Param(2.0, "1", "repetitions in which the moisture falls by e", low=0.0, high=1e3, open_low=True)
+    coefficient = Param(
+        150.0, "W/m2K", "latent heat per temperature rise in the first repetition", low=0.0, high=5e3, off=0.0
+    )
+    repetitions = Param(
+        2.0, "1", "repetitions in which the moisture falls by a factor e", low=0.0, high=1e3, open_low=True
+    )
 
     def heat(self, scene, p):
         """Sink on the free road behind the trailing edge."""

@@ -1,6 +1,6 @@
-"""The face of a new block: flat, with rounded or chamfered edges, or as a laser measured it.
+"""Shape of the face of a new block: flat, with rounded or chamfered edges, or as measured by a laser.
 
-A flat face does not press evenly: the middle of a bonded block of rubber cannot give way, its edges can.
+A flat face has no uniform pressure: rubber in the middle of a bonded block cannot move sideways, at its edges it can.
 
 >>> from types import SimpleNamespace as N
 >>> p = N(strength=1.0, edge_radius=1e-3, chamfer=0.0, profile=None)
@@ -20,9 +20,9 @@ from flashtemp.physics.tables.wanted import PLACE_X, WORN_DEPTH
 
 
 class FaceShape(Effect):
-    """The pressure that elasticity gives to a face of a known shape, in place of an even one.
+    """The pressure of an elastic block with a face of known shape, instead of a uniform pressure.
 
-    What other effects prescribe beyond an even pressure, such as `edge_pressure`, is added to it.
+    Deviations from a uniform pressure that other effects prescribe, such as `edge_pressure`, are added to it.
     """
 
     cause = "the face of the block has a shape of its own, and elasticity presses it accordingly"
@@ -33,11 +33,11 @@ class FaceShape(Effect):
     candidate = True
     steady = True
 
-    strength = Param(1.0, "1", "0: an even pressure, 1: that of this shape", low=0.0, high=1.0, off=0.0)
+    strength = Param(1.0, "1", "0: uniform pressure, 1: that of this shape", low=0.0, high=1.0, off=0.0)
     edge_radius = Param(0.0, "m", "radius of the rounded leading and trailing edges", low=0.0, high=0.1)
     chamfer = Param(0.0, "m", "depth and length of a chamfer of 45 degrees at both edges", low=0.0, high=0.1)
     profile = Param(
-        None, "m, m", "x against how far the face stands back: CSV file or rows, as a laser measures it",
+        None, "m, m", "x against depth of the face below its highest point: CSV file or rows, as a laser measures it",
         kinds=("text", "table"),
     )  # fmt: skip
 
@@ -54,16 +54,16 @@ class FaceShape(Effect):
         return values
 
     def heat(self, scene, p):
-        """Whether the shape counts, and how far (m) the face stands back from its highest place."""
+        """Weight of the shape, and depth (m) of the face below its highest point."""
         for key in ("edge_radius", "chamfer"):
             if getattr(p, key) > scene.length / 2:
                 raise BadInput(f"face_shape.{key}: more than half of block.length; give a smaller one")
 
-        def stand_back(T, now, p):
+        def face_depth(T, now, p):
             from_edge = np.minimum(now.x, scene.length - now.x)
             inside = np.maximum(0.0, p.edge_radius - from_edge)
             depth = p.edge_radius - np.sqrt(p.edge_radius**2 - inside**2) + np.maximum(0.0, p.chamfer - from_edge)
             return p.strength * (depth + (0.0 if p.profile is None else p.profile(now.x)))
 
         yield Term("contact.flat_face", lambda T, now, p: p.strength)
-        yield Term("block.worn", stand_back)
+        yield Term("block.worn", face_depth)

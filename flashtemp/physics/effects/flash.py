@@ -1,4 +1,4 @@
-"""Flash temperature: rubber passing through a spot is heated above its time average.
+"""Flash temperature: rubber in a spot is warmer than its average over the passage of spots.
 
 >>> from types import SimpleNamespace as N
 >>> from flashtemp.physics.material import LIBRARY
@@ -17,7 +17,7 @@ from flashtemp.physics.friction.heat_kernels import flash_response, overlap_inte
 
 
 class Flash(Effect):
-    """Excess of the temperature in a spot over the passage average, closure eqs. (12)-(13)."""
+    """Excess of the temperature in a spot above the passage average; theory.md, eqs. (12) and (13)."""
 
     cause = "heat concentrated in spots raises the temperature there above the average"
     source = "theory 1.4 eqs. (12)-(13), V10, V11; early transient F(r/D)"
@@ -31,9 +31,9 @@ class Flash(Effect):
         """Flash resistance (m2 K/W) of the surface flux and of every deposit."""
         D = scene.spot_diameter
         rubber = scene.block
-        cap = np.pi * D / (8 * rubber.conductivity)  # a resting spot: constriction of a disc
+        cap = np.pi * D / (8 * rubber.conductivity)  # limit of a resting spot: constriction resistance of a disc
 
-        def residence_and_slip(now):  # how long a spot has been there, s, and how far it has slid of its diameter
+        def residence_and_slip(now):  # time (s) a spot has been in place, and slid distance over its diameter
             if now.waited > 0 or now.speed <= 0:
                 passed = D / now.last_speed if now.last_speed > 0 else np.inf
                 return min(now.contact_time, passed) + now.waited, 1.0

@@ -16,7 +16,7 @@ from flashtemp.physics.tables.wanted import FRICTION, SHARE, SOURCE_DEPTH, SPEED
 
 
 class Friction(Effect):
-    """Heat mu p v per nominal area, the share in the rubber decaying as exp(-z/depth)."""
+    """Heat mu p v per nominal area; the part in the rubber decays as exp(-z/depth); theory.md, eqs. (5)-(7)."""
 
     cause = "friction heats rubber and road"
     source = "Fortunato et al., load dependence of rubber friction; theory 1.3 eqs. (5)-(7)"
@@ -25,18 +25,18 @@ class Friction(Effect):
     base = True
 
     mu = Param(1.0, "1", "friction coefficient; with a table, the factor on the table", low=0.0, high=10.0, off=0.0)
-    volumetric_share = Param(0.0, "1", "share of the friction heat released inside the rubber", low=0.0, high=1.0)
+    volumetric_share = Param(0.0, "1", "fraction of the friction heat released inside the rubber", low=0.0, high=1.0)
     depth = Param(1e-4, "m", "e-folding depth of the volumetric heat", low=5e-8, high=1e-2)
     spectrum = Param(None, "1, m", "list of [share, depth] pairs instead of one depth", kinds=("table", "text"))
     table = Param(None, "m/s, degC, 1", "mu against speed and temperature: CSV file or rows", kinds=("text", "table"))
 
     @classmethod
     def prepare(cls, values, folder):
-        """Read the table; shares of a spectrum may not exceed 1 together."""
+        """Read the tables.  Raises BadInput where the shares of a spectrum are negative or their sum exceeds 1."""
         if values["table"] is not None:
             values["table"] = read_surface(values["table"], folder, "friction.table", (SPEED, TEMPERATURE, FRICTION))
             if values["table"]._grid.min() < 0:
-                raise BadInput(f"friction.table: holds mu = {values['table']._grid.min():g}; give mu >= 0")
+                raise BadInput(f"friction.table: contains mu = {values['table']._grid.min():g}; give mu >= 0")
         if values["spectrum"] is not None:
             spectrum = read_rows(values["spectrum"], folder, "friction.spectrum", (SHARE, SOURCE_DEPTH))
             if spectrum[:, 0].min() < 0:

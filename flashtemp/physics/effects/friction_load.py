@@ -1,4 +1,4 @@
-"""Friction falls where the rubber is pressed harder, as its area of contact saturates: mu = mu_ref (p/p_ref)^-m.
+"""Friction that falls with local pressure, as the area of contact saturates: mu = mu_ref (p/p_ref)^-m.
 
 >>> from types import SimpleNamespace as N
 >>> [law] = FrictionLoad().heat(None, None)
@@ -12,7 +12,7 @@ import numpy as np
 
 from flashtemp.physics.effect import Effect, Factor, Param
 
-MIN_FRICTION_PRESSURE_RATIO = 1e-3  # share of the reference pressure below which the law is held
+MIN_FRICTION_PRESSURE_RATIO = 1e-3  # fraction of the reference pressure below which the law is constant
 
 
 class FrictionLoad(Effect):

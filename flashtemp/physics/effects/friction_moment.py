@@ -1,4 +1,4 @@
-"""Friction acts below the holder and tips the block onto its leading edge; the holder gives by an angle.
+"""Friction acts below the holder's pivot and tips the block onto its leading edge, against the holder's stiffness.
 
 >>> from types import SimpleNamespace as N
 >>> give, arm = FrictionMoment().heat(None, None)
@@ -12,7 +12,7 @@ from flashtemp.physics.effect import Effect, Param, Term
 
 
 class FrictionMoment(Effect):
-    """Pressure tilts until its moment and the holder's rotation stiffness carry mu F h; lift-off included."""
+    """The pressure tilts until its moment and the holder's rotation balance mu F h, with lift-off; eq. (24)."""
 
     cause = "the friction force tips the block onto its leading edge"
     source = "moment balance, theory 7.1; rotation stiffness K = 1/compliance"
@@ -21,12 +21,12 @@ class FrictionMoment(Effect):
     candidate = True
 
     compliance = Param(
-        0.01, "rad/(N m)", "turn of the holder per moment; 0 guides it, 'inf' lets it turn freely",
+        0.01, "rad/(N m)", "rotation of the holder per moment; 0: fixed, 'inf': free",
         low=0.0, off=0.0,
     )  # fmt: skip
     arm = Param(7e-3, "m", "height of the holder's pivot above the contact", low=0.0, high=1.0)
 
     def heat(self, scene, p):
-        """What the holder does with the friction moment."""
+        """Compliance of the holder and arm of the friction force."""
         yield Term("holder.compliance", lambda T, now, p: p.compliance)
         yield Term("holder.arm", lambda T, now, p: p.arm)

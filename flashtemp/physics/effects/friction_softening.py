@@ -1,4 +1,4 @@
-"""Friction falls as the contact warms: mu = mu_ref exp(-b (T - T_ref)).
+"""Friction that falls with the temperature of the contact: mu = mu_ref exp(-b (T - T_ref)).
 
 >>> from types import SimpleNamespace as N
 >>> [law] = FrictionSoftening().heat(None, None)

@@ -1,4 +1,4 @@
-"""Friction follows a power of the sliding speed: mu = mu_ref (v/v_ref)^m.
+"""Friction as a power of the sliding speed: mu = mu_ref (v/v_ref)^m.
 
 >>> from types import SimpleNamespace as N
 >>> [law] = FrictionSpeed().heat(None, None)
@@ -14,7 +14,7 @@ MIN_FRICTION_SPEED_M_S = 1e-4  # m/s: friction at rest is that of creep
 
 
 class FrictionSpeed(Effect):
-    """Power law of the friction coefficient in the sliding speed, held below a creep of 0.1 mm/s."""
+    """Power law of the friction coefficient in the sliding speed, constant below a creep speed of 0.1 mm/s."""
 
     cause = "friction depends on the sliding speed"
     source = "adhesive friction exp(-0.1 log10(v/(6 mm/s))^2): m = -0.1 at 0.1 m/s, -0.2 at 1 m/s; viscoelastic: > 0"

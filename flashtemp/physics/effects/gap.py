@@ -1,4 +1,4 @@
-"""Between the spots the rubber may lose heat across the gap.
+"""Heat loss of the rubber across the gap between the spots, by a heat-transfer coefficient.
 
 >>> from types import SimpleNamespace as N
 >>> [patch] = Gap().heat(None, N(gap_coefficient=10.0))
@@ -12,7 +12,7 @@ from flashtemp.physics.effect import Effect, Heat, Param
 
 
 class Gap(Effect):
-    """Loss (1 - phi) h_gap (T - T_air) of the block's face outside the spots, eq. (9)."""
+    """Loss (1 - phi) h_gap (T - T_air) of the block's face outside the spots; theory.md, eq. (9)."""
 
     cause = "heat crosses the gap between the spots"
     source = "theory 1.3, h_gap 0-10 W/m2K"

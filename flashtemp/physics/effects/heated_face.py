@@ -1,4 +1,4 @@
-"""A heater shines on the face of a block that nothing touches: absorbed there, or partly in depth as exp(-z/depth).
+"""A heater irradiates the face of a block without contact; heat is absorbed there, or partly as exp(-z/depth).
 
 >>> from types import SimpleNamespace as N
 >>> _, on_face, inside = HeatedFace().heat(None, None)
@@ -18,7 +18,7 @@ from flashtemp.physics.tables.wanted import PLACE_X, RELATIVE_VALUE, TIME
 
 
 class HeatedFace(Effect):
-    """Irradiance over time and place; what the face radiates itself is `radiation.face`."""
+    """Irradiance over time and place; the radiation of the face itself is `radiation.face`."""
 
     cause = "a heater shines on the face of the block"
     source = "Beer-Lambert law; course and profile of the heater from its own calibration"
@@ -26,22 +26,29 @@ class HeatedFace(Effect):
     needs = "a block that nothing touches: schedule.alone, or lifted waits"
 
     irradiance = Param(5e4, "W/m2", "irradiance of the face", low=0.0, high=1e8, off=0.0)
-    absorptivity = Param(0.95, "1", "share of it that is absorbed", low=0.0, high=1.0)
-    in_depth = Param(0.0, "1", "share of what is absorbed that enters and decays", low=0.0, high=1.0)
-    depth = Param(1e-3, "m", "depth over which that decays by e", low=1e-7, high=1.0)
-    film = Param(0.0, "W/m2K", "film of gas on the face, besides ambient.convection", low=0.0, high=1e4, off=0.0)
+    absorptivity = Param(0.95, "1", "fraction of it that is absorbed", low=0.0, high=1.0)
+    in_depth = Param(0.0, "1", "fraction of the absorbed heat that is released in depth", low=0.0, high=1.0)
+    depth = Param(1e-3, "m", "e-folding depth of that heat", low=1e-7, high=1.0)
+    film = Param(
+        0.0,
+        "W/m2K",
+        "heat-transfer coefficient of gas on the face, besides ambient.convection",
+        low=0.0,
+        high=1e4,
+        off=0.0,
+    )
     course = Param(None, "s, 1", "time against relative irradiance: CSV file or rows", kinds=("text", "table"))
     place = Param(None, "m, 1", "x against relative irradiance: CSV file or rows", kinds=("text", "table"))
 
     @classmethod
     def prepare(cls, values, folder):
-        """Read the tables; those not given are 1."""
+        """Read the tables; a missing one is 1."""
         for key, along in (("course", TIME), ("place", PLACE_X)):
             values[key] = _read_curve(values[key], folder, f"heated_face.{key}", along)
         return values
 
     def heat(self, scene, p):
-        """Flux at the face, and exact means over cells of what decays; nothing is lost beyond the holder."""
+        """Flux at the face, and heat in depth as exact means over cells, normalised to the height of the block."""
 
         def absorbed_flux(now, p):
             on = 0.0 if now.touching else p.absorptivity * p.irradiance
@@ -61,7 +68,7 @@ class HeatedFace(Effect):
 
 
 def _read_curve(given, folder, key, along):
-    """Curve of a table, 1 where none is given."""
+    """Curve of a table, the constant 1 without a table."""
     if given is None:
         return lambda at: 1.0
     at, y = read_xy_pairs(given, folder, key, low=0.0, columns=(along, RELATIVE_VALUE))

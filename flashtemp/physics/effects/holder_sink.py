@@ -1,4 +1,4 @@
-"""The holder takes heat from the back of the block.
+"""Heat loss from the back of the block into its holder.
 
 >>> from types import SimpleNamespace as N
 >>> [film] = HolderSink().heat(None, None)
@@ -13,7 +13,7 @@ from flashtemp.physics.quantities import KELVIN
 
 
 class HolderSink(Effect):
-    """Contact of the block's back with a holder at fixed temperature; 'inf' holds it isothermal."""
+    """Contact of the block's back with a holder at fixed temperature; 'inf' makes the back isothermal."""
 
     cause = "the holder carries heat away"
     source = "theory 1.3: insulated, isothermal or a coefficient"
@@ -24,7 +24,7 @@ class HolderSink(Effect):
     temperature = Param(None, "degC", "temperature of the holder; ambient if not given", low=-60.0, high=300.0)
 
     def heat(self, scene, p):
-        """Film at the back."""
+        """Heat transfer at the back."""
 
         def holder_temperature(now, p):
             return now.ambient if p.temperature is None else p.temperature + KELVIN

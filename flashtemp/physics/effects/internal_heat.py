@@ -1,4 +1,4 @@
-"""Shaken as it slides, the rubber warms through its whole height: q''' = loss p v/H.
+"""Hysteresis heat through the whole height of the vibrating rubber: q''' = loss p v/H.
 
 >>> from types import SimpleNamespace as N
 >>> [law] = InternalHeat().heat(N(height=0.01), None)
@@ -12,10 +12,9 @@ from flashtemp.physics.effect import Effect, Heat, Param
 
 
 class InternalHeat(Effect):
-    """Hysteresis heat, uniform in the block, beside the heat mu p v of the contact; booked as friction heat.
+    """Hysteresis heat, uniform in the block, in addition to the heat mu p v of the contact; counted as friction heat.
 
-    The drive pays for it like an addition of `loss` to the friction coefficient, but none of it is
-    released at the contact.
+    The drive supplies it as if `loss` were added to the friction coefficient; none of it is released at the contact.
     """
 
     cause = "hysteresis warms the rubber through its whole height"

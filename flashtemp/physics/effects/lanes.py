@@ -1,12 +1,12 @@
-"""Heat spreads sideways out of the lane that a spot draws on the road.
+"""Heat spreads sideways out of a lane, the heated track of a spot on the road.
 
-A lane of discs moved sideways by a distance r covers the share h(r/diameter) of itself again.  With equal conduction
-in all directions heat that has gone r deep has gone r sideways too, so that the lane's surface rise is the mean
-slope of its column's rise T, weighted with that share (docs/explanation/theory.md):
+A lane of discs shifted sideways by a distance r overlaps itself by the fraction h(r/diameter).  With isotropic
+conduction, heat that has reached the depth r has also moved r sideways.  The surface temperature rise of the lane is
+therefore the integral of the slope of its column's rise T, weighted with that fraction (theory.md, section 1.6):
 
     T_lane = -int_0^inf c(r) dT/dr dr,       c(r) = max(h(r/diameter), phi)
 
-whatever the road received, and when.
+for any history of the flux into the road.
 
 >>> from types import SimpleNamespace as N
 >>> [factor] = Lanes().heat(N(spot_diameter=3e-3), None)
@@ -24,7 +24,7 @@ from flashtemp.physics.friction.heat_kernels import disc_overlap
 
 
 class Lanes(Effect):
-    """Lane-mean temperature rise falls below that of a 1D column as the lane widens (eq. (15b), V23)."""
+    """The mean temperature rise of a lane falls below that of a 1D column as the lane widens (eq. (15b), V23)."""
 
     cause = "lanes on the road widen by conduction sideways"
     source = "theory 1.6 eq. (15b) and V23 for any flux; a lane never falls below the mean of the road"
@@ -35,7 +35,7 @@ class Lanes(Effect):
     lane_widening = Param(1.0, "1", "strength of the widening of the lanes", low=0.0, high=1.0, off=0.0)
 
     def heat(self, scene, p):
-        """What a lane shifted sideways by a distance still covers of itself."""
+        """Overlap of a lane with itself after a sideways shift by a distance."""
         D = scene.spot_diameter
 
         def law(T, now, p, apart):

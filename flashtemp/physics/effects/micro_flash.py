@@ -1,7 +1,7 @@
-"""Micro-contacts inside the spots are hotter than their spot: they alone touch, and all heat passes through them.
+"""Micro-contacts inside a spot are hotter than the spot: only they touch, and all heat passes through them.
 
-Discs of diameter d cover a share s of a spot.  Rubber flows past them, the road's tops stand still under them.  Mean
-rise of an evenly heated disc, per flux into that body and per spot area, with Pe = v d/(4 D) of the rubber:
+Discs of diameter d cover a fraction s of a spot.  They slide over the rubber and rest on the road.  Mean temperature
+rise of a uniformly heated disc, per flux into that body and per spot area, with Pe = v d/(4 D) of the rubber:
 
     r_R = (1 - s)/s 1.22 (d/2)/(k_R sqrt(pi (0.6575 + Pe)))
     r_S = (1 - 1.3049 e + 0.2461 e^3 + 0.0539 e^5)/s 4 d/(3 pi k_S),    e = sqrt(s)
@@ -24,7 +24,7 @@ from flashtemp.physics.effect import Effect, Param, Term
 
 
 class MicroFlash(Effect):
-    """Excess of the temperature of micro-contacts over the mean of their spot, and how they hold heat up."""
+    """Temperature excess of micro-contacts above the mean of their spot, and their resistance to heat flow."""
 
     cause = "the real contact inside the spots is hotter than the spots"
     source = (
@@ -35,12 +35,12 @@ class MicroFlash(Effect):
     alike = "interface_resistance"
     candidate = True
 
-    strength = Param(1.0, "1", "factor on the rise of the micro-contacts", low=0.0, high=3.0, off=0.0)
+    strength = Param(1.0, "1", "factor on the temperature rise of the micro-contacts", low=0.0, high=3.0, off=0.0)
     contact_size = Param(1e-5, "m", "diameter of a micro-contact", low=1e-8, high=1e-3)
-    contact_share = Param(0.05, "1", "share of a spot that micro-contacts cover", low=1e-3, high=0.5)
+    contact_share = Param(0.05, "1", "fraction of a spot that micro-contacts cover", low=1e-3, high=0.5)
 
     def heat(self, scene, p):
-        """Rise of the micro-contacts over the flux into the rubber, and the road's resistance, m2 K/W."""
+        """Temperature rise of the micro-contacts over the flux into the rubber, and the road's resistance, m2 K/W."""
         rubber, d, s = scene.block, p.contact_size, p.contact_share
         e = np.sqrt(s)
         alone = 4.0 * d / (3.0 * np.pi * scene.road.conductivity)

@@ -1,4 +1,4 @@
-"""A source moves over the face of a block that nothing touches: a line, or both arcs of a round tool's rim.
+"""A heat source moves over the face of a block without contact: a line, or both arcs of a round tool's rim.
 
 >>> from types import SimpleNamespace as N
 >>> arcs, _ = MovingSource().heat(N(width=0.01), None)
@@ -30,11 +30,11 @@ class MovingSource(Effect):
 
     strength = Param(1e3, "W/m", "heat into the face per metre across, of the leading arc", low=0.0, high=1e7, off=0.0)
     speed = Param(2e-3, "m/s", "speed along x", low=0.0, open_low=True, high=100.0)
-    enters = Param(0.0, "s", "time at which it comes over the edge x = 0", low=-1e7, high=1e7)
+    enters = Param(0.0, "s", "time at which it passes the edge x = 0", low=-1e7, high=1e7)
     width = Param(2e-3, "m", "standard deviation along x", low=0.0, open_low=True, high=1.0)
     radius = Param(inf, "m", "radius of a round tool, whose rim heats; 'inf': a straight line", low=0.0, open_low=True)
     axis = Param(0.0, "m", "y of the tool's axis from the centre line", low=-10.0, high=10.0)
-    back = Param(0.0, "1", "strength of a round tool's trailing arc over that of its leading one", low=0.0, high=100.0)
+    back = Param(0.0, "1", "strength of a round tool's trailing arc relative to the leading arc", low=0.0, high=100.0)
     back_width = Param(
         None, "m", "standard deviation of the trailing arc; `width` if not given", low=0.0, open_low=True
     )
@@ -42,41 +42,43 @@ class MovingSource(Effect):
     back_tilt = Param(0.0, "1", "growth of the trailing arc likewise", low=-1.5, high=1.5)
     edges = Param(0.0, "1", "growth of both arcs towards both side walls, as y squared", low=-1.5, high=3.0)
     chips = Param(
-        0.0, "1", "strength of what is thrown ahead, evenly across, over that of the leading arc", low=0.0, high=10.0
+        0.0, "1", "heat of chips thrown ahead, uniform across, relative to the leading arc", low=0.0, high=10.0
     )
-    chips_ahead = Param(0.02, "m", "how far ahead of the tool's tip that falls, in the mean", low=-1.0, high=1.0)
-    chips_width = Param(0.01, "m", "standard deviation along x of where it falls", low=0.0, open_low=True, high=1.0)
-    chips_rise = Param(0.0, "s", "time constant in which it heaps up, from `enters` on", low=0.0, high=1e6)
-    chips_tilt = Param(0.0, "1", "growth of it over half the width, towards y > 0", low=-1.5, high=1.5)
-    bite = Param(0.0, "1", "strength of the leading arc as it comes in beyond what it is later", low=0.0, high=100.0)
-    bite_length = Param(1e-3, "m", "travel over which that fades", low=0.0, open_low=True, high=1.0)
-    bite_tilt = Param(0.0, "1", "growth of it over half the width, towards y > 0", low=-1.5, high=1.5)
+    chips_ahead = Param(0.02, "m", "mean distance ahead of the tool's tip at which chips fall", low=-1.0, high=1.0)
+    chips_width = Param(0.01, "m", "standard deviation along x of where chips fall", low=0.0, open_low=True, high=1.0)
+    chips_rise = Param(0.0, "s", "time constant of the build-up of chips, from `enters` on", low=0.0, high=1e6)
+    chips_tilt = Param(0.0, "1", "growth of the chips' heat over half the width, towards y > 0", low=-1.5, high=1.5)
+    bite = Param(
+        0.0, "1", "extra strength of the leading arc on entry, relative to its later strength", low=0.0, high=100.0
+    )
+    bite_length = Param(1e-3, "m", "travel over which the extra strength decays by e", low=0.0, open_low=True, high=1.0)
+    bite_tilt = Param(0.0, "1", "growth of the extra strength over half the width, towards y > 0", low=-1.5, high=1.5)
 
     def heat(self, scene, p):
-        """Flux at the face; steps of the integrator no longer than the source takes for its own width."""
+        """Flux at the face; time steps are at most the time in which the source moves by its own width."""
 
         def law(T, now, p):
             if now.touching:
                 return 0.0 * T
-            been = now.t - p.enters
-            tip = now.x - p.speed * been
+            since_entry = now.t - p.enters
+            tip = now.x - p.speed * since_entry
             e = 2.0 * now.y / scene.width
-            even = 1.0 + p.edges * (e * e - 1.0 / 3.0)  # of mean 1, as are both arcs
+            even = 1.0 + p.edges * (e * e - 1.0 / 3.0)  # its mean over the width is 1, as for both arcs
             bend = (
                 p.radius - np.sqrt(np.maximum(p.radius**2 - (now.y - p.axis) ** 2, 0.0)) if isfinite(p.radius) else 0.0
             )
             shape = (even + p.tilt * e) * _gaussian_density(tip + bend, p.width)
             if p.bite:
                 shape = shape * (
-                    1.0 + p.bite * (1.0 + p.bite_tilt * e) * _exponential_decay(p.speed * been, p.bite_length)
+                    1.0 + p.bite * (1.0 + p.bite_tilt * e) * _exponential_decay(p.speed * since_entry, p.bite_length)
                 )
             if isfinite(p.radius):
                 behind = _gaussian_density(tip + 2.0 * p.radius - bend, p.back_width or p.width)
                 shape = shape + p.back * (even + p.back_tilt * e) * behind
             if p.chips:
-                heaped = 1.0 - _exponential_decay(been, p.chips_rise) if p.chips_rise else 1.0
-                fallen = (1.0 + p.chips_tilt * e) * _gaussian_density(tip - p.chips_ahead, p.chips_width)
-                shape = shape + p.chips * heaped * fallen
+                build_up = 1.0 - _exponential_decay(since_entry, p.chips_rise) if p.chips_rise else 1.0
+                density = (1.0 + p.chips_tilt * e) * _gaussian_density(tip - p.chips_ahead, p.chips_width)
+                shape = shape + p.chips * build_up * density
             return p.strength * shape + 0.0 * T
 
         def step_rate(T, now, p):
@@ -93,5 +95,5 @@ def _gaussian_density(x, width):
 
 
 def _exponential_decay(since, scale):
-    """1 until something begins, then exp(-since / scale)."""
+    """1 for since < 0, then exp(-since / scale)."""
     return np.exp(-max(since, 0.0) / scale)

@@ -14,11 +14,11 @@ from flashtemp.errors import BadInput
 from flashtemp.physics.effect import Deposit, Effect, Factor, Param
 from flashtemp.physics.friction import friction_table, theory_inputs
 
-MIN_DEPOSIT_DEPTH_M = 4e-6  # m: viscoelastic heat nearer to the contact counts as released in it
+MIN_DEPOSIT_DEPTH_M = 4e-6  # m: viscoelastic heat at smaller depths counts as released at the contact
 
 
 class PerssonFriction(Effect):
-    """mu(v, T, p) of viscoelastic loss on all scales of the roughness and of shear in the real contact."""
+    """mu(v, T, p) from viscoelastic loss on all length scales of the roughness and shear of the real contact area."""
 
     cause = "friction follows from roughness, viscoelastic modulus and real contact"
     source = "Persson 2001, 2006; theory 2.1-2.6 eqs. (16)-(17)"
@@ -26,7 +26,7 @@ class PerssonFriction(Effect):
     steady = True
 
     weight = Param(1.0, "1", "1 friction by theory times friction.mu; 0 friction.mu alone", low=0.0, high=1.0, off=0.0)
-    rubber = Param("A", "1", "name of a ready rubber; master_curve takes its place", kinds=("name",))
+    rubber = Param("A", "1", "name of a built-in rubber; master_curve replaces it", kinds=("name",))
     master_curve = Param(
         None, "rad/s, Pa, Pa", "frequency, storage, loss modulus: CSV file, rows or a law", kinds=("text", "table")
     )
@@ -34,33 +34,33 @@ class PerssonFriction(Effect):
     reference = Param(20.0, "degC", "temperature at which master_curve and wlf hold", low=-150.0, high=200.0)
     shift = Param(None, "degC, 1", "temperature and log10 a_T, instead of wlf: file or rows", kinds=("text", "table"))
     poisson = Param(0.5, "1", "Poisson's ratio", low=0.0, high=0.5)
-    road = Param("asphalt A", "1", "name of a ready road; spectrum takes its place", kinds=("name",))
+    road = Param("asphalt A", "1", "name of a built-in road; spectrum replaces it", kinds=("name",))
     spectrum = Param(None, "1/m, m4", "wavenumber and spectrum C(q): CSV file, rows, or a law", kinds=("text", "table"))
     lowest = Param(None, "1/m", "lowest wavenumber; the first of the spectrum if not given", low=1e-2, high=1e9)
     highest = Param(None, "1/m", "highest wavenumber; where rms_slope is reached if not given", low=1.0, high=1e11)
     rms_slope = Param(1.3, "1", "rms slope at which the spectrum ends", low=1e-3, high=10.0)
-    gamma = Param(0.5, "1", "share of the loss that partial contact keeps, S = g + (1-g) P^2", low=0.0, high=1.0)
+    gamma = Param(0.5, "1", "fraction of the loss kept in partial contact, S = g + (1-g) P^2", low=0.0, high=1.0)
     shear_stress = Param(4e6, "Pa", "highest shear stress of the real contact, 0 without it", low=0.0, high=1e9)
     shear_width = Param(0.1, "1", "width c of its bell over log10 speed", low=0.0, high=10.0)
     shear_speed = Param(6e-3, "m/s", "speed of its maximum at 20 degC", low=1e-12, high=1e3)
     activation = Param(1.0, "eV", "activation energy of its shift with temperature", low=0.0, high=5.0)
     spots = Param("given", "1", 'contact fraction: "given", or "theory": P(2 pi/diameter) at the face', kinds=("name",))
-    in_depth = Param(True, "1", "release the viscoelastic heat where the theory says", kinds=("flag",))
-    extrapolate = Param(True, "1", "false: refuse where friction comes from beyond the measured range", kinds=("flag",))
+    in_depth = Param(True, "1", "release the viscoelastic heat at the depths of the theory", kinds=("flag",))
+    extrapolate = Param(True, "1", "false: stop where friction comes from beyond the measured range", kinds=("flag",))
     saturation = Param(True, "1", "false: area in contact proportional to load without bound", kinds=("flag",))
-    payne_rest = Param(1.0, "1", "share of the modulus left at large strain (filled rubber)", low=0.05, high=1.0)
-    payne_strain = Param(0.05, "1", "strain at which half of that fall has happened", low=1e-6, high=10.0)
+    payne_rest = Param(1.0, "1", "fraction of the modulus left at large strain (filled rubber)", low=0.05, high=1.0)
+    payne_strain = Param(0.05, "1", "strain at which half of that decrease is reached", low=1e-6, high=10.0)
     payne_loss_peak = Param(
-        None, "1", "loss at payne_strain over that at small strain; as storage if not given", low=0.05, high=10.0
+        None, "1", "loss at payne_strain over loss at small strain; as storage if not given", low=0.05, high=10.0
     )
-    payne_loss_rest = Param(1.0, "1", "the same at large strain, beside payne_loss_peak", low=0.05, high=1.0)
+    payne_loss_rest = Param(1.0, "1", "the same at large strain, used with payne_loss_peak", low=0.05, high=1.0)
     flattened = Param(1.0, "1", "factor on heights above the mean plane: skewness of the road", low=0.05, high=1.0)
-    skewness_cutoff = Param(1e-3, "m", "shortest wave that is flattened so; 0 all waves", low=0.0, high=10.0)
+    skewness_cutoff = Param(1e-3, "m", "shortest wave that is flattened; 0: all waves", low=0.0, high=10.0)
     work_of_adhesion = Param(0.0, "J/m2", "work of adhesion that pulls rubber into contact", low=0.0, high=10.0)
 
     @classmethod
     def prepare(cls, values, folder):
-        """Read curves and spectra into one theory."""
+        """Build the theory from curves and spectra."""
         if values["spots"] not in ("given", "theory"):
             raise BadInput(f'persson_friction.spots: {values["spots"]!r}; give "given" or "theory"')
         values["theory"] = theory_inputs.build_theory(values, folder, "persson_friction")
@@ -71,24 +71,23 @@ class PerssonFriction(Effect):
         """Factor on friction.mu, on the contact fraction, and deposits in depth."""
         if p.weight == 0:
             return
-        look = friction_table.TableLookup(lambda: _tabulate_scene(scene, p))
+        # the table takes seconds: built at the first lookup, since heat() is also called for checks alone
+        lookup = friction_table.TableLookup(lambda: _tabulate_scene(scene, p))
         fastest = p.theory, scene.speeds[1], scene.ambient, scene.load, MIN_DEPOSIT_DEPTH_M
         depths = theory_inputs.heat_deposits(*fastest) if p.in_depth else []
         inside = sum(share for share, _ in depths)
 
         def friction_factor(T, now, p):
-            return 1.0 + p.weight * (look(T, now)[0] - 1.0)
+            return 1.0 + p.weight * (lookup(T, now)[0] - 1.0)
 
         def in_depth_factor(T, now, p):
-            mu, deep = look(T, now)
+            mu, deep = lookup(T, now)
             return 1.0 + p.weight * (deep / mu / inside - 1.0)
 
         def spot_fraction_factor(T, now, p):
-            v, face = (
-                max(now.last_speed, friction_table.MIN_TABLE_SPEED_M_S),
-                scene.ambient if now.face is None else now.face,
-            )
-            lifted = np.real(now.base) <= 0.0  # 0/0: nothing touches there by either law
+            v = max(now.last_speed, friction_table.MIN_TABLE_SPEED_M_S)
+            face = scene.ambient if now.face is None else now.face
+            lifted = np.real(now.base) <= 0.0  # no contact by either law: avoid 0/0
             ratio = covering(v, now.local_pressure, face) / np.where(lifted, 1.0, now.base)
             return np.where(lifted, 1.0, 1.0 + p.weight * (ratio - 1.0))
 
@@ -102,19 +101,19 @@ class PerssonFriction(Effect):
         if depths:
             yield Factor("friction.in_depth", in_depth_factor)
         if not p.extrapolate and (
-            said := theory_inputs.describe_extrapolation(p.theory, scene.speeds, scene.ambient, scene.load)
+            warnings := theory_inputs.describe_extrapolation(p.theory, scene.speeds, scene.ambient, scene.load)
         ):
-            raise BadInput(f"persson_friction.extrapolate: false, but {said[0]}; measure further, or allow it")
+            raise BadInput(f"persson_friction.extrapolate: false, but {warnings[0]}; measure further, or allow it")
 
     def remarks(self, scene, p, run=None):
-        """Friction from beyond what was measured or tabulated, and keys that have no say."""
-        said = theory_inputs.describe_extrapolation(p.theory, scene.speeds, scene.ambient, scene.load) + p.assumed
+        """Friction from beyond the measured or tabulated range, and keys without effect."""
+        warnings = theory_inputs.describe_extrapolation(p.theory, scene.speeds, scene.ambient, scene.load) + p.assumed
         if p.weight > 0 and run is not None:
-            said += _tabulate_scene(scene, p).describe_excursions(run, p.theory.rubber.shift.valid_range)
-        return said
+            warnings += _tabulate_scene(scene, p).describe_excursions(run, p.theory.rubber.shift.valid_range)
+        return warnings
 
     def leave(self, scene, p, folder):
-        """The table of friction, which a repeated run takes up again."""
+        """Save the friction table, which a repeated run reads again."""
         if p.weight > 0:
             _tabulate_scene(scene, p).save(folder)
 

@@ -1,4 +1,4 @@
-"""The pressed block bulges, and carries more in its middle than at its ends: p = p_mean [1 + c (1 - 3 (2x/L - 1)^2)].
+"""Pressure of a bulging block, highest in its middle: p = p_mean [1 + c (1 - 3 (2x/L - 1)^2)].
 
 >>> from types import SimpleNamespace as N
 >>> [law] = PressureCrown().heat(N(length=0.02), None)
@@ -23,5 +23,5 @@ class PressureCrown(Effect):
     c = Param(0.2, "1", "relative excess of pressure in the middle", low=-1.0, high=0.5, off=0.0)
 
     def heat(self, scene, p):
-        """Adds to local over mean pressure; the mean over the block is zero."""
+        """Adds to the ratio of local to mean pressure; the mean over the block is zero."""
         yield Term("contact.pressure", lambda T, now, p: p.c * (1.0 - 3.0 * (2.0 * now.x / scene.length - 1.0) ** 2))

@@ -1,4 +1,4 @@
-"""A given profile of nominal pressure, from a pressure-sensitive foil or a mechanical model.
+"""Prescribed profile of nominal pressure, from a pressure-sensitive film or a mechanical model.
 
 >>> from types import SimpleNamespace as N
 >>> [law] = PressureProfile().heat(None, None)
@@ -18,7 +18,7 @@ from flashtemp.physics.tables.wanted import PLACE_X, PLACE_Y, RELATIVE_PRESSURE
 
 
 class PressureProfile(Effect):
-    """Local nominal pressure proportional to a table of x, of y (3D) or of both; the mean load is kept."""
+    """Local nominal pressure proportional to a table over x, y (3D) or both; the mean load is unchanged."""
 
     cause = "the nominal contact pressure follows a measured profile"
     source = "the table's own source"
@@ -35,7 +35,7 @@ class PressureProfile(Effect):
 
     @classmethod
     def prepare(cls, values, folder):
-        """Read the tables; those not given are 1."""
+        """Read the tables; a missing one is 1."""
         if all(values[k] is None for k in ("profile", "across", "map")):
             raise BadInput("pressure_profile.profile: missing; give rows of [x in m, relative pressure] or a CSV file")
         for key in ("profile", "across"):
@@ -44,7 +44,7 @@ class PressureProfile(Effect):
         return values
 
     def heat(self, scene, p):
-        """Multiplies local over mean pressure."""
+        """Multiplies the ratio of local to mean pressure."""
 
         def law(T, now, p):
             return 1.0 + p.weight * (p.profile(now.x) * p.across(now.y) * p.map(now.x, now.y) - 1.0)
@@ -53,7 +53,7 @@ class PressureProfile(Effect):
 
 
 def _read_curve(given, folder, key, axis):
-    """Curve of a table, 1 where none is given."""
+    """Curve of a table, the constant 1 without a table."""
     if given is None:
         return lambda at: 1.0
     place = PLACE_X if axis == "x" else PLACE_Y
@@ -67,7 +67,7 @@ def _read_curve(given, folder, key, axis):
 
 
 def _read_map(given, folder, key):
-    """Bilinear map of a table of x and y, its edges held outside; 1 where none is given."""
+    """Bilinear map of a table over x and y, constant beyond its edges; 1 without a table."""
     if given is None:
         return lambda x, y: 1.0
     table = read_surface(given, folder, key, (PLACE_X, PLACE_Y, RELATIVE_PRESSURE))

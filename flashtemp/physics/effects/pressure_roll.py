@@ -1,4 +1,4 @@
-"""The block leans to one side: p = p_mean [1 + a 2y/W].
+"""Pressure tilted across the block, which leans to one side: p = p_mean [1 + a 2y/W].
 
 >>> from types import SimpleNamespace as N
 >>> [law] = PressureRoll().heat(N(width=0.05, resolved=True), None)
@@ -24,6 +24,6 @@ class PressureRoll(Effect):
     a = Param(0.5, "1", "relative excess of pressure at the side y = W/2", low=-1.0, high=1.0, off=0.0)
 
     def heat(self, scene, p):
-        """Adds to local over mean pressure; nothing in 2D, where the width is one cell."""
+        """Adds to the ratio of local to mean pressure; nothing in 2D, where the width is one cell."""
         if scene.resolved:
             yield Term("contact.pressure", lambda T, now, p: p.a * 2.0 * now.y / scene.width)

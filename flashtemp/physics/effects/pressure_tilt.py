@@ -1,4 +1,4 @@
-"""A pitching moment tilts the nominal pressure: p = p_mean [1 + a (1 - 2x/L)].
+"""Nominal pressure tilted along the block by a pitching moment: p = p_mean [1 + a (1 - 2x/L)].
 
 >>> from types import SimpleNamespace as N
 >>> [law] = PressureTilt().heat(N(length=0.02), None)
@@ -30,5 +30,5 @@ class PressureTilt(Effect):
     )
 
     def heat(self, scene, p):
-        """Adds to local over mean pressure."""
+        """Adds to the ratio of local to mean pressure."""
         yield Term("contact.pressure", lambda T, now, p: p.a * (1.0 - 2.0 * now.x / scene.length))

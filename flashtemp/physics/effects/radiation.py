@@ -1,4 +1,4 @@
-"""Warm walls and the warm road radiate to the surroundings: eps sigma (T_air^4 - T^4).
+"""Radiation of warm walls and of the warm road to the surroundings: eps sigma (T_air^4 - T^4).
 
 >>> from types import SimpleNamespace as N
 >>> leading, *_, back = Radiation().heat(None, None)
@@ -29,13 +29,13 @@ class Radiation(Effect):
     )  # fmt: skip
 
     face = Param(
-        0.0, "1", "emissivity of the face while nothing touches it, at any temperature", low=0.0, high=1.0, off=0.0
+        0.0, "1", "emissivity of the face while it is not in contact, at any temperature", low=0.0, high=1.0, off=0.0
     )
 
     back = Param(0.0, "1", "emissivity of the back, opposite to the face", low=0.0, high=1.0, off=0.0)
 
     def heat(self, scene, p):
-        """Fluxes through all walls, the free road, the face while nothing touches it, and the back."""
+        """Fluxes through all walls, the free road, the face while it is not in contact, and the back."""
 
         def law(T, now, p):
             return p.emissivity * STEFAN_BOLTZMANN_W_M2K4 * (now.ambient**4 - T**4)

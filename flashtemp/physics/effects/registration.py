@@ -1,4 +1,4 @@
-"""The image is not where the recording says: its origin is off by a fraction of a pixel.
+"""Shift of the image by a fraction of a pixel against the origin stated in the recording.
 
 >>> from types import SimpleNamespace as N
 >>> along, up = Registration().see(None)
@@ -12,7 +12,7 @@ from flashtemp.physics.effect import Effect, Param, Term
 
 
 class Registration(Effect):
-    """Shift of the whole image against block and road."""
+    """Shift of the whole image relative to block and road."""
 
     cause = "the image is shifted"
     source = "marked points good to 0.3 px leave 0.15-0.35 px"

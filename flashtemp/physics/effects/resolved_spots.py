@@ -1,4 +1,4 @@
-"""The macroasperity spots themselves, fixed in the road and moving through the contact (Level R).
+"""Resolved macroasperity spots, fixed on the road and moving through the contact (Level R; theory.md, section 1.3).
 
 >>> from types import SimpleNamespace as N
 >>> scene = N(spot_diameter=3e-3, spot_fraction=0.2, width=0.05)
@@ -22,7 +22,7 @@ STEPS_PER_DIAMETER = 12.0  # at least, while the road moves by a diameter
 
 
 class ResolvedSpots(Effect):
-    """Contact only where spots of the road are at the moment, each heated by its share of the load."""
+    """Contact only at the current positions of the road's spots, each heated by its part of the load."""
 
     cause = "each macroasperity spot heats rubber and road by itself"
     source = "theory 1.3 eqs. (1)-(7)"
@@ -30,8 +30,8 @@ class ResolvedSpots(Effect):
 
     weight = Param(1.0, "1", "1: spots resolved; 0: averaged over their passage", low=0.0, high=1.0, off=0.0)
     pattern = Param("random", "1", 'arrangement of the spots: "random", "regular" or "stripes"', kinds=("name",))
-    repeat = Param(0.05, "m", "length of road after which the pattern repeats, about", low=1e-3, high=10.0)
-    seed = Param(1, "1", "number from which a random pattern is drawn", low=0, high=1e9, kinds=("whole",))
+    repeat = Param(0.05, "m", "approximate length of road after which the pattern repeats", low=1e-3, high=10.0)
+    seed = Param(1, "1", "seed of a random pattern", low=0, high=1e9, kinds=("whole",))
     contact_map = Param(
         None, "1", "contact map of a topography (flashtemp spots) instead of a pattern", kinds=("text",)
     )
@@ -46,10 +46,10 @@ class ResolvedSpots(Effect):
         return values
 
     def heat(self, scene, p):
-        """Covered share between edges along x, and the longest step that follows the spots."""
+        """Covered fraction between edges along x, and the largest time step that follows the spots."""
         D, phi = scene.spot_diameter, scene.spot_fraction
 
-        @cache
+        @cache  # placed at the first evaluation: heat() is called before the mesh exists
         def lay_spots():
             if -1 in scene.schedule.directions:
                 raise BadInput("schedule.speed: resolved_spots follows its spots forward only; give a speed > 0")

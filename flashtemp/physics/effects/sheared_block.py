@@ -12,7 +12,7 @@ from flashtemp.physics.effect import Effect, Param, Term
 
 
 class ShearedBlock(Effect):
-    """The friction traction mu p pulls the face of the elastic block along, which presses its leading edge."""
+    """The friction traction mu p shears the elastic block, which raises the pressure at its leading edge."""
 
     cause = "friction shears the block, which presses its leading edge"
     source = "elastic block bonded to its holder, theory 7.1; for tall blocks 3 mu H/L (1 - 2x/L), beam theory"
@@ -21,8 +21,8 @@ class ShearedBlock(Effect):
     alike = "edge_pressure"
     candidate = True
 
-    strength = Param(1.0, "1", "share of the friction that shears the block", low=0.0, high=2.0, off=0.0)
+    strength = Param(1.0, "1", "fraction of the friction that shears the block", low=0.0, high=2.0, off=0.0)
 
     def heat(self, scene, p):
-        """The share of the friction that acts on the shape of the block."""
+        """The fraction of the friction that shears the block; s of eq. (21)."""
         yield Term("contact.shear_traction", lambda T, now, p: p.strength)

@@ -1,4 +1,4 @@
-"""Air dragged past the block cools its walls beyond what convection does, the faster the more: h = gain v^n.
+"""Forced convection on the walls of the block that grows with speed: h = gain v^n.
 
 >>> from types import SimpleNamespace as N
 >>> films = list(SideCooling().heat(None, None))
@@ -12,7 +12,7 @@ from flashtemp.physics.effect import Effect, Heat, Param
 
 
 class SideCooling(Effect):
-    """Forced convection on the walls; in 2D the two side walls act as a fin over the width."""
+    """Forced convection in addition to `convection`; in 2D the two side walls act as a fin over the width."""
 
     cause = "the block's walls lose heat to the air stream"
     source = "flat plate, Nu ~ Re^0.8 where turbulent, Re^0.5 where laminar (Re < 5e5 on a smooth one)"
@@ -23,7 +23,7 @@ class SideCooling(Effect):
     exponent = Param(0.8, "1", "exponent n of the speed", low=0.0, high=1.5, open_low=True, spread=1.3)
 
     def heat(self, scene, p):
-        """Films on leading and trailing wall and on the side walls."""
+        """Heat transfer on the leading, trailing and side walls."""
 
         def film(now, p):
             return p.gain * now.speed**p.exponent

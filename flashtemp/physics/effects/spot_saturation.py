@@ -1,4 +1,4 @@
-"""Contact fraction saturates: phi = s erf(sqrt(pi)/2 phi_0/s), s the largest fraction.
+"""Saturation of the contact fraction: phi = s erf(sqrt(pi)/2 phi_0/s), s the largest fraction.
 
 >>> from types import SimpleNamespace as N
 >>> [law] = SpotSaturation().heat(None, None)
@@ -15,7 +15,7 @@ from flashtemp.physics.effect import Effect, Factor, Param
 
 
 class SpotSaturation(Effect):
-    """Macroasperity contact fraction bends over towards a ceiling as the pressure rises."""
+    """The macroasperity contact fraction approaches an upper limit as the pressure increases."""
 
     cause = "the macroasperity contact fraction saturates with pressure"
     source = "theory 7.4: phi = phi_sat erf((sqrt(pi)/2) (phi_ref/phi_sat) (p/p_ref)^n)"

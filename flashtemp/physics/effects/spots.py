@@ -1,4 +1,4 @@
-"""Macroasperity spots cover a fraction of the nominal area: phi = phi_ref (p/p_ref)^n.
+"""Macroasperity spots cover a fraction of the nominal area: phi = phi_ref (p/p_ref)^n; theory.md, eq. (26).
 
 >>> from types import SimpleNamespace as N
 >>> [law] = Spots().heat(None, None)
@@ -38,8 +38,8 @@ class Spots(Effect):
         def law(T, now, p):
             if p.spot_exponent == 0:
                 return p.spot_fraction
-            pressed = now.local_pressure / p.reference_pressure
-            pressed = np.where(np.real(pressed) > 0.0, pressed, 0.0)  # p^n has no slope where nothing presses
-            return np.minimum(1.0, p.spot_fraction * pressed**p.spot_exponent)
+            ratio = now.local_pressure / p.reference_pressure
+            ratio = np.where(np.real(ratio) > 0.0, ratio, 0.0)  # p^n has no derivative at p = 0
+            return np.minimum(1.0, p.spot_fraction * ratio**p.spot_exponent)
 
         yield Term("contact.spot_fraction", law)

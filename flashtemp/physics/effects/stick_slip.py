@@ -1,4 +1,4 @@
-"""Stick-slip of the macroasperities modulates friction in time.
+"""Stick-slip of the macroasperities: friction oscillates with the slid distance.
 
 >>> from types import SimpleNamespace as N
 >>> [law] = StickSlip().heat(None, None)

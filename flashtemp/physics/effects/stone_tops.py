@@ -1,11 +1,11 @@
-"""Spots stand on the tops of stones: their effusivity counts, not that of the mix.
+"""Spots on the tops of stones: the road has the effusivity of stone there, not that of the asphalt mix.
 
-Columns side by side whose faces have one temperature take heat in proportion to their effusivity e = sqrt(k rho c)
-whatever the course of that temperature, so that a share a of stone in the spots makes
+Parallel half-spaces with equal surface temperature take heat in proportion to their effusivity e = sqrt(k rho c), for
+any history of that temperature.  A fraction a of stone in the spots therefore gives
 
     e = (1 - a) e_mix + a e_stone
 
-of the road, here by its conductivity, (e/e_mix)^2 times that of the mix.
+for the road.  It is applied to the conductivity, which becomes (e/e_mix)^2 times that of the mix.
 
 >>> from types import SimpleNamespace as N
 >>> from flashtemp.physics.material import LIBRARY
@@ -31,7 +31,9 @@ class StoneTops(Effect):
     tells = ("road and block cooler by one factor at every speed", "friction does not change with it")
     candidate = True
 
-    share = Param(1.0, "1", "share of the spots' area on bare stone, the rest on the mix", low=0.0, high=1.0, off=0.0)
+    share = Param(
+        1.0, "1", "fraction of the spots' area on bare stone, the rest on the mix", low=0.0, high=1.0, off=0.0
+    )
     effusivity = Param(2302.0, "W s^0.5/(m2K)", "effusivity of the stones", low=100.0, high=1e5)
 
     def heat(self, scene, p):

@@ -1,4 +1,4 @@
-"""The block expands where it is hot and presses harder there.
+"""Thermal expansion: the block expands where it is hot, which raises the pressure there.
 
 >>> from types import SimpleNamespace as N
 >>> [law] = ThermalExpansion().heat(None, None)
@@ -12,10 +12,10 @@ from flashtemp.physics.effect import Effect, Param, Term
 
 
 class ThermalExpansion(Effect):
-    """Thermal expansion of the block against its holder and the road; the load is kept.
+    """Thermal expansion of the block between its holder and the road at constant load; T_exp of eq. (21).
 
     The elastic block expands as a whole (Maysel's theorem, `physics.elastic_block`).  On springs (`block.stiffness`)
-    each column swells by itself by (1 + nu)/(1 - nu) times the free strain, which is poor near an edge.
+    each column expands independently by (1 + nu)/(1 - nu) times the free strain, which is inaccurate near an edge.
     """
 
     cause = "the block swells where it is hot, and takes load from where it is cool"

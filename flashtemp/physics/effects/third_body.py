@@ -1,4 +1,4 @@
-"""Debris gathers in the contact from repetition to repetition: resistance = growth (r - 1 + share slid of this one).
+"""Debris layer that grows with every repetition r: resistance = growth (r - 1 + slid fraction of this repetition).
 
 >>> from types import SimpleNamespace as N
 >>> [law] = ThirdBody().heat(N(schedule=N(distance=3.5)), None)

@@ -1,4 +1,4 @@
-"""Switches on that the circular track remembers: road that comes round again is still warm.
+"""Memory of the circular track: road that returns under the block is still warm (theory.md, section 1.5).
 
 >>> from types import SimpleNamespace as N
 >>> [law] = TrackMemory().heat(None, None)
@@ -12,7 +12,7 @@ from flashtemp.physics.effect import Effect, Param, Term
 
 
 class TrackMemory(Effect):
-    """Road entering under the block carries what earlier passes left, spread out and diffused."""
+    """Road that enters under the block carries the temperature rise left by earlier passes, after diffusion."""
 
     cause = "the road still holds heat of earlier passes"
     source = "theory 1.5: about 1-2 K after ten repetitions"
@@ -20,7 +20,7 @@ class TrackMemory(Effect):
     tells = ("whole profile lifted, most at the leading edge", "grows with repetition")
     candidate = True
 
-    strength = Param(1.0, "1", "share of the left heat that comes round", low=0.0, high=1.5, off=0.0)
+    strength = Param(1.0, "1", "fraction of the remaining heat that returns", low=0.0, high=1.5, off=0.0)
 
     def heat(self, scene, p):
         """Adds to the temperature of the entering road."""

@@ -1,8 +1,9 @@
-"""The block wears where it is pressed and rubbed most, and the pressure evens out: dw/ds = k mu p exp(b (T - T_0)).
+"""Wear of the block, which makes the pressure more uniform: dw/ds = k mu p exp(b (T - T_0)); theory.md, eq. (25).
 
-Wear grows with temperature as cracks do: natural rubber's grow four times as fast at 100 degC as at 0 degC (Lake &
-Lindley 1964, J. Appl. Polym. Sci. 8, 707), so b = ln 4/100 K = 0.014/K; those of unfilled SBR 10^4 times as fast,
-0.092/K, of filled treads in between (Mars & Fatemi 2004, Rubber Chem. Technol. 77, 391): 0.005 to 0.05/K.
+Wear is assumed to depend on temperature as crack growth does.  Cracks in natural rubber grow four times as fast at
+100 degC as at 0 degC (Lake & Lindley 1964, J. Appl. Polym. Sci. 8, 707), so b = ln 4/100 K = 0.014/K.  Those in
+unfilled SBR grow 10^4 times as fast, 0.092/K; filled treads lie in between (Mars & Fatemi 2004, Rubber Chem. Technol.
+77, 391): 0.005 to 0.05/K.
 
 >>> from types import SimpleNamespace as N
 >>> rate, worn = Wear().heat(N(ambient=293.15, length=0.025), None)
@@ -34,15 +35,15 @@ class Wear(Effect):
     rate = Param(6e-11, "m2/N", "worn depth per slid distance and pressure", low=0.0, high=1e-7, off=0.0)
     energy = Param(1.0, "1", "1: in proportion to friction energy, k mu p; 0: to pressure, k p", low=0.0, high=1.0)
     temperature = Param(
-        0.0, "1/K", 'exponent b of the rate with the rise in the spots; "literature": 0.014, within a factor of 3',
+        0.0, "1/K", 'exponent b of the rate with the temperature rise in spots; "literature": 0.014 within a factor 3',
         low=-0.1, high=0.1, kinds=("number", "name"),
     )  # fmt: skip
     profile = Param(None, "m, m", "x against worn depth at the start: CSV file or rows", kinds=("text", "table"))
-    turned = Param(False, "1", "the block was turned round after that profile was worn", kinds=("flag",))
+    turned = Param(False, "1", "the block was rotated by 180 degrees after that profile was worn", kinds=("flag",))
 
     @classmethod
     def prepare(cls, values, folder):
-        """Read the profile that the block begins with, and what is meant by a word."""
+        """Read the initial profile of the block, and replace the word "literature" by its value."""
         if isinstance(given := values["temperature"], str):
             if given != "literature":
                 raise BadInput(f'wear.temperature: {given!r}; give a number (1/K) or "literature"')
@@ -58,7 +59,7 @@ class Wear(Effect):
         def rate(T, now, p):
             energy = 1.0 - p.energy + p.energy * now.friction
             power = p.temperature * (T - scene.ambient)
-            power = np.where(np.real(power) > 50.0, 50.0, power)  # a trial of the solver may be far too hot
+            power = np.where(np.real(power) > 50.0, 50.0, power)  # iterates of the solver may be far too hot
             return p.rate * energy * now.local_pressure * np.exp(power)
 
         def worn(T, now, p):

@@ -1,4 +1,4 @@
-"""Shear stress of the real contact: bonds that form, stretch and break by heat and stress.
+"""Frictional shear stress of the real contact area, from thermally activated bonds (theory.md, eq. (18)).
 
 >>> shear = AdhesiveShear(4e6)
 >>> print(f"{float(shear(0.1, 293.15)) / 1e6:.6f} {float(shear(0.1, 333.15)) / 1e6:.6f}")
@@ -18,7 +18,7 @@ BOLTZMANN_EV_K = 8.617333262e-5  # eV/K
 
 @dataclass(frozen=True)
 class AdhesiveShear:
-    """tau_f = `stress` exp(-c [log10(v a/v0)]^2), ln a = (eps/k)(1/T - 1/T_ref); theory 2.3.
+    """tau_f = `stress` exp(-c [log10(v a/v0)]^2), ln a = (eps/k)(1/T - 1/T_ref); theory.md, section 2.3.
 
     `stress` Pa, `width` c, `speed` v0 in m/s at `reference` K, `activation` eps in eV.
     """

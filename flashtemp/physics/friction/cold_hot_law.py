@@ -1,17 +1,20 @@
-"""The cold-hot law: friction that forgets its cold value over a slid distance r0, a part of a spot's diameter.
+"""The cold-hot law: friction changes from its cold to its hot value over a slid distance r0.
 
     mu(v, r) = mu_cold(v) exp(-r/r0) + mu_hot(v) (1 - exp(-r/r0))
 
-with r slid since the rubber came into contact; law (2) of the source, theory 2.8.  Fitted to the kernel theory
+with r the distance slid since the rubber came into contact; law (2) of the source, theory.md, eq. (20).  A fit to the
+kernel theory with spots of diameter D gives
 
-    r0/D = 0.192 e^(1.51 s) (mu_hot/mu_cold)^0.95,    s = e_S/(e_R + e_S), 0 where no road takes heat
+    r0/D = 0.192 e^(1.51 s) (mu_hot/mu_cold)^0.95,    s = e_S/(e_R + e_S), or 0 without heat flow into the road
 
-The flash itself builds up over 0.17 D; friction that it lowers heats less, so that the hot branch is reached sooner,
-and a road that warms under the spot makes it later.  Speed, diameter, diffusivity and the rubber's temperature slope
-act through mu_hot/mu_cold; beside it the Peclet number v D/D_R has an exponent of -0.002 (friction.md, eq. (20b)).
+The flash temperature itself builds up over 0.17 D.  Friction that falls with temperature produces less heat, so the
+hot branch is reached earlier; a road that warms under the spot delays it.  Speed, diameter, diffusivity and the
+temperature dependence of the rubber act through mu_hot/mu_cold; in addition to it, the Peclet number v D/D_R has an
+exponent of only -0.002 (friction.md, eq. (20b)).
 
 >>> import numpy as np
->>> cold, hot = (FrictionBranch(np.array([0.1, 10.0]), np.array(mu), np.zeros(2), np.zeros(2)) for mu in ([1, 2], [0.5, 0.5]))
+>>> v, zero = np.array([0.1, 10.0]), np.zeros(2)
+>>> cold, hot = (FrictionBranch(v, np.array(mu), zero, zero) for mu in ([1, 2], [0.5, 0.5]))
 >>> law = ColdHotLaw(cold, hot, 2e-3)
 >>> print(f"{law(1.0, 0.0):.3f} {law(1.0, 2e-3):.3f} {law(1.0, 1.0):.3f}")
 1.500 0.868 0.500
@@ -39,34 +42,34 @@ from flashtemp.physics.friction.flash_temperature import (
 from flashtemp.physics.friction.persson import PerssonTheory, TheoryResult
 from flashtemp.physics.material import Material
 
-MEMORY_FIT = (0.192, 1.51, 0.95)  # of the fit: r0/D without feedback and road, by the road's share, by hot over cold
-COLD_OVER_HOT_RANGE = (0.82, 3.32)  # cold over hot friction, between which the fit holds
+MEMORY_FIT = (0.192, 1.51, 0.95)  # prefactor, coefficient of the road's heat fraction, exponent of mu_hot/mu_cold
+COLD_OVER_HOT_RANGE = (0.82, 3.32)  # range of mu_cold/mu_hot in which the fit is valid
 PUBLISHED_MEMORY_RATIO = 0.2  # r0/D of the source
-MIN_LAW_SPEED_M_S = 1e-5  # m/s: friction of what hardly moves
-SPEEDS_PER_DECADE, ROAD_SPEED_STRIDE = 12, 3  # speeds of the branches; over a road every third is computed
+MIN_LAW_SPEED_M_S = 1e-5  # lowest speed of the branches; friction below is that at this speed
+SPEEDS_PER_DECADE, ROAD_SPEED_STRIDE = 12, 3  # speeds of the branches; with a road only every third is computed
 
 
 def memory_ratio(cold: Value, hot: Value, road_heat_fraction: float = 0.0) -> np.ndarray:
-    """r0 over the diameter of a spot (n,) by cold and hot friction (n,), and the road's `road_heat_fraction` e_S/(e_R + e_S)."""
-    first, road, back = MEMORY_FIT
-    found: np.ndarray = (
-        first
+    """Ratio r0/D (n,) for cold and hot friction (n,) and the heat fraction of the road, e_S/(e_R + e_S)."""
+    prefactor, road, exponent = MEMORY_FIT
+    ratio: np.ndarray = (
+        prefactor
         * np.exp(road * road_heat_fraction)
-        * np.clip(np.asarray(cold) / np.asarray(hot), *COLD_OVER_HOT_RANGE) ** -back
+        * np.clip(np.asarray(cold) / np.asarray(hot), *COLD_OVER_HOT_RANGE) ** -exponent
     )
-    return found
+    return ratio
 
 
 def _interpolate_branches(
-    hot: FrictionBranch, found: TheoryResult, speeds: np.ndarray, T0: float
+    hot: FrictionBranch, cold_result: TheoryResult, speeds: np.ndarray, T0: float
 ) -> tuple[FrictionBranch, FrictionBranch]:
-    """Both branches at all speeds (n,) from a hot one at some of them: splines of what the flash changes."""
-    cold = FrictionBranch(speeds, found.viscous, found.adhesive, np.full(len(speeds), T0))
+    """Both branches at all speeds (n,) from a hot branch at some of them: the change by the flash is splined."""
+    cold = FrictionBranch(speeds, cold_result.viscous, cold_result.adhesive, np.full(len(speeds), T0))
     x, at = np.log(speeds), np.log(hot.speed)
 
     def interpolate_change(values: np.ndarray, before: np.ndarray) -> np.ndarray:
-        found: np.ndarray = before + CubicSpline(at, values - np.interp(at, x, before))(x)
-        return found
+        changed: np.ndarray = before + CubicSpline(at, values - np.interp(at, x, before))(x)
+        return changed
 
     return cold, FrictionBranch(
         speeds, *(interpolate_change(getattr(hot, k), getattr(cold, k)) for k in ("viscous", "adhesive", "T"))
@@ -75,9 +78,9 @@ def _interpolate_branches(
 
 @dataclass(frozen=True, eq=False)
 class ColdHotLaw:
-    """Cold and hot branch and the distance `r0` (m) between them, one or (n,) at the branches' speeds.
+    """Cold and hot branch and the memory distance `r0` (m), a number or (n,) at the speeds of the branches.
 
-    Linear in ln v, held beyond their speeds.
+    Linear in ln v between these speeds, constant beyond.
     """
 
     cold: FrictionBranch
@@ -101,12 +104,12 @@ class ColdHotLaw:
 
     def memory_distance(self, v: Value) -> np.ndarray:
         """r0 (m) at speeds v >= 0 (m/s)."""
-        found: np.ndarray = self._values_at_speed(v)[2]
-        return found
+        r0: np.ndarray = self._values_at_speed(v)[2]
+        return r0
 
     @property
     def memory_text(self) -> str:
-        """r0 in mm, in words: one number, or from the smallest to the largest."""
+        """r0 in mm as text: one number, or from the smallest to the largest."""
         ends = {f"{1e3 * r:.3g}" for r in (np.min(self.r0), np.max(self.r0))}
         return " to ".join(sorted(ends, key=float))
 
@@ -116,7 +119,7 @@ class ColdHotLaw:
         return hot + (cold - hot) * np.exp(-np.asarray(r) / r0)
 
     def without_memory(self, branch_name: str) -> ColdHotLaw:
-        """The control without memory: both branches "cold", or both "hot"."""
+        """The control without memory: both branches equal to the "cold" or to the "hot" one."""
         branch = getattr(self, branch_name)
         return replace(self, cold=branch, hot=branch)
 
@@ -130,10 +133,10 @@ def derive_law(
     fastest: float,
     stated_ratio: float | None = None,
 ) -> ColdHotLaw:
-    """The law of a theory at background T0 (K), pressure p (Pa), speeds up to `fastest` (m/s).
+    """The cold-hot law of a theory at background T0 (K), pressure p (Pa) and speeds up to `fastest` (m/s).
 
-    r0 is `stated_ratio` times the diameter of a spot, or follows the fit.  Speeds reach at least a decade above the slowest.
-    Raises SolverFailure where the hot branch cannot be found.
+    r0 is `stated_ratio` times the diameter of a spot, by default from the fit.  The speeds cover at least one decade.
+    Raises SolverFailure where the hot branch is not found.
     """
     fastest = max(fastest, 10.0 * MIN_LAW_SPEED_M_S)
     count = round(SPEEDS_PER_DECADE * np.log10(fastest / MIN_LAW_SPEED_M_S)) + 1
@@ -144,14 +147,15 @@ def derive_law(
     cold, hot = compute_branches(theory, rubber, spots, speeds[sparse], T0, p)
     if spots.road is not None:
         cold, hot = _interpolate_branches(hot, theory(speeds, T0, p), speeds, T0)
-    part = memory_ratio(cold.mu, hot.mu, spots.road_heat_fraction(rubber)) if stated_ratio is None else stated_ratio
-    return ColdHotLaw(cold, hot, part * spots.diameter)
+    ratio = memory_ratio(cold.mu, hot.mu, spots.road_heat_fraction(rubber)) if stated_ratio is None else stated_ratio
+    return ColdHotLaw(cold, hot, ratio * spots.diameter)
 
 
 class ColdHotFit(NamedTuple):
-    """At speeds (n,) m/s: `best` r0 over the spot's diameter beside the kernel theory, `memory_ratio` by the fit of all.
+    """At speeds (n,) m/s: `best` r0/D by comparison with the kernel theory, `memory` r0/D by the general fit.
 
-    Largest relative `deviation` from the kernel theory of the law with the fit, and with r0 = 0.2 D: `paper`.
+    `deviation` is the largest relative deviation of the law with the fit from the kernel theory, `paper` that of the
+    law with r0 = 0.2 D.
     """
 
     speed: np.ndarray
@@ -164,24 +168,25 @@ class ColdHotFit(NamedTuple):
 def compare_with_kernels(
     theory: PerssonTheory, rubber: Material, spots: ContactSpots, speeds: Value, T0: float, p: float
 ) -> ColdHotFit:
-    """How well the law stands for the kernel theory at constant speeds (m/s), background T0 (K) and pressure p (Pa).
+    """Compare the law with the kernel theory at constant speeds (m/s), background T0 (K) and pressure p (Pa); C25.
 
-    The history is `hot.heating` over two diameters; least squares, every stretch of it weighing by its length (C25).
+    The reference is `compute_heating_path` over two diameters; least squares weighted by slid distance.
     """
     speeds = np.asarray(speeds, dtype=float)
     cold, hot = compute_branches(theory, rubber, spots, speeds, T0, p)
     fitted = memory_ratio(cold.mu, hot.mu, spots.road_heat_fraction(rubber))
     rows = []
-    for v, first, last, told in zip(speeds, cold.mu, hot.mu, fitted, strict=True):
-        way = compute_heating_path(theory, rubber, spots, v, T0, p)
-        r = way.slid / spots.diameter
+    for v, first, last, fit in zip(speeds, cold.mu, hot.mu, fitted, strict=True):
+        path = compute_heating_path(theory, rubber, spots, v, T0, p)
+        r = path.slid / spots.diameter
 
         def law(memory: float, r: Value = r, first: Value = first, last: Value = last) -> Value:
             return last + (first - last) * np.exp(-r / memory)
 
-        def squared_error(memory: float, mu: Value = way.mu, r: Value = r, law: Value = law) -> Value:
+        def squared_error(memory: float, mu: Value = path.mu, r: Value = r, law: Value = law) -> Value:
             return np.sum(np.gradient(r) * (law(memory) - mu) ** 2)
 
         best = minimize_scalar(squared_error, bounds=(0.01, 1.0), method="bounded")
-        rows.append((best.x, told, *(np.max(np.abs(law(m) / way.mu - 1.0)) for m in (told, PUBLISHED_MEMORY_RATIO))))
+        deviations = (np.max(np.abs(law(m) / path.mu - 1.0)) for m in (fit, PUBLISHED_MEMORY_RATIO))
+        rows.append((best.x, fit, *deviations))
     return ColdHotFit(speeds, *np.array(rows).T)

@@ -1,8 +1,8 @@
-"""From a road's topography to its contact map: which macroasperity regions touch under a load.
+"""Contact map of a road from its topography: the macroasperity regions in contact under a load.
 
-Heights are read or made by SurfaceTopography, the contact is solved by ContactMechanics (extra `topography`): a smooth
-elastic half-space on the road, hard wall, periodic.  Asperities shorter than `cutoff` are filtered out first: the area
-in contact falls without end as finer ones are resolved, so that a map means nothing without that length.
+SurfaceTopography reads or generates the heights, ContactMechanics solves the contact (extra `topography`): a smooth
+elastic half-space on the road, hard wall, periodic.  Asperities shorter than `cutoff` are filtered out first: the
+contact area decreases without limit as finer ones are resolved, so a map has a meaning only with that length.
 """
 
 from __future__ import annotations
@@ -20,14 +20,12 @@ from flashtemp.physics.arrays import Value
 from flashtemp.physics.friction.elastic_contact import load_topography_library, solve_contact_area
 from flashtemp.physics.friction.spot_patterns import ContactMap
 
-MAX_HEIGHT_OVER_SIDE = (
-    0.3  # rms height over the shorter side, above which the heights are surely in another unit than m
-)
+MAX_HEIGHT_OVER_SIDE = 0.3  # rms height over the shorter side above which the heights cannot be in m
 
 
 @dataclass(frozen=True, repr=False)
 class SolvedContactMap(DisplayMixin):
-    """A contact map with the nominal `pressure` (Pa) that made it and what it holds.
+    """A contact map with its nominal `pressure` (Pa) and its statistics.
 
     `fraction` covered, `number` of regions, `diameter` (m) of a disc with their area-weighted mean area.
     """
@@ -41,7 +39,7 @@ class SolvedContactMap(DisplayMixin):
     diameter: float
 
     def save(self, file: Path) -> None:
-        """Write the .npz that `patterns.read_map` reads."""
+        """Write the .npz file that `spot_patterns.read_contact_map` reads."""
         about = {k: getattr(self, k) for k in ("pressure", "cutoff", "rms_height", "fraction", "number", "diameter")}
         with atomic_write(Path(file)) as fresh, fresh.open("wb") as out:
             np.savez_compressed(out, covered=self.ground.covered.astype(np.uint8), pixel_m=self.ground.pixel, **about)
@@ -64,7 +62,7 @@ class SolvedContactMap(DisplayMixin):
 
 
 def read_height_map(file: Path, size: tuple[float, float] | None = None) -> Value:
-    """A topography from any of the files that SurfaceTopography reads, in m; raises BadInput.
+    """Read a topography in m from any file format of SurfaceTopography.  Raises BadInput.
 
     `size` (m): length along the direction of sliding and width, for files that hold heights alone.
     """
@@ -72,20 +70,20 @@ def read_height_map(file: Path, size: tuple[float, float] | None = None) -> Valu
     try:
         with surface.open_topography(str(file)) as opened:
             channel = opened.default_channel
-            own, unit, area = channel.physical_sizes, channel.unit, channel.dim == 2
-    except Exception as fault:  # readers raise whatever the damage leads to
+            stated_size, unit, area = channel.physical_sizes, channel.unit, channel.dim == 2
+    except Exception as fault:  # readers raise many types of exception for damaged files
         raise BadInput(_describe_unreadable(file, fault)) from fault
     if not area:
         raise BadInput(f"{file}: a line, not an area; give a height map")
-    if own is None and size is None:
+    if stated_size is None and size is None:
         raise BadInput(f"{file}: heights without the size of their area; give --length and --width, m")
-    if own is not None and size is not None:
+    if stated_size is not None and size is not None:
         raise BadInput(f"--length, --width: {file} states its own size; leave them out")
     try:
-        given = {}
-        if own is None and size is not None:
-            given["physical_sizes"] = size if unit is None else tuple(s / _unit_length_m(unit) for s in size)
-        road = surface.read_topography(str(file), **given)
+        options = {}
+        if stated_size is None and size is not None:
+            options["physical_sizes"] = size if unit is None else tuple(s / _unit_length_m(unit) for s in size)
+        road = surface.read_topography(str(file), **options)
         road = (road.to_unit("m") if road.unit else road).detrend("height")
         rms = road.rms_height_from_area()
     except Exception as fault:
@@ -105,8 +103,8 @@ def _unit_length_m(unit: str) -> float:
     """Length of a unit in m."""
     from SurfaceTopography.Support.UnitConversion import get_unit_conversion_factor
 
-    found: float = get_unit_conversion_factor(unit, "m")
-    return found
+    factor: float = get_unit_conversion_factor(unit, "m")
+    return factor
 
 
 def generate_topography(

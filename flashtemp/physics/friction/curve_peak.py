@@ -1,4 +1,4 @@
-"""The highest point of a sampled curve, between its nodes, and whether it lies at one of its ends.
+"""Find the maximum of a sampled curve, between its nodes or at one of its ends.
 
 >>> find_peak([1.0, 2.0, 4.0], [1.0, 3.0, 1.0])
 CurvePeak(at=2.0, value=3.0, first=False, last=False)
@@ -16,7 +16,7 @@ from flashtemp.physics.arrays import Value
 
 
 class CurvePeak(NamedTuple):
-    """Where a curve is highest, its `value` there, and whether that is the `first` or the `last` that was computed."""
+    """Position `at` and `value` of a maximum, and whether it is the `first` or the `last` computed point."""
 
     at: float
     value: float
@@ -25,14 +25,14 @@ class CurvePeak(NamedTuple):
 
     @property
     def is_at_edge(self) -> bool:
-        """Whether the curve may be higher beyond what was computed."""
+        """Whether the curve may be higher beyond the computed range."""
         return self.first or self.last
 
 
 def find_peak(positions: Value, values: Value) -> CurvePeak:
-    """Highest point of `values` (n,) over positive, rising `positions` (n,), whatever their units.
+    """Maximum of `values` (n,) over positive, increasing `positions` (n,) in any unit.
 
-    A parabola over ln at goes through the highest node and its neighbours.
+    It is that of a parabola in ln(position) through the highest node and its neighbours.
     """
     positions, values = np.asarray(positions, dtype=float), np.asarray(values, dtype=float)
     i = int(np.argmax(values))

@@ -1,4 +1,4 @@
-"""An elastic half-space on a rough road, solved by ContactMechanics (extra `topography`)."""
+"""Contact of an elastic half-space with a rough road, solved by ContactMechanics (extra `topography`)."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from flashtemp.physics.arrays import Value
 
 @contextmanager
 def suppress_warnings() -> Iterator[None]:
-    """Silence what the libraries say of functions that they deprecate and still use, and of libraries they miss."""
+    """Suppress the libraries' warnings about deprecated functions that they still use, and optional dependencies."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield
 
 
 def load_topography_library() -> Value:
-    """SurfaceTopography with its generators.  Raises BadInput where it is not installed."""
+    """Import SurfaceTopography with its generators.  Raises BadInput where it is not installed."""
     try:
         with suppress_warnings():
             import SurfaceTopography.Generation
@@ -31,9 +31,10 @@ def load_topography_library() -> Value:
 
 
 def solve_contact_area(heights: np.ndarray, size: tuple[float, float], modulus: float, pressure: float) -> np.ndarray:
-    """Where (nx, ny) the half-space of contact modulus E/(1 - nu^2) (Pa) touches periodic heights (m) over `size` (m).
+    """Points in contact (nx, ny) between periodic heights (m) over `size` (m) and an elastic half-space.
 
-    `pressure` nominal, Pa; hard wall, no adhesion.  Raises BadInput where no contact is found.
+    `modulus` E/(1 - nu^2) and nominal `pressure` in Pa; hard wall, no adhesion.  Raises BadInput where the solver finds
+    no contact.
     """
     surface = load_topography_library()
     try:

@@ -1,4 +1,4 @@
-"""Flash temperature and friction that agree: the hot branch, and the way there from the cold one.
+"""Self-consistent flash temperature and friction: the hot branch, and the transition from the cold branch to it.
 
 >>> from flashtemp.physics.friction import persson, rheology, roughness_spectrum
 >>> from flashtemp.physics.material import LIBRARY
@@ -23,18 +23,18 @@ from flashtemp.physics.friction.persson import PerssonTheory, TheoryResult
 from flashtemp.physics.friction.road_side import RoadSide
 from flashtemp.physics.material import Material
 
-MAX_FLASH_ITERATIONS, FLASH_TOLERANCE = 600, 1e-6  # of the fixed point; K, and share of the rise
-HOT_SLIDING_DIAMETERS = 2.0  # spot diameters after which friction counts as hot
-ROAD_SLIDING_STEPS = 48  # steps to the hot branch where a road takes heat
-MIN_SLIDING_SPEED_M_S = 1e-9  # m/s: what moves slower has the friction of this speed, and the heat of its own
+MAX_FLASH_ITERATIONS, FLASH_TOLERANCE = 600, 1e-6  # fixed-point iteration; K, and fraction of the temperature rise
+HOT_SLIDING_DIAMETERS = 2.0  # slid spot diameters after which friction counts as hot
+ROAD_SLIDING_STEPS = 48  # steps to the hot branch where heat flows into a road
+MIN_SLIDING_SPEED_M_S = 1e-9  # m/s: friction at lower speeds is that at this speed; heat uses the speed itself
 
 
 @dataclass(frozen=True)
 class ContactSpots:
-    """Macroasperity contact regions: `diameter` m; they cover `fraction`, P(2 pi/diameter) if not given.
+    """Macroasperity contact regions of `diameter` (m) that cover `fraction`, by default P(2 pi/diameter).
 
-    With a `road` under them it takes its share of the heat, and that of the adhesive part is released too; without one
-    only viscoelastic heat acts, and none of it flows into the road.
+    With a `road`, part of the heat flows into it, and the heat of the adhesive part is included.  Without a road only
+    viscoelastic heat acts, and all of it stays in the rubber.
     """
 
     diameter: float
@@ -42,13 +42,13 @@ class ContactSpots:
     road: RoadSide | None = None
 
     def contact_fraction(self, theory: PerssonTheory, v: float, T0: float, p: float) -> float:
-        """phi at speed v (m/s), background T0 (K), which the long waves feel, and pressure p (Pa)."""
+        """phi at speed v (m/s), background T0 (K), the temperature of long waves, and pressure p (Pa)."""
         if self.fraction is not None:
             return self.fraction
         return float(theory.contact_fraction(2 * np.pi / self.diameter, v, T0, p))
 
     def road_heat_fraction(self, rubber: Material) -> float:
-        """Share of the contact's heat that flows into the road at first, e_S/(e_R + e_S); 0 without a road."""
+        """Initial fraction of the contact's heat that flows into the road, e_S/(e_R + e_S); 0 without a road."""
         if self.road is None:
             return 0.0
         return self.road.material.effusivity / (rubber.effusivity + self.road.material.effusivity)
@@ -64,46 +64,48 @@ class FrictionBranch(NamedTuple):
 
     @property
     def mu(self) -> np.ndarray:
-        found: np.ndarray = self.viscous + self.adhesive
-        return found
+        """Friction coefficient (n,), viscoelastic and adhesive."""
+        total: np.ndarray = self.viscous + self.adhesive
+        return total
 
 
 def rubber_memory(theory: PerssonTheory, rubber: Material) -> HeatMemory:
-    """The rubber's memory at the theory's wavenumbers."""
+    """Heat memory of the rubber at the wavenumbers of the theory."""
     return HeatMemory(theory.q, rubber.volumetric_capacity, rubber.diffusivity)
 
 
-def viscoelastic_heat(found: TheoryResult, phi: float, v: float, p: float) -> np.ndarray:
-    """Viscoelastic heat (n,) W/m2 of every node in a spot, eq. (5): (p v/phi) dmu/dq dq."""
-    heat: np.ndarray = p * v / phi * found.density * found.weight
+def viscoelastic_heat(result: TheoryResult, phi: float, v: float, p: float) -> np.ndarray:
+    """Viscoelastic heat (n,) W/m2 in a spot by wavenumber node: (p v/phi) dmu/dq dq; theory.md, eq. (5)."""
+    heat: np.ndarray = p * v / phi * result.density * result.weight
     return heat
 
 
 def solve_hot_branch(
     theory: PerssonTheory, rubber: Material, spots: ContactSpots, v: float, T0: float, p: float, start: Value = None
 ) -> Value:
-    """Friction and T_q (n,) K that agree while spots pass over rubber at T0 (K); theory 2.5, steady.
+    """Steady self-consistent friction and T_q (n,) K while spots pass over rubber at T0 (K); theory.md, section 2.5.
 
-    A road under the spots never gets steady: then friction is hot that has slid over WAY diameters, and `start` is not
-    needed.  Raises SolverFailure where friction and temperature do not agree.
+    With a road there is no steady state: friction after `HOT_SLIDING_DIAMETERS` is taken as hot, and `start` is unused.
+    Raises SolverFailure where the iteration does not converge.
     """
     if spots.road is not None:
         *_, slide = _slide_towards_hot(theory, rubber, spots, v, T0, p, ROAD_SLIDING_STEPS)
         return slide.evaluate_theory(v), slide.T
-    past = rubber_memory(theory, rubber)
-    off, on = past.steady_weights(spots.diameter / v)
+    memory = rubber_memory(theory, rubber)
+    off, on = memory.steady_weights(spots.diameter / v)
     phi = spots.contact_fraction(theory, v, T0, p)
     T = np.full(len(theory.q), T0) if start is None else start
     relax, last = 0.5, np.inf
     for _ in range(MAX_FLASH_ITERATIONS):
-        found = theory(v, T, p)
-        heat = viscoelastic_heat(found, phi, v, p)
-        new = T0 + past.temperature_rise(off, on, heat[None], past.spread_heat(heat)[None])
+        result = theory(v, T, p)
+        heat = viscoelastic_heat(result, phi, v, p)
+        new = T0 + memory.temperature_rise(off, on, heat[None], memory.spread_heat(heat)[None])
         change = np.max(np.abs(new - T))
+        # damped fixed-point iteration: the step is shortened whenever the change does not decrease
         relax = relax if change < last else max(0.7 * relax, 0.02)
         T, last = T + relax * (new - T), change
         if change < FLASH_TOLERANCE * max(1.0, new.max() - T0):
-            return found, T
+            return result, T
     raise SolverFailure(f"friction and flash temperature do not agree at {v:g} m/s: {change:.2g} K apart")
 
 
@@ -115,8 +117,10 @@ def compute_branches(
     cold = theory(speeds, T0, p)
     rows, T = [], None
     for v in speeds:
-        found, T = solve_hot_branch(theory, rubber, spots, v, T0, p, T)
-        rows.append((found.viscous, found.adhesive, T.max()))
+        result, T = solve_hot_branch(
+            theory, rubber, spots, v, T0, p, T
+        )  # starts from the temperatures of the last speed
+        rows.append((result.viscous, result.adhesive, T.max()))
     viscous, adhesive, highest = np.array(rows, dtype=float).T
     return FrictionBranch(speeds, cold.viscous, cold.adhesive, np.full(len(speeds), T0)), FrictionBranch(
         speeds, viscous, adhesive, highest
@@ -124,7 +128,7 @@ def compute_branches(
 
 
 class HeatingPath(NamedTuple):
-    """Friction along a way: times (n,) s, slid distance m, speed m/s, friction coefficient, highest T_q (K)."""
+    """Friction along a path: times (n,) s, slid distance m, speed m/s, friction coefficient, highest T_q (K)."""
 
     time: np.ndarray
     slid: np.ndarray
@@ -134,7 +138,7 @@ class HeatingPath(NamedTuple):
 
 
 class SlidingHistory:
-    """A spot's friction as it slides, step by step: the kernel theory with all it remembers."""
+    """Friction of a sliding spot step by step, by the kernel theory with its full heat history."""
 
     def __init__(
         self, theory: PerssonTheory, rubber: Material, spots: ContactSpots, T0: float, p: float, steps: int
@@ -149,25 +153,25 @@ class SlidingHistory:
         self.surface = None if spots.road is None else T0
 
     def friction(self, v: float) -> float:
-        """Friction coefficient at the temperatures of the moment; v >= 0."""
+        """Friction coefficient at the current temperatures; v >= 0."""
         return float(self.evaluate_theory(v).mu)
 
     def evaluate_theory(self, v: float) -> TheoryResult:
-        """Contact and friction at the temperatures of the moment; v >= 0."""
+        """Contact and friction at the current temperatures; v >= 0."""
         return self.theory(max(v, MIN_SLIDING_SPEED_M_S), self.T, self.p, self.surface)
 
     def step(self, dt: float, v: float) -> None:
-        """Go on by dt (s) at speed v >= 0 (m/s), which may change from step to step; nothing heats what sticks."""
+        """Advance by dt (s) at speed v >= 0 (m/s), which may vary between steps; v = 0 releases no heat."""
         n, start = self.n, self.evaluate_theory(v)
         phi = self.spots.contact_fraction(self.theory, max(v, MIN_SLIDING_SPEED_M_S), self.T0, self.p)
         self.time[n + 1], self.slid[n + 1] = self.time[n] + dt, self.slid[n] + v * dt
-        felt = _MemoryWeights(self, n + 1)
+        temperatures = _MemoryWeights(self, n + 1)
         first = self.heat[n] = viscoelastic_heat(start, phi, v, self.p)
         released = at_first = self.p * v / phi * float(start.adhesive)
         for last in (False, True):
             self.spread_heat[n] = self.heat_memory.spread_heat(self.heat[n])
-            self.T, self.surface = felt(released)
-            if not last:  # heat of the step: mean of its ends
+            self.T, self.surface = temperatures(released)
+            if not last:  # corrector: the heat of the step becomes the mean of both ends
                 end = self.evaluate_theory(v)
                 self.heat[n] = 0.5 * (first + viscoelastic_heat(end, phi, v, self.p))
                 released = 0.5 * (at_first + self.p * v / phi * float(end.adhesive))
@@ -175,7 +179,7 @@ class SlidingHistory:
 
 
 class _MemoryWeights:
-    """Weights of all that a slide remembers at its step n: what every wavenumber and the surface feel there."""
+    """Weights of the heat history at step n for the temperatures of all wavenumbers and of the surface."""
 
     def __init__(self, slide: SlidingHistory, n: int) -> None:
         self.slide, self.n = slide, n
@@ -198,7 +202,7 @@ class _MemoryWeights:
         T = s.T0 + s.heat_memory.temperature_rise(self.off, self.on, s.heat[past], s.spread_heat[past])
         if s.spots.road is None:
             return T, None
-        if len(self.rubber_flux_weights) == 0:  # rubber that is new to the spot
+        if len(self.rubber_flux_weights) == 0:  # rubber that has just entered the spot
             return T, s.T0
         s.rubber_flux[to] = released
         s.road_flux[to] = 0.0
@@ -216,7 +220,7 @@ class _MemoryWeights:
 def _slide_towards_hot(
     theory: PerssonTheory, rubber: Material, spots: ContactSpots, v: float, T0: float, p: float, steps: int
 ) -> Iterator[SlidingHistory]:
-    """A slide at constant speed v (m/s) over WAY spot diameters, before the first step and after every one."""
+    """Slide at constant speed v (m/s) over `HOT_SLIDING_DIAMETERS`; yields before the first and after every step."""
     slid = HOT_SLIDING_DIAMETERS * spots.diameter * (np.arange(steps + 1) / steps) ** 2
     slide = SlidingHistory(theory, rubber, spots, T0, p, steps)
     yield slide
@@ -228,7 +232,7 @@ def _slide_towards_hot(
 def compute_heating_path(
     theory: PerssonTheory, rubber: Material, spots: ContactSpots, v: float, T0: float, p: float, steps: int = 120
 ) -> HeatingPath:
-    """From the cold towards the hot branch at a constant speed v (m/s), over WAY spot diameters."""
+    """Path from the cold towards the hot branch at constant speed v (m/s), over `HOT_SLIDING_DIAMETERS`."""
     rows = [(s.friction(v), s.T.max()) for s in _slide_towards_hot(theory, rubber, spots, v, T0, p, steps)]
     slid = HOT_SLIDING_DIAMETERS * spots.diameter * (np.arange(steps + 1) / steps) ** 2
     return HeatingPath(slid / v, slid, np.full(steps + 1, v), *np.array(rows).T)

@@ -1,11 +1,11 @@
-"""Friction over speed and temperature by theory: what a friction tester would draw, and what it cannot hold.
+"""Theoretical friction over speed and temperature, and the part of it that a slope tester can measure.
 
 >>> from flashtemp.physics.friction import flash_temperature, persson, rheology, roughness_spectrum
 >>> from flashtemp.physics.material import LIBRARY
 >>> theory = persson.PerssonTheory(rheology.READY_RUBBERS["A"], roughness_spectrum.READY_ROADS["asphalt A"])
 >>> spots = flash_temperature.ContactSpots(3e-3)
->>> found = compute_curves(theory, LIBRARY["tread_rubber"], spots, np.geomspace(1e-3, 1e1, 17), 293.15, 1.5e5)
->>> print(" ".join(f"{1e6 * d:.2g}" for d in found.depths.depths_at_speed(0.1)), "um")
+>>> curves = compute_curves(theory, LIBRARY["tread_rubber"], spots, np.geomspace(1e-3, 1e1, 17), 293.15, 1.5e5)
+>>> print(" ".join(f"{1e6 * d:.2g}" for d in curves.depths.depths_at_speed(0.1)), "um")
 76 1.7 0.29 um
 """
 
@@ -27,9 +27,9 @@ from flashtemp.physics.quantities import KELVIN
 
 CURVE_SPEEDS_M_S = np.geomspace(1e-6, 10.0, 60)  # m/s
 TABLE_K_BELOW, TABLE_K_ABOVE, TABLE_ROWS = 20.0, 100.0, 40  # K around the background temperature; rows of the table
-SHIFT_STEP_K = 40.0  # K, by which the shift of the curves is told
-DEPTH_HEAT_FRACTIONS = (0.1, 0.5, 0.9)  # of the viscoelastic heat, whose depths are told
-MAX_SPOT_FRACTION = 0.3  # contact fraction up to which contact regions are spots
+SHIFT_STEP_K = 40.0  # temperature step for which the shift of the curves is reported
+DEPTH_HEAT_FRACTIONS = (0.1, 0.5, 0.9)  # fractions of the viscoelastic heat whose depths are reported
+MAX_SPOT_FRACTION = 0.3  # contact fraction up to which contact regions are separate spots
 CURVES_CSV_NAME, CURVES_TABLE_NAME = "friction.csv", "mu_table.nc"
 CSV_COLUMN_PATHS = {
     "speed_m_s": "speed", "mu_cold": "cold.mu", "viscous_cold": "cold.viscous", "adhesive_cold": "cold.adhesive",
@@ -39,18 +39,19 @@ CSV_COLUMN_PATHS = {
 
 
 def held_by_slope_tester(mu: np.ndarray) -> np.ndarray:
-    """Which points of mu(v), from slow to fast, a tester holds that sets the force: no slower one has more friction.
+    """Points of mu(v), in order of increasing speed, at which a tester with prescribed force slides steadily.
 
-    Where friction falls with speed a constant force accelerates the block (C9).
+    These are the points with at least the friction of all slower ones: where friction falls with speed, a constant
+    force accelerates the block (C9).
     """
     return mu >= np.maximum.accumulate(mu)
 
 
 @dataclass(frozen=True, eq=False)
 class HeatDepths:
-    """Where the viscoelastic heat goes: `deeper` (m, n), the share released over depths 1/(2q) >= `depth` (n,) m.
+    """Depth of the viscoelastic heat: `deeper` (m, n) is the fraction released over depths 1/(2q) >= `depth` (n,) m.
 
-    At `speed` (m,) m/s and the temperature of the background.
+    At `speed` (m,) m/s and the background temperature.
     """
 
     speed: np.ndarray
@@ -58,7 +59,7 @@ class HeatDepths:
     deeper: np.ndarray
 
     def depths_at_speed(self, v: float) -> tuple[float, ...]:
-        """Depths (m) than which 10, 50 and 90 % of the heat are released deeper, at the speed nearest to v (m/s)."""
+        """Depths (m) below which 10, 50 and 90 % of the heat are released, at the speed closest to v (m/s)."""
         row = self.deeper[int(np.argmin(np.abs(np.log(self.speed / v))))]
         return tuple(float(np.exp(np.interp(s, row, np.log(self.depth)))) for s in DEPTH_HEAT_FRACTIONS)
 
@@ -68,7 +69,7 @@ class FrictionCurves:
     """Friction at nominal pressure `p` (Pa), background `T0` (K) and over the speeds (n,) of both branches.
 
     `area` A/A0 and contact fraction `phi` (n,) of `spots` without flash temperature; `mu` (n, m) over temperatures
-    `T` (m,) K; `shift` by which factor SHIFT_STEP_K more kelvin raise the speeds of viscoelastic part and shear stress.
+    `T` (m,) K; `shift`: factors by which SHIFT_STEP_K raises the speeds of the viscoelastic part and the shear stress.
     """
 
     cold: FrictionBranch
@@ -91,7 +92,7 @@ class FrictionCurves:
 
     @property
     def highest(self) -> np.ndarray:
-        """Highest temperature T_q (n,) that any wavenumber feels on the hot branch, degC."""
+        """Highest temperature T_q (n,) of all wavenumbers on the hot branch, degC."""
         return self.hot.T - KELVIN
 
     @property
@@ -99,12 +100,12 @@ class FrictionCurves:
         return {"cold": self.cold, "hot": self.hot}
 
     def peak_speeds(self) -> np.ndarray:
-        """Speed (m,) m/s of the maximum of mu at every temperature of the table, nan where it is not inside."""
-        found = [find_peak(self.speed, column) for column in self.mu.T]
-        return np.array([np.nan if top.is_at_edge else top.at for top in found])
+        """Speed (m,) m/s of the maximum of mu at every temperature of the table, nan where it is at an end."""
+        peaks = [find_peak(self.speed, column) for column in self.mu.T]
+        return np.array([np.nan if peak.is_at_edge else peak.at for peak in peaks])
 
     def as_dict(self) -> dict[str, Any]:
-        """Numbers for JSON: m/s, degC, m; maxima are null where they do not lie inside."""
+        """Numbers for JSON: m/s, degC, m; a maximum at an end of the curve is null."""
         tops = {name: find_peak(self.speed, b.mu) for name, b in self.branches.items()}
         return {
             "T0_degC": self.T0 - KELVIN,
@@ -126,7 +127,7 @@ class FrictionCurves:
         }
 
     def columns(self) -> dict[str, np.ndarray]:
-        """The curves (n,) by the names that they have in friction.csv."""
+        """The curves (n,) by their column names in friction.csv."""
         out = {}
         for name, path in CSV_COLUMN_PATHS.items():
             value: Any = self
@@ -230,36 +231,39 @@ def _table_temperatures(theory: PerssonTheory, T0: float) -> np.ndarray:
 
 
 def _speed_shifts(theory: PerssonTheory, T0: float) -> tuple[float, float | None]:
-    """By which factor the speeds of viscoelastic loss and of the shear stress rise over the next SHIFT_STEP_K kelvin."""
+    """Factors by which the speeds of viscoelastic loss and shear stress increase over SHIFT_STEP_K above T0."""
     parts = [theory.rubber.shift_factor] + ([] if theory.shear is None else [theory.shear.shift_factor])
     factors = [float(f(T0) / f(T0 + SHIFT_STEP_K)) for f in parts]
     return factors[0], factors[1] if len(factors) > 1 else None
 
 
 def _heat_depths(theory: PerssonTheory, speeds: np.ndarray, T0: float, p: float) -> HeatDepths:
-    """At the fastest of the speeds and two and four decades below, or at both ends and between."""
+    """Depths at the highest speed and two and four decades below, or at both ends and in the middle."""
     top = np.log10(speeds[-1])
     v = 10.0 ** (top - min(2.0, 0.5 * (top - np.log10(speeds[0]))) * np.arange(2, -1, -1))
-    found = theory(v, T0, p)
-    share = theory.cumulative_integral(found.density) / np.where(found.viscous > 0, found.viscous, np.nan)[:, None]
-    return HeatDepths(v, 0.5 / theory.q, np.maximum.accumulate(share, axis=1))
+    result = theory(v, T0, p)
+    viscous = np.where(result.viscous > 0, result.viscous, np.nan)[:, None]
+    fraction = theory.cumulative_integral(result.density) / viscous
+    return HeatDepths(v, 0.5 / theory.q, np.maximum.accumulate(fraction, axis=1))
 
 
 def _curve_remarks(theory: PerssonTheory, speeds: Value, T0: float, p: float, hottest: float, phi: float) -> list[str]:
-    """What a reader should know before believing the curves; temperatures in K."""
-    said = theory_inputs.describe_extrapolation(theory, speeds, T0, p)
+    """Warnings about the validity of the curves; temperatures in K."""
+    remarks = theory_inputs.describe_extrapolation(theory, speeds, T0, p)
     low, high = theory.rubber.shift.valid_range
     if low <= T0 <= high < hottest:
-        said.append(
+        remarks.append(
             f"the hot branch reaches {hottest - KELVIN:.0f} degC, beyond the shift factors "
             f"({low - KELVIN:.0f} to {high - KELVIN:.0f} degC)"
         )
     if phi > MAX_SPOT_FRACTION:
-        said.append(f"contact fractions up to {phi:.2g} are hardly spots any more: the flash is spread thin")
-    return said
+        remarks.append(
+            f"contact fractions reach {phi:.2g}: contact regions are hardly separate, and their heat is spread out"
+        )
+    return remarks
 
 
 def _rows_per_decade(speed: np.ndarray) -> list[int]:
-    """Places of the speeds that a table of the terminal shows: about one per decade."""
+    """Indices of the speeds in the printed table: about one per decade."""
     wanted = np.arange(np.log10(speed[0]), np.log10(speed[-1]) + 1e-9, 1.0)
     return sorted({int(np.argmin(np.abs(np.log10(speed) - x))) for x in wanted} | {len(speed) - 1})

@@ -1,7 +1,8 @@
-"""Friction as the solver needs it: mu over speed, temperatures of face and spots and pressure, interpolated fast.
+"""Friction table for the solver: mu over speed, temperatures of face and spots, and pressure, interpolated fast.
 
-Every wavenumber of rubber in a spot feels T_q = T_face + s(q) (T_spot - T_face): T_face is the surface averaged over
-the passage of spots, s(q) the share of the flash temperature that its depth 1/(2q) feels (theory 1.4, V11).
+The temperature for wavenumber q of rubber in a spot is T_q = T_face + s(q) (T_spot - T_face).  T_face is the surface
+temperature averaged over the passage of spots, s(q) the fraction of the flash temperature at the depth 1/(2q)
+(theory.md, section 1.4; V11).
 """
 
 from __future__ import annotations
@@ -24,33 +25,30 @@ from flashtemp.physics.material import Material
 from flashtemp.physics.quantities import KELVIN
 
 TABLE_FILE_NAME = "friction.nc"
-TABLE_VERSION = 1  # to be counted up with every change of what a table holds: older ones are made anew
+TABLE_VERSION = 1  # increase with every change of the contents of a table: older tables are then computed again
 NODES_K_BELOW, NODES_K_ABOVE, TEMPERATURE_NODES = 10.0, 220.0, 40  # K around the ambient temperature
-PRESSURE_NODES, PRESSURE_RANGE_RATIO = (
-    10,
-    38.0,
-)  # nodes; from the power of ten next to the mean pressure over REACH to REACH times it
-SPEED_NODES_PER_DECADE = 8  # of speed, where it varies
-NOTABLE_TABLE_ERROR = 3e-3  # error of a table, over its largest mu, that is worth a word
-MIN_TABLE_PRESSURE_PA = 1.0  # Pa: below, friction is that at this pressure
+PRESSURE_NODES, PRESSURE_RANGE_RATIO = 10, 38.0  # range: mean pressure, rounded to a power of ten, over and times it
+SPEED_NODES_PER_DECADE = 8  # where the speed varies
+NOTABLE_TABLE_ERROR = 3e-3  # interpolation error, over the largest mu, above which a remark is made
+MIN_TABLE_PRESSURE_PA = 1.0  # Pa: friction at lower pressures is that at this pressure
 MIN_TABLE_SPEED_M_S = 1e-7  # m/s: friction at rest is that of creep
 
 
 def node_temperatures(ambient: float) -> Array:
     """Temperatures (n,) K of face and spots at which friction is computed."""
-    found: np.ndarray = np.linspace(ambient - NODES_K_BELOW, ambient + NODES_K_ABOVE, TEMPERATURE_NODES)
-    return found
+    nodes: np.ndarray = np.linspace(ambient - NODES_K_BELOW, ambient + NODES_K_ABOVE, TEMPERATURE_NODES)
+    return nodes
 
 
 def flash_fraction(q: np.ndarray, rubber: Material, diameter: float, v: float) -> np.ndarray:
-    """s(q) (n,): the share of the flash temperature of a surface flux that reaches wavenumbers q (1/m) at v (m/s)."""
-    found: np.ndarray = flash_response(2.0 * q * np.sqrt(rubber.diffusivity * diameter / v))
-    return found
+    """s(q) (n,): fraction of the flash temperature of a surface flux at wavenumbers q (1/m) and speed v (m/s)."""
+    fraction: np.ndarray = flash_response(2.0 * q * np.sqrt(rubber.diffusivity * diameter / v))
+    return fraction
 
 
 @njit(cache=True)
 def _cubic_weights(x: Value) -> Value:
-    """Of four neighbours, for the cubic through them at x = 0..1 between the inner two."""
+    """Lagrange weights of four neighbours for the cubic through them, at x = 0..1 between the inner two."""
     return (
         -x * (x - 1.0) * (x - 2.0) / 6.0,
         (x + 1.0) * (x - 1.0) * (x - 2.0) / 2.0,
@@ -61,9 +59,9 @@ def _cubic_weights(x: Value) -> Value:
 
 @njit(cache=True)
 def _locate_cell(value: Value, low: Value, step: Value, count: Value) -> Value:
-    """First of the four neighbours and the place between the inner two; held outside the table."""
+    """Index of the first of the four neighbours and the position between the inner two; clipped to the table."""
     at = (value - low) / step
-    if at.real < 0.0:
+    if at.real < 0.0:  # 0.0 * at keeps the type, real or complex, and drops the derivative
         at = 0.0 * at
     if at.real > count - 1.0:
         at = 0.0 * at + (count - 1.0)
@@ -75,7 +73,10 @@ def _locate_cell(value: Value, low: Value, step: Value, count: Value) -> Value:
 def _interpolate_tricubic(
     values: Array, lows: Value, steps: Value, face: Value, spot: Value, logp: Value, out: Value
 ) -> None:
-    """Tricubic through 64 neighbours of both fields (2, ...) for every face, spot and logp, real or complex."""
+    """Tricubic interpolation of both fields (2, ...) through 64 neighbours at face, spot, logp (n,), real or complex.
+
+    Compiled, because the solver calls it at every evaluation of the contact.
+    """
     _, a, b, c = values.shape
     for n in range(out.shape[1]):
         i, x = _locate_cell(face[n], lows[0], steps[0], a)
@@ -110,7 +111,7 @@ class TableSlice:
         return np.array([x[0] for x in axes]), np.array([x[1] - x[0] for x in axes])
 
     def __call__(self, T_spot: Value, T_face: Value, p: Value) -> Value:
-        """Both (2, n) at spot and face temperatures (K) and pressures (Pa); complex arguments pass derivatives on."""
+        """Both fields (2, n) at spot and face temperatures (K) and pressures (Pa); complex for derivatives."""
         kind = complex if any(np.iscomplexobj(v) for v in (T_spot, T_face, p)) else float
         out = np.empty((2, len(T_spot)), dtype=kind)
         face, spot, logp = np.empty((3, len(T_spot)), dtype=kind)
@@ -126,8 +127,8 @@ class FrictionTable:
 
     `values` (speeds, 2, faces, spots, pressures): mu, and the part of it whose heat is released in depth.
 
-    `error` is the largest deviation from the theory between the nodes, as a share of the largest mu; `made_of` a mark
-    of everything that the table follows from.
+    `error` is the largest deviation from the theory between the nodes, over the largest mu; `made_of` is a digest of
+    all inputs of the table.
     """
 
     logv: np.ndarray
@@ -142,23 +143,23 @@ class FrictionTable:
         return {}
 
     def describe_excursions(self, run: Any, shift_range: tuple[float, float]) -> list[str]:
-        """In words: where a run left this table, or the temperatures (K) between which the modulus is `shift_range`."""
+        """Remarks on a run that left the range of this table or the temperatures `shift_range` (K) of the modulus."""
         T, p = run.T_spot[np.isfinite(run.T_spot)] + KELVIN, run.pressure.max()
         low, high = max(self.T[0], shift_range[0]), min(self.T[-1], shift_range[1])
-        said = []
-        for beyond, reached, held in ((T.max() > high, T.max(), high), (T.min() < low, T.min(), low)):
+        remarks = []
+        for beyond, reached, limit in ((T.max() > high, T.max(), high), (T.min() < low, T.min(), low)):
             if beyond:
-                said.append(
-                    f"spots reached {reached - KELVIN:.0f} degC; friction there is that of {held - KELVIN:.0f} degC"
+                remarks.append(
+                    f"spots reached {reached - KELVIN:.0f} degC; friction there is that of {limit - KELVIN:.0f} degC"
                 )
         if p > np.exp(self.logp[-1]):
-            said.append(f"pressure reached {p:.3g} Pa; friction there is that of {np.exp(self.logp[-1]):.3g} Pa")
+            remarks.append(f"pressure reached {p:.3g} Pa; friction there is that of {np.exp(self.logp[-1]):.3g} Pa")
         if self.error > NOTABLE_TABLE_ERROR:
-            said.append(f"the table of friction is off by up to {100 * self.error:.1g} % of its largest value")
-        return said
+            remarks.append(f"the table of friction is off by up to {100 * self.error:.1g} % of its largest value")
+        return remarks
 
     def slice_at(self, v: float) -> TableSlice:
-        """The table at a speed (m/s), held outside its range; the last one asked for is kept."""
+        """The table at a speed (m/s), clipped to its range; the last slice is cached."""
         if v not in self._cached_slices:
             self._cached_slices.clear()
             self._cached_slices[v] = TableSlice(
@@ -168,13 +169,13 @@ class FrictionTable:
 
     def _interpolate_speed(self, logv: float) -> np.ndarray:
         if len(self.logv) == 1:
-            found: np.ndarray = self.values[0]
-            return found
+            only: np.ndarray = self.values[0]
+            return only
         k, x = _locate_cell(logv, self.logv[0], self.logv[1] - self.logv[0], len(self.logv))
         return np.tensordot(_cubic_weights(x), self.values[k : k + 4], 1)
 
     def save(self, folder: Path) -> None:
-        """Write friction.nc, from which `tabulate_friction` takes the table up again."""
+        """Write friction.nc, which `tabulate_friction` reads again."""
         self.to_dataset().to_netcdf(Path(folder) / TABLE_FILE_NAME, engine="h5netcdf")
 
     def to_dataset(self) -> Any:
@@ -194,20 +195,21 @@ class FrictionTable:
 
 
 class TableLookup:
-    """What a table says at the spots of a moment; laws that ask for the same, one after the other, share one look."""
+    """Look up a table for laws; successive calls with the same arrays return the same result without evaluation."""
 
     def __init__(self, table: Callable[[], FrictionTable]) -> None:
         self._table = cache(table)
-        self._asked: tuple[Value, ...] | None = None
-        self._found: tuple[np.ndarray, np.ndarray] = (np.empty(0), np.empty(0))
+        self._arguments: tuple[Value, ...] | None = None
+        self._result: tuple[np.ndarray, np.ndarray] = (np.empty(0), np.empty(0))
 
     def __call__(self, T: Value, now: Any) -> tuple[np.ndarray, np.ndarray]:
-        """mu and its part in depth (n,) at spot temperatures T (K) and a scene.Moment."""
-        asked = (T, T if now.face is None else now.face, now.local_pressure, now.speed)
-        if self._asked is None or any(a is not b for a, b in zip(self._asked, asked, strict=True)):
-            pressed = np.where(np.real(asked[2]) > MIN_TABLE_PRESSURE_PA, asked[2], MIN_TABLE_PRESSURE_PA)
-            self._asked, self._found = asked, self._table().slice_at(now.speed)(T, asked[1], pressed)
-        return self._found
+        """mu and its part in depth (n,) at spot temperatures T (K) and a LawContext `now`."""
+        arguments = (T, T if now.face is None else now.face, now.local_pressure, now.speed)
+        # compared by identity: friction and its part in depth are separate laws of the same arrays
+        if self._arguments is None or any(a is not b for a, b in zip(self._arguments, arguments, strict=True)):
+            p = np.where(np.real(arguments[2]) > MIN_TABLE_PRESSURE_PA, arguments[2], MIN_TABLE_PRESSURE_PA)
+            self._arguments, self._result = arguments, self._table().slice_at(now.speed)(T, arguments[1], p)
+        return self._result
 
 
 def tabulate_friction(
@@ -220,11 +222,11 @@ def tabulate_friction(
     shallow: float = 0.0,
     folder: Path | None = None,
 ) -> FrictionTable:
-    """The friction of a theory at speeds from lowest to highest (m/s), around a mean nominal pressure p (Pa).
+    """Table of a theory's friction at speeds from lowest to highest (m/s), around a mean nominal pressure p (Pa).
 
-    Temperatures reach from a little below `ambient` (K) to far above; heat deeper than `shallow` (m) is in depth.
-    Loads of one decade share a table.  One of the same theory in `folder` is taken from there.  Raises BadInput where
-    friction is no number.
+    Temperatures cover 10 K below `ambient` (K) to 220 K above; heat deeper than `shallow` (m) counts as in depth.
+    Loads of one decade use the same table.  A saved table of the same theory in `folder` is read.  Raises BadInput
+    where friction is not a finite number.
     """
     p = 10.0 ** round(np.log10(p))
     return _cached_table(theory, rubber, diameter, tuple(float(v) for v in speeds), p, ambient, shallow, folder)
@@ -248,18 +250,18 @@ def _cached_table(
     T = node_temperatures(ambient)
     axes = [a.tolist() for a in (logv, T, logp)]
     made_of = hashlib.sha256(repr((TABLE_VERSION, theory, rubber, diameter, shallow, axes)).encode()).hexdigest()
-    if (kept := _read_saved_table(folder, made_of)) is not None:
-        values, error = kept
+    if (saved := _read_saved_table(folder, made_of)) is not None:
+        values, error = saved
         return FrictionTable(logv, T, logp, values, error, made_of)
     values = np.array([_theory_friction(theory, rubber, diameter, x, T, T, logp, shallow) for x in logv])
     if not np.all(np.isfinite(values)):
-        raise BadInput("persson_friction: friction is no finite number everywhere; check master curve and spectrum")
-    found = FrictionTable(logv, T, logp, values, np.nan, made_of)
-    return replace(found, error=_interpolation_error(found, theory, rubber, diameter, shallow))
+        raise BadInput("persson_friction: friction is not finite everywhere; check master curve and spectrum")
+    table = FrictionTable(logv, T, logp, values, np.nan, made_of)
+    return replace(table, error=_interpolation_error(table, theory, rubber, diameter, shallow))
 
 
 def _read_saved_table(folder: Path | None, made_of: str) -> Any:
-    """Values and error of the table in a folder, if it is of the same making."""
+    """Values and error of the saved table in a folder, if it has the same digest `made_of`; else None."""
     if folder is None or not (Path(folder) / TABLE_FILE_NAME).is_file():
         return None
     import xarray as xr
@@ -270,7 +272,7 @@ def _read_saved_table(folder: Path | None, made_of: str) -> Any:
             values = np.stack([found.mu.values, found.mu_in_depth.values], axis=1)
             return (values, float(found.attrs["largest_error_of_interpolation"])) if same else None
     except (OSError, KeyError, AttributeError, ValueError):
-        return None  # damaged: made anew
+        return None  # a damaged file: the table is computed again
 
 
 def _theory_friction(
@@ -285,20 +287,20 @@ def _theory_friction(
 ) -> np.ndarray:
     """mu and its part in depth (2, faces, spots, pressures) at one speed."""
     v = float(np.exp(logv))
-    share = flash_fraction(theory.q, rubber, diameter, v)
-    T = face[:, None, None] + (spot[:, None] - face[:, None, None]) * share
-    found = theory(v, T[:, :, None], np.exp(logp), spot[:, None])
-    deep = found.weight * (0.5 / found.q >= shallow)
-    return np.array([found.mu, found.density @ deep])
+    fraction = flash_fraction(theory.q, rubber, diameter, v)
+    T = face[:, None, None] + (spot[:, None] - face[:, None, None]) * fraction
+    result = theory(v, T[:, :, None], np.exp(logp), spot[:, None])
+    deep = result.weight * (0.5 / result.q >= shallow)
+    return np.array([result.mu, result.density @ deep])
 
 
 def _interpolation_error(
     table: FrictionTable, theory: PerssonTheory, rubber: Material, diameter: float, shallow: float
 ) -> float:
-    """Largest deviation at the middles of the table's cells, some of them, over the largest mu."""
+    """Largest deviation at the centres of a sample of the table's cells, over the largest mu."""
     middle = 0.5 * (table.T[1:] + table.T[:-1])
-    some = np.unique(np.r_[0, 1 : len(middle) : 3, len(middle) - 1])  # the outermost are the worst
-    face, spot, logp = middle[some], middle[some], 0.5 * (table.logp[1:] + table.logp[:-1])
+    sample = np.unique(np.r_[0, 1 : len(middle) : 3, len(middle) - 1])  # with the outer cells, where it is largest
+    face, spot, logp = middle[sample], middle[sample], 0.5 * (table.logp[1:] + table.logp[:-1])
     n = len(table.logv)
     speeds = table.logv if n == 1 else (0.5 * (table.logv[1:] + table.logv[:-1]))[:: max(1, n // 4)]
     worst = 0.0

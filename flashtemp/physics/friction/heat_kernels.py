@@ -1,10 +1,11 @@
-"""Memory kernels of flash temperature (Level K): what friction heat released a while ago does to every wavenumber.
+"""Memory kernels of flash temperature (Level K): effect of earlier friction heat on the temperature of a wavenumber.
 
-A wavenumber q feels T_q = int 2q exp(-2qz) T dz; heat of wavenumber q' decays as exp(-2q'z).  In a half-space
+The temperature for wavenumber q is T_q = int 2q exp(-2qz) T dz; heat of wavenumber q' decays as exp(-2q'z).  In a
+half-space
 
     T_q(t) = T_b + int dt' h(w) int dq' Q'(q', t') K(2q, 2q', D(t - t'))/(rho c),    w = |s(t) - s(t')|/D_spot
 
-with K(a, b, D tau) = ab/(b^2 - a^2) [b erfcx(a sqrt(D tau)) - a erfcx(b sqrt(D tau))] (theory 1.6, V4).
+with K(a, b, D tau) = ab/(b^2 - a^2) [b erfcx(a sqrt(D tau)) - a erfcx(b sqrt(D tau))] (theory.md, eq. (14); V4).
 
 >>> age = 0.01 * 0.25 / (1200 * 1700)
 >>> print(f"{heat_kernel(2e4, 2e4, age):.4f} {heat_kernel(2e4, 2e5, age):.4f}")
@@ -29,7 +30,7 @@ ROOT_PI = np.sqrt(np.pi)
 
 
 def disc_overlap(w: Value) -> Value:
-    """h(w): overlap of two equal discs displaced by w diameters (theory 1.6)."""
+    """h(w): overlap of two equal discs displaced by w diameters, over their area."""
     w = np.clip(w, 0.0, 1.0)
     return 1.0 - (2.0 / np.pi) * (w * np.sqrt(1.0 - w * w) + np.arcsin(w))
 
@@ -45,7 +46,7 @@ def _overlap_spline() -> CubicSpline:
 
 
 def overlap_integral(r: Value) -> Value:
-    """Integral of w^-1/2 h(w) from 0 to r (slid distance over spot diameter), eq. V10."""
+    """Integral of w^-1/2 h(w) from 0 to r (slid distance over spot diameter); theory.md, eq. (13b), V10."""
     return float(_overlap_spline()(np.sqrt(min(max(r, 0.0), 1.0))))
 
 
@@ -60,11 +61,11 @@ def _flash_spline() -> CubicSpline:
 
 
 def flash_response(kappa: Value, r: float = 1.0) -> Value:
-    """Flash temperature over that of a surface flux felt at its surface, eq. (13): kappa = sqrt(D t_spot)/depth.
+    """Flash temperature relative to that of a surface flux at the surface, eq. (13): kappa = sqrt(D t_spot)/depth.
 
-    Of a source that decays over `depth`, felt at the surface, or of a surface flux, felt by the wavenumber 1/(2 depth).
-    Before a spot has slid its diameter, `r` < 1 of it, both integrals end there (V10): heat in depth warms the surface
-    in proportion to time at first, a flux in proportion to its root.
+    It is that of a source decaying over `depth`, at the surface, or that of a surface flux, for wavenumber
+    1/(2 depth).  Before a spot has slid its diameter, for a slid ratio `r` < 1, both integrals end at r (V10): heat in
+    depth warms the surface in proportion to time at first, a flux in proportion to the root of time.
 
     >>> round(float(flash_response(0.3, 1e-6) / (0.5 * np.sqrt(np.pi) * 0.3 * 1e-3)), 3)  # kappa sqrt(pi r)/2
     1.0
@@ -74,7 +75,7 @@ def flash_response(kappa: Value, r: float = 1.0) -> Value:
     if r <= 0.0:
         return 0.0 * kappa
     u, weights = _unit_quadrature()
-    s = np.sqrt(r) * u**3  # near 0 erfcx is steep where the source is shallow
+    s = np.sqrt(r) * u**3  # denser nodes near 0, where erfcx is steep for shallow sources
     change = 3.0 * np.sqrt(r) * u**2 * weights
     integral = np.sum(change * 2.0 * s * disc_overlap(s * s) * erfcx(np.multiply.outer(kappa, s)), axis=-1)
     return kappa * integral * ROOT_PI / overlap_integral(r)
@@ -88,14 +89,14 @@ def _unit_quadrature() -> tuple[np.ndarray, np.ndarray]:
 
 
 def retained_fraction(tau: Value, diameter: float, diffusivity: Value) -> Value:
-    """R(tau): share of heat still under a disc of the given diameter (m) after tau (s), eq. (15b)."""
+    """R(tau): fraction of heat still under a disc of `diameter` (m) after tau (s); theory.md, eq. (15b)."""
     X = (diameter / 2) ** 2 / (2 * diffusivity * np.asarray(tau, dtype=float))
-    near = np.minimum(X, 1e6)  # beyond, the Bessel functions lose their digits
+    near = np.minimum(X, 1e6)  # asymptote beyond, where the Bessel functions lose accuracy
     return np.where(X > 1e6, 1.0 - np.sqrt(2.0 / (np.pi * X)), 1.0 - ive(0, near) - ive(1, near))
 
 
 def heat_kernel(a: Value, b: Value, age: Value) -> Value:
-    """K (1/m) of decay rates a = 2q of what feels and b = 2q' of what heats (1/m); `age` is D (t - t') in m^2."""
+    """K (1/m) for decay rates a = 2q of the temperature and b = 2q' of the source (1/m); `age` is D (t - t'), m^2."""
     s = np.sqrt(age)
     if np.ndim(a) == 0 and a == b:
         return _equal_rates_kernel(a, a * s)
@@ -103,7 +104,7 @@ def heat_kernel(a: Value, b: Value, age: Value) -> Value:
 
 
 def _equal_rates_kernel(a: Value, y: Value) -> Value:
-    """K of equal rates a at y = a sqrt(age); its closed form cancels for large y."""
+    """K of equal rates a at y = a sqrt(age); asymptotic for large y, where the closed form cancels."""
     near = np.minimum(y, 20.0)
     closed = 0.5 * a * ((1.0 - 2.0 * near * near) * erfcx(near) + 2.0 * near / ROOT_PI)
     far = np.maximum(y, 20.0)
@@ -111,7 +112,7 @@ def _equal_rates_kernel(a: Value, y: Value) -> Value:
 
 
 def _mean_step_response(y: Value) -> Value:
-    """(erfcx y - 1 + 2y/sqrt pi)/y^2: mean over its duration of what a steady source has done."""
+    """(erfcx y - 1 + 2y/sqrt pi)/y^2: time-mean response to a steady source; a series near y = 0."""
     y = np.asarray(y, dtype=float)
     safe = np.where(y > 0.02, y, 1.0)
     series = 1.0 - 4.0 * y / (3 * ROOT_PI) + y**2 / 2 - 8.0 * y**3 / (15 * ROOT_PI) + y**4 / 6
@@ -119,9 +120,9 @@ def _mean_step_response(y: Value) -> Value:
 
 
 def step_response(a: float, b: float, diffusivity: float, t: float) -> float:
-    """int_0^t K dt' in s/m: times Q/(rho c) the rise of T_q by a steady source of Q W/m2 (V4).
+    """int_0^t K dt' in s/m: times Q/(rho c) the increase of T_q by a steady source of Q W/m2 (V4).
 
-    A reference in closed form for checks, used by no run.
+    A closed-form reference for tests; the model does not use it.
     """
     s = np.sqrt(diffusivity * t)
     if a == b:
@@ -131,10 +132,10 @@ def step_response(a: float, b: float, diffusivity: float, t: float) -> float:
 
 @dataclass(frozen=True)
 class HeatMemory:
-    """The half-space's answer between all wavenumbers q (n,) 1/m; `capacity` rho c in J/m3K, `diffusivity` m2/s.
+    """Response of the half-space between all wavenumbers q (n,) 1/m; `capacity` rho c in J/m3K, `diffusivity` m2/s.
 
-    K(2q, 2q') parts into products of functions of one wavenumber each, so that a history of N steps costs N n and
-    one product with a matrix, not N n^2.
+    K(2q, 2q') separates into products of functions of one wavenumber each.  A history of N steps therefore costs N n
+    operations and one matrix product, instead of N n^2.
     """
 
     q: np.ndarray
@@ -149,12 +150,12 @@ class HeatMemory:
         return a[:, None] * a[None, :] ** 2 / gap, a[:, None] ** 2 * a[None, :] / gap
 
     def spread_heat(self, heat: np.ndarray) -> np.ndarray:
-        """The first of the two products for a heat (n,) W/m2 per node, to be kept with it."""
-        found: np.ndarray = self._kernel_factors[0] @ heat
-        return found
+        """The first of the two products for a heat (n,) W/m2 per node, to be stored with the heat."""
+        spread: np.ndarray = self._kernel_factors[0] @ heat
+        return spread
 
     def age_weights(self, age: Value) -> tuple[np.ndarray, np.ndarray]:
-        """int_0^age of the two parts: off the diagonal and on it (..., n), s and s/m."""
+        """int_0^age of the kernel's factors off the diagonal and on it (..., n), s and s/m."""
         age = np.asarray(age, dtype=float)[..., None]
         a = 2.0 * self.q
         y = a * np.sqrt(self.diffusivity * age)
@@ -167,18 +168,18 @@ class HeatMemory:
         return float(self.capacity * np.sqrt(self.diffusivity))
 
     def surface_weights(self, off: Value) -> np.ndarray:
-        """K m2/W: what flux into the surface does to T_q, and heat of wavenumber q to the surface; `off` of `age_weights`."""
-        found: np.ndarray = 2.0 * self.q * off / self.capacity
-        return found
+        """K m2/W: response of T_q to a surface flux, and of the surface to heat of q; `off` of `age_weights`."""
+        weights: np.ndarray = 2.0 * self.q * off / self.capacity
+        return weights
 
     def temperature_rise(self, off: Value, on: Value, heat: Value, spread: Value) -> np.ndarray:
-        """T_q - T_b (n,) K of heats (m, n) that acted through weights `off`, `on` (m, n) of `age_weights`."""
+        """T_q - T_b (n,) K by heats (m, n) with weights `off`, `on` (m, n) from `age_weights`; eq. (14)."""
         mixed = np.sum(off * spread, axis=0) - self._kernel_factors[1] @ np.sum(off * heat, axis=0)
-        found: np.ndarray = (mixed + np.sum(on * heat, axis=0)) / self.capacity
-        return found
+        rise: np.ndarray = (mixed + np.sum(on * heat, axis=0)) / self.capacity
+        return rise
 
     def steady_weights(self, residence: float) -> tuple[np.ndarray, np.ndarray]:
-        """Weights (1, n) of a heat that has always acted, while a spot passes in `residence` s."""
+        """Weights (1, n) of a steady heat while a spot passes in `residence` s."""
         nodes, weights = np.polynomial.legendre.leggauss(8)
         edges = np.linspace(0.0, 1.0, 33)
         half = 0.5 * np.diff(edges)[:, None]

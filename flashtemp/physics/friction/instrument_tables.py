@@ -1,7 +1,7 @@
-"""Tables as instruments export them: columns found by name, units from the header, any separator, decimal commas.
+"""Read tables as instruments export them: columns by name, units from the header, any separator, decimal commas.
 
-A text file holds numbers in columns under lines of words.  One of those lines names the columns; units stand in it
-(`E' (MPa)`, `E'/MPa`, `q_1/m`) or in a line below.  Without names the order of the quantities asked for counts.
+A text file contains columns of numbers under lines of words.  One of those lines names the columns.  Units are in it
+(`E' (MPa)`, `E'/MPa`, `q_1/m`) or in a line below.  Without names the order of the requested quantities decides.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from flashtemp.physics.tables.cells import is_missing, parse_number
 from flashtemp.physics.tables.table import WORD_WITH_UNIT, read_text
 
 INSTRUMENT_DIALECTS = (("\t", False), ("\t", True), (";", False), (";", True), (",", False), (" ", False), (" ", True))
-EMPTY_UNIT_CELLS = {"", "-", "--", "nan", "n/a", "na"}  # in a line of units
+EMPTY_UNIT_CELLS = {"", "-", "--", "nan", "n/a", "na"}  # cells without a unit in a line of units
 SIGN_SPELLINGS = str.maketrans(
     {c: "'" for c in "’′´`ʹ"} | {c: "''" for c in '″“”"'} | {"µ": "u", "μ": "u", "²": "2", "⁴": "4"}
 )
-DIALECT_SAMPLE_LINES = 200  # lines that tell separator and decimal sign
-MAX_COLUMN_NAME_LETTERS = 80  # characters of a column's name with its unit
+DIALECT_SAMPLE_LINES = 200  # lines from which separator and decimal sign are detected
+MAX_COLUMN_NAME_LETTERS = 80  # longest name of a column with its unit
 
 
 @dataclass(frozen=True)
 class ColumnSpec:
-    """A column to look for: `pattern` of its bare names, `units` as (factor, zero) to SI, `default` where none stands.
+    """A column to find: `pattern` of its names without unit, `units` as (factor, zero) to SI, `default` unit.
 
-    `default` may depend on the name: pairs of a pattern and a unit, the first that fits.
+    `default` may depend on the name: pairs of a pattern and a unit, of which the first match is used.
     """
 
     name: str
@@ -53,7 +53,7 @@ class ColumnSpec:
 
 @dataclass(frozen=True)
 class FoundColumn:
-    """Where a quantity stands in a file: its place, its name there, and its unit, `stated` or assumed."""
+    """The column of a quantity in a file: its index, its name there, and its unit, `stated` or assumed."""
 
     at: int
     name: str
@@ -63,7 +63,7 @@ class FoundColumn:
 
 @dataclass(frozen=True)
 class InstrumentTable:
-    """Columns (n,) in SI under the names of their quantities; for messages `name`, and `prefix` to lines of rows."""
+    """Columns (n,) in SI by quantity; `name` and `prefix` with the rows' `lines` locate values in messages."""
 
     name: str
     prefix: str
@@ -82,14 +82,14 @@ class InstrumentTable:
         if not np.any(bad):
             return
         row, column = int(np.argmax(bad)), self.columns[name]
-        said = f"{column.unit}" if column.stated else f"{column.unit} assumed, no unit stated"
+        unit = f"{column.unit}" if column.stated else f"{column.unit} assumed, no unit stated"
         value = f"{self.values[name][row]:g} in SI units" if column.unit else f"{self.values[name][row]:g}"
         more = f"; {hint}" if hint and not column.stated else ""
-        raise BadInput(f"{self.prefix}{self.lines[row]}: {column.name} ({said}): {value}; give {remedy}{more}")
+        raise BadInput(f"{self.prefix}{self.lines[row]}: {column.name} ({unit}): {value}; give {remedy}{more}")
 
 
 def table_of_rows(data: np.ndarray, key: str, quantities: Sequence[ColumnSpec]) -> InstrumentTable:
-    """A table from rows (n, k) of a case, in the units of the quantities as they stand there (`default`)."""
+    """A table from rows (n, k) of a case, in the last `default` unit of each quantity."""
     columns = {q.name: FoundColumn(i, q.name, q.default[-1][1], True) for i, q in enumerate(quantities)}
     values = {q.name: _convert_to_si(data[:, i], q, q.default[-1][1]) for i, q in enumerate(quantities)}
     return InstrumentTable(key, f"{key}: row ", range(1, len(data) + 1), values, columns)
@@ -98,9 +98,9 @@ def table_of_rows(data: np.ndarray, key: str, quantities: Sequence[ColumnSpec]) 
 def read_instrument_table(
     source: str, folder: Path, key: str, quantities: Sequence[ColumnSpec], order: Sequence[str], alternative: str = ""
 ) -> InstrumentTable:
-    """The columns of a file that are found; without any name, `order` tells which stands where.
+    """Read the columns of a file that match `quantities`; in a file without names, `order` assigns them.
 
-    `alternative` is what a case may give instead of a file name or rows, for the message where `source` is neither.
+    `alternative` describes other values that a case may give, for the message where `source` is not a file name.
     Raises BadInput naming the key, the file and its line, for files without numbers, unknown units, damaged rows.
     """
     if not isinstance(source, str):
@@ -148,12 +148,12 @@ def _split_cells(line: str, separator: str) -> list[str]:
 
 
 def _parse_cell(cell: str, comma: bool) -> float | None:
-    """The number of a cell, NaN for a mark of a missing one, None for words."""
+    """The number in a cell, NaN for a missing value, None for words."""
     return float("nan") if is_missing(cell) else parse_number(cell, comma)
 
 
 def _parse_row(line: str, dialect: Value) -> list[float] | None:
-    """The numbers of a line, None for words; a line without any number is none."""
+    """The numbers of a line, None for a line with words or without any number."""
     separator, comma = dialect
     cells = _split_cells(line, separator)
     if len(cells) < 2:
@@ -173,7 +173,7 @@ def _detect_dialect(lines: list[str]) -> Value:
 
 
 def _split_header_and_rows(lines: list[str], dialect: Value, prefix: str) -> Value:
-    """Header lines, rows of numbers, their line numbers and the usual width; a header may come again in between."""
+    """Header lines, rows of numbers, their line numbers and the most common width; the header may be repeated."""
     header, data, at = {}, [], []
     for number, line in enumerate(lines, 1):
         text = line.strip()
@@ -196,7 +196,7 @@ def _split_header_and_rows(lines: list[str], dialect: Value, prefix: str) -> Val
 
 
 def _check_damaged_row(cells: list[str], width: int, comma: bool, place: str) -> None:
-    """BadInput for a line above the numbers that is a row of them with a slip in it, as O.1 for 0.1."""
+    """Raise BadInput for a line above the numbers that is a row with a typing error, as O.1 for 0.1."""
     wrong = [c for c in cells if _parse_cell(c, comma) is None]
     if len(cells) == width and wrong and all(map(safe_text.is_mistyped_number, wrong)):
         raise BadInput(
@@ -207,7 +207,7 @@ def _check_damaged_row(cells: list[str], width: int, comma: bool, place: str) ->
 def _find_columns(
     header: list[str], quantities: Value, width: int, separator: str, prefix: str
 ) -> dict[str, FoundColumn]:
-    """Columns named by the header line in which most quantities are recognised; none where no line names any."""
+    """Columns named by the header line in which most quantities are recognised; empty where no line names any."""
     best, found = (0, 0), {}
     for number, line in enumerate(header):
         for parts in _split_candidates(line, width, separator):
@@ -218,7 +218,7 @@ def _find_columns(
 
 
 def _split_candidates(line: str, width: int, separator: str) -> Iterator[list[str]]:
-    """Ways to part a header line; single blanks part names only where that gives as many as there are columns."""
+    """Ways to split a header line; single blanks separate names only if that gives the right number of columns."""
     for sign in dict.fromkeys((separator.replace(" ", "\t"), "\t", ";", ",")):
         yield _split_cells(line, sign)
     yield re.split(r"\s{2,}", line.strip())
@@ -229,7 +229,7 @@ def _split_candidates(line: str, width: int, separator: str) -> Iterator[list[st
 
 
 def _recognise_cells(parts: list[str], quantities: Value) -> dict[str, tuple[int, str, str | None]]:
-    """Per quantity the first cell that names it: its place, name and unit text."""
+    """For every quantity, the first cell that names it: its index, name and unit text."""
     named, taken = {}, set()
     for quantity in quantities:
         for i, cell in enumerate(parts):
@@ -266,7 +266,7 @@ def normalise_unit(text: str) -> str:
 
 
 def _add_units(named: Value, parts: Value, below: list[str], quantities: Value, prefix: str) -> dict[str, FoundColumn]:
-    """Columns with the unit of their own cell, else of a line below in which units are recognised."""
+    """Columns with the unit in their name, else from the line below in which most units are recognised."""
     known = {q.name: q for q in quantities}
     line: dict[str, str] = {}
     for text in below:
@@ -275,8 +275,8 @@ def _add_units(named: Value, parts: Value, below: list[str], quantities: Value, 
             if sum(w in known[n].units for n, w in words.items()) > len(line):
                 line = words
     columns = {}
-    for name, (i, raw, own) in named.items():
-        stated = own or line.get(name) or ""
+    for name, (i, raw, unit) in named.items():
+        stated = unit or line.get(name) or ""
         if stated in EMPTY_UNIT_CELLS and stated not in known[name].units:
             stated = ""
         if stated and stated not in known[name].units:

@@ -1,8 +1,9 @@
-"""A block on a road by memory kernels alone (Level K): the independent check of the finite volumes.
+"""A block on a road by memory kernels alone (Level K): an independent check of the finite volumes.
 
-Every point of the block's face remembers what it received, every point of the road what it received since it came
-under the block, and a spot what it received while it lay over the same rubber (theory 1.6 eqs. (14), (15)).  Rubber and
-road are half-spaces without conduction along x; heat is released in the contact, which conducts perfectly.
+The temperature of every point of the block's face follows from its flux history.  That of the road follows from its
+history since it entered under the block, and that of a spot from its time over the same rubber (theory.md, eqs. (14)
+and (15)).  Rubber and road are half-spaces without conduction along x.  Heat is released in the contact, which has no
+thermal resistance.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from flashtemp.physics.material import Material
 
 
 class KernelTemperatures(NamedTuple):
-    """At times (n,) s and places (m,) m from the leading edge: temperatures (n, m) K, friction coefficient (n, m)."""
+    """At times (n,) s and positions (m,) m from the leading edge: temperatures (n, m) K and friction (n, m)."""
 
     time: np.ndarray
     x: np.ndarray
@@ -47,23 +48,23 @@ class KernelBlock:
     widening: bool = True
 
     def lane_fraction(self, tau: Value) -> Value:
-        """Share of the heat that is still under a spot, eq. (15b), never below the contact fraction."""
+        """Fraction of the heat that is still under a spot, eq. (15b), at least the contact fraction."""
         if not self.widening:
             return np.ones_like(tau)
         return np.maximum(retained_fraction(tau, self.diameter, self.road.diffusivity), self.fraction)
 
     def graded_places(self, count: int) -> np.ndarray:
-        """Places (count,) m, denser at the leading edge; the last one is the trailing edge."""
+        """Positions (count,) m, denser at the leading edge; the last one is the trailing edge."""
         return self.length * (np.arange(1, count + 1) / count) ** 2
 
     def road_weights(self, x: np.ndarray) -> np.ndarray:
-        """(m, m) K m2/W: rise of the road at x by fluxes linear between 0 (as at the first place) and the places."""
+        """(m, m) K m2/W: temperature rise of the road at x by fluxes linear between the positions, constant before."""
         nodes, weights = np.polynomial.legendre.leggauss(12)
         edges = np.concatenate([[0.0], x])
         out = np.zeros((len(x), len(x)))
         for i, at in enumerate(x):
             for j in range(i + 1):
-                # age = (at - x')/v, and its root as the variable takes the singularity away
+                # age = (at - x')/v; integration over its square root removes the singularity
                 a, b = np.sqrt((at - edges[j + 1]) / self.speed), np.sqrt((at - edges[j]) / self.speed)
                 root = 0.5 * (a + b) + 0.5 * (b - a) * nodes
                 part = (b - a) * weights * self.lane_fraction(root**2) / (self.road.effusivity * ROOT_PI)
@@ -77,8 +78,8 @@ class KernelBlock:
     ) -> KernelTemperatures:
         """Slide for `duration` s with friction(T_spot, T_face) (m,); times denser at the start.
 
-        The road is taken as settled: it passes in L/v, in which the block hardly changes; the first L/v is no result.
-        Raises SolverFailure where friction and temperature do not agree.
+        The road is quasi-steady, because it passes in L/v, during which the block hardly changes; results for t < L/v
+        are not valid.  Raises SolverFailure where friction and temperature do not converge.
         """
         t, x = duration * (np.arange(times + 1) / times) ** 2, self.graded_places(places)
         heat = self.pressure * self.speed / self.fraction
@@ -107,10 +108,10 @@ class KernelBlock:
         return KernelTemperatures(t, x, *(np.array(part) for part in zip(*rows, strict=True)))
 
     def flash_resistance(self, t: float) -> float:
-        """Resistance (m2 K/W) of the excess in a spot over the face, built up over the distance slid: V10, V11."""
+        """Flash resistance (m2 K/W): temperature excess in a spot over flux, growing with slid distance (V10, V11)."""
         theta = overlap_integral(self.speed * t / self.diameter) / ROOT_PI
-        found: float = (1 - self.fraction) * theta * np.sqrt(self.diameter / self.speed) / self.rubber.effusivity
-        return found
+        resistance: float = (1 - self.fraction) * theta * np.sqrt(self.diameter / self.speed) / self.rubber.effusivity
+        return resistance
 
     def _history_weights(self, t: np.ndarray) -> np.ndarray:
         """Weights (n + 1,) K m2/W at t[-1] of fluxes per spot area, linear in time between the moments t."""
@@ -122,5 +123,5 @@ class KernelBlock:
         weights = np.zeros(len(t))
         weights[:-1] += early
         weights[1:] += whole - early
-        found: np.ndarray = self.fraction * weights / (ROOT_PI * self.rubber.effusivity)
-        return found
+        scaled: np.ndarray = self.fraction * weights / (ROOT_PI * self.rubber.effusivity)
+        return scaled

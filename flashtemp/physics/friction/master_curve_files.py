@@ -1,4 +1,4 @@
-"""Master curves and shift factors as DMA and rheometer programs export them.
+"""Read master curves and shift factors as DMA and rheometer programs export them.
 
 Moduli are read as E', E'' or G', G'' (E = 2 (1 + nu) G) or with tan delta, at frequencies in Hz or rad/s.  Raw sweeps
 at several temperatures become one curve by time-temperature superposition, E(omega, T) = E(omega a_T, T_ref).
@@ -23,11 +23,11 @@ from flashtemp.physics.friction.rheology import WLF, MeasuredModulus, MeasuredSh
 from flashtemp.physics.interpolation import Source
 from flashtemp.physics.quantities import KELVIN
 
-SAME_FREQUENCY_DECADES = 1e-3  # decades: frequencies closer than this are one
-SAME_POINT_DECADES = 0.02  # decades: points of different sweeps closer than this are one
-SWEEP_GAP_K = 1.5  # K between two sweeps
+SAME_FREQUENCY_DECADES = 1e-3  # decades: frequencies closer than this are averaged
+SAME_POINT_DECADES = 0.02  # decades: points of different sweeps closer than this are averaged
+SWEEP_GAP_K = 1.5  # smallest temperature difference of two sweeps
 
-ANY = ""  # fits every name
+ANY = ""  # pattern that matches every name
 PRESSURE_UNITS = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "N/mm2": 1e6, "dyn/cm2": 0.1}
 MODULUS_UNITS = {
     k: (v, 0.0) for k, v in (PRESSURE_UNITS | {"pa": 1.0, "kpa": 1e3, "Mpa": 1e6, "MPA": 1e6, "Gpa": 1e9}).items()
@@ -47,7 +47,7 @@ FREQUENCY_COLUMN = ColumnSpec(
 
 
 def _modulus_column(name: str, letter: str, primes: str, words: str, usual: str) -> ColumnSpec:
-    """A column of E or G (`letter`) by its primes or by words; G only where the name says so."""
+    """A column of E or G (`letter`), identified by primes or by words; G only where the name states it."""
     kind = "(?=g|shear)" if letter == "g" else "(?!g|shear)"
     pattern = rf"{kind}(?=.*(?:{letter}{primes}(?!')|{words}))(?!.*(?:tan|fa[ck]tor|angle|{primes}'))[a-z'*]+"
     return ColumnSpec(name, pattern, MODULUS_UNITS, ((ANY, "Pa"),), usual)
@@ -81,7 +81,7 @@ ANALYTIC_CURVE_TEXT = (
 
 @dataclass(frozen=True)
 class FrequencySweeps:
-    """Rows (n,) of a measurement: omega in rad/s, E' and E'' in Pa, temperatures in K where the file has them."""
+    """Rows (n,) of a measurement: omega in rad/s, E' and E'' in Pa, temperatures T in K if the file has them."""
 
     omega: np.ndarray
     storage: np.ndarray
@@ -90,7 +90,7 @@ class FrequencySweeps:
 
     @property
     def temperatures(self) -> tuple[float, ...]:
-        """Mean temperature (K) of every sweep, rising; rows belong together that are less than 1.5 K apart."""
+        """Mean temperature (K) of every sweep, increasing; rows less than 1.5 K apart belong to one sweep."""
         if self.T is None:
             return ()
         T = np.sort(self.T)
@@ -101,7 +101,7 @@ class FrequencySweeps:
         return self.omega if shift is None or self.T is None else self.omega * shift(self.T)
 
     def to_master_curve(self, shift: WLF | MeasuredShift | None = None) -> MeasuredModulus:
-        """One curve over rising reduced frequency, rows at the same frequency averaged (log mean)."""
+        """One curve over increasing reduced frequency; rows at the same frequency are averaged (log mean)."""
         x = np.log10(self.reduced_frequency(shift))
         order = np.argsort(x, kind="stable")
         x, y = x[order], np.log10([self.storage, self.loss])[:, order]
@@ -119,7 +119,7 @@ class FrequencySweeps:
         return MeasuredModulus(tuple(omega.tolist()), tuple(storage.tolist()), tuple(loss.tolist()))
 
     def rms_scatter(self, shift: WLF | MeasuredShift | None) -> float:
-        """Rms distance of log10 E' between sweeps next in temperature where they overlap, decades; nan if nowhere."""
+        """Rms difference of log10 E' of sweeps at neighbouring temperatures where they overlap; nan if nowhere."""
         x, y = np.log10(self.reduced_frequency(shift)), np.log10(self.storage)
         means = np.array(self.temperatures)
         sweep = np.argmin(np.abs(np.asarray(self.T)[:, None] - means), axis=1)
@@ -138,8 +138,8 @@ def read_master_curve(
 ) -> MeasuredModulus:
     """The master curve of a file or of rows [omega rad/s, E' Pa, E'' Pa]; raw sweeps are reduced by `shift`.
 
-    Raises BadInput naming key, file and line where numbers or units cannot be right, for sweeps at several
-    temperatures without a shift, and for frequencies that are reduced already beside a column of temperatures.
+    Raises BadInput naming key, file and line where numbers or units are implausible, for sweeps at several
+    temperatures without a shift, and for reduced frequencies in a file that also has a column of temperatures.
     """
     sweeps = read_sweeps(source, folder, key, poisson)
     name = f"{key}: {source}" if isinstance(source, str) else key
@@ -151,7 +151,7 @@ def read_master_curve(
         before, after = sweeps.rms_scatter(None), sweeps.rms_scatter(shift)
         if after > 0.1 and not after < before:
             raise BadInput(
-                f"{name}: sweeps from {span} lie {after:.2g} decades apart once shifted, {before:.2g} before; "
+                f"{name}: sweeps from {span} differ by {after:.2g} decades after the shift, {before:.2g} before; "
                 "give the shift of this rubber, or leave out the temperatures if the frequencies are reduced already"
             )
     curve = sweeps.to_master_curve(shift)
@@ -161,7 +161,7 @@ def read_master_curve(
 
 
 def read_sweeps(source: Source, folder: Path, key: str, poisson: float = 0.5) -> FrequencySweeps:
-    """Rows of a file or of a case as measured, checked.  Raises BadInput as `read_master_curve` does."""
+    """Measured rows of a file or of a case, checked.  Raises BadInput as `read_master_curve` does."""
     if isinstance(source, (list, tuple)):
         table = table_of_rows(
             interpolation.read_rows(source, folder, key, 3), key, (FREQUENCY_COLUMN, STORAGE_COLUMN, LOSS_COLUMN)
@@ -180,7 +180,7 @@ def read_sweeps(source: Source, folder: Path, key: str, poisson: float = 0.5) ->
 
 
 def _young_moduli(table: InstrumentTable, key: str, poisson: float) -> tuple[np.ndarray, np.ndarray]:
-    """E' and E'' (Pa) from whichever moduli the table has, each checked where it stands."""
+    """E' and E'' (Pa) from the moduli or the loss factor in the table, each checked for plausibility."""
     shear = "shear storage modulus" in table and "storage modulus" not in table
     storage, loss = ("shear storage modulus", "shear loss modulus") if shear else DEFAULT_COLUMN_ORDER[1:]
     _require_column(table, "frequency", FREQUENCY_COLUMN.usual)
@@ -201,7 +201,7 @@ def _young_moduli(table: InstrumentTable, key: str, poisson: float) -> tuple[np.
 def _require_column(table: InstrumentTable, name: str, usual: str) -> None:
     if name not in table:
         found = ", ".join(repr(c.name) for c in table.columns.values())
-        raise BadInput(f"{table.prefix} no column of {name} beside {found}; name it {usual}")
+        raise BadInput(f"{table.prefix} no column of {name}, only {found}; name it {usual}")
 
 
 def _require_range(table: InstrumentTable, name: str, low: float, high: float, right: str, hint: str = "") -> None:
@@ -210,9 +210,9 @@ def _require_range(table: InstrumentTable, name: str, low: float, high: float, r
 
 
 def read_shift(source: Source, folder: Path, key: str) -> MeasuredShift:
-    """Shift factors of a file or of rows [T degC, log10 a_T], rows at the same temperature averaged.
+    """Shift factors of a file or of rows [T degC, log10 a_T]; rows at the same temperature are averaged.
 
-    Raises BadInput where temperatures or factors cannot be right: log10 a_T falls with temperature.
+    Raises BadInput where temperatures or factors are implausible: log10 a_T must fall with temperature.
     """
     if isinstance(source, (list, tuple)):
         table = table_of_rows(interpolation.read_rows(source, folder, key, 2), key, (TEMPERATURE_COLUMN, SHIFT_COLUMN))
@@ -231,12 +231,12 @@ def read_shift(source: Source, folder: Path, key: str) -> MeasuredShift:
     places, back = np.unique(T, return_inverse=True)
     decades = np.bincount(back, decades) / np.bincount(back)
     if len(places) < 2 or decades[-1] >= decades[0]:
-        wrong = f"{len(places)} temperatures" if len(places) < 2 else "log10 a_T rises with temperature"
+        wrong = f"{len(places)} temperatures" if len(places) < 2 else "log10 a_T increases with temperature"
         raise BadInput(f"{table.name}: {wrong}; give 2 or more, a_T falling with temperature")
     return MeasuredShift(tuple(places.tolist()), tuple(decades.tolist()))
 
 
 def _require_logarithm(table: InstrumentTable, decades: np.ndarray) -> None:
-    """Factors a_T themselves are all positive and span decades: they are not their logarithms."""
+    """Raise BadInput for values that are a_T and not log10 a_T: all positive, over more than two decades."""
     if np.all(decades > 0) and decades.max() > 1e2 * decades.min():
         table.require_rows(decades > 0, "log10 a_T", "log10 a_T: these look like a_T itself")

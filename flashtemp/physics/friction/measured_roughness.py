@@ -1,8 +1,8 @@
-"""Power spectra of measured roads: read from a file, or computed from heights by SurfaceTopography.
+"""Power spectra of measured roads, read from a file or computed from heights by SurfaceTopography.
 
-flashtemp's C(q) is isotropic with <h^2> = 2 pi int q C dq (m^4).  SurfaceTopography's differ by powers of 2 pi:
-<h^2> = 1/(2 pi) int q C2 dq for areas, so that C = C2/(4 pi^2), and <h^2> = 1/pi int C1 dk for lines, whose two-sided
-density is S(k) = C1/(2 pi).  A line sees every wave that crosses it, also obliquely:
+flashtemp's C(q) is isotropic with <h^2> = 2 pi int q C dq (m^4).  The spectra of SurfaceTopography differ by powers of
+2 pi: <h^2> = 1/(2 pi) int q C2 dq for areas, so that C = C2/(4 pi^2), and <h^2> = 1/pi int C1 dk for lines, whose
+two-sided density is S(k) = C1/(2 pi).  A line scan contains every wave that crosses it, also obliquely:
     S(k) = 2 int_k^inf C(q) q dq/sqrt(q^2 - k^2),      C(q) = -1/pi int_q^inf S'(k) dk/sqrt(k^2 - q^2)    (Abel)
 and S ~ k^(-1-2H) gives C = S(q)/q Gamma(1 + H)/(sqrt(pi) Gamma(H + 1/2)).
 """
@@ -25,16 +25,16 @@ from flashtemp.physics.friction.instrument_tables import ColumnSpec, read_instru
 from flashtemp.physics.friction.roughness_spectrum import MeasuredSpectrum, RoughnessSpectrum, SelfAffineLaw
 from flashtemp.physics.interpolation import Source
 
-AREA_BINS_PER_DECADE = 20  # bins of q of an area
-LINE_BINS_PER_DECADE = 10  # of a line, whose spectrum is differentiated
-SPIKE_SD = 10.0  # standard deviations, robust: beyond what any road has
+AREA_BINS_PER_DECADE = 20  # bins of q for an area
+LINE_BINS_PER_DECADE = 10  # for a line, whose spectrum is differentiated
+SPIKE_SD = 10.0  # robust standard deviations from the median that no point of a road reaches
 MAX_MISSING_FRACTION = 0.5
-LONG_WAVE_VARIANCE_RATIO = 25.0  # variance of the longest waves' ln C over that of the shortest
-RMS_HEIGHT_RANGE_M = (1e-9, 0.1)  # m, plausible rms
-MAX_ROAD_RMS_SLOPE = 10.0  # rms slope that no road has
+LONG_WAVE_VARIANCE_RATIO = 25.0  # variance of ln C of the longest waves over that of the shortest
+RMS_HEIGHT_RANGE_M = (1e-9, 0.1)  # plausible rms heights
+MAX_ROAD_RMS_SLOPE = 10.0  # largest plausible rms slope
 SPECTRUM_LAW_TEXT = ", or a law { height = m, rolloff = 1/m, hurst = 1, lowest = 1/m }"
 
-LENGTH_SPELLINGS = {  # of lengths in m; stylus instruments write heights in angstrom, microinch and mil
+LENGTH_SPELLINGS = {  # by length in m; stylus instruments also use angstrom, microinch and mil
     1.0: "m metre metres meter meters", 1e-2: "cm", 1e-3: "mm millimetre millimetres millimeter millimeters",
     1e-6: "um micrometre micrometres micrometer micrometers Micrometer micron microns",
     1e-9: "nm nanometre nanometres nanometer nanometers Nanometer", 1e-12: "pm",
@@ -42,7 +42,7 @@ LENGTH_SPELLINGS = {  # of lengths in m; stylus instruments write heights in ang
     2.54e-8: "uin uinch",
 }  # fmt: skip
 LENGTH_UNITS_M = {unit: metres for metres, units in LENGTH_SPELLINGS.items() for unit in units.split()}
-ANY = ""  # fits every name
+ANY = ""  # pattern that matches every name
 WAVENUMBER_COLUMN = ColumnSpec(
     "wavenumber",
     r"q|k|(?:wave|number|vector|spatial|angular|frequency){1,6}[qk]?",
@@ -71,7 +71,7 @@ HEIGHT_COLUMN = ColumnSpec(
 UNIT_OF_AXIS = re.compile(
     r"\b(?P<axis>[xz])[ _-]?(?:axis )?units?[^\w\n]{1,4}(?P<unit>[A-Za-z\u00c5]{1,12})", re.IGNORECASE
 )
-MAX_HEADER_BYTES = 20_000  # bytes of a file in which units of axes are looked for
+MAX_HEADER_BYTES = 20_000  # first bytes of a file that are searched for units of axes
 LATERAL_COLUMN = ColumnSpec(
     "y", r"[yY]|(?:y|axis|coordinate|position){2,6}", HEIGHT_COLUMN.units, ((ANY, "m"),), "y (mm)"
 )
@@ -83,7 +83,7 @@ VALIDITY_COLUMN = ColumnSpec(
 def read_spectrum(source: Source, folder: Path, key: str) -> MeasuredSpectrum:
     """C(q) of a file or of rows [q 1/m, C m^4]; rows at the same wavenumber are averaged (log mean).
 
-    Raises BadInput naming key, file and line for values <= 0, and where the rms height shows wrong units.
+    Raises BadInput naming key, file and line for values <= 0, and where the rms height indicates wrong units.
     """
     if isinstance(source, (list, tuple)):
         table = table_of_rows(
@@ -113,7 +113,7 @@ def read_spectrum(source: Source, folder: Path, key: str) -> MeasuredSpectrum:
 
 @dataclass(frozen=True)
 class LineScan:
-    """Heights (n,) of one line in m, dropouts nan, their `step` (m), and what was assumed or chosen, in words."""
+    """Heights (n,) of one line in m, nan for missing points, their `step` (m), and notes on assumptions."""
 
     heights: np.ndarray
     step: float
@@ -121,28 +121,28 @@ class LineScan:
 
 
 def read_profile(file: Path, key: str = "profile") -> tuple[np.ndarray, float]:
-    """Heights (n,) in m, dropouts nan, and their step (m) of a line scan.  Raises BadInput as `read_line_scan`."""
+    """Heights (n,) in m and step (m) of a line scan, nan for missing points.  Raises BadInput as `read_line_scan`."""
     scan = read_line_scan(file, key)
     return scan.heights, scan.step
 
 
 def read_line_scan(file: Path, key: str = "profile", stated: bool = False) -> LineScan:
-    """The line scan in a file: columns of distance and height in any unit, or what SurfaceTopography reads as a line.
+    """The line scan in a file: columns of distance and height in any unit, or a format of SurfaceTopography.
 
-    `stated`: only where the file itself states the units of both.  Raises BadInput for files without both columns, for
-    areas, and for uneven steps.
+    With `stated` the file itself must state both units.  Raises BadInput for files without both columns, for areas, and
+    for uneven steps.
     """
     try:
         return _scan_of_columns(file, key, stated)
     except BadInput as fault:
-        found = _scan_of_library(file, key)
-        if found is None:
+        scan = _scan_of_library(file, key)
+        if scan is None:
             raise fault
-        return found
+        return scan
 
 
 def _scan_of_columns(file: Path, key: str, stated: bool) -> LineScan:
-    """A line scan as columns of text."""
+    """Line scan from columns of text."""
     table = read_instrument_table(
         file.name,
         file.parent,
@@ -181,20 +181,20 @@ def _scan_of_columns(file: Path, key: str, stated: bool) -> LineScan:
 
 
 def _units_above(file: Path) -> dict[str, str]:
-    """Units of x and of z that lines of the header state, as "X Units: mm, Z Units: um"."""
+    """Units of x and z that the header states, as "X Units: mm, Z Units: um"."""
     text = _read_head(file).decode("utf-8", "replace").replace("µ", "u").replace("μ", "u")
     found = (m.groupdict() for m in UNIT_OF_AXIS.finditer(text))
     return {f["axis"].lower(): f["unit"] for f in found if f["unit"] in LENGTH_UNITS_M}
 
 
 def _read_head(file: Path) -> bytes:
-    """The first bytes of a file, where headers are."""
+    """The first bytes of a file, which contain the header."""
     with file.open("rb") as opened:
         return opened.read(MAX_HEADER_BYTES)
 
 
 def _is_bounded(file: Path) -> bool:
-    """Whether a file is small enough to be parsed, and a text has no line without end."""
+    """Whether a file and, in a text, its lines are short enough to be parsed."""
     try:
         data = safe_text.read_bounded_bytes(file, file.name)
         if b"\0" not in data[:MAX_HEADER_BYTES]:
@@ -205,7 +205,7 @@ def _is_bounded(file: Path) -> bool:
 
 
 def _scan_of_library(file: Path, key: str) -> LineScan | None:
-    """A line scan with units as SurfaceTopography reads it; None where it reads none.  Raises BadInput."""
+    """A line scan with units, read by SurfaceTopography, or None.  Raises BadInput for uneven steps."""
     if not _is_bounded(file):
         return None
     surface = load_topography_library()
@@ -215,7 +215,7 @@ def _scan_of_library(file: Path, key: str) -> LineScan | None:
                 return None
             line = opened.topography().to_unit("m")
             x, h = map(_unmask_values, line.positions_and_heights())
-    except Exception:  # readers raise whatever the damage leads to
+    except Exception:  # readers raise many types of exception for damaged files
         return None
     step = (x[-1] - x[0]) / max(1, len(x) - 1)
     if not np.all(np.abs(np.diff(x) - step) < 0.2 * abs(step)):
@@ -229,14 +229,14 @@ def _scan_of_library(file: Path, key: str) -> LineScan | None:
 
 
 def _unmask_values(values: Value) -> np.ndarray:
-    """Values with nan where they are masked."""
+    """Values with nan instead of masked ones."""
     return np.asarray(np.ma.filled(np.ma.asarray(values, float), np.nan))
 
 
 def remove_spikes(heights: np.ndarray) -> np.ndarray:
-    """Heights with nan for those more than ten robust standard deviations from the median: dropouts, end plates.
+    """Replace heights beyond ten robust standard deviations from the median by nan: dropouts, end plates.
 
-    Raises BadInput where most are missing.
+    Raises BadInput where more than half of the heights are missing.
     """
     h = np.array(heights, dtype=float)
     _check_missing(h)
@@ -246,10 +246,10 @@ def remove_spikes(heights: np.ndarray) -> np.ndarray:
 
 
 def spectrum_of_topography(heights: np.ndarray, pixel: Value, longest: float = np.inf) -> MeasuredSpectrum:
-    """C(q) of heights (nx, ny) in m, missing ones nan, `pixel` m (or one per axis), without waves over `longest` m.
+    """C(q) of heights (nx, ny) in m, nan where missing, `pixel` m (or one per axis), for waves up to `longest` m.
 
-    Tilt is taken off, a Hann window applied, missing points filled smoothly; q goes from two waves over the field
-    to the coarser axis' Nyquist wavenumber.  Raises BadInput where too much is missing or the heights are flat.
+    The tilt is removed, a Hann window applied, and missing points are interpolated.  q extends from two waves over the
+    field to the Nyquist wavenumber of the coarser axis.  Raises BadInput for too many missing points or flat heights.
     """
     h = np.asarray(heights, dtype=float)
     if h.ndim != 2 or min(h.shape) < 16:
@@ -264,10 +264,11 @@ def spectrum_of_topography(heights: np.ndarray, pixel: Value, longest: float = n
 
 
 def spectrum_of_profile(heights: np.ndarray, step: float, longest: float = np.inf) -> MeasuredSpectrum:
-    """Isotropic C(q) of a line's heights (n,) in m, missing ones nan, every `step` m, without waves over `longest` m.
+    """Isotropic C(q) of a line's heights (n,) in m, nan where missing, every `step` m, for waves up to `longest` m.
 
-    Several lines (m, n) are averaged.  The road is taken as isotropic with a C that falls with q.  q goes from two
-    waves on the line to half the Nyquist wavenumber, above which lines are aliased.  Raises as `spectrum_of_topography`.
+    Several lines (m, n) are averaged.  The road is assumed isotropic, with C decreasing with q.  q extends from two
+    waves on the line to half the Nyquist wavenumber, above which lines are aliased.  Raises BadInput as
+    `spectrum_of_topography` does.
     """
     k, S = _line_spectrum(heights, step)
     if len(k) < 3 or not np.all(S > 0):
@@ -278,7 +279,7 @@ def spectrum_of_profile(heights: np.ndarray, step: float, longest: float = np.in
 
 
 def profile_height(heights: np.ndarray, step: float, longest: float = np.inf) -> float:
-    """Rms height (m) of a line itself (n,) from waves along it no longer than `longest` m."""
+    """Rms height (m) of the line (n,) itself, from waves along it up to `longest` m."""
     scan = _prepare_line(heights, step)
     k, C = scan.power_spectrum_from_profile(resampling_method=None)
     keep = (k > 0) & (k >= 2 * np.pi / longest)
@@ -286,9 +287,10 @@ def profile_height(heights: np.ndarray, step: float, longest: float = np.inf) ->
 
 
 def isotropic_spectrum(k: np.ndarray, S: np.ndarray) -> np.ndarray:
-    """C (n,) in m^4 at k (1/m, rising) from the two-sided spectrum S (n,) in m^3 of a line: Abel's inverse.
+    """C (n,) in m^4 at k (1/m, increasing) from the two-sided spectrum S (n,) in m^3 of a line: Abel's inverse.
 
-    S is made to fall (weighted isotonic regression), as it does where C falls; its last half decade goes on beyond.
+    Weighted isotonic regression makes S monotone, as for a decreasing C; a power law fitted to its last half decade
+    extends it.
     """
     from scipy.interpolate import PchipInterpolator
     from scipy.optimize import isotonic_regression
@@ -300,16 +302,16 @@ def isotropic_spectrum(k: np.ndarray, S: np.ndarray) -> np.ndarray:
     u = np.linspace(0.0, 10.0, 2001)  # k = q cosh u
     at = x[:, None] + np.log(np.cosh(u))
     inside = at < x[-1]
-    held = np.minimum(at, x[-1])
-    slope = np.where(inside, curve(held, 1), beyond)
-    ln_S = curve(held) + beyond * (at - held)
-    found: np.ndarray = np.trapezoid(-slope * np.exp(ln_S - at), u, axis=1) / np.pi
-    return found
+    clipped = np.minimum(at, x[-1])
+    slope = np.where(inside, curve(clipped, 1), beyond)
+    ln_S = curve(clipped) + beyond * (at - clipped)
+    C: np.ndarray = np.trapezoid(-slope * np.exp(ln_S - at), u, axis=1) / np.pi
+    return C
 
 
 @dataclass(frozen=True)
 class SpectrumSummary:
-    """A spectrum in a few numbers: rms height (m) and slope between its ends q0, q1 (1/m), and its self-affine fit."""
+    """Summary of a spectrum: rms height (m) and rms slope between its ends q0, q1 (1/m), and its self-affine fit."""
 
     height: float
     slope: float
@@ -319,22 +321,22 @@ class SpectrumSummary:
 
     @classmethod
     def from_points(cls, points: MeasuredSpectrum) -> SpectrumSummary:
-        """Of points over their whole reach."""
+        """Summary of points over their whole range."""
         road = RoughnessSpectrum(points, *points.valid_range)
         return cls(road.rms_height, road.rms_slope(), *points.valid_range, fit_self_affine(points))
 
     @property
     def remarks(self) -> list[str]:
-        """In words: what no road has, a Hurst exponent outside 0 to 1 or an rms slope above 10."""
-        said = []
+        """Remarks on implausible values: a Hurst exponent outside 0 to 1 or an rms slope above 10."""
+        remarks = []
         if not 0.0 <= round(self.law.hurst, 2) <= 1.0:
-            said.append(
+            remarks.append(
                 f"Hurst exponent {self.law.hurst:.2f}: a self-affine road has one from 0 to 1; "
                 "is this noise, or are heights filtered?"
             )
         if not self.slope <= MAX_ROAD_RMS_SLOPE:
-            said.append(f"rms slope {self.slope:.3g}: no road is so steep; are heights and their distance in m?")
-        return said
+            remarks.append(f"rms slope {self.slope:.3g}: no road is so steep; are heights and their distance in m?")
+        return remarks
 
     def as_dict(self) -> dict[str, Any]:
         """For --json: lengths and wavelengths in m, level in m^4."""
@@ -366,16 +368,16 @@ def save_spectrum(points: MeasuredSpectrum, file: Path) -> None:
 
 
 def fit_self_affine(points: MeasuredSpectrum, longest: float = np.inf, shortest: float = 0.0) -> SelfAffineLaw:
-    """The self-affine law with roll-off nearest to ln C between two wavelengths (m), by least squares.
+    """Least-squares fit of a self-affine law with roll-off to ln C between two wavelengths (m).
 
-    Raises BadInput where fewer than four points lie between them.
+    Raises BadInput for fewer than four points between them.
     """
     q, C = np.array(points.q), np.array(points.C)
     keep = (2 * np.pi / q <= longest) & (2 * np.pi / q >= shortest)
     if keep.sum() < 4:
         raise BadInput(f"spectrum: {keep.sum()} points from {shortest:g} to {longest:g} m; give a wider range")
     x, y = np.log(q[keep]), np.log(C[keep])
-    weight = 1 / (1 + LONG_WAVE_VARIANCE_RATIO * (q[0] / q[keep]) ** 2)  # few long waves fit into a measurement
+    weight = 1 / (1 + LONG_WAVE_VARIANCE_RATIO * (q[0] / q[keep]) ** 2)  # a measurement contains few long waves
     best = (np.inf, 0.0, 0.0, 0.0)
     for start in [x[0], *np.linspace(x[0], x[-1], 200)[1:]]:
         bent = np.maximum(x - start, 0.0)
@@ -388,36 +390,37 @@ def fit_self_affine(points: MeasuredSpectrum, longest: float = np.inf, shortest:
 
 
 def _fit_line(x: Value, y: Value, weight: Value) -> tuple[np.ndarray, float]:
-    found = np.polyfit(x, y, 1, w=np.sqrt(weight))
-    return found, float(np.sum(weight * (y - np.polyval(found, x)) ** 2))
+    line = np.polyfit(x, y, 1, w=np.sqrt(weight))
+    return line, float(np.sum(weight * (y - np.polyval(line, x)) ** 2))
 
 
 def _line_spectrum(heights: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """k (1/m) and the two-sided S (m^3), mean of the lines."""
+    """k (1/m) and the two-sided spectrum S (m^3), mean over the lines."""
     lines = np.atleast_2d(np.asarray(heights, dtype=float))
     scans = [_prepare_line(h, step, cut=len(lines) == 1) for h in lines]
-    found = [s.power_spectrum_from_profile(nb_points_per_decade=LINE_BINS_PER_DECADE) for s in scans]
-    full = ~np.ma.getmaskarray(found[0][1])
-    return np.asarray(found[0][0])[full], np.mean([np.asarray(C)[full] for _, C in found], axis=0) / (2 * np.pi)
+    spectra = [s.power_spectrum_from_profile(nb_points_per_decade=LINE_BINS_PER_DECADE) for s in scans]
+    full = ~np.ma.getmaskarray(spectra[0][1])
+    return np.asarray(spectra[0][0])[full], np.mean([np.asarray(C)[full] for _, C in spectra], axis=0) / (2 * np.pi)
 
 
 def _prepare_line(heights: np.ndarray, step: float, cut: bool = True) -> Value:
-    """A line without tilt; gaps bridged by straight lines, missing ends `cut` or held."""
+    """A line without tilt; gaps are interpolated linearly, missing ends `cut` off or extended as constants."""
     h = np.asarray(heights, dtype=float)
     if _check_missing(h):
-        there = np.flatnonzero(np.isfinite(h))
-        span = (there[0], there[-1] + 1) if cut else (0, len(h))
-        h = np.interp(np.arange(*span), there, h[there])
+        measured = np.flatnonzero(np.isfinite(h))
+        span = (measured[0], measured[-1] + 1) if cut else (0, len(h))
+        h = np.interp(np.arange(*span), measured, h[measured])
     if h.ndim != 1 or len(h) < 64:
         raise BadInput(f"profile: {len(h)} heights; give 64 or more")
     return load_topography_library().UniformLineScan(h, len(h) * step).detrend("height")
 
 
 def _check_missing(h: np.ndarray) -> bool:
-    share = np.mean(~np.isfinite(h)) if h.size else 1.0
-    if share > MAX_MISSING_FRACTION:
-        raise BadInput(f"heights: {100 * share:.0f} % are missing; give a measurement with half of them or more")
-    return share > 0
+    """Whether heights are missing.  Raises BadInput where more than half of them are."""
+    missing = np.mean(~np.isfinite(h)) if h.size else 1.0
+    if missing > MAX_MISSING_FRACTION:
+        raise BadInput(f"heights: {100 * missing:.0f} % are missing; give a measurement with half of them or more")
+    return missing > 0
 
 
 def _select_points(q: Value, C: Value, longest: float, where: str) -> MeasuredSpectrum:
@@ -431,7 +434,7 @@ def _select_points(q: Value, C: Value, longest: float, where: str) -> MeasuredSp
 
 
 def _check_rms_height(q: Value, C: Value, where: str) -> MeasuredSpectrum:
-    """Points, if their rms height can be that of a road.  Raises BadInput."""
+    """The points as a spectrum, checked for a plausible rms height.  Raises BadInput."""
     points = MeasuredSpectrum(tuple(map(float, q)), tuple(map(float, C)))
     height = RoughnessSpectrum(points, *points.valid_range).rms_height
     if not RMS_HEIGHT_RANGE_M[0] <= height <= RMS_HEIGHT_RANGE_M[1]:

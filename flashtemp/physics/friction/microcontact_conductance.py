@@ -1,4 +1,4 @@
-"""Heat-transfer coefficient of the contact from its micro-contacts (theory 2.7).
+"""Thermal contact conductance of micro-contacts (theory.md, section 2.7 and eq. (19)).
 
 >>> from flashtemp.physics.material import LIBRARY
 >>> rubber, road = LIBRARY["tread_rubber"], LIBRARY["asphalt"]
@@ -20,24 +20,25 @@ def resting_conductance(rubber: Material, road: Material, modulus: float, pressu
     """alpha (W/m2K) of an elastic contact at rest: 2 k_m p/(E* u0), k_m = k_R k_S/(k_R + k_S).
 
     Barber's relation of conductance and stiffness with p ~ exp(-u/u0): `modulus` E* and local `pressure` in Pa,
-    `decay` u0 in m, 0.4 to 0.5 of the rms height.  It is nominal: inside a spot give the pressure and the height there.
-    A reference for checks, used by no run.
+    `decay` u0 in m, 0.4 to 0.5 of the rms height.  For a spot, use the pressure and the rms height inside it.
+    A reference for tests; the model does not use it.
     """
     k = rubber.conductivity * road.conductivity / (rubber.conductivity + road.conductivity)
     return 2.0 * k * pressure / (modulus * decay)
 
 
 def sliding_conductance(rubber: Material, road: Material, size: float, share: float) -> Callable[[float], float]:
-    """alpha(v) (W/m2K) of micro-contacts of `size` m on the road's tops that cover a `share` of a spot.
+    """alpha(v) (W/m2K) of micro-contacts of `size` m on the road that cover a fraction `share` of a spot.
 
-    Rubber flows past them: 1/h = 1/h_R + 1/h_S, h_R the larger of constriction and renewal, which grows as sqrt(v).
+    They slide over the rubber: 1/h = 1/h_R + 1/h_S, where h_R is the larger of constriction and of surface renewal,
+    which grows as sqrt(v); eq. (19).
     """
     h_S = 8.0 * road.conductivity / (np.pi * size)
     rest = 8.0 * rubber.conductivity / (np.pi * size)
 
     def law(v: float) -> float:
         h_R = max(rest, 2.0 / np.sqrt(np.pi) * rubber.effusivity * np.sqrt(v / size))
-        found: float = share * h_R * h_S / (h_R + h_S)
-        return found
+        alpha: float = share * h_R * h_S / (h_R + h_S)
+        return alpha
 
     return law

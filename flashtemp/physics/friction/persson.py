@@ -1,9 +1,9 @@
-"""Persson's contact and friction theory: G(q), the area in contact P(q), mu and where its heat is released.
+"""Persson's contact and friction theory: G(q), contact area P(q), friction and the depth of its heat; eqs. (16), (17).
 
 >>> from flashtemp.physics.friction import rheology, roughness_spectrum
 >>> theory = PerssonTheory(rheology.READY_RUBBERS["A"], roughness_spectrum.READY_ROADS["asphalt A"])
->>> found = theory(0.1, 293.15, 1.5e5)
->>> print(f"{found.G_at_q1:.2f} {found.area:.6e} {found.viscous:.6f}")
+>>> result = theory(0.1, 293.15, 1.5e5)
+>>> print(f"{result.G_at_q1:.2f} {result.area:.6e} {result.viscous:.6f}")
 27503.09 3.401990e-03 0.428219
 """
 
@@ -24,7 +24,7 @@ from flashtemp.physics.friction.rheology import Rubber
 from flashtemp.physics.friction.roughness_spectrum import RoughnessSpectrum
 
 GAUSS_POINTS_PER_PANEL = 8  # Gauss points per panel of q
-MAX_SOFTENING_ITERATIONS = 400  # of the softening with strain
+MAX_SOFTENING_ITERATIONS = 400  # fixed-point iteration of the softening with strain
 ANGLE_POINTS = 64  # Gauss points from 0 to pi/2
 LN_FREQUENCY_GRID = np.log(10.0) * np.arange(-14.0, 19.0, 0.05)  # of q v a_T in rad/s
 
@@ -34,7 +34,7 @@ class PayneSoftening:
     """Softening of filled rubber with strain e: factors on storage and loss modulus at small strain (Kraus 1984).
 
     With x = (e/e_c)^m storage falls as rest + (1 - rest)/(1 + x^2): `rest` is what remains at large strain, `strain`
-    e_c where half of the fall has happened, `power` m.  Loss falls by the same factor where `loss_peak` is None, else
+    e_c where half of the decrease is reached, `power` m.  Loss falls by the same factor where `loss_peak` is None, else
     it follows loss_rest + (1 - loss_rest)/(1 + x^2) + 2 (loss_peak - (1 + loss_rest)/2) x/(1 + x^2): 1 at small
     strain, `loss_peak` at e_c, `loss_rest` at large strain.  With loss_rest = 1 that is Kraus' own law, largest at e_c.
     Raises BadInput for a `loss_peak` below (1 + loss_rest)/2, where the term of Kraus would be negative.
@@ -69,11 +69,11 @@ class PayneSoftening:
 
 @dataclass(frozen=True)
 class AreaEnlargement:
-    """What changes the area in contact by a factor that depends on the nominal pressure (Pa, rising).
+    """A factor on the contact area that depends on the nominal pressure (Pa, increasing), by skewness or adhesion.
 
-    The adhesive part of friction follows the area; the viscoelastic part follows its power `viscous`.
-    Only waves longer than `cutoff` (m) are changed, 0 all of them.  The shorter waves keep their spectrum and lie on
-    the enlarged contact: what they add to G stays, and P follows from that sum.
+    The adhesive part of friction is proportional to the area; the viscoelastic part to the factor to the power
+    `viscous`.  Only waves longer than `cutoff` (m) are changed; 0 changes all of them.  The shorter waves keep their
+    spectrum on the enlarged contact: their contribution to G is unchanged, and P follows from the sum.
     """
 
     pressure: tuple[float, ...]
@@ -82,7 +82,7 @@ class AreaEnlargement:
     cutoff: float = 0.0
 
     def __call__(self, p: Value) -> Value:
-        """Factor on the area in contact at nominal pressures p (Pa), ends held."""
+        """Factor on the contact area at nominal pressures p (Pa), constant beyond the given pressures."""
         return np.exp(np.interp(np.log(p), np.log(self.pressure), np.log(self.factor)))
 
 
@@ -90,7 +90,7 @@ class AreaEnlargement:
 class TheoryResult:
     """Contact and friction at speeds, temperatures and pressures (...); spectra over `q` (..., n).
 
-    `G`, `P` = A(q)/A0; `density` dmu_visc/dq (m) with `weight` dq (1/m) of every node: viscous = sum weight density;
+    `G`, `P` = A(q)/A0; `density` dmu_visc/dq (m) and `weight` dq (1/m) of every node: viscous = sum weight density;
     `viscous`, `adhesive` friction coefficients; `G_at_q1` G and `area` A/A0 at q1.
     """
 
@@ -135,11 +135,11 @@ def _truncate_theory(theory: PerssonTheory, q: float) -> PerssonTheory:
 
 @dataclass(frozen=True)
 class PerssonTheory:
-    """Rubber on a road: what the theory needs beside speed, temperature and pressure.
+    """Rubber on a road: all inputs of the theory except speed, temperature and pressure.
 
-    `gamma` of S = gamma + (1 - gamma) P^2, the share of stored energy lost where contact is partial; `shear` the
-    stress of the real contact; `saturation` False takes the limit of small contact, P = 1/sqrt(pi G) without bound and
-    S = gamma; `payne` softens the rubber with strain; `enlarged` changes the area.
+    `gamma` of S = gamma + (1 - gamma) P^2, the fraction of stored energy lost in partial contact; `shear` the shear
+    stress of the real contact.  `saturation` False uses the limit of small contact, unbounded P = 1/sqrt(pi G) and
+    S = gamma; `payne` softens the rubber with strain; `enlarged` changes the contact area.
     """
 
     rubber: Rubber
@@ -152,7 +152,7 @@ class PerssonTheory:
 
     @cached_property
     def _quadrature_nodes(self) -> Value:
-        """Gauss nodes (n,) of q in panels of ln q, their weights dq, and integrals from q0 up to each node."""
+        """Gauss nodes of q in panels of ln q, their weights dq, half widths, and the matrix of running integrals."""
         ends = self.road.panel_edges()
         inner = [2 * np.pi / part.cutoff for part in self.enlarged if self._is_partial(part)]
         edges = np.log(np.union1d(ends, inner) if inner else ends)
@@ -167,8 +167,8 @@ class PerssonTheory:
     @property
     def q(self) -> np.ndarray:
         """Wavenumbers (n,) of the nodes, 1/m."""
-        found: np.ndarray = self._quadrature_nodes[0].ravel()
-        return found
+        nodes: np.ndarray = self._quadrature_nodes[0].ravel()
+        return nodes
 
     def cumulative_integral(self, values: np.ndarray) -> np.ndarray:
         """Integrals of q-densities (..., n) from q0 up to every node."""
@@ -176,8 +176,8 @@ class PerssonTheory:
         f = values.reshape(*values.shape[:-1], *q.shape)
         panel = np.sum(f * weight, axis=-1)
         before = np.cumsum(panel, axis=-1) - panel
-        found: np.ndarray = (before[..., None] + (f * q * half) @ rising).reshape(values.shape)
-        return found
+        running: np.ndarray = (before[..., None] + (f * q * half) @ rising).reshape(values.shape)
+        return running
 
     def __call__(self, v: Value, T: Value, p: Value, surface: Value = None) -> TheoryResult:
         """Contact and friction at speed v (m/s), temperature T (K) and nominal pressure p (Pa), which broadcast (...).
@@ -197,7 +197,8 @@ class PerssonTheory:
         x = np.clip(np.log(q * v * self.rubber.shift_factor(T)), LN_FREQUENCY_GRID[0], LN_FREQUENCY_GRID[-1])
         root = np.exp(0.5 * square(x)) / p
         C = self.road(q)
-        # factors on the root of int |E|^2 dphi and on the loss modulus
+        # strain depends on the softened modulus and the modulus on strain: fixed-point iteration of
+        # the factors on the root of int |E|^2 dphi and on the loss modulus
         softer: Value = 1.0
         loss_factor: Value = 1.0
         loss_share = np.clip(share(x), 0.0, 1.0) if self._has_own_loss else 0.0
@@ -216,7 +217,7 @@ class PerssonTheory:
             if change < 1e-8:
                 break
         else:
-            raise SolverFailure(f"softening of the rubber with strain does not settle: {change:.1g} of the modulus")
+            raise SolverFailure(f"softening of the rubber with strain does not converge: {change:.1g} of the modulus")
         S = self._dissipated_share(P)
         density = 0.5 * q**3 * C * S * P * loss_factor * root * loss(x)
         stretch = np.sum(rate * self.weight, axis=-1)
@@ -236,14 +237,14 @@ class PerssonTheory:
         return TheoryResult(q, self.weight, G, P, density, viscous, adhesive, stretch, area)
 
     def _dissipated_share(self, P: Value) -> Value:
-        """S of P: the share of the stored energy that is lost where contact is partial."""
+        """S of P: fraction of the stored energy that is lost in partial contact; eq. (17)."""
         return self.gamma + (1 - self.gamma) * P**2 * self.saturation
 
     def _enlarge_long_waves(self, part: AreaEnlargement, factor: Value, rate: Value, P: Value, density: Value) -> Value:
-        """P and dmu_visc/dq (..., n) and A/A0 (...) once a part has enlarged the contact of waves above its cut-off.
+        """P and dmu_visc/dq (..., n) and A/A0 (...) after a part enlarges the contact of waves longer than its cutoff.
 
-        `rate` (..., n) is dG/dq.  The enlarged contact at the cut-off is that of some smaller G; the shorter waves
-        add to it what they added before.
+        `rate` (..., n) is dG/dq.  The enlarged contact at the cutoff corresponds to a smaller G; the shorter waves add
+        the same amount to it as before.
         """
         long = self.q < 2 * np.pi / part.cutoff
         G = np.maximum(self.cumulative_integral(rate), 1e-300)
@@ -268,21 +269,21 @@ class PerssonTheory:
         return part.cutoff > 0.0 and self.road.q0 < 2 * np.pi / part.cutoff < self.road.q1
 
     def _area_fraction(self, G: Value) -> Value:
-        """P of G: erf(1/(2 sqrt G)), or its tangent at small contact where saturation is left out."""
+        """P of G: erf(1/(2 sqrt G)), eq. (16), or its limit at small contact without saturation."""
         return erf(0.5 / np.sqrt(G)) if self.saturation else 1.0 / np.sqrt(np.pi * G)
 
     @property
     def weight(self) -> np.ndarray:
         """Gauss weights dq (n,) of the nodes, 1/m."""
-        found: np.ndarray = self._quadrature_nodes[1].ravel()
-        return found
+        weights: np.ndarray = self._quadrature_nodes[1].ravel()
+        return weights
 
     def without_shorter_waves(self, q: float) -> PerssonTheory:
-        """The theory of the same road without waves shorter than those of q (1/m).  Raises BadInput below its waves."""
+        """The theory of the same road without waves shorter than 2 pi/q.  Raises BadInput where no waves are left."""
         if not q > self.road.q0:
-            longest, asked = 2 * np.pi / self.road.q0, 2 * np.pi / q
+            longest, shortest = 2 * np.pi / self.road.q0, 2 * np.pi / q
             raise BadInput(
-                f"contact.spot_diameter: {asked:.3g} m is not below the road's longest wave, {longest:.3g} m; "
+                f"contact.spot_diameter: {shortest:.3g} m is not below the road's longest wave, {longest:.3g} m; "
                 "give smaller spots, their fraction, or a spectrum with longer waves"
             )
         return _truncate_theory(self, q)
@@ -290,7 +291,7 @@ class PerssonTheory:
     def contact_fraction_law(self, q: float, T: Value, p: float) -> Callable[..., Value]:
         """Law (v, p, T) of P at one wavenumber q (1/m), around a pressure p (Pa): G falls as 1/p^2 there.
 
-        `T` (n,) K are the temperatures at which it is computed, rising; between them it is splined, beyond them held.
+        `T` (n,) K are the increasing temperatures at which it is computed; splines between them, constant beyond.
         """
         cut = self.without_shorter_waves(q)
 
@@ -299,14 +300,14 @@ class PerssonTheory:
             return CubicSpline(T, np.log(p * np.sqrt(cut(v, T[:, None], p).G_at_q1[:, 0])))
 
         def fraction_law(v: Value, local: Value, at: Value) -> Value:
-            held = np.clip(np.real(at), T[0], T[-1])
-            log = ln_stress_spline(v)(held)
-            if np.iscomplexobj(at):
-                log = log + 1j * np.imag(at) * ln_stress_spline(v)(held, 1)
+            clipped = np.clip(np.real(at), T[0], T[-1])
+            log = ln_stress_spline(v)(clipped)
+            if np.iscomplexobj(at):  # splines take real arguments only: propagate the complex step by the slope
+                log = log + 1j * np.imag(at) * ln_stress_spline(v)(clipped, 1)
             return erf(0.5 * local / np.exp(log))
 
         return fraction_law
 
     def contact_fraction(self, q: float, v: Value, T: Value, p: Value) -> Value:
-        """P at one wavenumber q (1/m): the fraction in contact when shorter waves are not seen."""
+        """P at one wavenumber q (1/m): the fraction in contact on a road without shorter waves."""
         return self.without_shorter_waves(q)(v, T, p).area

@@ -1,4 +1,4 @@
-"""Viscoelastic modulus of rubber, E(omega, T) = E(omega a_T, T_ref): analytic, Prony series or measured.
+"""Viscoelastic modulus of rubber, E(omega, T) = E(omega a_T, T_ref): Cole-Cole, Prony series or measured.
 
 >>> rubber = READY_RUBBERS["A"]
 >>> E = rubber(1e4, 293.15) / 1e6
@@ -17,7 +17,7 @@ from scipy.interpolate import PchipInterpolator
 
 from flashtemp.physics.arrays import Value
 
-WLF_POLE_MARGIN_K, MAX_WLF_TEMPERATURE_K = 20.0, 423.15  # K above the WLF pole; K: the shift is held beyond
+WLF_POLE_MARGIN_K, MAX_WLF_TEMPERATURE_K = 20.0, 423.15  # K above the WLF pole, and K: constant shift beyond these
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class PronySeries:
 
 @dataclass(frozen=True)
 class MeasuredModulus:
-    """Storage and loss modulus (Pa) at angular frequencies (rad/s, rising); log-log monotone cubics, ends held."""
+    """Storage and loss modulus (Pa) at increasing frequencies (rad/s): monotone cubics in logs, constant beyond."""
 
     omega: tuple[float, ...]
     storage: tuple[float, ...]
@@ -77,7 +77,7 @@ class MeasuredModulus:
 
 @dataclass(frozen=True)
 class WLF:
-    """log10 a_T = -C1 (T - T_ref)/(C2 + T - T_ref), K; held near its pole and above 150 degC."""
+    """log10 a_T = -C1 (T - T_ref)/(C2 + T - T_ref), K; constant near its pole and above 150 degC."""
 
     c1: float
     c2: float
@@ -98,7 +98,7 @@ class WLF:
 
 @dataclass(frozen=True)
 class MeasuredShift:
-    """Measured log10 a_T at temperatures (K, rising); monotone cubics, ends held."""
+    """Measured log10 a_T at increasing temperatures (K); monotone cubics, constant beyond."""
 
     T: tuple[float, ...]
     decades: tuple[float, ...]
@@ -138,7 +138,7 @@ class Rubber:
 def fit_prony_series(curve: ColeCole, per_decade: int = 2, decades: float = 12.0) -> PronySeries:
     """A Prony series for a Cole-Cole curve of exponent 1/2: E_i = (E1 - E0) dln tau/pi/(x^1/2 + x^-1/2).
 
-    A reference for checks of `PronySeries` against a closed form, used by no run.
+    A reference for tests of `PronySeries` against a closed form; the model does not use it.
     """
     if curve.exponent != 0.5:
         raise ValueError("the relaxation spectrum is known in closed form for an exponent of 1/2")

@@ -1,13 +1,13 @@
-"""The road under a spot in memory kernels: what it takes of the heat, and what is released in the contact itself.
+"""Heat flow into the road under a spot by memory kernels, including heat released at the contact itself.
 
-A spot belongs to a road asperity.  Rubber leaves it after D/v, but its stone stays in contact: the road remembers all
-that it took since it came under the rubber, without the overlap of discs that makes the rubber forget.  The means over
-the contact of both sides agree,
+A spot belongs to a road asperity.  Rubber leaves it after D/v, but the stone stays in contact: the temperature of the
+road depends on its whole flux history since it came under the rubber, without the disc overlap h(w) that limits the
+history of the rubber.  The mean contact temperatures of both sides agree,
 
     T_0 + int h(w) [int Q' 2q' erfcx(2q' sqrt(D tau))/(rho c) dq' + (q_a - J)/(e_R sqrt(pi tau))] dtau
         = T_0 + int R(tau) J/(e_S sqrt(pi tau)) dtau + J/alpha
 
-with J into the road and R what a disc keeps of its heat (theory 1.6, eqs. (11), (14), (15), (15b)).
+with J into the road and R the fraction of heat that remains under a disc (theory.md, eqs. (11), (14), (15), (15b)).
 
 >>> from flashtemp.physics.material import LIBRARY
 >>> stone = RoadSide(LIBRARY["asphalt"])
@@ -27,7 +27,7 @@ from flashtemp.physics.arrays import Value
 from flashtemp.physics.friction.heat_kernels import ROOT_PI, retained_fraction
 from flashtemp.physics.material import Material
 
-LOG10_AGE_RANGE = (-12.0, 8.0)  # of D tau over the square of the diameter
+LOG10_AGE_RANGE = (-12.0, 8.0)  # log10 of D tau over the square of the diameter
 
 
 @cache
@@ -44,13 +44,13 @@ def _disc_rise_spline() -> CubicSpline:
 
 @dataclass(frozen=True)
 class RoadSide:
-    """A road as half-space of a `material` behind a contact of conductance `alpha` (W/m2K)."""
+    """A road as a half-space of a `material` with the contact conductance `alpha` (W/m2K)."""
 
     material: Material
     alpha: float = np.inf
 
     def mean_rise(self, age: Value, diameter: float) -> Value:
-        """Rise of a spot's mean per W/m2 of an even flux (K m2/W) after `age` (s >= 0), by eq. (15b)."""
+        """Mean temperature rise of a spot per W/m2 of a constant flux (K m2/W) after `age` (s >= 0), by eq. (15b)."""
         age = np.asarray(age, dtype=float)
         u = self.material.diffusivity * age / diameter**2
         at = np.log10(np.clip(u, 10.0 ** LOG10_AGE_RANGE[0], 10.0 ** LOG10_AGE_RANGE[1]))
@@ -60,8 +60,9 @@ class RoadSide:
     def road_flux(
         self, rubber_surface: Value, road_surface: Value, rubber_resistance: Value, road_resistance: Value
     ) -> Value:
-        """Flux (W/m2) into the road at which both sides agree.
+        """Flux (W/m2) into the road at which the temperatures of both sides agree.
 
-        `rubber_surface` and `road_surface` (K) are the two surfaces without it, `rubber_resistance` and `road_resistance` (K m2/W) what it does to them.
+        `rubber_surface` and `road_surface` (K) are the surface temperatures without this flux, `rubber_resistance` and
+        `road_resistance` (K m2/W) their changes per unit flux.
         """
         return (rubber_surface - road_surface) / (rubber_resistance + road_resistance + 1.0 / self.alpha)

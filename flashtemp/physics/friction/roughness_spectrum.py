@@ -33,7 +33,7 @@ class SelfAffineLaw:
 
     @property
     def bend_wavenumbers(self) -> tuple[float, ...]:
-        """Wavenumbers at which the law bends."""
+        """Wavenumbers (1/m) at which the slope of the law changes."""
         return (self.rolloff,)
 
     @property
@@ -43,7 +43,7 @@ class SelfAffineLaw:
 
 @dataclass(frozen=True)
 class MeasuredSpectrum:
-    """Measured C (m^4) at wavenumbers q (1/m, rising): power laws between, the last one going on beyond."""
+    """Measured C (m^4) at increasing wavenumbers q (1/m): power laws between, and that of the last decade beyond."""
 
     q: tuple[float, ...]
     C: tuple[float, ...]
@@ -60,7 +60,7 @@ class MeasuredSpectrum:
     @cached_property
     def _log_curve(self) -> Any:
         x, y = np.log(self.q), np.log(self.C)
-        upper = x > x[-1] - np.log(10.0)  # the last decade tells the power law beyond
+        upper = x > x[-1] - np.log(10.0)  # the last decade determines the power law beyond
         slope = np.polyfit(x[upper], y[upper], 1)[0] if upper.sum() > 2 else (y[-1] - y[-2]) / (x[-1] - x[-2])
         return x, y, float(np.clip(slope, -4.0, -2.0))
 
@@ -84,9 +84,9 @@ class RoughnessSpectrum:
         return self.law(q)
 
     def panel_edges(self, per_decade: float = 4.0) -> np.ndarray:
-        """Wavenumbers that part q0..q1 into panels on which C is smooth."""
+        """Wavenumbers that divide q0..q1 into panels on which C is smooth."""
         inner = [b for b in self.law.bend_wavenumbers if self.q0 < b < self.q1]
-        if len(inner) > 40:  # a table: its steps are finer than the panels need to be
+        if len(inner) > 40:  # a measured table is finer than the panels need to be
             inner = []
         marks = [self.q0, *inner, self.q1]
         parts = [
@@ -115,7 +115,7 @@ class RoughnessSpectrum:
         return float(np.sqrt(self._spectral_moment(1, self.q1)))
 
     def cut_at_slope(self, slope: float) -> RoughnessSpectrum:
-        """The spectrum cut where its rms slope reaches `rms_slope`.  Raises BadInput where it never does."""
+        """The spectrum up to the wavenumber at which its rms slope is `slope`.  Raises BadInput where it never is."""
         low, high = np.log(self.q0 * 1.01), np.log(1e11)
         least, most = self.rms_slope(np.exp(low)), self.rms_slope(np.exp(high))
         if not least < slope < most:
@@ -128,7 +128,7 @@ class RoughnessSpectrum:
 def self_affine_spectrum(
     height: float, rolloff: float, hurst: float, q0: float, slope: float | None = CUTOFF_RMS_SLOPE, name: str = "road"
 ) -> RoughnessSpectrum:
-    """Self-affine roughness of rms `rms_height` (m, summed to infinity) with a roll-off, cut at an rms slope if given.
+    """Self-affine roughness of rms `height` (m, integrated to infinity), cut at an rms `slope` unless that is None.
 
     Raises BadInput for a Hurst exponent outside ]0, 1[ or a roll-off below q0.
     """

@@ -1,7 +1,8 @@
-"""Viscoelastic friction of a skewed road by solving its sliding contact, beside the road that it was made of.
+"""Viscoelastic friction of a skewed road from its sliding contact, compared with the road before flattening.
 
-A Gaussian road whose heights above the mean plane are multiplied by f (`worn`), and its twin turned over (`turned`),
-which has the same power spectrum and the opposite skewness: Persson's theory sees no difference between them.
+Compared are a Gaussian road (`plain`), the road with heights above the mean plane multiplied by f (`worn`), and the
+latter turned upside down (`turned`).  The last two have the same power spectrum and opposite skewness, so Persson's
+theory gives the same friction for both.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ COMPARED_ROADS = ("plain", "worn", "turned")
 class SkewFrictionComparison:
     """At nominal pressures p (n,) Pa: `mu`, `area` and `lost` (3, seeds, n) of the roads in COMPARED_ROADS.
 
-    `lost` is friction from the energy lost, another way to the same number.
+    `lost` is the friction from the energy loss, an independent value of the same quantity.
     """
 
     pressure: np.ndarray
@@ -36,19 +37,22 @@ class SkewFrictionComparison:
     def mean_ratio(self, what: str, one: str, other: str) -> np.ndarray:
         """Ratio (n,) of the means over seeds of "mu" or "area" of one road to that of the other."""
         values = getattr(self, what).mean(axis=1)
-        found: np.ndarray = values[COMPARED_ROADS.index(one)] / values[COMPARED_ROADS.index(other)]
-        return found
+        ratio: np.ndarray = values[COMPARED_ROADS.index(one)] / values[COMPARED_ROADS.index(other)]
+        return ratio
 
     @property
     def friction_area_product(self) -> np.ndarray:
-        """mu_visc of the worn road times the growth of its area (n,), both over the plain one: 1 if mu goes as 1/R."""
-        found: np.ndarray = self.mean_ratio("mu", "worn", "plain") * self.mean_ratio("area", "worn", "plain")
-        return found
+        """mu_visc times contact area of the worn road (n,), both relative to the plain road: 1 if mu ~ 1/R."""
+        product: np.ndarray = self.mean_ratio("mu", "worn", "plain") * self.mean_ratio("area", "worn", "plain")
+        return product
 
 
 def flatten_tops(heights: np.ndarray, side: float, f: float, cutoff: float) -> np.ndarray:
-    """Heights (n, n) m of a periodic square of `side` m: the sum of its waves longer than `cutoff` (m), times f where
-    it is above the mean plane, and of its shorter waves as they are; 0 takes all waves for long."""
+    """Flatten the tops of heights (n, n) m of a periodic square of `side` m.
+
+    The sum of waves longer than `cutoff` (m) is multiplied by f where it is above the mean plane; shorter waves are
+    unchanged.  With `cutoff` 0 all waves count as long.
+    """
     long = heights
     if cutoff > 0.0:
         n = len(heights)
@@ -72,8 +76,8 @@ def compare_roads(
 ) -> SkewFrictionComparison:
     """Slide `rubber` at `speed` (m/s), temperature T (K) and nominal `pressures` (n,) Pa over the three roads.
 
-    The square of `grid`^2 points holds the road's waves down to four pixels; those longer than `cutoff` (m) are worn, 0
-    all.  Raises BadInput for f outside ]0, 1] or pressures that are not positive, SolverFailure.
+    The square of `grid`^2 points contains the road's waves down to four pixels; those longer than `cutoff` (m) are
+    flattened, all with 0.  Raises BadInput for f outside ]0, 1] or pressures that are not positive, and SolverFailure.
     """
     p = np.atleast_1d(np.asarray(pressures, dtype=float))
     if not 0.0 < f <= 1.0 or not np.all(p > 0) or not speed > 0:
@@ -85,11 +89,11 @@ def compare_roads(
     def slide_over_loads(heights: np.ndarray, side: float) -> list[SlidingContactResult]:
         return [solve_sliding_contact(heights, (side, side), modulus, speed, load) for load in p]
 
-    found = []
+    results = []
     for seed in seeds:
         heights, side = gaussian_heights(road, grid, seed)
         worn = flatten_tops(heights, side, f, cutoff)
-        found.append(
+        results.append(
             [[(s.mu, s.area, s.friction_by_loss) for s in slide_over_loads(h, side)] for h in (heights, worn, -worn)]
         )
-    return SkewFrictionComparison(p, *np.moveaxis(np.array(found), (3, 1, 0), (0, 1, 2)))
+    return SkewFrictionComparison(p, *np.moveaxis(np.array(results), (3, 1, 0), (0, 1, 2)))

@@ -1,15 +1,16 @@
-"""Viscoelastic half-space that slides steadily over a rigid rough surface: pressure, contact and friction, resolved.
+"""Steady sliding contact of a viscoelastic half-space with a rigid rough surface: pressure, contact area and friction.
 
-In the frame of the road the surface moves by u(q) = 2 p(q)/(|q| E*(q_x v)), E* = E(omega)/(1 - nu^2) complex, and
+In the frame of the road the surface displacement is u(q) = 2 p(q)/(|q| E*(q_x v)), with complex
+E* = E(omega)/(1 - nu^2), and
 
     p >= 0,  gap = g0 + u - h >= 0,  p gap = 0,  <p> = p0,   mu_visc = <p dh/dx>/p0
 
-with the rubber moving towards +x.  The operator is positive but, for rubber that loses energy, not symmetric: no energy
-has its minimum there, so that a primal-dual active set takes the place of conjugate gradients, each solved by GMRES.
+with the rubber moving towards +x.  The operator is positive but, for dissipative rubber, not symmetric: the solution
+minimises no energy.  A primal-dual active-set method with GMRES therefore replaces conjugate gradients.
 
->>> x = np.arange(64)[:, None] / 64
->>> found = solve_sliding_contact(1e-3 * np.cos(2 * np.pi * x), (1.0, 1.0), lambda omega: np.full(np.shape(omega), 1e6), 1.0, 3e3)
->>> print(abs(found.mu) < 1e-9, round(found.area, 3))  # exactly (2/pi) asin sqrt(3e3/(pi 1e3)) = 0.864
+>>> heights = 1e-3 * np.cos(2 * np.pi * np.arange(64)[:, None] / 64)
+>>> result = solve_sliding_contact(heights, (1.0, 1.0), lambda omega: np.full(np.shape(omega), 1e6), 1.0, 3e3)
+>>> print(abs(result.mu) < 1e-9, round(result.area, 3))  # exactly (2/pi) asin sqrt(3e3/(pi 1e3)) = 0.864
 True 0.859
 """
 
@@ -25,16 +26,16 @@ from flashtemp.errors import SolverFailure
 from flashtemp.physics.arrays import Value
 
 MAX_CONTACT_SETS, MAX_GMRES_RESTARTS = 400, 60  # active sets; restarts of GMRES
-GMRES_TOLERANCE = 1e-7  # of the residual in the contact
+GMRES_TOLERANCE = 1e-7  # residual in the contact over the norm of the heights
 GMRES_VECTORS = 40  # vectors between restarts
-COARSEST_POINTS = 32  # points along x below which contact is sought from all of them
+COARSEST_POINTS = 32  # points along x up to which the initial set is all points
 
 
 @dataclass(frozen=True, eq=False)
 class SlidingContactResult:
-    """Pressure and gap (nx, ny) in Pa and m, friction `mu` = <p dh/dx>/<p>, share `area` in contact.
+    """Pressure and gap (nx, ny) in Pa and m, friction `mu` = <p dh/dx>/<p>, fraction `area` in contact.
 
-    `friction_by_loss` is the energy that the rubber loses per way, over <p>: the same number by another road.
+    `friction_by_loss` is the energy loss of the rubber per slid distance over <p>, a check of `mu`.
     """
 
     pressure: np.ndarray
@@ -67,19 +68,19 @@ class SlidingSurface:
         self.slope_factor = slope
 
     def apply_factor(self, factor: np.ndarray, field: np.ndarray) -> np.ndarray:
-        """A field (nx, ny) with every wave multiplied by `factor`."""
-        found: np.ndarray = np.fft.irfft2(factor * np.fft.rfft2(field), s=self.shape)
-        return found
+        """A field (nx, ny) with every Fourier component multiplied by `factor`."""
+        product: np.ndarray = np.fft.irfft2(factor * np.fft.rfft2(field), s=self.shape)
+        return product
 
     def solve_pressure(self, in_contact: np.ndarray, start: np.ndarray, load: float) -> tuple[np.ndarray, np.ndarray]:
-        """Pressure (nx, ny) of mean `load` (Pa) that holds the points `in_contact` at the road, and the gap everywhere."""
+        """Pressure (nx, ny) of mean `load` (Pa) that closes the gap at the points `in_contact`, and the gap."""
         count = int(in_contact.sum())
         p = np.where(in_contact, start, 0.0)
         p += np.where(in_contact, (load - p.mean()) * in_contact.size / count, 0.0)
 
         def take_contact_values(field: np.ndarray) -> np.ndarray:
             inside: np.ndarray = field[in_contact]
-            inside -= inside.mean()
+            inside -= inside.mean()  # the rigid displacement g0 is free: only differences between points count
             return inside
 
         def scatter_values(values: np.ndarray) -> np.ndarray:
@@ -98,11 +99,16 @@ class SlidingSurface:
         if count > 1 and np.linalg.norm(miss) > GMRES_TOLERANCE * size:
             shape = (count, count)
             change, fault = gmres(
-                LinearOperator(shape, apply_operator), miss, rtol=0.0, atol=GMRES_TOLERANCE * size, restart=GMRES_VECTORS, maxiter=MAX_GMRES_RESTARTS,
+                LinearOperator(shape, apply_operator),
+                miss,
+                rtol=0.0,
+                atol=GMRES_TOLERANCE * size,
+                restart=GMRES_VECTORS,
+                maxiter=MAX_GMRES_RESTARTS,
                 M=LinearOperator(shape, apply_preconditioner),
-            )  # fmt: skip
+            )
             if fault:
-                raise SolverFailure(f"sliding contact: GMRES does not settle on {count} points")
+                raise SolverFailure(f"sliding contact: GMRES does not converge on {count} points")
             p = p + scatter_values(change - change.mean())
         gap = self.apply_factor(self.compliance, p) - self.heights
         return p, gap - gap[in_contact].mean()
@@ -124,7 +130,7 @@ def solve_sliding_contact(
             break
         on = new if new.any() else heights == heights.max()
     else:
-        raise SolverFailure(f"sliding contact: no set of points settles after {MAX_CONTACT_SETS}")
+        raise SolverFailure(f"sliding contact: the set of contact points changes after {MAX_CONTACT_SETS} iterations")
     climbed, followed = (
         surface.apply_factor(surface.slope_factor, f) for f in (heights, surface.apply_factor(surface.compliance, p))
     )
@@ -135,7 +141,7 @@ def solve_sliding_contact(
 def _initial_contact(
     heights: np.ndarray, size: tuple[float, float], modulus: Callable[..., Value], speed: float, pressure: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Contact and pressure to start from: those of every other point, or all points where they are few."""
+    """Initial contact and pressure: the solution on every second point, or all points of a small grid."""
     nx, ny = heights.shape
     along, across = (2 if n > COARSEST_POINTS and n % 2 == 0 else 1 for n in (nx, ny))
     if along == 1:

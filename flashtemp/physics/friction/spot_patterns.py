@@ -1,7 +1,8 @@
-"""Where the macroasperity spots lie on the road: discs, stripes or a contact map, and what they cover of a mesh.
+"""Patterns of macroasperity spots on the road: discs, stripes or a contact map, and their coverage of mesh cells.
 
-Every pattern repeats along x after `repeat` (m); `cumulative_cover(y, width)` is the integral (rows, pixels + 1) m along one
-repeat of the covered share of rows with edges `y` (m from the centre line): its differences are exact means over cells.
+Every pattern repeats along x after `repeat` (m).  `cumulative_cover(y, width)` is the integral (rows, pixels + 1) m of
+the covered fraction along one repeat, for rows with edges `y` (m from the centre line).  Its differences are exact
+means over cells.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 
 from flashtemp.errors import BadInput
 
-PIXELS_PER_DIAMETER = 48  # per diameter: the area of a disc is then good to 1e-4
+PIXELS_PER_DIAMETER = 48  # the area of a disc is then accurate to 1e-4
 
 
 @dataclass(frozen=True)
@@ -57,14 +58,12 @@ class DiscPattern:
         return _integrate_rows(share, self.repeat / count)
 
 
-MAX_RANDOM_COVER = (
-    0.6  # of an area: discs laid down at random cover 0.547 of it (Feder 1980), or a little more of a small one
-)
+MAX_RANDOM_COVER = 0.6  # random sequential placement covers 0.547 of an area (Feder 1980), slightly more of a small one
 
 
 @dataclass(frozen=True)
 class ContactMap:
-    """Covered share (nx, ny) of pixels of `pixel` (dx, dy) m, repeated along and across the road."""
+    """Covered fraction (nx, ny) of pixels of `pixel` (dx, dy) m, repeated along and across the road."""
 
     covered: np.ndarray
     pixel: tuple[float, float]
@@ -84,7 +83,7 @@ class ContactMap:
 
 
 def _integrate_rows(share: np.ndarray, pixel: float) -> np.ndarray:
-    """Integral along x of pixels (rows, n)."""
+    """Running integral along x of pixel values (rows, n)."""
     return np.concatenate([np.zeros((len(share), 1)), np.cumsum(share, axis=1) * pixel], axis=1)
 
 
@@ -100,7 +99,7 @@ def place_discs(
     0.2
     """
     one = np.pi * diameter**2 / 4
-    if pattern == "regular":  # rows along, every other one shifted by half
+    if pattern == "regular":  # rows along x, every second one shifted by half a pitch
         rows = 2 * max(1, round(0.5 * width * np.sqrt(fraction / one * np.sqrt(3) / 2)))
         pitch = one * rows / (fraction * width)
         count = max(1, round(length / pitch))
@@ -127,13 +126,14 @@ def place_discs(
 def read_contact_map(file: Path, key: str) -> ContactMap:
     """A contact map that `flashtemp spots` wrote (NumPy .npz: covered, pixel_m).  Raises BadInput."""
     try:
-        with np.load(file) as held:
-            covered, pixel = np.asarray(held["covered"], dtype=float), np.asarray(held["pixel_m"], dtype=float)
+        with np.load(file) as data:
+            covered, pixel = np.asarray(data["covered"], dtype=float), np.asarray(data["pixel_m"], dtype=float)
     except (OSError, ValueError, KeyError, TypeError, EOFError) as fault:
-        raise BadInput(f"{key}: {file} is no contact map; give a .npz file that 'flashtemp spots' wrote") from fault
+        raise BadInput(f"{key}: {file} is not a contact map; give a .npz file that 'flashtemp spots' wrote") from fault
     good = covered.ndim == 2 and pixel.shape == (2,) and np.all(pixel > 0) and covered.min() >= 0 and covered.max() <= 1
     if not good or not covered.any():
         raise BadInput(
-            f"{key}: {file} holds no shares from 0 to 1 with two pixel sizes; give a .npz of 'flashtemp spots'"
+            f"{key}: {file} does not contain fractions from 0 to 1 and two pixel sizes;"
+            " give a .npz file that 'flashtemp spots' wrote"
         )
     return ContactMap(covered, (float(pixel[0]), float(pixel[1])))

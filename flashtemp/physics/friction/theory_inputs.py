@@ -1,4 +1,4 @@
-"""From the keys of a case to a theory of friction, and from that to heat in depth."""
+"""Build the friction theory from the keys of a case; derive heat in depth and remarks on extrapolation from it."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from flashtemp.physics.friction.adhesive_shear import AdhesiveShear
 from flashtemp.physics.friction.persson import PayneSoftening, PerssonTheory
 from flashtemp.physics.quantities import KELVIN
 
-NOTABLE_EXTRAPOLATION = 0.01  # share of the viscoelastic friction from beyond the measured range that is worth a word
-DEFAULT_WLF = (7.718, 116.6)  # of rubber A; K
-DEPOSITS_PER_DECADE = 3.0  # deposits in depth
-ENLARGEMENT_PRESSURES_PA = np.geomspace(1e3, 1e7, 17)  # Pa, at which what enlarges the contact is computed
+NOTABLE_EXTRAPOLATION = 0.01  # fraction of viscoelastic friction from beyond the measured range that gives a remark
+DEFAULT_WLF = (7.718, 116.6)  # C1 and C2 (K) of rubber A
+DEPOSITS_PER_DECADE = 3.0  # heat sources per decade of depth
+ENLARGEMENT_PRESSURES_PA = np.geomspace(1e3, 1e7, 17)  # pressures at which area enlargement is computed
 SKEW_GRID_POINTS = 128  # points along a side of the roads on which skewness is solved
-MACROASPERITY_SPEED_M_S = 0.1  # m/s, at which the modulus that macroasperities feel is taken
+MACROASPERITY_SPEED_M_S = 0.1  # sliding speed for the modulus at macroasperities
 
 COLE_COLE_UNITS = {"relaxed": "Pa", "unrelaxed": "Pa", "exponent": "1", "time": "s"}
 SELF_AFFINE_UNITS = {"height": "m", "rolloff": "1/m", "hurst": "1", "lowest": "1/m"}
 
 
 def build_theory(values: dict[str, Any], folder: Path, table: str) -> PerssonTheory:
-    """The theory that the keys of `table` describe; files are looked up in `folder`.  Raises BadInput."""
+    """The theory for the key `values` of a case's `table`; files are relative to `folder`.  Raises BadInput."""
     shear = None
     if values["shear_stress"] > 0:
         shear = AdhesiveShear(
@@ -69,13 +69,13 @@ def _read_rubber(values: dict[str, Any], folder: Path, table: str) -> rheology.R
 
     c1, c2 = constants or DEFAULT_WLF
     shift: rheology.WLF | rheology.MeasuredShift = rheology.WLF(c1, c2, values["reference"] + KELVIN)
-    told = constants or values["shift"]
+    has_shift = bool(constants or values["shift"])
     if values["shift"] is not None:
         shift = master_curve_files.read_shift(values["shift"], folder, f"{table}.shift")
     given, key = values["master_curve"], f"{table}.master_curve"
     if isinstance(given, dict):
         return rheology.Rubber(_read_analytic_modulus(given, key), shift, values["poisson"], "given")
-    curve = master_curve_files.read_master_curve(given, folder, key, shift if told else None, values["poisson"])
+    curve = master_curve_files.read_master_curve(given, folder, key, shift if has_shift else None, values["poisson"])
     return rheology.Rubber(curve, shift, values["poisson"], "measured")
 
 
@@ -135,7 +135,7 @@ def _describe_unknown(key: str, name: str, ready: Collection[str], otherwise: st
 
 
 def _area_enlargements(flattened: float, cutoff: float, work: float, plain: PerssonTheory) -> tuple[Any, ...]:
-    """What skewness of the waves above `cutoff` (m) and work of adhesion do to the area."""
+    """Enlargements of the contact area by skewness of waves longer than `cutoff` (m) and by a work of adhesion."""
     modulus = macroasperity_modulus(plain)
     skewed = _skewness_of_waves(flattened, cutoff, modulus, plain.road) if flattened < 1.0 else ()
     return skewed + ((_cached_adhesion(work, replace(plain, payne=None)),) if work > 0.0 else ())
@@ -144,7 +144,7 @@ def _area_enlargements(flattened: float, cutoff: float, work: float, plain: Pers
 def _skewness_of_waves(
     flattened: float, cutoff: float, modulus: float, road: roughness_spectrum.RoughnessSpectrum
 ) -> tuple[Any, ...]:
-    """The enlarged contact of a road whose waves above `cutoff` (m) are skewed; 0 all waves."""
+    """Enlargement of the contact area of a road whose waves longer than `cutoff` (m) are skewed; 0: all waves."""
     shortest = 2 * np.pi / cutoff if cutoff > 0.0 else road.q1
     if shortest <= road.q0:  # the road has no such waves
         return ()
@@ -172,65 +172,65 @@ def _cached_adhesion(work: float, plain: PerssonTheory) -> Any:
 
 
 def describe_assumptions(values: dict[str, Any]) -> list[str]:
-    """In words: what the case leaves open and the theory needs, and keys that have no say."""
-    said = []
+    """Remarks on inputs that the case does not state, and on keys without effect."""
+    remarks = []
     if values["master_curve"] is not None and values["wlf"] is None and values["shift"] is None:
-        said += [
+        remarks += [
             f"no shift factor was given: the master curve is shifted by C1, C2 = {DEFAULT_WLF} K, those of rubber A"
         ]
     if values["payne_loss_peak"] is not None and values["payne_rest"] == 1.0:
-        said += ["payne_loss_peak has no say: payne_rest = 1 switches the softening off; give less than 1"]
-    return said
+        remarks += ["payne_loss_peak has no effect: payne_rest = 1 switches the softening off; give less than 1"]
+    return remarks
 
 
 def macroasperity_modulus(theory: PerssonTheory) -> float:
-    """Contact modulus |E|/(1 - nu^2) (Pa) that the longest waves of the road feel in slow sliding at 20 degC."""
+    """Contact modulus |E|/(1 - nu^2) (Pa) at the longest waves of the road in slow sliding at 20 degC."""
     E = theory.rubber(theory.road.q0 * MACROASPERITY_SPEED_M_S, 293.15)
     return float(np.abs(E) / (1 - theory.rubber.poisson**2))
 
 
 def heat_deposits(theory: PerssonTheory, v: float, T: float, p: float, min_depth: float) -> list[tuple[float, float]]:
-    """Shares of the friction heat released inside the rubber, and their depths (m), deeper than `min_depth` (m).
+    """Fractions of the friction heat released inside the rubber below `min_depth` (m), and their depths (m).
 
-    The spectrum of dmu/dq, whose heat decays over 1/(2q), at speed v (m/s), T (K) and p (Pa), gathered in a few
-    depths; eqs. (6) and (7).
+    The spectrum dmu/dq, whose heat decays over 1/(2q), at speed v (m/s), T (K) and p (Pa) is lumped into a few depths;
+    theory.md, eqs. (6) and (7).
     """
-    found = theory(v, T, p)
-    share = found.density * found.weight / found.mu
-    depth = 0.5 / found.q
+    result = theory(v, T, p)
+    share = result.density * result.weight / result.mu
+    depth = 0.5 / result.q
     bin_of = np.floor(DEPOSITS_PER_DECADE * np.log10(depth / min_depth)).astype(int)
     out = []
     for k in np.unique(bin_of[bin_of >= 0]):
-        mine = bin_of == k
-        total = float(share[mine].sum())
-        out.append((total, float(np.exp(np.sum(share[mine] * np.log(depth[mine])) / total))))
+        in_bin = bin_of == k
+        total = float(share[in_bin].sum())
+        out.append((total, float(np.exp(np.sum(share[in_bin] * np.log(depth[in_bin])) / total))))
     return [(s, d) for s, d in out if s > 1e-6]
 
 
 def describe_extrapolation(theory: PerssonTheory, speeds: Value, T: float, p: float) -> list[str]:
-    """In words: how much friction comes from frequencies or wavenumbers that nobody measured; speeds in m/s, T in K."""
-    said = [line for v in speeds for line in _extrapolation_at_speed(theory, v, T, p)]
-    return list(dict.fromkeys(said))
+    """Remarks on friction from frequencies or wavenumbers beyond the measured range; speeds in m/s, T in K."""
+    remarks = [line for v in speeds for line in _extrapolation_at_speed(theory, v, T, p)]
+    return list(dict.fromkeys(remarks))
 
 
 def _extrapolation_at_speed(theory: PerssonTheory, v: float, T: float, p: float) -> list[str]:
-    found = theory(v, T, p)
-    share = found.density * found.weight / np.maximum(found.viscous, 1e-300)
+    result = theory(v, T, p)
+    share = result.density * result.weight / np.maximum(result.viscous, 1e-300)
     low, high = theory.rubber.modulus.valid_range
-    omega = found.q * v * theory.rubber.shift_factor(T)
+    omega = result.q * v * theory.rubber.shift_factor(T)
     q_low, q_high = theory.road.law.valid_range
     cold, warm = theory.rubber.shift.valid_range
-    says = []
-    for part, outside, what in (
+    remarks = []
+    for part, outside, source in (
         (share[omega > high].sum(), f"above {high:.3g} rad/s", "the master curve"),
         (share[omega < low].sum(), f"below {low:.3g} rad/s", "the master curve"),
-        (share[found.q > q_high * (1 + 1e-9)].sum(), f"above {q_high:.3g} 1/m", "the spectrum"),
-        (share[found.q < q_low * (1 - 1e-9)].sum(), f"below {q_low:.3g} 1/m", "the spectrum"),
+        (share[result.q > q_high * (1 + 1e-9)].sum(), f"above {q_high:.3g} 1/m", "the spectrum"),
+        (share[result.q < q_low * (1 - 1e-9)].sum(), f"below {q_low:.3g} 1/m", "the spectrum"),
     ):
         if part > NOTABLE_EXTRAPOLATION:
-            says.append(f"{100 * part:.0f} % of the viscoelastic friction comes from {outside}, beyond {what}")
+            remarks.append(f"{100 * part:.0f} % of the viscoelastic friction comes from {outside}, beyond {source}")
     if not cold <= T <= warm:
-        says.append(
+        remarks.append(
             f"{T - KELVIN:.0f} degC lies beyond the shift factors ({cold - KELVIN:.0f} to {warm - KELVIN:.0f} degC)"
         )
-    return says
+    return remarks

@@ -1,7 +1,7 @@
-"""Side force of a tyre: the cold-hot law over an elliptic footprint, with rigid bristles or bristles that shear.
+"""Side force of a tyre: the cold-hot law over an elliptic footprint, with rigid or shearing (brush) bristles.
 
 A line of the footprint at y has the length l(y) = l0 sqrt(1 - (2y/b)^2), l0 = 4F/(pi p b).  At a slip angle a the road
-pulls every bristle sideways with v_R tan(a).  Rigid bristles slide over l tan(a) at that speed and (V24)
+moves sideways under every bristle at v_R tan(a).  Rigid bristles slide over ls = l tan(a) at that speed, and (V24)
 
     <mu> = mu_hot + (mu_cold - mu_hot) (r0/ls)(1 - exp(-ls/r0)),    ls = l(y) tan(a), weighted by l(y)
 
@@ -33,18 +33,18 @@ from flashtemp.physics.friction.curve_peak import CurvePeak, find_peak
 from flashtemp.physics.friction.tread_block import FootprintPath, TreadBlock, is_chattering, pass_footprint
 
 FOOTPRINT_LINES = 96  # Gauss points across the footprint
-BRUSH_STEPS = 1000  # through the longest line of it
-CONTROL_LAWS = ("cold", "hot")  # the law with both branches alike
+BRUSH_STEPS = 1000  # steps along its longest line
+CONTROL_LAWS = ("cold", "hot")  # the law with both branches equal
 COMPARED_LAWS = ("law", *CONTROL_LAWS)
 TYRE_MODELS = ("rigid", "brush")
-MIN_FORCE_FALL = 1e-3  # share of side force over load, above which it falls
-MAX_SLIP_ANGLE_DEG, MIN_SLIP_ANGLE_DEG = 45.0, 0.01  # deg: how far slip angles are led on in search of a maximum
-ANGLE_RATIO, ANGLES_PER_EXTENSION = 1.15, 4  # from one of them to the next; how many are tried before looking again
+MIN_FORCE_FALL = 1e-3  # relative decrease of side force over load above which it counts as falling
+MAX_SLIP_ANGLE_DEG, MIN_SLIP_ANGLE_DEG = 45.0, 0.01  # range of slip angles in the search for a maximum
+ANGLE_RATIO, ANGLES_PER_EXTENSION = 1.15, 4  # ratio of successive angles; angles added before the next check
 
 
 @dataclass(frozen=True)
 class Tyre:
-    """Rolling `speed` m/s, `width` b of the footprint m, its `pressure` Pa, the same everywhere and at every load."""
+    """Rolling `speed` m/s, `width` b of the footprint m, its `pressure` Pa, uniform and independent of load."""
 
     speed: float
     width: float
@@ -55,18 +55,18 @@ class Tyre:
         return 4.0 * np.asarray(load) / (np.pi * self.pressure * self.width)
 
     def lateral_speed(self, angles: Value) -> Value:
-        """Speed (m/s) at which the road moves sideways under the tyre at slip angles (deg)."""
+        """Lateral speed (m/s) of the road under the tyre at slip angles (deg)."""
         return self.speed * np.tan(np.radians(angles))
 
     def footprint_lines(self, load: Value) -> tuple[np.ndarray, np.ndarray]:
-        """Lengths (FOOTPRINT_LINES,) m of lines across the footprint and the widths (m) they stand for."""
+        """Lengths (FOOTPRINT_LINES,) m of lines across the footprint, and the widths (m) that they represent."""
         cos, weight = _lateral_quadrature()
         return self.footprint_length(load) * cos, self.width * weight
 
 
 @cache
 def _lateral_quadrature() -> tuple[np.ndarray, np.ndarray]:
-    """l/l0 at Gauss points of the angle whose sine is 2y/b, which makes the ends smooth, and shares of the width."""
+    """l/l0 and weights (fractions of the width) at Gauss points of the angle asin(2y/b), smooth at the ends."""
     x, w = np.polynomial.legendre.leggauss(FOOTPRINT_LINES)
     cos = np.cos(0.25 * np.pi * (x + 1))  # both halves are alike
     return cos, 0.25 * np.pi * w * cos
@@ -86,30 +86,32 @@ def rigid_side_force(tyre: Tyre, law: ColdHotLaw, loads: Value, angles: Value) -
 
 
 def rigid_force_peak(tyre: Tyre, law: ColdHotLaw, load: float, angles: Value) -> CurvePeak:
-    """Highest point of `rigid_side_force` between the lowest and the highest of some slip angles (deg), which also bracket it."""
+    """Maximum of `rigid_side_force` between the smallest and the largest of the slip angles (deg)."""
     angles = np.asarray(angles, dtype=float)
     i = int(np.argmax(rigid_side_force(tyre, law, [load], angles)[0]))
     if i in (0, len(angles) - 1):
         value = float(rigid_side_force(tyre, law, [load], angles[[i]])[0, 0])
         return CurvePeak(float(angles[i]), value, i == 0, i == len(angles) - 1)
-    found = minimize_scalar(
-        lambda a: -rigid_side_force(tyre, law, [load], [a])[0, 0], bounds=(angles[i - 1], angles[i + 1]), method="bounded",
+    optimum = minimize_scalar(
+        lambda a: -rigid_side_force(tyre, law, [load], [a])[0, 0],
+        bounds=(angles[i - 1], angles[i + 1]),  # neighbours of the highest angle bracket the maximum
+        method="bounded",
         options={"xatol": 1e-7},
-    )  # fmt: skip
-    return CurvePeak(float(found.x), float(-found.fun))
+    )
+    return CurvePeak(float(optimum.x), float(-optimum.fun))
 
 
 def make_bristle(tyre: Tyre, loads: Value, stiffness: float, mass: float) -> TreadBlock:
-    """What every bristle is (Pa/m, kg/m2), on its way through the longest line of all loads (N)."""
+    """A bristle of `stiffness` (Pa/m) and `mass` (kg/m2) as a tread block on the longest line of all loads (N)."""
     return TreadBlock(tyre.speed, float(np.max(tyre.footprint_length(loads))), stiffness, mass, tyre.pressure)
 
 
 def brush_side_force(
     tyre: Tyre, law: ColdHotLaw, loads: Value, angles: Value, stiffness: float, mass: float, steps: int = BRUSH_STEPS
 ) -> Value:
-    """Side force over load (n_loads, n_angles) of bristles that shear, and the path (Path) of a bristle at every angle.
+    """Side force over load (n_loads, n_angles) of shearing bristles, and the FootprintPath of a bristle at every angle.
 
-    All bristles at one angle share one path, which short lines leave early.  Raises SolverFailure.
+    All bristles at one angle follow the same path, which ends earlier on short lines.  Raises SolverFailure.
     """
     tread = make_bristle(tyre, loads, stiffness, mass)
     path = pass_footprint(tread, law, np.tan(np.radians(np.asarray(angles, dtype=float))), steps)
@@ -122,7 +124,7 @@ def brush_side_force(
 
 
 def _line_force(tread: TreadBlock, path: FootprintPath) -> CubicHermiteSpline:
-    """Side force per width (N/m) of a line that a bristle takes t (s) to pass: int k_t u v_R dt."""
+    """Side force per width (N/m) of a line that a bristle passes in t (s): int k_t u v_R dt."""
     rate = tread.stiffness * tread.speed * path.shear
     dt = path.time[1]
     bend = np.gradient(rate, dt, axis=0)
@@ -132,10 +134,10 @@ def _line_force(tread: TreadBlock, path: FootprintPath) -> CubicHermiteSpline:
 
 @dataclass(frozen=True, eq=False)
 class CorneringResult:
-    """Side force over load (n_loads, n_angles) of every model and law in `curves`, their highest points in `peaks`.
+    """Side force over load (n_loads, n_angles) of every model and law in `curves`, their maxima in `peaks`.
 
     Keys are (model, law): "rigid" or "brush"; "law", or the controls "cold" and "hot".  `loads` N, `angles` deg, T0 K.
-    Maxima are compared where every load has one inside the angles; a curve that is highest at an end tells none.
+    Maxima are compared where every load has one inside the range of angles.
     """
 
     tyre: Tyre
@@ -153,7 +155,7 @@ class CorneringResult:
         return not any(p.is_at_edge for p in self.peaks[model, law])
 
     def peak_fall(self, model: str, law: str = "law") -> float | None:
-        """Share of the highest side force over load that is lost from the lowest to the highest load.
+        """Relative decrease of the maximum side force over load from the lowest to the highest load.
 
         None where a load has no maximum inside the slip angles.
         """
@@ -163,15 +165,15 @@ class CorneringResult:
         return float(1.0 - last / first)
 
     def has_peak_fall(self, model: str) -> bool:
-        """Whether the law's highest side force over load is known to fall with load."""
+        """Whether the law's maximum side force over load is known to fall with load."""
         fall = self.peak_fall(model)
         return fall is not None and fall > MIN_FORCE_FALL
 
     def has_flat_controls(self, model: str) -> bool | None:
-        """Whether no control falls with load: then a fall of the law comes from the flash temperature alone.
+        """Whether no control falls with load; a decrease by the law is then caused by the flash temperature alone.
 
-        Of a control without a maximum inside, at the angles of the law's maxima, the same for both loads.  None where
-        the law has none.
+        A control without an inner maximum is compared at the angles of the law's maxima, the same for both loads.  None
+        where the law has no inner maximum.
         """
         if not self.has_inner_peaks(model):
             return None
@@ -186,15 +188,15 @@ class CorneringResult:
         return float(np.max(1.0 - last / first))
 
     def rising_up_to_deg(self, model: str) -> float | None:
-        """Largest slip angle (deg) up to which the law's side force still rises at one of the loads, None if inside."""
+        """Largest slip angle (deg) if the law's side force still rises there at one of the loads, else None."""
         return float(self.angles[-1]) if any(p.last for p in self.peaks[model, "law"]) else None
 
     def as_dict(self) -> dict[str, Any]:
         """Numbers for JSON; slip angles in degrees, loads in N, lengths in m."""
-        held = [self.has_flat_controls(model) for model in TYRE_MODELS]
+        flat_controls = [self.has_flat_controls(model) for model in TYRE_MODELS]
         maxima = [
-            {"model": model, "law": law, "load_N": float(load), "mu": p.value, "angle_deg": p.at, "at_edge": p.is_at_edge,
-             "at_first": p.first, "at_last": p.last}
+            {"model": model, "law": law, "load_N": float(load), "mu": p.value, "angle_deg": p.at,
+             "at_edge": p.is_at_edge, "at_first": p.first, "at_last": p.last}
             for (model, law), peaks in self.peaks.items()
             for load, p in zip(self.loads, peaks, strict=True)
         ]  # fmt: skip
@@ -203,7 +205,7 @@ class CorneringResult:
             "fall": {model: self.peak_fall(model) for model in TYRE_MODELS},
             "no_maximum_up_to_deg": {model: self.rising_up_to_deg(model) for model in TYRE_MODELS},
             "fall_of_controls": {f"{m}, both {c}": self.peak_fall(m, c) for m in TYRE_MODELS for c in CONTROL_LAWS},
-            "controls_hold": None if None in held else all(held),
+            "controls_hold": None if None in flat_controls else all(flat_controls),
             "footprint_length_m": [float(self.tyre.footprint_length(load)) for load in self.loads],
             "memory_m": float(self.law.memory_distance(self.tyre.lateral_speed(self.peaks["brush", "law"][0].at))),
             "ringing": self.ringing_ratio,
@@ -215,7 +217,7 @@ class CorneringResult:
 
     @property
     def ringing_ratio(self) -> float:
-        """Period of a bristle's ringing over the contact time of the shortest footprint."""
+        """Period of a bristle's oscillation over the contact time of the shortest footprint."""
         return self.bristle.ringing_ratio * self.bristle.footprint / float(self.tyre.footprint_length(self.loads.min()))
 
     def csv_rows(self) -> Iterator[str]:
@@ -240,8 +242,8 @@ def compute_cornering(
 ) -> CorneringResult:
     """Side force over slip angle (deg) at every load (N), rigid and brush, with the law and its controls.
 
-    Several angles are led on, down to MIN_SLIP_ANGLE_DEG and up to `steepest`, until every maximum of the law lies inside them.
-    `watch(done, total)` is told about every law.  Raises SolverFailure.
+    More than one angle: the range is extended, down to MIN_SLIP_ANGLE_DEG and up to `steepest`, until it contains every
+    maximum of the law.  `watch(done, total)` is called after every law.  Raises SolverFailure.
     """
     loads, angles = np.sort(np.asarray(loads, dtype=float)), np.sort(np.asarray(angles, dtype=float))
     if len(angles) > 1:
@@ -264,9 +266,9 @@ def compute_cornering(
 def _extend_angles(
     tyre: Tyre, law: ColdHotLaw, loads: np.ndarray, angles: np.ndarray, stiffness: float, mass: float, steepest: float
 ) -> np.ndarray:
-    """The angles (deg), led on until the law's side force falls again at both ends, for every load and model.
+    """The angles (deg), extended until the law's side force falls towards both ends, for every load and model.
 
-    Angles at which no bristle finds its speed are left out.
+    Angles at which the speed of a bristle is not found are left out.
     """
     kept = angles
     while True:

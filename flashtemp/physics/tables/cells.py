@@ -1,4 +1,4 @@
-"""Cells of text tables: numbers with either decimal sign, marks of a missing value, dates and times."""
+"""Recognise cells of text tables: numbers with decimal point or comma, marks of missing values, dates and times."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from functools import lru_cache
 import numpy as np
 
 MAX_NUMBER_LETTERS = 100
-NUMBER_BY_COMMA = {  # by whether commas are decimal; "20." is a number, "20," may be the end of a list; formats pad "+ 22.5"
+# By whether commas are decimal.  "20." is a number, "20," may be the end of a list; some formats pad "+ 22.5".
+NUMBER_BY_COMMA = {
     False: re.compile(r"(?:[-+] {0,8})?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?", re.ASCII),
     True: re.compile(r"(?:[-+] {0,8})?(?:\d+(?:,\d+)?|,\d+)(?:[eEdD][-+]?\d+)?", re.ASCII),
 }
@@ -18,7 +19,7 @@ UNIT_SUFFIX = re.compile(r"[ \u00a0]*((?:°|º|deg[ _]?)[CFK]|[CFK℃℉]|ms|mse
 SCPI_MARK = re.compile(r"[-+]?9[.,]9(?:10*|0*)[eE]\+?37")
 _OF_DIGITS = re.compile(r"[eE]\+?37")
 _ZEROS = str.maketrans("123456789", "000000000")
-PLAIN_NUMBER_LETTERS = frozenset("0123456789+-.eE")  # of these, float() reads what `parse_number` does
+PLAIN_NUMBER_LETTERS = frozenset("0123456789+-.eE")  # with these alone, float() and `parse_number` agree
 MISSING_MARK = re.compile(
     r"""
     (?=[^-]*-)[-.\ ]+ | \*+ | \?+ | \++ | \#{2,} | [<>].*
@@ -38,13 +39,14 @@ DATE_PATTERN = (
 )
 CLOCK_PATTERN = r"[0-9]{1,4}:[0-9]{2}(?::[0-9]{2})?(?:[.,:][0-9]{1,30})?(?: ?[AaPp]\.?[Mm]\.?)?"
 LOOKS_LIKE_TIME = re.compile(
-    rf"\W{{0,2}}{DATE_PATTERN}(?:\b|(?=T[0-9])).{{0,40}}|(?:[0-9]+ days?,? )?\W{{0,2}}{CLOCK_PATTERN}(?:\b|(?=Z)).{{0,20}}",
+    rf"\W{{0,2}}{DATE_PATTERN}(?:\b|(?=T[0-9])).{{0,40}}"
+    rf"|(?:[0-9]+ days?,? )?\W{{0,2}}{CLOCK_PATTERN}(?:\b|(?=Z)).{{0,20}}",
     re.DOTALL,
 )
 
 
 def shape_of(text: str) -> str:
-    """A text with 0 for every digit: what a cell is depends on its shape, unless `has_marks_of_digits`.
+    """A text with 0 for every digit.  The kind of a cell depends on its shape only, unless `has_marks_of_digits`.
 
     >>> shape_of("2024-05-31 14:03;22.5 °C")
     '0000-00-00 00:00;00.0 °C'
@@ -53,12 +55,12 @@ def shape_of(text: str) -> str:
 
 
 def has_marks_of_digits(text: str) -> bool:
-    """Whether a text may hold marks of a missing value that certain digits make, as 9.9E37 and 1.#QNAN."""
+    """Whether a text may contain marks of a missing value with certain digits, as 9.9E37 and 1.#QNAN."""
     return "#" in text or _OF_DIGITS.search(text) is not None
 
 
 def parse_numbers(cells: Sequence[str]) -> np.ndarray | None:
-    """The numbers (n,) of cells of plain numbers with a point, as `parse_number`; None where one is not plain."""
+    """The numbers (n,) of cells with plain decimal points, as by `parse_number`; None if any cell is not plain."""
     if not set("".join(cells)) <= PLAIN_NUMBER_LETTERS:
         return None
     try:
@@ -70,7 +72,7 @@ def parse_numbers(cells: Sequence[str]) -> np.ndarray | None:
 
 
 def parse_number(cell: str, comma: bool) -> float | None:
-    """The number in a cell, with a decimal comma or a decimal point; None for anything else and beyond any double.
+    """The number in a cell, with a decimal comma or a decimal point; None for anything else and for infinity.
 
     >>> parse_number("1e3", False), parse_number("2,5", True), parse_number("2,5", False), parse_number("1_0", False)
     (1000.0, 2.5, None, None)
@@ -81,7 +83,7 @@ def parse_number(cell: str, comma: bool) -> float | None:
         return None
     try:
         value = float(cell)
-    except ValueError:  # a decimal comma, an exponent of FORTRAN, blanks behind the sign
+    except ValueError:  # a decimal comma, a Fortran exponent, blanks after the sign
         value = float(cell.replace(",", ".").replace("d", "e").replace("D", "e").replace(" ", ""))
     return value if math.isfinite(value) else None
 
@@ -90,7 +92,7 @@ def is_missing(cell: str) -> bool:
     """Whether a cell is a mark of a missing value: empty, "OL", "----", "#N/A", "Over Range", "1.#QNAN" and the like.
 
     SCPI-99 (volume 1, 7.2.1.4 and 7.2.1.5) writes 9.91E37 for "not a number" and 9.9E37 for infinity, the usual mark of
-    an open thermocouple.  No plausible number, -9999 neither, counts as missing.
+    an open thermocouple.  Plausible numbers such as -9999 do not count as missing.
 
     >>> [is_missing(c) for c in ("", "OL", "----", "-9.9E+37", "9.91E37", "1.#QNAN", "-9999", "99", "Oil")]
     [True, True, True, True, True, True, False, False, False]
@@ -104,7 +106,7 @@ def _is_missing_mark(cell: str) -> bool:
 
 
 def split_suffix(cell: str) -> tuple[str, str]:
-    """A number and the unit behind it in the same cell, as "22.5 °C"; ("22.5", "") without one.
+    """A number and the unit after it in the same cell, as "22.5 °C"; ("22.5", "") without a unit.
 
     >>> split_suffix("22.5 °C"), split_suffix("200ms"), split_suffix("22.5"), split_suffix("1O")
     (('22.5', '°C'), ('200', 'ms'), ('22.5', ''), ('1O', ''))

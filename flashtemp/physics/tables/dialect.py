@@ -1,4 +1,4 @@
-"""The dialect of a text table: what stands between its cells, and which sign is decimal (RFC 4180 for quotes)."""
+"""Detect the dialect of a text table: the separator of cells and the decimal sign (quotes as in RFC 4180)."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from typing import NamedTuple
 
 from flashtemp.physics.tables.cells import is_value
 
-SAMPLE_LINES = 100  # at the end of a file, and as many spread over it
-SAMPLE_LETTERS = 4000  # of a line
-MAX_QUOTED_LINES = 6  # over which a quoted cell may go
-SEPARATOR_LETTERS = " ,;\t|"  # what a cell of the right dialect does not hold beside digits
+SAMPLE_LINES = 100  # lines at the end of a file, and as many spread over it
+SAMPLE_LETTERS = 4000  # characters of a line
+MAX_QUOTED_LINES = 6  # lines that a quoted cell may span
+SEPARATOR_LETTERS = " ,;\t|"  # characters that a cell of digits does not contain in the right dialect
 SEPARATOR_NAMES = {"\t": "TAB", ";": "';'", ",": "','", "|": "'|'", " ": "spaces"}
 
 
 @dataclass(frozen=True)
 class TableDialect:
-    """Separator of cells (" " stands for any white space) and whether commas are decimal."""
+    """Separator of cells (" " means any white space) and whether commas are decimal."""
 
     separator: str
     comma: bool
@@ -60,12 +60,12 @@ def split_cells(line: str, separator: str) -> list[str]:
 def _split_quoted(line: str, separator: str) -> list[str]:
     try:
         return next(csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True), [""])
-    except csv.Error:  # a quote that does not end, or text behind one
+    except csv.Error:  # an unclosed quote, or text after one
         return line.split(separator)
 
 
 def split_lines(lines: Sequence[str], dialect: TableDialect) -> list[TableLine]:
-    """Lines with their cells; a quoted cell may go over some lines."""
+    """Lines with their cells; a quoted cell may span several lines."""
     if not any('"' in line for line in lines):
         sign = dialect.separator
         if sign == " ":
@@ -96,7 +96,7 @@ def _line_cells(text: str, dialect: TableDialect) -> list[str]:
 
 
 def _has_closed_quotes(text: str, separator: str) -> bool:
-    """Whether a text over several lines is one record whose quotes are right."""
+    """Whether a text over several lines is one record with closed quotes."""
     try:
         return len(list(csv.reader(text.split("\n"), delimiter=separator, skipinitialspace=True, strict=True))) == 1
     except csv.Error:
@@ -104,7 +104,7 @@ def _has_closed_quotes(text: str, separator: str) -> bool:
 
 
 def detect_dialect(lines: Sequence[str], comma: bool | None = None) -> TableDialect | None:
-    """The dialect in which most cells are values, None where no line holds any; `comma`: commas are decimal."""
+    """The dialect in which most cells are values, None without values; `comma` states whether commas are decimal."""
     filled = [line[:SAMPLE_LETTERS] for line in lines if line.strip() and line.lstrip()[0] not in "#%"]
     sample = [*filled[-SAMPLE_LINES:], *filled[:: max(1, len(filled) // SAMPLE_LINES)]]
     known = [d for d in TABLE_DIALECTS if comma is None or d.comma is comma]
@@ -118,7 +118,7 @@ def detect_dialect(lines: Sequence[str], comma: bool | None = None) -> TableDial
 
 
 def _count_clear_values(line: str, dialect: TableDialect) -> int:
-    """How many cells of a line are values; 0 where the separator leaves other separators between digits."""
+    """Number of cells of a line that are values; 0 where other separators remain between digits."""
     cells = [c for c in split_cells(line, dialect.separator) if c]
     if len(cells) < 2:
         return 0

@@ -1,4 +1,4 @@
-"""Names of columns with their units, as headers write them: "Time (ms)", "v, km/h", "TC1 °F", "Temp/K", "speed_mps"."""
+"""Parse column names and units in headers: "Time (ms)", "v, km/h", "TC1 °F", "Temp/K", "speed_mps"."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from flashtemp.errors import BadInput, shorten_text
 from flashtemp.physics import units
 
-MAX_LABEL_LETTERS = 80  # of a column with its unit
+MAX_LABEL_LETTERS = 80  # longest label of a column with its unit
 FORMAT_HINT = re.compile(r"[hmsfdytj:./\-, 0-9]*(?:hh?:?mm|mm:?ss|dd|yy|tt|jj)[a-z:./\-, 0-9]*", re.IGNORECASE)
 UNITLESS_MARKS = ("", "-", "--", "utc", "gmt", "local", "am/pm", "24h", "12h")
-QUICK_UNITS = {  # units that need no library
+QUICK_UNITS = {  # common units, recognised without importing the units library
     ("sec", "s"): "s", ("m_s", "m/s"): "m/s", ("mps", "m/s"): "m/s", ("C", "degC"): "degC", ("°C", "degC"): "degC",
 }  # fmt: skip
-_COMMON_UNIT_WORDS = (  # of a line of units, and of columns named by their unit alone
+_COMMON_UNIT_WORDS = (  # in a line of units, and as names of columns
     "s sec secs ms msec us µs min mins h hr hrs d days seconds minutes hours °C °F C F K degC degF degK ℃ ℉ mK Celsius"
     " Kelvin Fahrenheit celsius kelvin fahrenheit V mV A mA volt volts m mm cm um µm m/s mm/s km/h mph s-1 Pa kPa MPa"
     " GPa bar mbar N kN W Hz kHz rpm 1/min % - 1 ohm Ω W/m2 W/m² W/m2K Pa.s rad/s 1/s m^4 deg"
@@ -46,7 +46,7 @@ MILLISECOND_NAME = re.compile(r"ms|msec|msecs|millis|millisecs?|milliseconds?|mi
 
 @dataclass(frozen=True)
 class TableColumn:
-    """A column of a table: its number from 1, its `label` in the header, its cell in a row of units; "" for none."""
+    """A column of a table: its number from 1, its `label` in the header and its cell in a row of units, or ""."""
 
     number: int
     label: str = ""
@@ -66,15 +66,15 @@ def bare_name(text: str) -> str:
 
 
 def is_unit_text(text: str, wanted: str) -> bool:
-    """Whether a text is a unit of the dimension of `wanted`; common ones are known without the library of units."""
+    """Whether a text is a unit of the dimension of `wanted`; common units do not need the units library."""
     text = text.strip()
-    if not text or len(text) > units.MAX_UNIT_LETTERS or text == "a":  # an index, not a year
+    if not text or len(text) > units.MAX_UNIT_LETTERS or text == "a":  # "a" is an index, not a year
         return False
     return text == wanted or (text, wanted) in QUICK_UNITS or units.is_unit(_spell_unit(text), wanted)
 
 
 def _spell_unit(text: str) -> str:
-    """A unit with a line for the low line that names of columns have: "mm_s" is "mm/s", but "deg_C" is "deg C"."""
+    """A unit with / instead of the underscore of column names: "mm_s" is "mm/s", but "deg_C" is "deg C"."""
     text = re.sub(r"(?i)(?<=deg|ree)_(?=[cfk]$)", " ", text)
     return re.sub(r"(?<=[^\W\d_])_(?=[^\W\d_])", "/", text)
 
@@ -92,7 +92,7 @@ def convert_unit(text: str, wanted: str, what: str) -> tuple[float, float]:
 
 
 def split_label(label: str, wanted: str) -> tuple[str, str]:
-    """A label's name and its unit, "" without one.  In brackets whatever stands there is the unit.
+    """Name and unit of a label; the unit is "" without one.  Any text in brackets is the unit.
 
     >>> split_label("Time (ms)", "s"), split_label("v, km/h", "m/s"), split_label("TC1 °F", "degC")
     (('Time', 'ms'), ('v', 'km/h'), ('TC1', '°F'))
@@ -137,14 +137,14 @@ def bracket_groups(label: str) -> list[tuple[int, int, str]]:
 
 
 def strip_brackets(label: str) -> str:
-    """A label without what stands in brackets, "" where nothing else stands there."""
+    """A label without brackets and their contents."""
     for start, end, _ in reversed(bracket_groups(label)):
         label = label[:start] + label[end:]
     return label.strip()
 
 
 def _split_suffix(label: str, wanted: str) -> tuple[str, str]:
-    """A name and the unit behind a sign; a unit that stands alone, or before a low line, is both."""
+    """Name and unit separated by a sign; a unit alone or before an underscore is both name and unit."""
     for sign in ("/", ",", ";", "_", " "):
         for name, _, unit in (label.partition(sign), label.rpartition(sign)):
             unit = unit.strip().removeprefix("in ").strip(" .")
@@ -160,18 +160,18 @@ def _split_suffix(label: str, wanted: str) -> tuple[str, str]:
 
 
 def _is_index(name: str, unit: str, wanted: str) -> bool:
-    """Whether a single letter behind a name is rather an index of a temperature, as in T_f and T_r."""
+    """Whether a single letter after a name is an index of a temperature rather than a unit, as in T_f and T_r."""
     return wanted in ("degC", "K") and unit in ("r", "R", "f", "k", "c") and len(bare_name(name)) < 3
 
 
 def column_unit(column: TableColumn, wanted: str) -> tuple[str, str]:
-    """Name and unit of a column: the unit of its label, else the one in the row of units."""
+    """Name and unit of a column, from its label, else from the row of units."""
     name, unit = split_label(column.label, wanted)
     return name, unit or _strip_outer_brackets(column.unit_cell.strip())
 
 
 def check_units_agree(column: TableColumn, wanted: str, where: str) -> None:
-    """BadInput where the label of a column and the row of units state units of different size."""
+    """Raise BadInput where the label of a column and the row of units state different units."""
     units_of = [split_label(column.label, wanted)[1], _strip_outer_brackets(column.unit_cell.strip())]
     known = [u for u in units_of if is_unit_text(u, wanted)]
     if len(known) == 2 and convert_unit(known[0], wanted, where) != convert_unit(known[1], wanted, where):
@@ -184,7 +184,7 @@ def _strip_outer_brackets(text: str) -> str:
 
 
 def is_time_label(column: TableColumn) -> bool:
-    """Whether a label says time, by its name or by its unit."""
+    """Whether a column is a time, by its name or by its unit."""
     name, unit = column_unit(column, "s")
     if not column.label and not unit:
         return False
@@ -199,17 +199,17 @@ def is_time_label(column: TableColumn) -> bool:
 
 
 def is_common_unit(text: str) -> bool:
-    """Whether a text is a unit that rows of units have, words in letters of either case."""
+    """Whether a text is a common unit in rows of units; longer words in upper or lower case."""
     return text in COMMON_UNITS or (len(text) > 3 and text.casefold() in COMMON_UNITS)
 
 
 def is_status_label(column: TableColumn) -> bool:
-    """Whether a label says that no thermocouple stands there: "Alarm 101", "Status", "Events", "CJC"."""
+    """Whether a label names a column that is not a thermocouple: "Alarm 101", "Status", "Events", "CJC"."""
     return STATUS_NAME.fullmatch(bare_name(column.label)) is not None
 
 
 def is_counter_label(column: TableColumn) -> bool:
-    """Whether a label says that readings are counted: "NO.", "Scan", "#", "Index"."""
+    """Whether a label names a counter of readings: "NO.", "Scan", "#", "Index"."""
     _, unit = column_unit(column, "s")
     if unit and is_unit_text(unit, "s"):
         return False

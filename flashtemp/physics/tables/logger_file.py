@@ -1,4 +1,4 @@
-"""Files of loggers of any kind: LabVIEW LVM and TDMS by their first bytes, everything else as a text table."""
+"""Read files of data loggers: LabVIEW LVM and TDMS by their first bytes, all others as text tables."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from flashtemp.physics.tables.time_axis import TimeAxis
 def read_logger_file(
     path: Path, where: str, comma: bool | None = None, group: str | None = None
 ) -> tuple[TextTable, TimeAxis | None]:
-    """The table of a logger's file, and its times where the format states them.  Raises BadInput, with `where`.
+    """The table of a logger's file, and its times if the format states them.  Raises BadInput, beginning with `where`.
 
-    `comma`: whether commas are decimal, `group`: which group of a TDMS file, where a person says so.
+    The user may state whether commas are decimal (`comma`) and the `group` of a TDMS file.
     """
     data = safe_text.read_bounded_bytes(path, where)
     if data.startswith(tdms.TDMS_MAGIC):

@@ -1,7 +1,7 @@
-"""LabVIEW Measurement files (.lvm), as the specification of National Instruments describes them.
+"""Read LabVIEW Measurement files (.lvm) by the specification of National Instruments.
 
-Tags of the header say separator, decimal sign and which columns of x there are; every segment has tags of its own:
-first x, increment, date and time of every channel.  Special blocks are skipped.
+Tags of the header state separator, decimal sign and the columns of x.  Every segment has its own tags: first x,
+increment, date and time of every channel.  Special blocks are skipped.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from flashtemp.physics.tables.timestamps import parse_moments, parse_stamp
 LVM_MAGIC = "LabVIEW Measurement"
 END_OF_HEADER = "***End_of_Header***"
 LVM_SEPARATORS = {"tab": "\t", "comma": ",", "semicolon": ";"}
-SAME_START_S = 1e-3  # between the clocks of the channels of one segment
+SAME_START_S = 1e-3  # largest difference between the clocks of the channels of one segment
 
 
 @dataclass
 class LvmSegment:
-    """One block of rows with its tags, one value per channel, and where it begins in the file."""
+    """One block of rows with its tags, one value per channel, and its first `line` in the file."""
 
     line: int
     tags: dict[str, list[str]] = field(default_factory=dict)
@@ -44,10 +44,10 @@ class LvmSegment:
 
 
 def parse_lvm(text: str, where: str) -> tuple[TextTable, TimeAxis]:
-    """Rows and times of an LVM file; column 1 is X_Value, whether x is written or not.
+    """Rows and times of an LVM file; column 1 is X_Value, even without values of x.
 
-    Raises BadInput, naming the line, for files that are cut off, whose segments differ in their channels or whose
-    channels have times of their own.
+    Raises BadInput, naming the line, for truncated files, for segments with different channels, and for channels with
+    different times.
     """
     lines = safe_text.split_bounded_lines(text, where)
     separator, body, tags = _read_file_header(lines, where)
@@ -71,7 +71,7 @@ def parse_lvm(text: str, where: str) -> tuple[TextTable, TimeAxis]:
 
 
 def _read_file_header(lines: Sequence[str], where: str) -> tuple[str, int, dict[str, list[str]]]:
-    """The separator, the number of the first line behind the header, and the header's tags."""
+    """The separator, the index of the first line after the header, and the header's tags."""
     separator = "\t"
     for line in lines:
         if line.startswith("Separator"):
@@ -102,7 +102,7 @@ def _read_segments(lines: Sequence[str], body: int, separator: str, single: bool
             now, in_tags = LvmSegment(number, {"Channels": list(cells[1:])}), True
         elif cells[0] == END_OF_HEADER:
             in_tags = False
-        elif in_tags and not now.tags and cells[0] == "X_Value":  # a file whose only header is the first one
+        elif in_tags and not now.tags and cells[0] == "X_Value":  # a segment without its own header
             now.names, in_tags = list(cells), False
         elif in_tags:
             now.tags[cells[0]] = list(cells[1:])
@@ -119,7 +119,7 @@ def _read_segments(lines: Sequence[str], body: int, separator: str, single: bool
 
 
 def _check_complete(segment: LvmSegment, segments: Sequence[LvmSegment], where: str) -> None:
-    """BadInput for a row with too few cells, and where a segment has fewer rows than its header says."""
+    """Raise BadInput for a row with too few cells, and for a segment with fewer rows than its header states."""
     while len(segment.names) > 1 and not segment.names[-1]:
         segment.names.pop()
     comment = segment.names[-1].casefold() == "comment"
@@ -153,7 +153,7 @@ def _segment_columns(segment: LvmSegment, x_columns: str) -> tuple[TableColumn, 
 
 
 def _segment_times(segment: LvmSegment, x_columns: str, comma: bool, where: str) -> np.ndarray:
-    """x (n,) of the rows of a segment, in s.  Raises BadInput where it is no time or differs between channels."""
+    """x (n,) of the rows of a segment, in s.  Raises BadInput where it is not a time or differs between channels."""
     for tag in ("X_Dimension", "X_Unit_Label"):
         for value in filter(None, segment.tags.get(tag, [])):
             if value.casefold() != "time" and not header.is_unit_text(value, "s"):
@@ -190,7 +190,7 @@ def _segment_times(segment: LvmSegment, x_columns: str, comma: bool, where: str)
 
 
 def _segment_start(segment: LvmSegment, where: str) -> float | None:
-    """The moment that x counts from, s since 1970; None where the segment has no date.  Raises BadInput."""
+    """The time of x = 0, s since 1970; None where the segment has no date.  Raises BadInput."""
     dates, clocks = segment.tags.get("Date", []), segment.tags.get("Time", [])
     starts = []
     for day, clock in zip(dates, clocks, strict=False):
@@ -204,9 +204,9 @@ def _segment_start(segment: LvmSegment, where: str) -> float | None:
 
 
 def _join_times(segments: list[LvmSegment], times: list[np.ndarray], absolute: bool, table: TextTable) -> TimeAxis:
-    """The times of all segments: x itself where it goes on from one to the next, else x from their own clocks.
+    """The times of all segments: x itself where it continues from one to the next, else x plus each segment's clock.
 
-    Raises BadInput where x goes on and the clocks say something else.
+    Raises BadInput where x continues and contradicts the clocks.
     """
     where = table.where
     starts = [LABVIEW_EPOCH_S if absolute else _segment_start(s, where) for s in segments]
@@ -215,12 +215,12 @@ def _join_times(segments: list[LvmSegment], times: list[np.ndarray], absolute: b
     seconds = np.concatenate(times)
     if not goes_on or len(segments) > 1:
         if None not in starts and len({*starts}) > 1:
-            own = [t + (s or 0.0) - (first or 0.0) for t, s in zip(times, starts, strict=True)]
+            clock_times = [t + (s or 0.0) - (first or 0.0) for t, s in zip(times, starts, strict=True)]
             steps = [
                 abs((b or 0.0) - (first or 0.0) - (t[0] - times[0][0])) for b, t in zip(starts, times, strict=True)
             ]
             if not goes_on:
-                seconds = np.concatenate(own)
+                seconds = np.concatenate(clock_times)
             elif max(steps) > max(1.0, 0.01 * (seconds[-1] - seconds[0])):
                 raise BadInput(
                     f"{where}:{segments[1].line}: X_Value goes on from the segment before, Date and Time say another"
@@ -231,8 +231,8 @@ def _join_times(segments: list[LvmSegment], times: list[np.ndarray], absolute: b
     if np.any(np.diff(seconds) <= 0):
         k = int(np.argmax(np.diff(seconds) <= 0))
         raise BadInput(
-            f"{table.locate_row(k + 1)}: time goes from {seconds[k]:g} to {seconds[k + 1]:g} s; it must increase: remove"
-            " that line, or give --fps"
+            f"{table.locate_row(k + 1)}: time goes from {seconds[k]:g} to {seconds[k + 1]:g} s; it must increase:"
+            " remove that line, or give --fps"
         )
     dated = first is not None
     base = float(seconds[0])

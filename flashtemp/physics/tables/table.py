@@ -1,7 +1,8 @@
-"""Text tables of loggers: one block of rows of values, under names and units, with other lines around it.
+"""Parse text tables of loggers: a block of rows of values, under names and units, with other lines around it.
 
-A row belongs to the block if its cells are values where those of the other rows are.  Above it stand names, units and
-lines about the measurement; below and between may stand empty lines, comments, remarks, names again and statistics.
+A row belongs to the block if it has values in the same columns as the other rows.  Above the block are names, units and
+lines about the measurement.  Below and between rows there may be empty lines, comments, remarks, repeated names and
+statistics.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ from flashtemp.physics.tables.header import TableColumn
 from flashtemp.physics.tables.records import SEP_LINE
 from flashtemp.physics.tables.text_table import TextTable
 
-HEADER_LINES = 6  # above the rows, among which names and units are looked for
+HEADER_LINES = 6  # lines above the rows that are searched for names and units
 COMMENT_SIGNS = ("#", "%", "//")
 STATISTIC_NAME = re.compile(
     r"(?:min|max|mean|avg|average|mittel|mittelwert|median|std|stdev|stddev|sd|sdev|sigma|sum|summe|total|count|anzahl|"
@@ -44,9 +45,9 @@ STATISTIC_NAME = re.compile(
     re.IGNORECASE,
 )
 WORD_WITH_UNIT = re.compile(r"[^\s(\[]+(?:\s*[(\[][^)\]]*[)\]])?")
-TOA5_UNIT_MARKS = ("TS", "RN")  # time stamp and record number in its row of units
-MAX_REMARKS, MAX_REMARK_LETTERS = 200, 300  # of lines around a table that are kept
-WHOLE_COPY_REMEDY = "give a whole copy or export it anew"
+TOA5_UNIT_MARKS = ("TS", "RN")  # time stamp and record number in the row of units of TOA5 files
+MAX_REMARKS, MAX_REMARK_LETTERS = 200, 300  # lines around a table that are kept, and their length
+WHOLE_COPY_REMEDY = "give a complete copy or export it again"
 
 
 def read_text(path: Path, where: str) -> str:
@@ -55,11 +56,11 @@ def read_text(path: Path, where: str) -> str:
 
 
 def parse_table(text: str, where: str, comma: bool | None = None, of_logger: bool = False) -> TextTable:
-    """The table in a text.  `comma`: whether commas are decimal, where a person says so.
+    """The table in a text.  `comma`: whether commas are decimal, if the user states it.
 
-    `of_logger`: a program wrote it, so that names may be numbers of channels, and a last line without its end that is
-    shorter than the others is cut off.  Raises BadInput, beginning with `where` and the line, for texts without rows of
-    values and for lines that cannot belong to them.
+    `of_logger`: the file comes from a logger, so names may be channel numbers, and a shorter last line without a line
+    end is truncated.  Raises BadInput, beginning with `where` and the line, for texts without rows of values and for
+    lines that cannot belong to them.
     """
     raw = safe_text.split_bounded_lines(text, where)
     skipped = 1 if raw and SEP_LINE.fullmatch(raw[0].strip()) else 0
@@ -77,7 +78,7 @@ def parse_table(text: str, where: str, comma: bool | None = None, of_logger: boo
 
 
 def _check_thousands(table: TextTable) -> None:
-    """BadInput for a column whose decimals may be groups of thousands: 1.000 or more grouped, below 1000 none."""
+    """Raise BadInput for a column whose decimal sign may separate thousands: no decimals except groups of three."""
     sign = "," if table.dialect.comma else "."
     grouped = re.compile(rf"-?[1-9]\d{{0,2}}(?:\{sign}\d{{3}})+", re.ASCII)
     for column in table.columns:
@@ -89,13 +90,13 @@ def _check_thousands(table: TextTable) -> None:
         if small and shapes != small and all(map(grouped.fullmatch, shapes - small)):
             cell = next(c for c in table.cells(column) if c in shapes - small)
             raise BadInput(
-                f"{table.where}: {cell!r} in {column} may be a whole number with a sign of thousands; give --decimal"
-                f" {'comma' if sign == ',' else 'point'} if it is not, else export without that sign"
+                f"{table.where}: {cell!r} in {column} may be a whole number with a thousands separator; give --decimal"
+                f" {'comma' if sign == ',' else 'point'} if it is not, else export without that separator"
             )
 
 
 def _check_last_line(table: TextTable, last_line: int) -> None:
-    """BadInput where a text ends inside its last number: without a line end, shorter than all others."""
+    """Raise BadInput where a text ends within its last number: no line end and fewer digits than all others."""
     if table.lines[-1] != last_line or len(table.rows) < 2:
         return
     sign = "," if table.dialect.comma else "."
@@ -114,7 +115,7 @@ def _check_last_line(table: TextTable, last_line: int) -> None:
 
 @dataclass
 class _TableBlock:
-    """The rows of a text and what stands around them."""
+    """Finds the rows of a text, its header and the lines around them."""
 
     lines: list[TableLine]
     dialect: TableDialect
@@ -122,7 +123,7 @@ class _TableBlock:
     of_logger: bool
 
     def to_table(self) -> TextTable:
-        """Rows, header and what is above them."""
+        """The table of rows, header, preamble and remarks.  Raises BadInput."""
         self.shapes = self._line_shapes()
         of_shape = {s: [is_value(c, self.dialect.comma) for c in line.cells] for s, line in self._lines_by_shape()}
         self.values = {line.number: of_shape[s] for s, line in zip(self.shapes, self.lines, strict=True)}
@@ -155,7 +156,7 @@ class _TableBlock:
         )  # fmt: skip
 
     def _line_shapes(self) -> list[str]:
-        """The shape of every line: lines of one shape are alike in what their cells are."""
+        """The shape of every line: lines of equal shape have cells of equal kinds."""
         whole = "\n".join([line.text for line in self.lines])
         if not has_marks_of_digits(whole) and whole.count("\n") == len(self.lines) - 1:
             return shape_of(whole).split("\n")
@@ -164,7 +165,7 @@ class _TableBlock:
         return [shape_of(line.text) for line in self.lines]
 
     def _lines_by_shape(self) -> list[tuple[str, TableLine]]:
-        """Every shape with a line of it."""
+        """Every shape with one line of it, so that cells are classified once per shape."""
         return list(dict(zip(self.shapes, self.lines, strict=True)).items())
 
     # --- rows ---------------------------------------------------------------------------------------
@@ -172,7 +173,7 @@ class _TableBlock:
         return self.values[line.number]
 
     def _width_and_value_columns(self) -> tuple[int, list[int]]:
-        """The usual number of cells of lines that are mostly values, and the columns (from 0) that hold values."""
+        """The most common number of cells of lines with mostly values, and the columns (from 0) of values."""
         counts: Counter[int] = Counter()
         mostly: list[tuple[TableLine, list[bool], int]] = []
         times = Counter(self.shapes)
@@ -191,11 +192,11 @@ class _TableBlock:
             if len(line.cells) > 1 and not any(self._value_flags(line))
         }
         width = max(counts, key=lambda n: (counts[n], n in named, n))
-        alike = [(line, values, count) for line, values, count in mostly if len(line.cells) == width]
+        same_width = [(line, values, count) for line, values, count in mostly if len(line.cells) == width]
         columns = []
         for k in range(width):
-            filled = sum(count for line, _, count in alike if line.cells[k])
-            if 2 * sum(count for _, values, count in alike if values[k]) > filled > 0:
+            filled = sum(count for line, _, count in same_width if line.cells[k])
+            if 2 * sum(count for _, values, count in same_width if values[k]) > filled > 0:
                 columns.append(k)
         return width, columns
 
@@ -203,7 +204,7 @@ class _TableBlock:
         return line.number in self.good
 
     def _fills_row(self, line: TableLine) -> bool:
-        """Whether a line has values, or nothing, in all columns of values."""
+        """Whether a line has values or empty cells in all columns of values, and at least one value."""
         if _is_comment(line) or not self._has_room(line):
             return False
         values, cells = self._value_flags(line), line.cells
@@ -211,7 +212,7 @@ class _TableBlock:
         return good and any(values[k] and not is_missing(cells[k]) for k in self.value_columns)
 
     def _find_rows(self, start: int, names: list[TableLine]) -> tuple[list[TableLine], list[str]]:
-        """The rows of the block, and notes on what stands between and below them.  Raises BadInput."""
+        """The rows of the block, and notes on lines between and below them.  Raises BadInput."""
         last = next(k for k in range(len(self.lines) - 1, -1, -1) if self._is_row(self.lines[k]))
         known = {line.cells for line in names}
         rows: list[TableLine] = []
@@ -237,18 +238,18 @@ class _TableBlock:
         return rows, notes
 
     def _has_room(self, line: TableLine) -> bool:
-        """Whether a line has as many cells as the rows: fewer only where no values are lost, more only of words."""
+        """Whether a line has the cells of a row: no value column is missing, and extra cells are words."""
         count, needed = len(line.cells), 1 + max(self.value_columns)
         beyond = [c for c in line.cells[self.width :] if c]
         return count >= needed and all(map(self._is_word, beyond))
 
     def _is_word(self, cell: str) -> bool:
-        """Whether a cell is a word: neither a value nor a damaged one."""
+        """Whether a cell is a word: neither a value nor a mistyped number."""
         value = is_value(cell, self.dialect.comma) or safe_text.is_mistyped_number(cell)
         return not value and any(c.isalpha() for c in cell)
 
     def _is_remark(self, line: TableLine, below: bool, above: TableLine) -> bool:
-        """Whether a line of the right width is a remark, names again or a statistic, not a row that is damaged."""
+        """Whether a line of the right width is a remark, repeated names or a statistic rather than a damaged row."""
         values = self._value_flags(line)[: self.width]
         if not any(values[k] for k in self.value_columns if k < len(values)):
             return not _is_numeric(line.text)
@@ -258,13 +259,13 @@ class _TableBlock:
         return below and (not any(above.cells) or STATISTIC_NAME.fullmatch(word.strip()) is not None)
 
     def _check_row_of_words(self, line: TableLine, row: TableLine) -> None:
-        """BadInput for a line that begins as a row does with digits, as a date in words, but has other cells."""
+        """Raise BadInput for a line of other cells that begins with digits like a row, for example with a date."""
         first = next(iter(line.cells), "")
         if any(c.isdigit() for c in first) and shape_of(first) == shape_of(row.cells[0]):
             raise BadInput(self._describe_damage(line))
 
     def _describe_damage(self, line: TableLine) -> str:
-        """What is said of a line that has another number of cells than the rows."""
+        """The error text for a line with another number of cells than the rows."""
         text = shorten_text(" ".join(line.text.split()))[:60]
         return (
             f"{self.where}:{line.number}: {text!r} has {len(line.cells)} values, others {self.width}; the file is cut"
@@ -272,7 +273,7 @@ class _TableBlock:
         )
 
     def _note_left_out(self, line: TableLine, below: bool, directly: bool) -> str:
-        """A note on a line that is no row; BadInput where it may be a damaged one or the names of another table."""
+        """A note on a line that is not a row.  Raises BadInput for a damaged row or the names of a second table."""
         values = [v and not is_missing(c) for v, c in zip(self._value_flags(line), line.cells, strict=True)]
         filled = [c for c in line.cells if c]
         place = f"{self.where}:{line.number}"
@@ -287,7 +288,7 @@ class _TableBlock:
         raise BadInput(self._describe_damage(line))
 
     def _check_decimal_commas(self, rows: list[TableLine], headed: bool) -> None:
-        """BadInput where commas between whole numbers could be decimal commas and no header counts the columns."""
+        """Raise BadInput where commas between whole numbers could be decimal and no header gives the column count."""
         sample = [c for line in rows[:20] for c in line.cells]
         quoted = any('"' in line.text for line in rows[:20])
         if headed or quoted or self.width % 2 or self.width < 4 or not all(c.isdecimal() for c in sample if c):
@@ -299,7 +300,7 @@ class _TableBlock:
 
     # --- header -------------------------------------------------------------------------------------
     def _find_header(self, start: int) -> tuple[list[TableColumn], list[TableLine], int]:
-        """Columns with names and units, the lines that say them, and where the lines about the measurement end."""
+        """Columns with names and units, the lines that contain these, and the index of the first of these lines."""
         found: list[tuple[int, list[str]]] = []
         remarks: list[tuple[int, list[str]]] = []
         for k in range(start - 1, max(-1, start - 1 - 2 * HEADER_LINES), -1):
@@ -332,7 +333,7 @@ class _TableBlock:
         return columns, [self.lines[k] for k, cells in lines if cells is names or cells is unit_row], top
 
     def _parse_names(self, text: str) -> list[str] | None:
-        """The cells of a line that may name all columns; None where their number or kind is another."""
+        """The cells of a line that may name all columns; None where their number or kind does not match."""
         for names in _split_names(text, self.dialect, self.width):
             cells = [" ".join(c.split()) for c in names]
             while len(cells) > self.width and not cells[-1]:
@@ -348,7 +349,7 @@ class _TableBlock:
         return None
 
     def _is_numbered(self, cells: list[str], numbers: list[int]) -> bool:
-        """Whether names are numbers of channels behind a name for the time."""
+        """Whether names are channel numbers after a name for the time."""
         first = cells[self.value_columns[0]]
         return (
             self.of_logger
@@ -358,7 +359,7 @@ class _TableBlock:
         )
 
     def _check_damaged_row(self, line: TableLine, directly: bool) -> None:
-        """BadInput for a line above the rows that is a row with a slip in it, as O.1 for 0.1."""
+        """Raise BadInput for a line above the rows that is a row with a typing error, as O.1 for 0.1."""
         if len(line.cells) != self.width or self._parse_names(line.text) is not None:
             return
         cells = [line.cells[k] for k in self.value_columns if line.cells[k]]
@@ -376,17 +377,17 @@ class _TableBlock:
         )
 
     def _check_damaged_first_row(self, k: int, row: TableLine) -> None:
-        """BadInput for a line between names of all columns and the first row that holds values or begins as rows."""
+        """Raise BadInput for a line between the names and the first row that has values or begins like a row."""
         above = next((line for line in reversed(self.lines[:k]) if any(line.cells)), None)
         line = self.lines[k]
         if above is None or _is_comment(above) or not any(c.isdigit() for c in line.text):
             return
-        alike = any(self._value_flags(line)) or shape_of(line.cells[0]) == shape_of(row.cells[0])
-        if alike and len(line.cells) < self.width and self._parse_names(above.text) is not None:
+        is_like_row = any(self._value_flags(line)) or shape_of(line.cells[0]) == shape_of(row.cells[0])
+        if is_like_row and len(line.cells) < self.width and self._parse_names(above.text) is not None:
             raise BadInput(self._describe_damage(line))
 
     def _check_other_row(self, line: TableLine) -> None:
-        """BadInput for a line above the rows that holds nothing but values, in another number."""
+        """Raise BadInput for a line above the rows with values only, in another number than the rows."""
         values = self._value_flags(line)
         filled = [c for c in line.cells if c]
         if len(line.cells) != self.width and len(filled) > 1 and sum(values) == len(filled):
@@ -397,7 +398,7 @@ class _TableBlock:
             )
 
     def _check_other_width(self, start: int) -> None:
-        """BadInput where the line above names another number of columns than there are."""
+        """Raise BadInput where the line above names another number of columns than the rows have."""
         above = next((line for line in reversed(self.lines[:start]) if any(line.cells)), None)
         if above is None or _is_comment(above):
             return
@@ -409,25 +410,25 @@ class _TableBlock:
         ):
             raise BadInput(
                 f"{self.where}:{above.number}: names {len(cells)} columns, the rows below have {self.width} cells"
-                f" ({SEPARATOR_NAMES[self.dialect.separator]} between them); name every column, or export with ';' between the"
-                " values"
+                f" ({SEPARATOR_NAMES[self.dialect.separator]} between them); name every column, or export with ';'"
+                " between the values"
             )
 
     def _names_and_units(self, lines: list[tuple[int, list[str]]]) -> tuple[list[str], list[str] | None]:
-        """The line of names nearest to the rows, and the line of units below or above it."""
+        """The line of names closest to the rows, and the line of units below or above it."""
         unit_lines = [k for k, (_, cells) in enumerate(lines) if self._is_unit_line(cells)]
         named = [k for k in range(len(lines)) if k not in unit_lines]
         if not named:
             return lines[0][1], None
         names = named[0]
         if not any(header.is_time_label(TableColumn(1, c)) for c in lines[names][1]):
-            # below names may stand how values were made, as Smp, Avg, Min of TOA5: names differ from each other
+            # TOA5 has a line of processing types, such as Smp, Avg, Min, below the names; names are more varied
             names = max(named[:2], key=lambda k: (len({c for c in lines[k][1] if c}), -k))
         near = [k for k in unit_lines if abs(k - names) <= 2]
         return lines[names][1], lines[near[0]][1] if near else None
 
     def _is_unit_line(self, cells: list[str]) -> bool:
-        """Whether at least half of the cells over values are units; TS and RN of TOA5 need none."""
+        """Whether at least half of the cells above values are units, not counting TS and RN of TOA5."""
         filled = [cells[k].strip("()[]{} ") for k in self.value_columns if cells[k].strip("()[]{} ")]
         filled = [c for c in filled if c not in TOA5_UNIT_MARKS]
         known = sum(_is_common_unit(c) or is_in_brackets(c) for c in filled)
@@ -448,7 +449,7 @@ def is_in_brackets(text: str) -> bool:
 
 
 def _is_numeric(text: str) -> bool:
-    """Whether a line has digits and no letters: a row in another dialect rather than a remark."""
+    """Whether a line has digits and no letters, as a row in another dialect but not a remark."""
     return any(c.isdigit() for c in text) and not any(c.isalpha() for c in text)
 
 
@@ -458,12 +459,12 @@ def _is_comment(line: TableLine) -> bool:
 
 
 def _is_rule(line: TableLine) -> bool:
-    """Whether a line is drawn, as -----, or one word, as Data."""
+    """Whether a line is a rule, as -----, or one word, as Data."""
     return not any(c.isalnum() for c in line.text) or len([c for c in line.cells if c]) == 1
 
 
 def _split_names(text: str, dialect: TableDialect, width: int) -> Iterator[list[str]]:
-    """Ways to part a line of names: as the rows are parted, by other signs, by blanks."""
+    """Ways to split a line of names: by the separator of the rows, by other separators, by blanks."""
     for sign in dict.fromkeys((dialect.separator.replace(" ", "\t"), "\t", ";", ",")):
         yield split_cells(text, sign)
     yield re.split(r"\s{2,}", text.strip())
@@ -476,7 +477,7 @@ def _split_names(text: str, dialect: TableDialect, width: int) -> Iterator[list[
 
 
 def _key_value_pairs(lines: Sequence[TableLine], dialect: TableDialect) -> Iterator[tuple[str, str]]:
-    """Pairs of a key and what stands behind it, in the lines above a table."""
+    """Pairs of key and value in the lines above a table."""
     for line in lines:
         text = line.text.lstrip("#%/ ").strip()
         cells = [c for c in split_cells(text, dialect.separator) if c] if dialect.separator != " " else []

@@ -1,4 +1,4 @@
-"""TDMS files of National Instruments, read with npTDMS: channels are columns, times come from waveform properties."""
+"""Read TDMS files of National Instruments by npTDMS: channels are columns, times come from waveform properties."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from flashtemp.physics.tables.text_table import SCPI_MARK_MIN, TextTable
 from flashtemp.physics.tables.time_axis import TimeAxis
 
 TDMS_MAGIC = b"TDSm"
-MAX_VALUES = 50_000_000  # of all channels of a group: 400 MB
+MAX_VALUES = 50_000_000  # in all channels of a group: 400 MB
 STEP_TOLERANCE = 1e-9  # relative difference of the increments of two channels
 
 
@@ -37,19 +37,19 @@ class ChannelTable(TextTable):
         return [f"{v:.17g}" for v in self.arrays[column.number]]
 
     def locate_row(self, row: int) -> str:
-        """Where a sample (from 0) stands, for messages."""
+        """File and sample number of a row (from 0), for messages."""
         return f"{self.where}: sample {self.lines[row]}"
 
     def every_nth_row(self, step: int) -> ChannelTable:
-        """The same with one sample of `step`."""
+        """The table with every `step`-th sample."""
         arrays = {n: a[::step] for n, a in self.arrays.items()}
         return replace(self, rows=self.rows[::step], lines=self.lines[::step], arrays=arrays)
 
 
 def read_tdms(path: Path, where: str, group: str | None = None) -> tuple[TextTable, TimeAxis | None]:
-    """Channels of one group of a TDMS file and their times, None where nothing states them.
+    """Channels of one group of a TDMS file, and their times or None where the file does not state them.
 
-    Raises BadInput for damaged files, for several groups of numbers of which none is named, and for channels of other
+    Raises BadInput for damaged files, for several groups of numbers without `group`, and for channels of different
     lengths or increments.
     """
     try:
@@ -57,14 +57,14 @@ def read_tdms(path: Path, where: str, group: str | None = None) -> tuple[TextTab
     except ImportError as fault:
         raise BadInput(f"{where}: TDMS needs npTDMS; use pip install 'flashtemp[camera]', or export as CSV") from fault
     try:
-        nptdms.log.log_manager.set_level(logging.ERROR)  # what it would warn of is refused here
+        nptdms.log.log_manager.set_level(logging.ERROR)  # its warnings are errors below
         with nptdms.TdmsFile.open(path) as file:
             if file.file_status.incomplete_final_segment:
                 raise BadInput(f"{where}: ends within its last segment: cut off; give a whole copy")
             return _read_group(file, where, group)
     except BadInput:
         raise
-    except Exception as fault:  # whatever the library raises for a damaged file
+    except Exception as fault:  # the library raises many types of exception for damaged files
         raise BadInput(f"{where}: cannot be read as TDMS ({describe_exception(fault)}); give a whole copy") from fault
 
 
@@ -74,8 +74,8 @@ def _read_group(file: Any, where: str, wanted: str | None) -> tuple[TextTable, T
     if wanted is not None and wanted not in groups:
         raise BadInput(f"{where}: variable: {wanted!r}: no such group of numbers; groups are {', '.join(groups)}")
     if len(groups) != 1 and wanted is None:
-        some = f"{len(groups)} groups of numbers: name one with --variable, of {', '.join(groups)}"
-        raise BadInput(f"{where}: {some if groups else 'no channel of numbers in it; give a file of temperatures'}")
+        several = f"{len(groups)} groups of numbers: name one with --variable, of {', '.join(groups)}"
+        raise BadInput(f"{where}: {several if groups else 'no channel of numbers in it; give a file of temperatures'}")
     name = wanted if wanted is not None else next(iter(groups))
     channels = groups[name]
     lengths = {len(c) for c in channels}
@@ -112,7 +112,7 @@ def _is_float(channel: Any) -> bool:
 
 
 def _dated_axis(table: ChannelTable, number: int) -> TimeAxis:
-    """Times of a channel of time stamps, which TDMS keeps in UTC."""
+    """Times from a channel of time stamps, which are UTC in TDMS."""
     seconds = table.arrays[number]
     name = table.columns[number - 1].label
     return _check_increasing(
@@ -121,7 +121,7 @@ def _dated_axis(table: ChannelTable, number: int) -> TimeAxis:
 
 
 def _waveform_axis(channels: Sequence[Any], table: ChannelTable) -> TimeAxis | None:
-    """Times from waveform properties; None where a channel says time itself or none has an increment."""
+    """Times from waveform properties; None where a channel is a time or none has an increment."""
     if any(header.is_time_label(c) for c in table.columns):
         return None
     steps = [c.properties["wf_increment"] for c in channels if c.properties.get("wf_increment", 0) > 0]

@@ -1,4 +1,4 @@
-"""A text table as it was read: rows of cells under named columns, their numbers, units and places in the file."""
+"""A parsed text table: rows of cells in named columns, with their numbers, units and positions in the file."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from flashtemp.physics.tables.header import TableColumn
 
 POINT_OR_LOOSE_COMMA = re.compile(r"\.|,(?![0-9])")  # in cells with decimal commas
 FAHRENHEIT_PATTERN = re.compile(r"(?<!\w)(?:°\s?F|℉|deg(?:ree)?s?[ ._]?F|fahrenheit|in F)(?!\w)", re.IGNORECASE)
-SCPI_MARK_MIN = 9e37  # numbers from here on may be marks
+SCPI_MARK_MIN = 9e37  # larger numbers may be SCPI marks of missing values
 
 
 @dataclass(frozen=True)
 class TextTable:
-    """Rows of cells under named columns.  `where` begins messages, `lines` are the numbers of the rows' lines.
+    """Rows of cells in named columns.  `where` begins messages, `lines` are the line numbers of the rows.
 
-    `preamble` are pairs of what stands above the table, `notes` say for people what was left out of it; `remarks` are
-    the lines above and between the rows with their numbers.
+    `preamble` are pairs of key and value above the table, `notes` describe lines left out of it; `remarks` are the
+    lines above and between the rows with their line numbers.
     """
 
     where: str
@@ -48,11 +48,11 @@ class TextTable:
         return list(zip(*self.rows, strict=True))
 
     def locate_row(self, row: int) -> str:
-        """Where a row (from 0) stands, for messages."""
+        """File and line of a row (from 0), for messages."""
         return f"{self.where}:{self.lines[row]}"
 
     def numbers(self, column: TableColumn) -> np.ndarray:
-        """The numbers of a column (rows,), NaN for missing ones and infinity for words; units in cells are left out."""
+        """The numbers of a column (rows,), NaN for missing values and infinity for words; units are ignored."""
         comma, cells = self.dialect.comma, self.cells(column)
         plain: Sequence[str] | None = cells
         if comma:
@@ -65,17 +65,18 @@ class TextTable:
         return np.array([known[cell] for cell in cells], dtype=float)
 
     def read_quantity(self, column: TableColumn, wanted: str, unit: str | None = None) -> tuple[np.ndarray, str]:
-        """Numbers of a column in the unit `wanted`, and the unit in which they stand there, "" where none is stated.
+        """Numbers of a column converted to the unit `wanted`, and their unit in the file, "" where none is stated.
 
-        `unit` takes the place of what the file says.  Raises BadInput, naming line and cell, for words among the
-        numbers and for units of another dimension.
+        `unit` overrides the unit in the file.  Raises BadInput, naming line and cell, for words among the numbers and
+        for units of another dimension.
         """
         values = self.numbers(column)
         if np.isinf(values).any():
             k = int(np.argmax(np.isinf(values)))
             cell = self.rows[k][column.number - 1]
             raise BadInput(
-                f"{self.where}:{self.lines[k]}: {shorten_text(repr(cell))} in {_column_text(column)} is no number; repair that row"
+                f"{self.where}:{self.lines[k]}: {shorten_text(repr(cell))} in {_column_text(column)} is no number;"
+                " repair that row"
             )
         stated = {split_suffix(c)[1] for c in self.cells(column) if c and not c[-1].isdigit() and not is_missing(c)}
         stated = (stated | self._units_in_next_column(column, wanted)) - {""}
@@ -90,28 +91,28 @@ class TextTable:
         return values * factor + offset, unit
 
     def _units_in_next_column(self, column: TableColumn, wanted: str) -> set[str]:
-        """The units in the next column: all of a column "Unit", or where it has such of several letters only."""
+        """The units in the next column if it is named "Unit" or contains only units of several letters."""
         if column.number >= len(self.columns) or column.number + 1 not in self.text_columns:
             return set()
-        beside = self.columns[column.number]
-        found = {cell for cell in self.cells(beside) if cell}
-        named = re.search(r"unit|einheit", beside.label, re.IGNORECASE) is not None
-        return found if named or all(len(u) > 1 and header.is_unit_text(u, wanted) for u in found) else set()
+        neighbour = self.columns[column.number]
+        texts = {cell for cell in self.cells(neighbour) if cell}
+        is_named = re.search(r"unit|einheit", neighbour.label, re.IGNORECASE) is not None
+        return texts if is_named or all(len(u) > 1 and header.is_unit_text(u, wanted) for u in texts) else set()
 
     def check_fahrenheit_remarks(self, remedy: str) -> None:
-        """BadInput where a remark says Fahrenheit, for temperatures whose own unit is not stated."""
+        """Raise BadInput where a remark mentions Fahrenheit but the temperature columns state no unit."""
         for number, text in self.remarks:
             if FAHRENHEIT_PATTERN.search(text) or "F" in (cell.strip(' "') for cell in re.split(r"[,;\t]", text)):
-                said = shorten_text(repr(" ".join(text.split())))
-                raise BadInput(f"{self.where}:{number}: {said} says Fahrenheit, the columns state no unit; {remedy}")
+                quote = shorten_text(repr(" ".join(text.split())))
+                raise BadInput(f"{self.where}:{number}: {quote} says Fahrenheit, the columns state no unit; {remedy}")
 
     def every_nth_row(self, step: int) -> TextTable:
-        """The same with one row of `step`."""
+        """The table with every `step`-th row."""
         return self if step == 1 else replace(self, rows=self.rows[::step], lines=self.lines[::step])
 
 
 def _cell_value(cell: str, comma: bool) -> float:
-    """The number of a cell, NaN where it is missing, infinity for a word."""
+    """The number in a cell, NaN for a missing value, infinity for a word."""
     value = parse_number(cell, comma)
     if value is not None and abs(value) < SCPI_MARK_MIN:
         return value

@@ -1,4 +1,4 @@
-"""The time of every reading of a table: which columns hold it, in which format, and from which zero."""
+"""Determine the time of every reading of a table: its columns, format and zero."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ DATENUM_RANGE_DAYS = (726834.0, 749113.0)  # MATLAB's datenum, the same years
 DATENUM_EPOCH_DAYS = -719529.0
 HOUR_S, MINUTE_S = 3600.0, 60.0
 SECOND_S = 1.0  # resolution of a clock without fractions
-INTERVAL_TOLERANCE = 0.02  # relative difference up to which two intervals are one: rounded steps
+INTERVAL_TOLERANCE = 0.02  # relative difference up to which two intervals count as equal, for rounded steps
 CLOCK_TOLERANCE = 0.01  # relative difference of two clocks of one file
 RATE_UNIT = re.compile(r"(?:k?)(?:hz|s/s|sa/s|sps|samples?/s(?:ec)?|1/s|/s)", re.IGNORECASE)
 INTERVAL_KEY = re.compile(
@@ -37,10 +37,10 @@ NUMBER_WITH_UNIT = re.compile(r"([-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?)\
 
 @dataclass(frozen=True)
 class TimeAxis:
-    """Times (n,) s of the readings, numbers of the columns that hold them, and notes for people.
+    """Times (n,) s of the readings, numbers of their columns, and notes for the user.
 
-    `starts` are the moments that second 0 may be, s since 1970 on the file's own clock, () where the file has no date;
-    `is_clock`: the times are of a clock; `zone`: its offset from UTC where stated, s.
+    `starts` are the possible dates of second 0, s since 1970 on the file's own clock, () without a date; `is_clock`:
+    the times are clock times; `zone`: their offset from UTC if stated, s.
     """
 
     seconds: np.ndarray
@@ -54,8 +54,8 @@ class TimeAxis:
 def read_time_axis(table: TextTable, taken: Sequence[int] = (), named: str | None = None) -> TimeAxis:
     """The times of a table, which increase strictly.
 
-    `taken` are numbers of columns that hold something else; `named` is the name or the number of the time column.
-    Raises BadInput, naming line and cells, where no column is the time or its format cannot be told.
+    `taken` are numbers of columns with other quantities; `named` is the name or the number of the time column.
+    Raises BadInput, naming line and cells, where no column is the time or its format is ambiguous.
     """
     main = _named_column(table, named) if named is not None else _find_column(table, taken)
     if main is None:
@@ -63,8 +63,8 @@ def read_time_axis(table: TextTable, taken: Sequence[int] = (), named: str | Non
     else:
         axis = _read_axis(table, main, taken)
         if not axis.notes and axis.columns != (1,):
-            said = " and ".join(str(table.columns[n - 1]) for n in axis.columns)
-            axis = replace(axis, notes=(f"time from {said}",))
+            sources = " and ".join(str(table.columns[n - 1]) for n in axis.columns)
+            axis = replace(axis, notes=(f"time from {sources}",))
         if named is None:
             axis = _compare_other_times(table, axis, taken)
     return _check_increasing(table, axis)
@@ -72,7 +72,7 @@ def read_time_axis(table: TextTable, taken: Sequence[int] = (), named: str | Non
 
 # --- which column -----------------------------------------------------------------------------------
 def _named_column(table: TextTable, named: str) -> TableColumn:
-    """The column of a name or number that a person gave.  Raises BadInput."""
+    """The column with the name or number that the user gave.  Raises BadInput."""
     text = named.strip()
     same = [c for c in table.columns if c.label.strip() == text]
     same = same or [c for c in table.columns if c.label.casefold().strip() == text.casefold()]
@@ -82,14 +82,14 @@ def _named_column(table: TextTable, named: str) -> TableColumn:
     if text.isdecimal() and text.isascii() and 1 <= int(text) <= len(table.columns):
         return table.columns[int(text) - 1]
     known = [c.label for c in table.columns if c.label] or [f"1 to {len(table.columns)}"]
-    many = (
+    reason = (
         f"{len(same)} columns have that name; give its number" if same else f"no such column{suggest_name(text, known)}"
     )
-    raise BadInput(f"{table.where}: time_column: {shorten_text(repr(named))}: {many}")
+    raise BadInput(f"{table.where}: time_column: {shorten_text(repr(named))}: {reason}")
 
 
 def _column_kind(table: TextTable, column: TableColumn) -> str:
-    """What the cells of a column are: "stamp", "number" or "text", by its first one that is not empty."""
+    """The kind of a column's cells, "stamp", "number" or "text", by the first cell that is not missing."""
     cell = next((c for c in table.cells(column) if not is_missing(c)), "")
     if parse_number(split_suffix(cell)[0], table.dialect.comma) is not None:
         return "number"
@@ -97,16 +97,16 @@ def _column_kind(table: TextTable, column: TableColumn) -> str:
 
 
 def _find_column(table: TextTable, taken: Sequence[int]) -> TableColumn | None:
-    """The column that says by its name or its cells that it is the time; None where readings are only counted."""
+    """The column that is the time by its name or its cells; None where readings are only counted."""
     free = [c for c in table.columns if c.number not in taken]
     kinds = {c.number: _column_kind(table, c) for c in free}
-    said = [
+    times = [
         c for c in free if kinds[c.number] != "text" and header.is_time_label(c) and not _is_millisecond_part(table, c)
     ]
-    said += [c for c in free if kinds[c.number] == "stamp" and c not in said]
-    if said:
-        full = [c for c in said if not _is_only_date(table, c)]
-        return min(full or said, key=lambda c: c.number)
+    times += [c for c in free if kinds[c.number] == "stamp" and c not in times]
+    if times:
+        full = [c for c in times if not _is_only_date(table, c)]
+        return min(full or times, key=lambda c: c.number)
     if not free or any(header.is_counter_label(c) for c in free if kinds[c.number] == "number"):
         return None
     first = table.columns[0]
@@ -116,7 +116,7 @@ def _find_column(table: TextTable, taken: Sequence[int]) -> TableColumn | None:
 
 
 def _is_millisecond_part(table: TextTable, column: TableColumn) -> bool:
-    """Whether a column holds milliseconds of the second beside a clock."""
+    """Whether a column contains milliseconds that belong to a clock in another column."""
     bare = {header.bare_name(header.column_unit(column, "s")[0]), header.bare_name(column.unit_cell)}
     if not any(header.MILLISECOND_NAME.fullmatch(b) for b in bare if b):
         return False
@@ -134,7 +134,7 @@ def _is_only_date(table: TextTable, column: TableColumn) -> bool:
 
 
 def _is_counter(table: TextTable, column: TableColumn) -> bool:
-    """Whether a column counts readings: 1, 2, 3, ... or, under a name that is no time, 0, 1, 2, ..."""
+    """Whether a column counts readings: 1, 2, 3, ... or, in a table with a header, 0, 1, 2, ..."""
     cells = table.cells(column)
     if not all(c.isdecimal() for c in cells):
         return False
@@ -145,7 +145,7 @@ def _is_counter(table: TextTable, column: TableColumn) -> bool:
 
 # --- its seconds ------------------------------------------------------------------------------------
 def _read_axis(table: TextTable, column: TableColumn, taken: Sequence[int]) -> TimeAxis:
-    """The times of a column, with the date, the clock or the milliseconds of its neighbours."""
+    """The times of a column, completed by the date, the clock or the milliseconds of other columns."""
     cells = table.cells(column)
     for k, cell in enumerate(cells):
         if not (cell and cell[-1].isdigit()) and is_missing(cell):
@@ -168,7 +168,7 @@ def _read_axis(table: TextTable, column: TableColumn, taken: Sequence[int]) -> T
 
 
 def _add_clock(table: TextTable, axis: TimeAxis, taken: Sequence[int]) -> TimeAxis:
-    """A date with the clock of another column, the next one to the right first."""
+    """Add the clock of another column to a date; columns to the right are tried first."""
     here = axis.columns[0]
     others = sorted(
         (c for c in table.columns if c.number not in (*taken, here)), key=lambda c: (c.number < here, c.number)
@@ -187,12 +187,12 @@ def _add_clock(table: TextTable, axis: TimeAxis, taken: Sequence[int]) -> TimeAx
 
 
 def _wrap_to_day(seconds: np.ndarray) -> np.ndarray:
-    """Clock times without the days that were added at midnight: the column of dates counts them."""
+    """Clock times without the days added at midnight, which the column of dates already contains."""
     return np.asarray(np.mod(seconds, DAY_S))
 
 
 def _read_clock(table: TextTable, column: TableColumn) -> TimeColumn | None:
-    """A column of clock times, also of digits HHMMSS under the name of a clock; None for any other."""
+    """A column of clock times, including digits HHMMSS in a time column; None for any other."""
     cells = table.cells(column)
     stamp = parse_stamp(cells[0])
     if stamp and stamp.clock and not stamp.date:
@@ -203,7 +203,7 @@ def _read_clock(table: TextTable, column: TableColumn) -> TimeColumn | None:
 
 
 def _add_date(table: TextTable, axis: TimeAxis, taken: Sequence[int]) -> TimeAxis:
-    """Clock times with the date of another column, or of the lines above the table."""
+    """Add the date of another column, or of the lines above the table, to clock times."""
     for other in table.columns:
         if other.number in (*taken, *axis.columns) or not _is_only_date(table, other):
             continue
@@ -221,7 +221,7 @@ def _add_date(table: TextTable, axis: TimeAxis, taken: Sequence[int]) -> TimeAxi
 
 
 def _add_milliseconds(table: TextTable, axis: TimeAxis) -> TimeAxis:
-    """Times of whole seconds with the milliseconds of their own column, where there is one."""
+    """Add the milliseconds of a separate column to times of whole seconds, if there is one."""
     for other in table.columns:
         if other.number not in axis.columns and _is_millisecond_part(table, other):
             part = np.array([parse_number(c, table.dialect.comma) or 0.0 for c in table.cells(other)])
@@ -230,7 +230,7 @@ def _add_milliseconds(table: TextTable, axis: TimeAxis) -> TimeAxis:
 
 
 def _numeric_axis(table: TextTable, column: TableColumn) -> TimeAxis:
-    """Times from numbers: in the unit that is stated, as digits of a clock, as days or seconds of an epoch, or s."""
+    """Times from numbers: in the stated unit, as clock digits, as days or seconds since an epoch, or in s."""
     cells = table.cells(column)
     header.check_units_agree(column, "s", table.where)
     unit = header.column_unit(column, "s")[1]
@@ -239,8 +239,8 @@ def _numeric_axis(table: TextTable, column: TableColumn) -> TimeAxis:
     if not np.all(np.isfinite(values)):
         k = int(np.argmin(np.isfinite(values)))
         raise BadInput(
-            f"{table.locate_row(k)}: {shorten_text(repr(cells[k]))} in column {column.number} is no time; repair it, or name the"
-            " time with --time-column"
+            f"{table.locate_row(k)}: {shorten_text(repr(cells[k]))} in column {column.number} is no time; repair it,"
+            " or name the time with --time-column"
         )
     if suffixes != {""}:
         if len(suffixes) > 1:
@@ -259,7 +259,7 @@ def _numeric_axis(table: TextTable, column: TableColumn) -> TimeAxis:
 
 
 def _seconds_per_unit(table: TextTable, column: TableColumn, unit: str) -> float:
-    """Seconds per unit.  Raises BadInput for one that is no unit of time."""
+    """Seconds per unit.  Raises BadInput for a unit that is not a time."""
     try:
         return header.convert_unit(unit, "s", f"{table.where}: {column}")[0]
     except BadInput as fault:
@@ -267,7 +267,7 @@ def _seconds_per_unit(table: TextTable, column: TableColumn, unit: str) -> float
 
 
 def _axis_without_unit(table: TextTable, column: TableColumn, own: np.ndarray, cells: Sequence[str]) -> TimeAxis:
-    """Times from numbers whose unit the header does not say."""
+    """Times from numbers without a unit in the header."""
     at, bare = (column.number,), header.bare_name(column.label)
     if all(re.fullmatch(r"\d{14}", c) for c in cells):
         moments = parse_moments([f"{c[:8]} {c[8:10]}:{c[10:12]}:{c[12:]}" for c in cells], table.locate_row)
@@ -299,7 +299,7 @@ def _axis_without_unit(table: TextTable, column: TableColumn, own: np.ndarray, c
 
 
 def _epoch_seconds(seconds: np.ndarray) -> float | None:
-    """The epoch, s since 1970, that numbers of that size count from; None where they need none."""
+    """The epoch (s since 1970) for numbers of that magnitude; None where they are elapsed times."""
     low, high = float(np.min(seconds)), float(np.max(seconds))
     if UNIX_RANGE_S[0] <= low and high <= UNIX_RANGE_S[1]:
         return 0.0
@@ -307,21 +307,21 @@ def _epoch_seconds(seconds: np.ndarray) -> float | None:
 
 
 def _is_in_days(bare: str, own: np.ndarray) -> bool:
-    """Whether numbers are days: their name is a date, or their steps would be shorter than a millisecond in s."""
+    """Whether numbers are days: their name is a date, or their steps would be below a millisecond if in s."""
     if re.match(header.DATE_NAME, bare) or "date" in bare or "datum" in bare:
         return True
     return len(own) > 1 and bool(header.TIME_NAME.fullmatch(bare)) and float(np.median(np.diff(own))) < 1e-3
 
 
 def _is_day_fraction(own: np.ndarray) -> bool:
-    """Whether numbers below 1 are seconds of a day over 86400: steps below a millisecond, whole seconds of a day."""
+    """Whether numbers below 1 are fractions of a day: steps below 1e-3 that are whole seconds of a day."""
     whole = np.round(DAY_S * own)
     digits = 1e-3 * SECOND_S
     return bool(np.max(np.abs(np.diff(own))) < digits and np.max(np.abs(DAY_S * own - whole)) < 1e2 * digits)
 
 
 def _clock_digits(cells: Sequence[str]) -> np.ndarray | None:
-    """Seconds of clock times written as HHMMSS, over midnight too; None where a cell is none."""
+    """Seconds of clock times written as HHMMSS, continued over midnight; None where a cell is not one."""
     out = []
     for cell in cells:
         found = re.fullmatch(r"(\d{5,6})(?:[.,](\d{1,9}))?", cell, re.ASCII)
@@ -334,7 +334,7 @@ def _clock_digits(cells: Sequence[str]) -> np.ndarray | None:
 
 
 def _is_clock_digits(table: TextTable, column: TableColumn, own: np.ndarray, digits: np.ndarray) -> bool:
-    """Whether numbers that could be HHMMSS are: by their name, or since only then their steps are even."""
+    """Whether numbers are HHMMSS: by their name, or because only then their steps are more uniform."""
     bare = header.bare_name(column.label)
     if header.CLOCK_NAME.fullmatch(bare) or np.any(np.diff(own) < 0):
         return True
@@ -345,14 +345,14 @@ def _is_clock_digits(table: TextTable, column: TableColumn, own: np.ndarray, dig
     if spread_clock < spread_plain:
         return True
     raise BadInput(
-        f"{table.locate_row(0)}: {shorten_text(repr(table.cells(column)[0]))} in {column} may be seconds or HHMMSS of a clock; say"
-        " which in the header, as Time (s) or Clock"
+        f"{table.locate_row(0)}: {shorten_text(repr(table.cells(column)[0]))} in {column} may be seconds or HHMMSS"
+        " of a clock; say which in the header, as Time (s) or Clock"
     )
 
 
 # --- counted readings and checks --------------------------------------------------------------------
 def sampling_interval(table: TextTable) -> tuple[float, str] | None:
-    """The interval (s) between readings that the lines above a table state, and the text that says so."""
+    """The interval (s) between readings stated above a table, and the text that states it."""
     for key, value in table.preamble:
         if not INTERVAL_KEY.search(key) or re.search(r"points|count|number|anzahl|total", key, re.IGNORECASE):
             continue
@@ -373,7 +373,7 @@ def sampling_interval(table: TextTable) -> tuple[float, str] | None:
 
 
 def _counted_axis(table: TextTable, taken: Sequence[int]) -> TimeAxis:
-    """Times of readings that are only counted: the number of a reading times the interval that the file states."""
+    """Times of readings without a time column: reading number times the interval stated in the file."""
     first = next((c for c in table.columns if c.number not in taken), None)
     interval = sampling_interval(table)
     what = (
@@ -391,7 +391,7 @@ def _counted_axis(table: TextTable, taken: Sequence[int]) -> TimeAxis:
 
 
 def _check_increasing(table: TextTable, axis: TimeAxis) -> TimeAxis:
-    """The axis, if its times increase strictly and with the interval that the file states.  Raises BadInput."""
+    """The axis, checked to increase strictly and by the interval stated in the file.  Raises BadInput."""
     interval = sampling_interval(table)
     steps = np.diff(axis.seconds)
     resolution = _clock_resolution_s(axis.seconds)
@@ -405,8 +405,8 @@ def _check_increasing(table: TextTable, axis: TimeAxis) -> TimeAxis:
         k = int(np.argmax(steps <= 0))
         cells = [" ".join(table.rows[n][c - 1] for c in axis.columns) for n in (k, k + 1)]
         raise BadInput(
-            f"{table.locate_row(k + 1)}: time goes from {shorten_text(cells[0])} to {shorten_text(cells[1])}; it must increase: remove"
-            " that line, or give --fps or --time-column"
+            f"{table.locate_row(k + 1)}: time goes from {shorten_text(cells[0])} to {shorten_text(cells[1])}; it must"
+            " increase: remove that line, or give --fps or --time-column"
         )
     if axis.is_clock and axis.zone is None and len(steps) > 1:
         usual = float(np.median(steps))
@@ -426,20 +426,20 @@ def _check_increasing(table: TextTable, axis: TimeAxis) -> TimeAxis:
 
 
 def _clock_resolution_s(seconds: np.ndarray) -> float:
-    """The resolution of a clock, s: a minute or a second where its times show no more, else 0."""
+    """The resolution of a clock, s: a minute or a second if all its times are multiples, else 0."""
     passed = seconds - seconds[0]
     return next((step for step in (MINUTE_S, SECOND_S) if not np.any(passed % step)), 0.0)
 
 
 def _has_assumed_seconds(axis: TimeAxis) -> bool:
-    """Whether the unit of a time that counts by ones is only assumed."""
+    """Whether the unit of a time with steps of 1 is only assumed."""
     return any("taken as s" in n for n in axis.notes) and bool(np.all(np.diff(axis.seconds) == 1.0))
 
 
 def _compare_other_times(table: TextTable, axis: TimeAxis, taken: Sequence[int]) -> TimeAxis:
-    """The axis, after the other columns of time: a finer one gives the seconds, one that is later is told.
+    """Compare the axis with other time columns: a finer one replaces the seconds, a later one is noted.
 
-    Raises BadInput where a second column says another time, beyond the resolution of a clock.
+    Raises BadInput where a second column differs by more than the resolution of a clock.
     """
     for other in table.columns:
         used = (
@@ -469,7 +469,7 @@ def _compare_other_times(table: TextTable, axis: TimeAxis, taken: Sequence[int])
 
 
 def _is_finer(table: TextTable, other: TableColumn, axis: TimeAxis) -> bool:
-    """Whether a column of seconds has finer digits than a clock that counts days."""
+    """Whether a column of seconds has a finer resolution than a clock in days."""
     if not any("days of" in note for note in axis.notes):
         return False
     day = DAY_S * _last_decimal(table, table.columns[axis.columns[0] - 1])

@@ -1,7 +1,7 @@
-"""Dates and clock times of loggers as seconds: ISO 8601 and the usual national formats, decided per column.
+"""Parse dates and clock times of loggers: ISO 8601 and common national formats, with one format per column.
 
-The dateutil parser was tried and is not used.  It decides day and month cell by cell, completes "12:59" or "10" with
-today's date, takes "22,0" for a date, and refuses "12:59:50:250" and "45443.54".  A column has one format.
+The dateutil parser is not suitable.  It decides the order of day and month for each cell, completes "12:59" or "10"
+with today's date, reads "22,0" as a date, and rejects "12:59:50:250" and "45443.54".
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ HALF_DAY_S = 43200.0
 RowLocator = Callable[[int], str]
 EPOCH_ORDINAL = date(1970, 1, 1).toordinal()
 MAX_CELL_LETTERS = 64
-CENTURY_PIVOT = 69  # two-digit years from here on are of the last century (POSIX strptime)
+CENTURY_PIVOT = 69  # two-digit years from 69 on are in the 20th century (POSIX strptime)
 _MONTH_NAMES = (  # names of the Unicode Common Locale Data Repository, without accents: en de fr es it pt nl sv da
     "january januar janvier enero gennaio janeiro januari",
     "february februar fevrier febrero febbraio fevereiro februari",
@@ -68,10 +68,11 @@ NUMERIC_ORDERS = ("dmy", "mdy", "ymd")
 
 
 class TimeStamp(NamedTuple):
-    """A cell taken apart: numbers of its date with their possible `orders`, clock, zone (s) where it has one.
+    """A parsed cell: numbers of its date with their possible `orders`, clock, and zone (s) if stated.
 
-    `date` is (first, second, third) as they stand, () without one.  `clock` is (hours, minutes, seconds) or, of two
-    numbers, (first, second), () without one; `part` are the digits of a fraction behind `sign`, `half` "a" or "p".
+    `date` is (first, second, third) in the order of the cell, () without a date.  `clock` is (hours, minutes, seconds)
+    or, with two numbers, (first, second), () without a clock; `part` are the digits of a fraction after `sign`, `half`
+    is "a" or "p" for AM or PM.
     """
 
     date: tuple[int, ...] = ()
@@ -85,10 +86,10 @@ class TimeStamp(NamedTuple):
 
 @dataclass(frozen=True)
 class TimeColumn:
-    """A column of dates or times, s: seconds (n,) from its own zero, and what that zero may be.
+    """A column of dates or times: seconds (n,) from its own zero, and the possible dates of that zero.
 
-    `starts` are the moments, s since 1970, of second 0 in the possible orders of day and month, () without a date.
-    `zone` is the offset from UTC that the file states, s.  `has_date` and `has_clock` say what stands in the cells.
+    `starts` are the times of second 0, s since 1970, for the possible orders of day and month, () without a date.
+    `zone` is the offset from UTC stated in the file, s.  `has_date` and `has_clock` describe the cells.
     """
 
     seconds: np.ndarray
@@ -102,7 +103,7 @@ class TimeColumn:
 
 @lru_cache(maxsize=65536)
 def parse_stamp(cell: str) -> TimeStamp | None:
-    """A date, a clock time or both in one cell; None where there is neither.
+    """Parse a date, a clock time or both in one cell; None where there is neither.
 
     >>> parse_stamp("2024-05-31T12:59:50.25Z").clock, parse_stamp("5/31/2024 2:03 PM").half, parse_stamp("22.5")
     ((12, 59, 50), 'p', None)
@@ -110,7 +111,7 @@ def parse_stamp(cell: str) -> TimeStamp | None:
     if len(cell) > MAX_CELL_LETTERS:
         return None
     text = BLANKS.sub(" ", cell.strip().strip("'\"")).strip()
-    if found := TIME_SPAN_DAYS.match(text):  # of a time span, as pandas writes it
+    if found := TIME_SPAN_DAYS.match(text):  # a time span as pandas writes it
         span = _clock_and_zone(text[found.end() :])
         if span is None or len(span.clock) != 3 or span.half or span.zone is not None:
             return None
@@ -148,7 +149,7 @@ def _clock_fields(clock: TimeStamp) -> tuple[tuple[int, ...], str, str, str, flo
 
 
 def _leading_date(text: str) -> tuple[tuple[int, int, int], tuple[str, ...], str] | None:
-    """Numbers of the date that a text begins with, their possible orders, and the rest of the text."""
+    """Numbers of the date at the beginning of a text, their possible orders, and the rest of the text."""
     if (found := NUMERIC_DATE.match(text)) and not text[found.end() : found.end() + 1].isdigit():
         numbers = int(found[1]), int(found[3]), int(found[4])
         if len(found[1]) == 4:
@@ -170,7 +171,7 @@ def _leading_date(text: str) -> tuple[tuple[int, int, int], tuple[str, ...], str
 
 @lru_cache(maxsize=256)
 def _month_number(name: str) -> int | None:
-    """The month of a name or of its beginning, in three letters or more; None where it is none or may be two.
+    """The month of a name or of its first three or more letters; None where there is none or more than one.
 
     >>> [_month_number(name) for name in ("März", "févr", "juil", "jui", "Mag", "sept", "foo")]
     [3, 2, 7, None, 5, 9, None]
@@ -185,7 +186,7 @@ def _strip_accents(word: str) -> str:
 
 
 def _strip_weekday(text: str) -> str:
-    """A text without the day of the week that it begins with; one that is a month too is followed by no date."""
+    """A text without a leading day of the week; a word that begins a date is a month and is kept."""
     word = FIRST_WORD.match(text)
     if word is None or _leading_date(text) is not None or C_TIME.fullmatch(text):
         return text
@@ -194,7 +195,7 @@ def _strip_weekday(text: str) -> str:
 
 
 def _zone_offset_s(zone: re.Match[str]) -> float | None:
-    """The offset from UTC that a zone states, s; None where it states none."""
+    """The offset of a zone from UTC, s; None for an empty zone."""
     if not (zone[1] or zone[2] or zone[3]):
         return None
     sign = -1.0 if zone[3] == "-" else 1.0
@@ -214,7 +215,7 @@ def _clock_and_zone(text: str) -> TimeStamp | None:
 
 
 def _compact_clock(text: str) -> TimeStamp | None:
-    """The clock of the basic format of ISO 8601, as 125950 behind a date."""
+    """A clock in the basic format of ISO 8601, as 125950 after a date."""
     zone = ZONE_PATTERN.fullmatch(text[found.end() :]) if (found := COMPACT_CLOCK.match(text)) else None
     if found is None or zone is None:
         return None
@@ -223,11 +224,11 @@ def _compact_clock(text: str) -> TimeStamp | None:
 
 
 def parse_moments(cells: Sequence[str], place: RowLocator, label: str = "", column: int | None = None) -> TimeColumn:
-    """A column of dates, clock times or both as seconds.
+    """Convert a column of dates, clock times or both to seconds.
 
-    `place` says where a row (from 0) stands, `label` and `column` are the column's name and number, for messages.
-    Clock times without a date go on over midnight.  Raises BadInput for a cell of another kind, for times that do not
-    exist, and where the order of day and month or the meaning of two numbers cannot be told.
+    `place` returns file and line of a row (from 0); `label` and `column` are the column's name and number in messages.
+    Clock times without a date continue over midnight.  Raises BadInput for a cell of another kind, for times that do
+    not exist, and where the order of day and month or the meaning of two numbers is ambiguous.
     """
     stamps = _parse_cells(cells, place, column)
     first = stamps[0]
@@ -235,8 +236,8 @@ def parse_moments(cells: Sequence[str], place: RowLocator, label: str = "", colu
     for k, stamp in enumerate(stamps):
         if (bool(stamp.date), len(stamp.clock), stamp.zone is None) != kind:
             raise BadInput(
-                f"{place(k)}: {shorten_text(repr(cells[k]))} is not written as the first time {shorten_text(repr(cells[0]))} is;"
-                " repair it"
+                f"{place(k)}: {shorten_text(repr(cells[k]))} is not written as the first time"
+                f" {shorten_text(repr(cells[0]))} is; repair it"
             )
     seconds = _clock_seconds(stamps, cells, place, label)
     zone = first.zone
@@ -251,7 +252,7 @@ def parse_moments(cells: Sequence[str], place: RowLocator, label: str = "", colu
 
 
 def _parse_cells(cells: Sequence[str], place: RowLocator, column: int | None) -> list[TimeStamp]:
-    """The stamp of every cell; those of one shape have their numbers in the same places.  Raises BadInput."""
+    """The stamp of every cell, with one parser per shape of cells.  Raises BadInput."""
     parsers: dict[str, Callable[[str], TimeStamp | None]] = {}
     out = []
     for row, cell in enumerate(cells):
@@ -263,14 +264,19 @@ def _parse_cells(cells: Sequence[str], place: RowLocator, column: int | None) ->
         if stamp is None:
             at = "" if column is None else f" in column {column}"
             raise BadInput(
-                f"{place(row)}: {shorten_text(repr(cell))}{at} is no time; repair it, or name the time with --time-column"
+                f"{place(row)}: {shorten_text(repr(cell))}{at} is no time; repair it, or name the time with"
+                " --time-column"
             )
         out.append(stamp)
     return out
 
 
 def _make_parser(cell: str, shape: str) -> Callable[[str], TimeStamp | None]:
-    """A quick `parse_stamp` for all cells of a shape: a single 1 among zeros shows which number a digit belongs to."""
+    """A fast `parse_stamp` for all cells of one shape.
+
+    Probes with a single 1 among zeros show to which number each digit belongs.  The result is checked against
+    `parse_stamp` for `cell`, which is returned itself where they differ.
+    """
     zero = parse_stamp(shape)
     if zero is None:
         return parse_stamp
@@ -294,13 +300,13 @@ def _make_parser(cell: str, shape: str) -> Callable[[str], TimeStamp | None]:
 
     try:
         is_right = parse_same_shape(cell) == parse_stamp(cell)
-    except ValueError:  # digits of a number that do not stand side by side
+    except ValueError:  # the digits of a number are not adjacent
         is_right = False
     return parse_same_shape if is_right else parse_stamp
 
 
 def _clock_seconds(stamps: list[TimeStamp], cells: Sequence[str], place: RowLocator, label: str) -> np.ndarray:
-    """Seconds of the clock of every stamp, 0 without one."""
+    """Seconds since midnight of every stamp, 0 without a clock."""
     minutes_first = _is_minutes_first(stamps, cells, place, label)
     fraction = _fraction_rule(stamps)
     count = len(stamps[0].clock)
@@ -320,14 +326,14 @@ def _clock_seconds(stamps: list[TimeStamp], cells: Sequence[str], place: RowLoca
 
 
 def _raise_for_row(is_wrong: np.ndarray, what: str, cells: Sequence[str], place: RowLocator) -> None:
-    """BadInput for the first row (n,) that is `is_wrong`."""
+    """Raise BadInput for the first row where `is_wrong` (n,) is True."""
     if is_wrong.any():
         k = int(np.argmax(is_wrong))
         raise BadInput(f"{place(k)}: {shorten_text(repr(cells[k]))} {what}; repair it")
 
 
 def _is_minutes_first(stamps: list[TimeStamp], cells: Sequence[str], place: RowLocator, label: str) -> bool:
-    """Whether times of two numbers are minutes and seconds: a fraction or the label says so.  Raises BadInput."""
+    """Whether times of two numbers are minutes and seconds, by a fraction or the label.  Raises BadInput."""
     if len(stamps[0].clock) != 2 or stamps[0].half or stamps[0].date:
         return False
     if any(s.part for s in stamps) or re.search(r"m+ ?: ?s", label, re.IGNORECASE):
@@ -341,7 +347,7 @@ def _is_minutes_first(stamps: list[TimeStamp], cells: Sequence[str], place: RowL
 
 
 def _fraction_rule(stamps: list[TimeStamp]) -> Callable[[TimeStamp], float]:
-    """How the digits of a fraction count: decimals, but milliseconds behind a colon where their number varies."""
+    """Value of the digits of a fraction: decimals, but milliseconds after a colon where their number varies."""
     lengths = {len(s.part) for s in stamps if s.sign == ":"}
     if len(lengths) > 1 and max(lengths) <= 3:
         return lambda stamp: 1e-3 * int(stamp.part or 0)
@@ -349,7 +355,7 @@ def _fraction_rule(stamps: list[TimeStamp]) -> Callable[[TimeStamp], float]:
 
 
 def _number_reader(parts: list[slice | int]) -> Callable[[str], tuple[int, ...]]:
-    """The numbers of a text at the places `parts`, or fixed ones, remembered by the text of all of them."""
+    """A reader of the numbers of a text at the slices `parts`, or fixed numbers; results are cached by text."""
     places = [p for p in parts if isinstance(p, slice)]
     span = slice(min((p.start for p in places), default=0), max((p.stop for p in places), default=0))
     known: dict[str, tuple[int, ...]] = {}
@@ -367,10 +373,10 @@ def _number_reader(parts: list[slice | int]) -> Callable[[str], tuple[int, ...]]
 def _midnight_seconds(
     stamps: list[TimeStamp], clock: np.ndarray, cells: Sequence[str], place: RowLocator
 ) -> tuple[np.ndarray, tuple[float, ...]]:
-    """Seconds (n,) of midnight from the first one, and the moments that the first midnight may be.
+    """Seconds (n,) of midnight from the first one, and the possible times of the first midnight.
 
-    Of the orders that are dates in every row those count in which time does not run backwards.  Where they differ in
-    the time that passes, the one without a gap counts; where that does not tell either, BadInput asks.
+    Only orders that give a date in every row and in which time does not decrease are used.  Where they differ in
+    elapsed time, the one without a gap is used; if that is not unique, raises BadInput.
     """
     found: dict[str, np.ndarray] = {}
     for order in stamps[0].orders:
@@ -388,21 +394,21 @@ def _midnight_seconds(
         if len(passed) != 1:
             k = int(np.argmax([s.date != stamps[0].date for s in stamps]))
             raise BadInput(
-                f"{place(k)}: {shorten_text(repr(cells[k]))} after {shorten_text(repr(cells[0]))}: day and month may stand in either"
-                " order; write dates as 2024-05-31, or give --time-column or --fps"
+                f"{place(k)}: {shorten_text(repr(cells[k]))} after {shorten_text(repr(cells[0]))}: the order of day and"
+                " month is ambiguous; write dates as 2024-05-31, or give --time-column or --fps"
             )
     chosen = [o for o in passed if o == "mdy"] if stamps[0].half and "mdy" in passed else list(passed)
     return passed[chosen[0]], tuple(dict.fromkeys(float(forward[o][0]) for o in chosen))
 
 
 def _drop_orders_with_gaps(passed: dict[str, np.ndarray], clock: np.ndarray) -> dict[str, np.ndarray]:
-    """Orders in which no step over a change of date is longer than a day, where the others have such gaps."""
+    """Orders without a step longer than a day, or all orders if each has one."""
     return {o: d for o, d in passed.items() if np.max(np.diff(d + clock), initial=0.0) <= DAY_S} or passed
 
 
 @lru_cache(maxsize=4096)
 def _day_ordinal(numbers: tuple[int, ...], order: str) -> int | None:
-    """The day of a date in an order of day, month and year; None where there is none."""
+    """The ordinal day of a date in an order of day, month and year; None for an impossible date."""
     named = dict(zip(order, numbers, strict=True))
     year = named["y"]
     if year < 100:

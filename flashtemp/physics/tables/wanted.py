@@ -1,4 +1,4 @@
-"""Columns that a key asks for, found in a table by their names, else by their order, in the unit of the key."""
+"""Find the columns that a key requires, by their names or their order, and convert them to the unit of the key."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from flashtemp.physics.tables.timestamps import parse_moments, parse_stamp
 
 @dataclass(frozen=True)
 class WantedColumn:
-    """A quantity that a key takes, its unit, and what headers call it: a pattern of names in letters and digits."""
+    """A quantity of a key, its unit, and the pattern of its `names` in headers, in letters and digits."""
 
     quantity: str
     unit: str
@@ -58,14 +58,14 @@ CONDUCTANCE = WantedColumn(
 )
 SHARE = WantedColumn("share", "1", r"share|fraction|weight|shares|part")
 SOURCE_DEPTH = WantedColumn("depth", "m", r"depth|d|z|sourcedepth")
-VOCABULARY = (TIME, SPEED, PRESSURE, TEMPERATURE, FRICTION)  # names that contradict another quantity
+VOCABULARY = (TIME, SPEED, PRESSURE, TEMPERATURE, FRICTION)  # quantities whose names exclude another quantity
 
 
 def read_wanted(table: TextTable, wanted: Sequence[WantedColumn]) -> np.ndarray:
     """The wanted quantities (rows, wanted), each in its unit.
 
-    Raises BadInput, naming the line and the cell, where names contradict what is wanted, columns are missing, cells are
-    no finite numbers, or units have another dimension.
+    Raises BadInput, naming the line and the cell, where names contradict the wanted quantities, columns are missing,
+    cells are not finite numbers, or units have another dimension.
     """
     columns = find_columns(table, wanted)
     out = np.empty((len(table.rows), len(wanted)))
@@ -76,7 +76,7 @@ def read_wanted(table: TextTable, wanted: Sequence[WantedColumn]) -> np.ndarray:
 
 
 def note_assumed_units(table: TextTable, wanted: Sequence[WantedColumn]) -> list[str]:
-    """Notes on units that are assumed, where the table states those of other columns."""
+    """Notes on assumed units in a table that states the units of other columns."""
     columns = find_columns(table, wanted)
     stated = [header.column_unit(column, want.unit)[1] for column, want in zip(columns, wanted, strict=True)]
     if not any(stated):
@@ -89,7 +89,10 @@ def note_assumed_units(table: TextTable, wanted: Sequence[WantedColumn]) -> list
 
 
 def find_columns(table: TextTable, wanted: Sequence[WantedColumn]) -> list[TableColumn]:
-    """The column of every wanted quantity: by its name, the last one by elimination, or by order.  Raises BadInput."""
+    """The column of every wanted quantity: by name, a single remaining one by elimination, or by order.
+
+    Raises BadInput.
+    """
     named = [_matching_columns(table, want, wanted) for want in wanted] if table.has_header else [[] for _ in wanted]
     for want, found in zip(wanted, named, strict=True):
         if len(found) > 1:
@@ -121,7 +124,7 @@ def _list_wanted(wanted: Sequence[WantedColumn]) -> str:
 
 
 def _matching_columns(table: TextTable, want: WantedColumn, wanted: Sequence[WantedColumn]) -> list[TableColumn]:
-    """The columns whose names, or whose units alone, say the quantity."""
+    """The columns whose name, or whose unit as a name, identifies the quantity."""
     return [c for c in table.columns if _is_column_of(c, want, wanted)]
 
 
@@ -146,7 +149,7 @@ def _is_column_of(column: TableColumn, want: WantedColumn, wanted: Sequence[Want
 
 
 def _check_contradiction(table: TextTable, column: TableColumn, want: WantedColumn) -> None:
-    """BadInput where a column that would be taken by elimination says another quantity."""
+    """Raise BadInput where a column taken by elimination is named as another quantity."""
     if unit := _foreign_unit(column.label, want):
         raise BadInput(f"{table.where}: {column}: {unit!r} is no unit of {want}; correct the names of the columns")
     for other in VOCABULARY:
@@ -158,13 +161,13 @@ def _check_contradiction(table: TextTable, column: TableColumn, want: WantedColu
 
 
 def _foreign_unit(label: str, want: WantedColumn) -> str:
-    """The unit behind a low line or a slash of a label where it has another dimension than is wanted, else ""."""
+    """The unit after an underscore or a slash of a label if it has another dimension than `want`, else ""."""
     unit = re.split(r"[_/]", label)[-1].strip() if re.search(r"[^\W_][_/]", label) else ""
     return unit if unit in header.COMMON_UNITS and not header.is_unit_text(unit, want.unit) else ""
 
 
 def _check_cells(table: TextTable, column: TableColumn, want: WantedColumn) -> None:
-    """BadInput for the first cell that is no finite number."""
+    """Raise BadInput for the first cell that is not a finite number."""
     comma = table.dialect.comma
     for k, cell in enumerate(table.cells(column)):
         if parse_number(split_suffix(cell)[0], comma) is not None and not is_missing(cell):
@@ -177,13 +180,13 @@ def _check_cells(table: TextTable, column: TableColumn, want: WantedColumn) -> N
         if want is TIME and parse_stamp(cell):
             continue
         raise BadInput(
-            f"{place}: {show_cells([c for c in table.rows[k] if c])} is not numeric; {shorten_text(repr(cell))} in column"
-            f" {column.number} is no number: repair it"
+            f"{place}: {show_cells([c for c in table.rows[k] if c])} is not numeric;"
+            f" {shorten_text(repr(cell))} in column {column.number} is no number: repair it"
         )
 
 
 def _column_values(table: TextTable, column: TableColumn, want: WantedColumn) -> np.ndarray:
-    """Numbers of a column in the wanted unit; elapsed times as 00:01:02.5 in s."""
+    """Numbers of a column in the wanted unit; elapsed times such as 00:01:02.5 in s."""
     cells = table.cells(column)
     if want is TIME and parse_number(split_suffix(cells[0])[0], table.dialect.comma) is None:
         moments = parse_moments(cells, table.locate_row, column.label)

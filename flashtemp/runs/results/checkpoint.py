@@ -111,21 +111,21 @@ def load_checkpoint(work: Path) -> MarchState:
     try:
         data = file.read_bytes()
         if data.startswith(HEADER_PREFIX[:-3]) and not data.startswith(HEADER_PREFIX):
-            raise BadInput(f"--resume: {file} was written by another version of flashtemp; start the run anew")
+            raise BadInput(f"--resume: {file} was written by another version of flashtemp; start the run again")
         if data[:HEADER_BYTES] != _build_header(data[HEADER_BYTES:]):
-            raise BadInput(f"--resume: {file} is damaged; start the run anew")
+            raise BadInput(f"--resume: {file} is damaged; start the run again")
         with h5py.File(io.BytesIO(data[HEADER_BYTES:])) as image:
             safe_hdf5.list_datasets(image)  # raises for links into other files
             if image.attrs["case"] != _hash_inputs(work):
                 changed = f"{work / 'case.toml'} or a file in inputs was changed since the run"
-                raise BadInput(f"--resume: {changed}; restore it or start anew")
+                raise BadInput(f"--resume: {changed}; restore it or start again")
             state = _read_progress(image, work)
     except BadInput:
         raise
     except Exception as fault:  # a valid checksum does not guarantee valid contents
-        raise BadInput(f"--resume: {file} is damaged ({describe_exception(fault)}); start the run anew") from fault
+        raise BadInput(f"--resume: {file} is damaged ({describe_exception(fault)}); start the run again") from fault
     if damage := state.frames.describe_damage():
-        raise BadInput(f"--resume: {damage}; start the run anew")
+        raise BadInput(f"--resume: {damage}; start the run again")
     return state
 
 

@@ -173,7 +173,7 @@ def refuse_links(work: Path) -> None:
     for path in (work, *inside):
         mode = path.lstat().st_mode
         if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
-            raise BadInput(f"{path}: a link, a pipe or a device, which no run creates; remove it or start anew")
+            raise BadInput(f"{path}: a link, a pipe or a device, which no run creates; remove it or start again")
 
 
 @contextmanager

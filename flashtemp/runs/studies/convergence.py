@@ -1,4 +1,4 @@
-"""How far to trust a case: observed order of accuracy and error estimate by refining it."""
+"""Grid convergence of a case: observed order of accuracy and numerical error by Richardson extrapolation."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ WATCHED_UNITS = ("K", "K", "K", "")
 
 @dataclass(frozen=True, repr=False)
 class Convergence(DisplayMixin):
-    """Answer of `estimate_convergence`: values per level and, per quantity, order and error of the case itself.
+    """Result of `estimate_convergence`: values on three meshes, and for every quantity its order and error.
 
-    `cells` and `values` (levels, quantities) from coarse to fine, the case being the middle one;
-    `order` observed order (nan where the differences do not shrink), `space` and `time` estimated
-    errors of the case in the quantity's unit, `profile_percent` of T(x) against the finest level.
+    `cells` and `values` (levels, quantities) from coarse to fine; the case itself is the middle level.  `order` is the
+    observed order (nan where the differences do not decrease), `space` and `time` the estimated errors of the case in
+    the unit of the quantity, `profile_percent` the deviation of T(x) from the finest level.
     """
 
     cells: list[int]
@@ -34,7 +34,7 @@ class Convergence(DisplayMixin):
     profile_percent: float
 
     def as_dict(self) -> dict:
-        """For --json."""
+        """All numbers as plain data."""
         return {"quantities": list(WATCHED_QUANTITIES), **asdict(self)}
 
     def __str__(self) -> str:
@@ -63,20 +63,21 @@ class Convergence(DisplayMixin):
 
 
 def watched_values(run: Run) -> np.ndarray:
-    """The quantities that are watched: rises (K) at fixed places and mean friction."""
+    """The quantities compared: temperature rises (K) at three positions, and mean friction."""
     T = run.T_block[run.last_sliding_index] - run.ambient_degC
     L = run.mesh.x[run.mesh.last]
     mu = run.friction_per_repetition or [0.0]  # nothing slides
-    rises = [run.at_x(T, share * L) for share in (0.02, 0.5, 0.98)]
+    rises = [run.at_x(T, fraction * L) for fraction in (0.02, 0.5, 0.98)]
     if run.leading_line_index(run.last_sliding_index) != 0:
         rises.reverse()
     return np.array([*rises, float(np.mean(mu))])
 
 
 def estimate_convergence(case: cases.Case, watch: Callable[[str], None] = lambda text: None) -> Convergence:
-    """Run a case on half, its own and twice the cells per direction, and once at rtol/10.
+    """Run a case with half, equal and twice the number of cells per direction at rtol/10, and once at its own rtol.
 
-    Richardson's estimate on three levels; roads and blocks are refined on the same smooth map.
+    The error in space is Richardson's estimate on three levels, whose meshes follow one smooth mapping.  The error in
+    time is the change from rtol to rtol/10.  `watch` is called with progress messages.
     """
     scene, numerics = case.scene, case.settings
     level = schema.refinement_factor(case["numerics.mesh"])
@@ -86,7 +87,7 @@ def estimate_convergence(case: cases.Case, watch: Callable[[str], None] = lambda
         watch(f"mesh x {factor:g}")
         finer = replace(case, values=case.values | {"numerics": case.values["numerics"] | {"mesh": level * factor}})
         runs.append(march(finer.scene, tight))
-    watch("own tolerance")
+    watch("tolerance of the case")
     own = march(scene, replace(numerics, profiles=4, fields=2))
     values = np.array([watched_values(r) for r in runs])
     coarse, fine = values[1] - values[0], values[2] - values[1]

@@ -1,4 +1,4 @@
-"""Friction of a case over speed and temperature by theory, without a block that heats up."""
+"""Friction of a case over speed and temperature from the theory alone, without the heating of a block."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ NOT_MODELLED = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FrictionStudy(DisplayMixin):
-    """Friction over speed and temperature (`curves`: Curves) by the theory of a `case`; how sure its `signs` are."""
+    """Friction `curves` over speed and temperature by the theory of a `case`; `signs` are its trends."""
 
     case: Case
     curves: friction_curves.FrictionCurves
     signs: tuple[FrictionTrend, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
-        """For --json and friction.json."""
+        """All numbers as plain data, as in friction.json."""
         return self.curves.as_dict() | {
             "title": self.case.title, "not_modelled": NOT_MODELLED, "signs": [s.as_dict() for s in self.signs],
         }  # fmt: skip
 
     def save(self, folder: Path, out: Path) -> None:
-        """Write the effective case with its files, curves and numbers into a folder that will be called `out`."""
+        """Write the complete case with its files, curves and numbers to `folder`, later renamed to `out`."""
         (folder / "case.toml").write_text(self.case.toml(self.case.copy_files(folder)), encoding="utf-8")
         self.curves.save(folder)
         write_json(self.as_dict() | {"out": str(out)}, folder / "friction.json")
@@ -51,17 +51,17 @@ class FrictionStudy(DisplayMixin):
 
     def to_table(self) -> DisplayTable:
         c, speeds = self.curves, self.curves.speed
-        some = np.unique(np.linspace(0, len(speeds) - 1, 12).round().astype(int))
+        indices = np.unique(np.linspace(0, len(speeds) - 1, 12).round().astype(int))
         head = ("speed, m/s", "mu cold", "mu hot", "highest T, degC", "area in contact")
         rows = [
-            tuple(float(v[i]) for v in (speeds, c.cold.mu, c.hot.mu, c.highest, c.area)) for i in some
+            tuple(float(v[i]) for v in (speeds, c.cold.mu, c.hot.mu, c.highest, c.area)) for i in indices
         ]  # fmt: skip
         title = f"{self.case.title}: {c.T0 - KELVIN:g} degC, {c.p / 1e6:g} MPa"
         return DisplayTable(title, rows, head, [*c.remarks, *map(str, self.signs), f"not modelled: {NOT_MODELLED}"])
 
 
 def refuse_speeds(slowest: float, fastest: float) -> None:
-    """BadInput unless speeds (m/s) rise within what the theory can be asked for."""
+    """Raise BadInput unless slowest < fastest (m/s) within the limits of the theory."""
     low, high = SPEED_LIMITS_M_S
     if not low <= slowest < fastest <= high:
         raise BadInput(
@@ -70,7 +70,10 @@ def refuse_speeds(slowest: float, fastest: float) -> None:
 
 
 def study_friction(case: Case, slowest: float = 1e-6, fastest: float = 10.0) -> FrictionStudy:
-    """The curves of a case from the slowest to the fastest speed, m/s.  Raises BadInput, SolverFailure."""
+    """Compute the friction curves of a case from the slowest to the fastest speed, m/s.
+
+    Raises BadInput, SolverFailure.
+    """
     refuse_speeds(slowest, fastest)
     scene, acting = find_theory(case)
     theory, spots = acting.p.theory, ContactSpots(scene.spot_diameter)
@@ -78,7 +81,7 @@ def study_friction(case: Case, slowest: float = 1e-6, fastest: float = 10.0) -> 
     found = friction_curves.compute_curves(theory, scene.block, spots, speeds, scene.ambient, scene.load)
     if not all(np.all((mu >= 0) & np.isfinite(mu)) for mu in (found.mu, found.cold.viscous, found.hot.viscous)):
         raise BadInput(
-            f"persson_friction: friction is no number >= 0 everywhere around {scene.ambient - KELVIN:g} degC; "
+            f"persson_friction: friction is negative or not finite around {scene.ambient - KELVIN:g} degC; "
             "check master curve, spectrum and ambient.temperature"
         )
     if not acting.p.extrapolate and (
@@ -94,7 +97,7 @@ def study_friction(case: Case, slowest: float = 1e-6, fastest: float = 10.0) -> 
 
 
 def _ignored_keys(case: Case, acting: ActiveEffect) -> list[str]:
-    """Keys of the case that the theory does not look at."""
+    """A remark where the theory ignores keys of the case."""
     if case["friction.mu"] == 1.0 and acting.p.weight == 1.0:
         return []
-    return ["friction is the theory's alone: friction.mu and persson_friction.weight are not used here"]
+    return ["friction is that of the theory alone: friction.mu and persson_friction.weight are not used"]

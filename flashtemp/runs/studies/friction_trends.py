@@ -1,4 +1,4 @@
-"""Does friction rise or fall with temperature, speed and load, and for how much of what its inputs may be?"""
+"""Trends of friction with temperature, speed and load, and how probable their signs are for uncertain inputs."""
 
 from __future__ import annotations
 
@@ -17,27 +17,21 @@ from flashtemp.physics.quantities import KELVIN
 from flashtemp.runs.studies.load_dependence import MINIMAL_OUTPUT, compute_case_friction
 from flashtemp.runs.studies.variance_decomposition import latin_hypercube
 
-FrictionLaw = Callable[
-    [float, float, float], float
-]  # mu at v (m/s), T (K) and p (Pa), the contact as warm as everything
-NEGLIGIBLE_LN_MU = 1e-3  # ln of mu: what changes less over a range does not depend on it
-DEFAULT_WARMING_K, DEFAULT_RANGE_FACTOR = 40.0, 2.0  # K above the background, factor around speed and load
-UNENLARGED_KEYS = {"flattened": 1.0, "work_of_adhesion": 0.0}  # keys of what enlarges the area, off
+# mu at v (m/s), T (K) and p (Pa), with the contact at the same temperature as everything else
+FrictionLaw = Callable[[float, float, float], float]
+NEGLIGIBLE_LN_MU = 1e-3  # change of ln mu over a range below which friction does not depend on it
+DEFAULT_WARMING_K, DEFAULT_RANGE_FACTOR = 40.0, 2.0  # K above ambient; factor around a single speed or load
+UNENLARGED_KEYS = {"flattened": 1.0, "work_of_adhesion": 0.0}  # neutral values of the keys that enlarge the area
 INPUT_RANGE_SD, TREND_DRAWS, BISECTION_STEPS = 1.96, 60, 8
-TABLES_WITHOUT_LAW = (
-    "block",
-    "road",
-    "contact",
-    "schedule",
-    "ambient",
-)  # tables that friction at given v, T and p does not follow
+# tables without influence on friction at given v, T and p
+TABLES_WITHOUT_LAW = ("block", "road", "contact", "schedule", "ambient")
 
 
 @dataclass(frozen=True)
 class FrictionTrend:
-    """What friction does `over` a range "T", "v" or "p": `log_change` of ln mu, and how probable a rise is.
+    """Trend of friction `over` "T", "v" or "p" from `low` to `high`: `change` of ln mu, and `rise_probability`.
 
-    `flips`: (input, its value, unit, how many sd away) where one input alone turns the sign, the nearest first.
+    `flips`: (input, value, unit, number of sd) at which one input alone reverses the sign, the nearest first.
     """
 
     over: str
@@ -62,33 +56,36 @@ class FrictionTrend:
         scale = 1e-6 if self.over == "p" else 1.0
         rise = self.change > 0
         span = f"{scale * self.low:.{digits}g} to {scale * self.high:.{digits}g} {unit}"
-        said = f"mu {'rises' if rise else 'falls'} with {words}, {100 * np.expm1(self.change):+.1f} % from {span}"
+        trend = f"mu {'rises' if rise else 'falls'} with {words}, {100 * np.expm1(self.change):+.1f} % from {span}"
         other = 1.0 - self.rise_probability if rise else self.rise_probability
         if not self.flips:
-            return f"{said}; the sign holds for {100 * (1 - other):.0f} % of what the inputs may be"
+            return f"{trend}; the sign has a probability of {100 * (1 - other):.0f} % for uncertain inputs"
         key, value, of, away = self.flips[0]
         more = ", ".join(k for k, *_ in self.flips[1:])
         return (
-            f"{said}, but this flips within what is known of {key}: from {value:.3g} {of}".rstrip(" 1")
-            + f" ({away:+.1f} sd) on it {'falls' if rise else 'rises'}"
-            + (f" (so do {more})" if more else "")
-            + f"; {100 * other:.0f} % of what the inputs may be has the other sign"
+            f"{trend}, but the sign reverses within the uncertainty of {key}: from {value:.3g} {of}".rstrip(" 1")
+            + f" ({away:+.1f} sd) on mu {'falls' if rise else 'rises'}"
+            + (f" (also with {more})" if more else "")
+            + f"; the opposite sign has a probability of {100 * other:.0f} %"
         )
 
 
 def find_trends(
     case: Case, inputs: Sequence[UncertainInput], warmest: float | None = None
 ) -> tuple[FrictionTrend, ...]:
-    """The signs over the case's ranges, without what friction does not depend on; `warmest` in degC.
+    """Trends over the ranges of a case, without quantities on which friction does not depend; `warmest` in degC.
 
-    Temperature from the ambient one on, speed and pressure over those of the schedule, or half to double.
+    Temperature ranges from ambient to `warmest` (40 K above ambient when not given), speed and pressure over those of
+    the schedule, or from half to double a constant one.
     """
-    own = [i for i in inputs if i.key.split(".")[0] not in TABLES_WITHOUT_LAW and not i.key.startswith("materials.")]
+    relevant = [
+        i for i in inputs if i.key.split(".")[0] not in TABLES_WITHOUT_LAW and not i.key.startswith("materials.")
+    ]
     laws: dict[tuple[tuple[str, float], ...], FrictionLaw] = {}
 
     def law_at(values: dict[str, float]) -> FrictionLaw:
         name = tuple(sorted(values.items()))
-        if name not in laws:
+        if name not in laws:  # building a theory is slow, and all three trends use the same laws
             laws[name] = _friction_law(case, values)
         return laws[name]
 
@@ -99,16 +96,16 @@ def find_trends(
             return _log_friction_change(case, law_at(values), over, low, high)
 
         try:
-            found = _assess_trend(over, low, high, own, log_change)
+            trend = _assess_trend(over, low, high, relevant, log_change)
         except FlashtempError:
             continue
-        if found is not None:
-            out.append(found)
+        if trend is not None:
+            out.append(trend)
     return tuple(out)
 
 
 def _assess_trend(over: str, low: float, high: float, inputs: list[UncertainInput], log_change) -> FrictionTrend | None:
-    """The sign over one range, and where it turns."""
+    """The trend over one range: its sign, its probability, and where single inputs reverse it."""
     now = log_change({})
     ends = {
         i.key: [log_change({i.key: float(i.value_at(z))}) for z in (-INPUT_RANGE_SD, INPUT_RANGE_SD)] for i in inputs
@@ -118,8 +115,8 @@ def _assess_trend(over: str, low: float, high: float, inputs: list[UncertainInpu
     matter = [i for i in inputs if max(abs(c - now) for c in ends[i.key]) > 0.02 * NEGLIGIBLE_LN_MU]
     sd = float(np.sqrt(sum(((ends[i.key][1] - ends[i.key][0]) / (2 * INPUT_RANGE_SD)) ** 2 for i in matter)))
     rises = float(ndtr(now / sd)) if sd > 0 else float(now > 0)
-    if sd > 0 and 0.002 < rises < 0.998:  # else no draw would show the other sign
-        z = latin_hypercube(TREND_DRAWS, len(inputs))  # the same laws for all signs
+    if sd > 0 and 0.002 < rises < 0.998:  # otherwise no draw would have the opposite sign
+        z = latin_hypercube(TREND_DRAWS, len(inputs))  # the same draws for all trends
         drawn = [log_change({i.key: float(i.value_at(v)) for i, v in zip(inputs, row, strict=True)}) for row in z]
         rises = float(np.mean(np.array(drawn) > 0))
     flips = []
@@ -132,7 +129,7 @@ def _assess_trend(over: str, low: float, high: float, inputs: list[UncertainInpu
 
 
 def _find_sign_change(log_change: Callable[[float], float], end: float, now: float) -> float:
-    """Where between 0 and `end` the sign turns, by halving."""
+    """The position between 0 and `end` at which the sign reverses, by bisection."""
     a, b = 0.0, end
     for _ in range(BISECTION_STEPS):
         middle = 0.5 * (a + b)
@@ -151,7 +148,7 @@ def _trend_ranges(case: Case, warmest: float | None) -> dict[str, tuple[float, f
 
 
 def _log_friction_change(case: Case, law: FrictionLaw, over: str, low: float, high: float) -> float:
-    """ln of mu at the upper end less that at the lower, the rest as the case has it."""
+    """ln mu at the upper end minus ln mu at the lower end, with the other quantities as in the case."""
     scene = case.scene
     mean = {"v": float(np.sqrt(np.prod(scene.speeds))), "T": scene.ambient, "p": scene.load}
     ends = [mean | {over: x + KELVIN if over == "T" else x} for x in (low, high)]
@@ -160,7 +157,7 @@ def _log_friction_change(case: Case, law: FrictionLaw, over: str, low: float, hi
 
 
 def _friction_law(case: Case, values: dict[str, float]) -> FrictionLaw:
-    """Friction of a case with other values of some keys: its theory where it has one, else all its laws when cold."""
+    """The friction law of a case with changed values: its theory, or else all its laws without heating."""
     for acting in case.scene.acting:
         if hasattr(acting.p, "theory") and acting.p.weight == 1:
             theory = _modified_theory(case, acting, values)
@@ -172,11 +169,14 @@ def _friction_law(case: Case, values: dict[str, float]) -> FrictionLaw:
 
 
 def _modified_theory(case: Case, acting: ActiveEffect, values: dict[str, float]) -> Any:
-    """The theory with other values of its keys; what skewness and adhesion add to the area is kept, it takes long."""
-    own = {k.removeprefix(f"{acting.name}."): v for k, v in values.items() if k.startswith(f"{acting.name}.")}
-    if not own:
+    """The theory with changed values of its keys.
+
+    The area added by skewness and adhesion is reused unless its own keys change, because it is slow to compute.
+    """
+    changed = {k.removeprefix(f"{acting.name}."): v for k, v in values.items() if k.startswith(f"{acting.name}.")}
+    if not changed:
         return acting.p.theory
-    table = {k: case.values[acting.name][k] for k in acting.effect.params()} | own
-    kept = {k: off for k, off in UNENLARGED_KEYS.items() if k not in own}
+    table = {k: case.values[acting.name][k] for k in acting.effect.params()} | changed
+    kept = {k: off for k, off in UNENLARGED_KEYS.items() if k not in changed}
     theory = acting.effect.prepare(table | kept, case.folder)["theory"]
     return replace(theory, enlarged=acting.p.theory.enlarged) if len(kept) == len(UNENLARGED_KEYS) else theory

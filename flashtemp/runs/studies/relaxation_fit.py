@@ -1,7 +1,7 @@
-"""Decay towards a final value over a distance: least squares with an exact profile likelihood.
+"""Exponential relaxation to a final value over a distance: least squares with the exact profile likelihood.
 
-Value = final + change g(s; s_w), where g is the mean of exp(-s/s_w) over the stretch that a value stands for.
-`final` and change follow from s_w by linear regression, so that chi2 is known along s_w and no start is guessed.
+Value = final + change g(s; s_w), where g is the mean of exp(-s/s_w) over the distance that a value is averaged over.
+`final` and change follow from s_w by linear regression, so chi2 is a function of s_w alone and needs no initial guess.
 
 >>> n = np.arange(6)
 >>> fit = RelaxationFit(MeanRecord(n, n, 0.9 - 0.1 * np.exp(-n / 2.0)))
@@ -19,11 +19,11 @@ import numpy as np
 
 @dataclass(frozen=True)
 class MeanRecord:
-    """Means `value` (n,) over the slid distance from `begin` to `end` (n,), equal for readings at a point.
+    """Means `value` (n,) over the slid distance from `begin` to `end` (n,), which are equal for values at a point.
 
-    `sigma` (n,) standard errors or None; `length` of one repetition or None, distances in `unit`; `of` what;
-    `absolute`: changes count as they are and the final value is >= 0, else they are relative to it;
-    `expected` s_w that the case of a simulation implies, m.
+    `sigma`: standard errors (n,) or None; `length`: distance of one repetition or None, all distances in `unit`; `of`:
+    the quantity.  `absolute`: changes are absolute and the final value is >= 0, otherwise they are relative to it.
+    `expected`: s_w that the case of a simulation implies, m.
     """
 
     begin: np.ndarray
@@ -39,15 +39,15 @@ class MeanRecord:
 
 
 def drop_first(record: MeanRecord, count: int) -> MeanRecord:
-    """A record without its first k values."""
+    """A record without its first `count` values."""
     sigma = None if record.sigma is None else record.sigma[count:]
     return replace(record, begin=record.begin[count:], end=record.end[count:], value=record.value[count:], sigma=sigma)
 
 
 class RelaxationFit:
-    """Weighted least squares of final + change g(s; s_w), with g the mean of exp(-s/s_w) over each stretch.
+    """Weighted least squares of final + change g(s; s_w), with g the mean of exp(-s/s_w) over each interval.
 
-    `final` and the change follow from s_w by linear regression, so that the profile of chi2 over s_w is exact.
+    `final` and the change follow from s_w by linear regression, so the profile of chi2 over s_w is exact.
     """
 
     def __init__(self, record: MeanRecord):
@@ -79,48 +79,48 @@ class RelaxationFit:
         self.variance = 1.0 if self.trusted else self.least / self.free
 
     def relaxation_shapes(self, u: np.ndarray) -> np.ndarray:
-        """g (m, n) for ln s_w (m,), counted from the first stretch's begin."""
+        """g (m, n) for ln s_w (m,), with s from the beginning of the first interval."""
         s_w = np.exp(np.asarray(u))[:, None]
         h = self.d / s_w
         mean = np.where(h > 0, -np.expm1(-h) / np.where(h > 0, h, 1.0), 1.0)
         return np.exp(-self.a / s_w) * mean
 
     def fit_linear_terms(self, g: np.ndarray):
-        """Change, final, chi2 and the change's weight for shapes g (..., n)."""
+        """Change, final, chi2 and the weight of the change for shapes g (..., n)."""
         y, w = self.record.value, self.w / self.w.sum()
-        away = g - (g @ w)[..., None]
-        weight = away**2 @ self.w
-        change = (away * (y - w @ y)) @ self.w / weight
+        centred = g - (g @ w)[..., None]
+        weight = centred**2 @ self.w
+        change = (centred * (y - w @ y)) @ self.w / weight
         final = w @ y - change * (g @ w)
-        if self.record.absolute:
+        if self.record.absolute:  # a negative final value is replaced by 0, and the change fitted again
             weight = np.where(final < 0, g**2 @ self.w, weight)
             change = np.where(final < 0, (g * y) @ self.w / weight, change)
             final = np.maximum(final, 0.0)
-        left = y - final[..., None] - change[..., None] * g
-        return change, final, left**2 @ self.w, weight
+        residual = y - final[..., None] - change[..., None] * g
+        return change, final, residual**2 @ self.w, weight
 
     def profile_chi2(self, u: np.ndarray) -> np.ndarray:
         """chi2 (m,) for ln s_w (m,)."""
         return self.fit_linear_terms(self.relaxation_shapes(u))[2]
 
     def chi2_limit(self, level: float, fixed_parameters: int = 1) -> float:
-        """chi2 that the truth exceeds with probability 1 - level where so many `fixed_parameters` are fixed."""
+        """chi2 that the true values of `fixed_parameters` parameters exceed with probability 1 - level."""
         from scipy.stats import chi2, f
 
-        more = (
+        increase = (
             chi2.ppf(level, fixed_parameters)
             if self.trusted
             else fixed_parameters * f.ppf(level, fixed_parameters, self.free)
         )
-        return self.least + self.variance * float(more)
+        return self.least + self.variance * float(increase)
 
     @property
     def scatter(self) -> float:
-        """Standard deviation of one value: by the sigma given where that can be, or from the residuals."""
+        """Standard deviation of one value: from sigma if consistent with the data, otherwise from the residuals."""
         return math.sqrt(self.variance / float(np.mean(self.w)))
 
     def s_w_interval(self, limit: float) -> tuple[float, float]:
-        """s_w where chi2 stays below `chi2_limit`: 0 or inf where the data set no end."""
+        """The interval of s_w with chi2 below `limit`; 0 or inf where the data give no bound."""
         from scipy.optimize import brentq
 
         def excess_chi2(u):
@@ -151,17 +151,17 @@ class RelaxationFit:
         return self.s_w * math.sqrt(np.linalg.inv((J / scale).T @ (J / scale))[0, 0] * self.variance) / scale[0]
 
     def _distance_until(self, s_w, ratio, within: float):
-        """Slid distance at which a change of `ratio` at the first begin has fallen to `within`, at least 0."""
+        """Slid distance at which a change `ratio` at the first interval has decayed to `within`, at least 0."""
         with np.errstate(divide="ignore"):
             return np.maximum(0.0, self.record.begin[0] + s_w * np.log(np.abs(ratio) / within))
 
     def slid_distance(self, within: float) -> float:
-        """Distance after which the rest of the change is below `within`."""
+        """Distance after which the remaining change is below `within`."""
         scale = 1.0 if self.record.absolute else self.final or 1e-300
         return float(self._distance_until(self.s_w, self.change / scale, within))
 
     def slid_distance_interval(self, within: float, limit: float) -> tuple[float, float]:
-        """Range of that distance over all fits with chi2 below `chi2_limit`, whose s_w must have an upper end."""
+        """Range of that distance over all fits with chi2 below `limit`; s_w must have an upper bound."""
         interval = self.s_w_interval(limit)
         low = max(interval[0], math.exp(self.grid[0]))
         u = np.append(np.linspace(math.log(low), math.log(interval[1]), 1001), self.u)
@@ -178,7 +178,7 @@ class RelaxationFit:
         return float(shortest), float(reach.max())
 
     def _ratio_limits(self, g: np.ndarray, limit: float) -> np.ndarray:
-        """Ends (2, m) of the ratio change/final with chi2 <= limit (Fieller): y = final (1 + ratio g)."""
+        """Limits (2, m) of the ratio change/final with chi2 <= limit (Fieller), with y = final (1 + ratio g)."""
         y, w = self.record.value, self.w
         room = w @ y**2 - limit
         y1, yg = w @ y, g @ (w * y)

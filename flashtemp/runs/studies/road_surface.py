@@ -1,4 +1,4 @@
-"""What a measured or synthetic road gives: its power spectrum, and the regions of it that touch under a load."""
+"""Measured or synthetic roads: their power spectrum, and the regions in contact under a load."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from flashtemp.physics.friction import contact_map, measured_roughness
 from flashtemp.physics.friction.elastic_contact import load_topography_library
 from flashtemp.physics.friction.roughness_spectrum import MeasuredSpectrum
 
-SYNTHETIC_LENGTH_M, SYNTHETIC_WIDTH_M = 0.05, 0.02  # of a synthetic road, m
-MAX_REASON_CHARS = 120  # characters of what a reader has to say
+SYNTHETIC_LENGTH_M, SYNTHETIC_WIDTH_M = 0.05, 0.02  # default size of a synthetic road
+MAX_REASON_CHARS = 120  # length of the message of a file reader
 
 
 @dataclass(frozen=True)
 class SelfAffineRoad:
-    """A road that is made up: `length`, `width` (None for the usual), `pixel`, `rms` height and `rolloff` in m."""
+    """Parameters of a synthetic road: `length`, `width` (None for the default), `pixel`, `rms` height, `rolloff`, m."""
 
     length: float | None = None
     width: float | None = None
@@ -36,9 +36,9 @@ class SelfAffineRoad:
 def find_contact_regions(
     file: Path | None, road: SelfAffineRoad, cutoff: float, pressure: float, modulus: float
 ) -> contact_map.SolvedContactMap:
-    """The contact map of a file of heights, or of a synthetic `road` where there is none.
+    """Compute the contact map of a file of heights, or of a synthetic `road` without a file.
 
-    `cutoff` m, nominal `pressure` and contact `modulus` in Pa; of a file `road` gives the size where it states none.
+    `cutoff` in m, nominal `pressure` and contact `modulus` in Pa.  `road` gives the size of a file that states none.
     Raises BadInput.
     """
     length, width = road.length, road.width
@@ -61,9 +61,9 @@ def find_contact_regions(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RoadSpectrum(DisplayMixin):
-    """C(q) of a `file` at `points`, with `notes` on its reading.
+    """Power spectrum C(q) of a `file` at `points`, with `notes` on reading it.
 
-    `missing` is the fraction of its heights without a value, `line` the rms height (m) of a line itself.
+    `missing`: fraction of heights without a value; `line`: rms height (m) of the line of a profile.
     """
 
     file: Path
@@ -74,12 +74,12 @@ class RoadSpectrum(DisplayMixin):
     notes: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
-        """For --json."""
+        """The summary as plain data."""
         own = {} if self.line is None else {"rms_height_of_line_m": self.line}
         return self.summary.as_dict() | {"missing": self.missing} | own
 
     def save(self, file: Path) -> None:
-        """Write the CSV that persson_friction.spectrum reads."""
+        """Write the CSV file for persson_friction.spectrum."""
         measured_roughness.save_spectrum(self.points, file)
 
     def __str__(self) -> str:
@@ -102,10 +102,10 @@ class RoadSpectrum(DisplayMixin):
 def read_road_spectrum(
     file: Path, profile: bool = False, highpass: float | None = None, pixel: float | None = None
 ) -> RoadSpectrum:
-    """The power spectrum of a height map, or of a line (`profile`), up to wavelengths of `highpass` m.
+    """Compute the power spectrum of a height map, or of a line `profile`, up to wavelengths of `highpass` m.
 
-    A file that states itself to be a line scan, with units, needs no `profile`.  `pixel` (m): distance of the points
-    of a file that holds nothing but heights.  Raises BadInput.
+    A file whose header states a line scan with units needs no `profile`.  `pixel`: spacing (m) of the points of a
+    file that contains only heights.  Raises BadInput.
     """
     for name, value in {"highpass": highpass, "pixel": pixel}.items():
         if value is not None and not 0.0 < value < float("inf"):
@@ -126,7 +126,7 @@ def read_road_spectrum(
 
 
 def _read_heights(file: Path, profile: bool, pixel: float | None) -> tuple[np.ndarray, Any, tuple[str, ...]]:
-    """Heights in m, (n,) of a line or (nx, ny), missing ones nan, their distance in m, and notes on reading."""
+    """Heights in m, (n,) of a line or (nx, ny) with nan for missing ones, their spacing in m, and notes on reading."""
     if pixel is not None:
         return _read_bare_heights(file, profile), pixel, ()
     if profile:
@@ -145,15 +145,15 @@ def _read_heights(file: Path, profile: bool, pixel: float | None) -> tuple[np.nd
 
 
 def _read_bare_heights(file: Path, profile: bool) -> np.ndarray:
-    """Heights of a file that holds nothing else.  Raises BadInput."""
+    """Heights of a file that contains nothing else.  Raises BadInput."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error", UserWarning)  # an empty file
+            warnings.simplefilter("error", UserWarning)  # numpy warns of an empty file
             bare = np.load(file) if file.suffix == ".npy" else np.loadtxt(file, encoding="utf-8-sig")
         bare = np.squeeze(np.asarray(bare, dtype=float))
     except (ValueError, TypeError, OSError, EOFError, UserWarning) as fault:
         raise BadInput(
-            f"{file}: no table of heights in m with blanks between; leave out --pixel for files with a header"
+            f"{file}: not a table of heights in m separated by blanks; leave out --pixel for files with a header"
         ) from fault
     if bare.ndim != (1 if profile else 2):
         raise BadInput(f"{file}: {bare.ndim} dimensions; give rows of heights, or one line with --profile")
@@ -161,14 +161,14 @@ def _read_bare_heights(file: Path, profile: bool) -> np.ndarray:
 
 
 def _read_topography(file: Path) -> Any:
-    """The topography of a file; what keeps it from being read, with the remedies of a spectrum.  Raises BadInput."""
+    """The topography of a file.  Raises BadInput with the cause and the remedies for a spectrum."""
     try:
         return contact_map.read_height_map(file)
     except BadInput as fault:
         why = str(fault).removeprefix(f"{file}: ").rpartition("; ")[0]
-        if fault.__cause__ is not None:  # every reader says why the file is not of its format
-            said = str(fault.__cause__)
-            known = "no format that SurfaceTopography knows" if said.startswith("tried ") else said
-            why = f"no topography: {shorten(known, MAX_REASON_CHARS, placeholder=' ...')}"
+        if fault.__cause__ is not None:  # the library lists the error of every reader
+            message = str(fault.__cause__)
+            reason = "no format that SurfaceTopography can read" if message.startswith("tried ") else message
+            why = f"not a topography: {shorten(reason, MAX_REASON_CHARS, placeholder=' ...')}"
         remedy = "give a height map of an instrument, --profile for columns of distance and height, or --pixel"
-        raise BadInput(f"{file}: {why}; {remedy} for nothing but heights in m with blanks between") from fault
+        raise BadInput(f"{file}: {why}; {remedy} for heights in m separated by blanks") from fault

@@ -1,4 +1,4 @@
-"""A tread block or a tyre of a case: what is read from the case, what the answer is worth, and the answer in words."""
+"""Tread block and tyre of a case: read the inputs, compute friction or side force, and report the result."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from flashtemp.physics.friction.road_side import RoadSide
 from flashtemp.physics.material import Material
 from flashtemp.physics.quantities import KELVIN
 
-MIN_SPEED_RATIO = 1e-3  # of the fastest sliding: slower friction hardly counts for what was measured
+MIN_SPEED_RATIO = 1e-3  # over the fastest sliding speed; slower sliding hardly contributes to the friction
 MAXIMUM_MARKS = {
     "+": "still rising at the last slip angle", "<": "already falling at the first slip angle",
     "*": "at the only one of tyre.angles",
@@ -36,9 +36,9 @@ Watch = Callable[[int, int], Any]
 
 @dataclass(frozen=True)
 class RollingSetup:
-    """What a case says of a rolling `table` ("tread" or "tyre"), with its own `values`.
+    """Inputs from a case for its `table` "tread" or "tyre", whose values are in `values`.
 
-    Theory, rubber, spots, nominal `pressure` in Pa, background `T0` in K, and what to keep in mind (`list_remarks`).
+    Friction theory (in `acting`), rubber, contact spots, nominal `pressure` in Pa and background temperature `T0` in K.
     """
 
     case: Case
@@ -52,7 +52,7 @@ class RollingSetup:
 
     @classmethod
     def from_case(cls, case: Case, table: str) -> RollingSetup:
-        """Read a case; raises BadInput where it has no theory of friction or no single pressure."""
+        """Read a case.  Raises BadInput where it has no friction theory or no constant pressure."""
         if table not in case.values:
             given = {f"{table}.{k}": p.value for k, p in COMMAND_TABLES[table].items() if p.value is not None}
             case = case.with_values(given)
@@ -65,46 +65,48 @@ class RollingSetup:
         return cls(case, table, values, acting, scene.block, scene.ambient, pressure, spots)
 
     def build_law(self, fastest: float) -> cold_hot_law.ColdHotLaw:
-        """The cold-hot law up to twice the speed (m/s) that pulls hardest; faster rubber has the friction there."""
+        """The cold-hot law (theory.md, eq. (20)) up to twice the `fastest` speed (m/s), constant above."""
         return cold_hot_law.derive_law(
             self.acting.p.theory, self.rubber, self.spots, self.T0, self.pressure, 2.0 * fastest, self.values["memory"]
         )
 
     def list_remarks(self, fastest: float) -> list[str]:
-        """What a user should know before believing the result; BadInput where the case allows no extrapolation."""
-        said, theory = list(_conductance_remarks(self.case) if self.spots.road else ()), self.acting.p.theory
+        """Assumptions and limits of the result.  Raises BadInput where extrapolation is needed but not allowed."""
+        remarks, theory = list(_conductance_remarks(self.case) if self.spots.road else ()), self.acting.p.theory
         phi = self.spots.contact_fraction(theory, min(1.0, fastest), self.T0, self.pressure)
-        whose = "given" if self.spots.fraction is not None else "by theory, P(2 pi/D) at 1 m/s"
-        said.append(
-            f"contact fraction {phi:.2g} ({whose}); contact.spot_fraction is for the block's heat and not used here"
+        source = "given" if self.spots.fraction is not None else "from the theory, P(2 pi/D) at 1 m/s"
+        remarks.append(
+            f"contact fraction {phi:.2g} ({source}); contact.spot_fraction is for the heat of a block and not used here"
         )
         if self.spots.fraction is None and phi > MAX_SPOT_FRACTION:
-            said.append(
-                f"more than {MAX_SPOT_FRACTION:g} of the area in contact are hardly spots: the flash is spread thin; "
-                f"{self.table}.fraction sets another fraction"
+            remarks.append(
+                f"a contact fraction above {MAX_SPOT_FRACTION:g} hardly consists of separate spots, and the flash "
+                f"temperature is low; {self.table}.fraction sets another fraction"
             )
         if self.case["friction.mu"] != 1.0 or self.acting.p.weight != 1.0:
-            said.append("friction is the theory's alone: friction.mu and the weight of the effect are not used here")
+            remarks.append(
+                "friction is that of the theory alone: friction.mu and the weight of the effect are not used"
+            )
         beyond = theory_inputs.describe_extrapolation(
             theory, (MIN_SPEED_RATIO * fastest, fastest), self.T0, self.pressure
         )
         if beyond and not self.acting.p.extrapolate:
             raise BadInput(f"{self.acting.name}.extrapolate: false, but {beyond[0]}; measure further, or allow it")
-        return [*said, *self.acting.p.assumed, *beyond]
+        return [*remarks, *self.acting.p.assumed, *beyond]
 
     def refuse_ringing(self, ringing: float) -> None:
-        """BadInput where mass and spring ring for long in the footprint."""
+        """Raise BadInput where a bristle on its spring oscillates too slowly in the footprint."""
         if ringing > treads.MAX_RINGING_RATIO:
             mass, table = self.values["mass"], self.table
             raise BadInput(
-                f"{table}.mass: {mass:g} kg/m2: mass and spring ring with a period of {ringing:.2g} of the contact "
-                f"time, which looks like friction; give a smaller {table}.mass or a larger {table}.stiffness"
+                f"{table}.mass: {mass:g} kg/m2: the bristle oscillates with a period of {ringing:.2g} of the contact "
+                f"time, which distorts the friction; give a smaller {table}.mass or a larger {table}.stiffness"
             )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RollingStudy(DisplayMixin):
-    """An answer about rolling rubber: what was `result`, for which `setup`, and `list_remarks` to keep in mind."""
+    """Base of results on rolling rubber: `result` for a `setup`, with `remarks` on assumptions and limits."""
 
     setup: RollingSetup
     result: Any
@@ -113,11 +115,11 @@ class RollingStudy(DisplayMixin):
 
     @property
     def not_modelled(self) -> str:
-        """In words: what the answer leaves out."""
+        """The effects that the model leaves out, as text."""
         return self.omissions if self.setup.spots.road else self.omissions + ROAD_HEAT_WORDS
 
     def as_dict(self) -> dict[str, Any]:
-        """For --json and the JSON file."""
+        """All numbers as plain data, as in the JSON file."""
         s = self.setup
         return self.result.as_dict() | {
             "spot_diameter_m": s.spots.diameter, "T0_degC": s.T0 - KELVIN, "pressure_Pa": s.pressure,
@@ -125,7 +127,7 @@ class RollingStudy(DisplayMixin):
         }  # fmt: skip
 
     def save(self, folder: Path, out: Path) -> None:
-        """Write the effective case, curves and numbers into a folder that will be called `out`."""
+        """Write the complete case, curves and numbers to `folder`, later renamed to `out`."""
         case, table = self.setup.case, self.setup.table
         (folder / "case.toml").write_text(case.toml(case.copy_files(folder)), encoding="utf-8")
         (folder / f"{table}.csv").write_text("\n".join(self.result.rows()) + "\n", encoding="utf-8")
@@ -133,7 +135,7 @@ class RollingStudy(DisplayMixin):
 
     @abstractmethod
     def summary_lines(self) -> list[str]:
-        """What was found, in words."""
+        """The result as lines of text."""
 
     def __str__(self) -> str:
         return "\n".join([*self.summary_lines(), *self._closing_lines()])
@@ -143,16 +145,16 @@ class RollingStudy(DisplayMixin):
 
 
 class TreadPassage(RollingStudy):
-    """A tread block through its footprint at several slips (`result`: Rolled)."""
+    """Friction of a tread block along its footprint at several slips (`result`: RollingResult)."""
 
     result: treads.RollingResult
     omissions = f"the rest of the wheel, {CARRIED_HEAT_WORDS}"
 
     def summary_lines(self) -> list[str]:
-        told, best = self.result.as_dict(), self.result.as_dict()["maximum"]
-        lines = [self._title_line(), "    slip   slides  of slip x l   at exit       mu   cold 0 .. hot 1   friction (law)"
-                 "  law off by"]  # fmt: skip
-        for row in told["slips"]:
+        result, best = self.result.as_dict(), self.result.as_dict()["maximum"]
+        head = "    slip   slides  of slip x l   at exit       mu   cold 0 .. hot 1   friction (law)  law off by"
+        lines = [self._title_line(), head]
+        for row in result["slips"]:
             way = "-" if isnan(row["from_cold_to_hot"]) else f"{row['from_cold_to_hot']:.2f}"
             lines.append(
                 f"  {row['slip']:6.4g}  {1e3 * row['slid_m']:5.2f} mm  {1e3 * row['slip_distance_m']:6.2f} mm  "
@@ -161,16 +163,16 @@ class TreadPassage(RollingStudy):
             )
         where = f"{best['slip_over_D_per_l']:.2f} D/l"
         if best["at_edge"]:
-            where = f"the {'largest' if best['at_last'] else 'smallest'} that was tried"
+            where = f"the {'largest' if best['at_last'] else 'smallest'} slip computed"
         highest = f"highest at slip {best['slip']:.3g}, {where}: {best['friction']:.4f}"
         return [*lines, f"  friction of the footprint is {highest}"]
 
     def _title_line(self) -> str:
-        found, block = self.result, self.result.tread
+        result, block = self.result, self.result.tread
         return (
             f"Tread block: {block.speed:g} m/s over {1e3 * block.footprint:g} mm ({1e3 * block.contact_time:.2f} ms), "
-            f"{block.pressure / 1e6:g} MPa, {found.T0 - KELVIN:.0f} degC, spots of {1e3 * found.spots.diameter:g} mm, "
-            f"r0 = {found.law.memory_text} mm"
+            f"{block.pressure / 1e6:g} MPa, {result.T0 - KELVIN:.0f} degC, "
+            f"spots of {1e3 * result.spots.diameter:g} mm, r0 = {result.law.memory_text} mm"
         )
 
     def to_table(self) -> DisplayTable:
@@ -186,39 +188,41 @@ class TreadPassage(RollingStudy):
 
 
 class TyreForces(RollingStudy):
-    """Side force over slip angle at several loads, with the cold-hot law and its controls (`result`: Cornering)."""
+    """Side force over slip angle at several loads, with the cold-hot law and its controls (`result`)."""
 
     result: tyres.CorneringResult
-    omissions = f"the carcass, which bends (rigid here), camber and drive, a pressure that varies in the footprint, {CARRIED_HEAT_WORDS}"
+    omissions = (
+        f"bending of the carcass, camber and drive, a pressure that varies in the footprint, {CARRIED_HEAT_WORDS}"
+    )
 
     def summary_lines(self) -> list[str]:
-        found = self.result
+        result = self.result
         lines = [self._title_line(), "  highest side force over load, at a slip angle:"]
         for name, peaks, fall in self._peak_rows():
-            told_peaks = "   ".join(f"{p.value:.4f} at {p.at:.2g} deg{_end_mark(p)}" for p in peaks)
-            lines.append(f"    {name:18s} {told_peaks}   " + ("" if fall is None else f"{fall:+.1f} %"))
-        marks = {_end_mark(p) for peaks in found.peaks.values() for p in peaks}
+            peaks_text = "   ".join(f"{p.value:.4f} at {p.at:.2g} deg{_end_mark(p)}" for p in peaks)
+            lines.append(f"    {name:18s} {peaks_text}   " + ("" if fall is None else f"{fall:+.1f} %"))
+        marks = {_end_mark(p) for peaks in result.peaks.values() for p in peaks}
         lines += [f"    {mark} {words}" for mark, words in MAXIMUM_MARKS.items() if mark in marks]
         for model in tyres.TYRE_MODELS:
-            if (angle := found.rising_up_to_deg(model)) is not None and len(found.angles) > 1:
+            if (angle := result.rising_up_to_deg(model)) is not None and len(result.angles) > 1:
                 lines.append(
-                    f"  {model}: side force has no maximum up to {angle:g} deg; what load does to it is not told"
+                    f"  {model}: side force has no maximum up to {angle:g} deg, so its load dependence is unknown"
                 )
-            if found.has_peak_fall(model) and found.has_flat_controls(model):
-                lines.append(f"  {model}: no control falls with load: what falls is the work of the flash temperature")
+            if result.has_peak_fall(model) and result.has_flat_controls(model):
+                lines.append(f"  {model}: no control falls with load, so the flash temperature causes the fall")
         return lines
 
     def _title_line(self) -> str:
-        found = self.result
-        lengths = ", ".join(f"{1e3 * x:.0f}" for x in found.as_dict()["footprint_length_m"])
+        result = self.result
+        lengths = ", ".join(f"{1e3 * x:.0f}" for x in result.as_dict()["footprint_length_m"])
         return (
-            f"Tyre: {found.tyre.speed:g} m/s, {found.tyre.pressure / 1e6:g} MPa, {found.T0 - KELVIN:.0f} degC, "
-            f"r0 = {found.law.memory_text} mm; footprint of {1e3 * found.tyre.width:g} mm x {lengths} mm at "
-            + ", ".join(f"{x:g}" for x in found.loads) + " N"
+            f"Tyre: {result.tyre.speed:g} m/s, {result.tyre.pressure / 1e6:g} MPa, {result.T0 - KELVIN:.0f} degC, "
+            f"r0 = {result.law.memory_text} mm; footprint of {1e3 * result.tyre.width:g} mm x {lengths} mm at "
+            + ", ".join(f"{x:g}" for x in result.loads) + " N"
         )  # fmt: skip
 
     def _peak_rows(self):
-        """Name, highest points and change (%) with load of every model and law."""
+        """Name, maxima and change with load (%) of every model and law."""
         for (model, law), peaks in self.result.peaks.items():
             name = f"{model}, {law}" if law == "law" else f"{model}, both {law}"
             fall = self.result.peak_fall(model, law)
@@ -234,13 +238,13 @@ class TyreForces(RollingStudy):
 
 
 def _end_mark(peak: Any) -> str:
-    """The sign of a maximum that lies at an end of the slip angles, or at both."""
+    """The mark of a maximum at one or both ends of the slip angles."""
     return "*" if peak.first and peak.last else "<" if peak.first else "+" if peak.last else ""
 
 
 @dataclass(frozen=True)
 class TreadPassageInput:
-    """A tread block that is asked for, ready to be rolled."""
+    """A tread block of a case, ready to compute."""
 
     setup: RollingSetup
     tread: treads.TreadBlock
@@ -248,7 +252,7 @@ class TreadPassageInput:
 
     @classmethod
     def from_case(cls, case: Case) -> TreadPassageInput:
-        """From the table [tread] of a case, or its defaults.  Raises BadInput."""
+        """Read the table [tread] of a case, or its defaults.  Raises BadInput."""
         setup = RollingSetup.from_case(case, "tread")
         v = setup.values
         block = treads.TreadBlock(v["speed"], v["footprint"], v["stiffness"], v["mass"], setup.pressure)
@@ -256,18 +260,18 @@ class TreadPassageInput:
         return cls(setup, block, tuple(setup.list_remarks(v["speed"] * max(v["slip"]))))
 
     def pass_footprint(self, watch: Watch | None = None) -> TreadPassage:
-        """Through the footprint at every slip; `watch(done, total)`.  Raises SolverFailure."""
+        """Compute the friction along the footprint at every slip.  Raises SolverFailure."""
         s, slips = self.setup, self.setup.values["slip"]
         law = s.build_law(s.values["speed"] * max(*slips, treads.SWEPT_SLIPS[-1]))
-        found = treads.compute_rolling(
+        result = treads.compute_rolling(
             self.tread, law, s.acting.p.theory, s.rubber, s.spots, s.T0, sorted(slips), watch
         )
-        return TreadPassage(s, found, (*self.remarks, *_stick_slip_remarks(found)))
+        return TreadPassage(s, result, (*self.remarks, *_stick_slip_remarks(result)))
 
 
 @dataclass(frozen=True)
 class TyreForcesInput:
-    """A tyre that is asked for, ready to corner."""
+    """A tyre of a case, ready to compute."""
 
     setup: RollingSetup
     tyre: tyres.Tyre
@@ -276,7 +280,7 @@ class TyreForcesInput:
 
     @classmethod
     def from_case(cls, case: Case) -> TyreForcesInput:
-        """From the table [tyre] of a case, or its defaults.  Raises BadInput."""
+        """Read the table [tyre] of a case, or its defaults.  Raises BadInput."""
         setup = RollingSetup.from_case(case, "tyre")
         v = setup.values
         wheel = tyres.Tyre(v["speed"], v["width"], setup.pressure)
@@ -286,60 +290,60 @@ class TyreForcesInput:
 
     @property
     def max_slip_angle(self) -> float:
-        """Slip angle (deg) up to which a maximum is sought: beyond those given only where theory may be led on too."""
+        """Slip angle (deg) up to which a maximum is sought; beyond tyre.angles only with extrapolation allowed."""
         widest = max(self.setup.values["angles"])
         return max(widest, tyres.MAX_SLIP_ANGLE_DEG) if self.setup.acting.p.extrapolate else widest
 
     def compute_side_forces(self, watch: Watch | None = None) -> TyreForces:
-        """At every load and slip angle; `watch(done, total)`.  Raises SolverFailure."""
+        """Compute the side force at every load and slip angle.  Raises SolverFailure."""
         s, v = self.setup, self.setup.values
         law = s.build_law(float(self.tyre.lateral_speed(self.max_slip_angle)))
-        found = tyres.compute_cornering(
+        result = tyres.compute_cornering(
             self.tyre, law, v["loads"], v["angles"], v["stiffness"], v["mass"], s.T0, watch, self.max_slip_angle
         )
-        return TyreForces(s, found, (*self.remarks, *_control_remarks(found)))
+        return TyreForces(s, result, (*self.remarks, *_control_remarks(result)))
 
 
 def _contact_conductance(case: Case) -> float:
-    """contact.alpha (W/m2K) where it is a number; perfect contact otherwise."""
-    given = case["contact.alpha"]
-    return float(given) if isinstance(given, (int, float)) else float("inf")
+    """contact.alpha (W/m2K) if it is a number, otherwise infinity for perfect contact (theory.md, eq. (19))."""
+    alpha = case["contact.alpha"]
+    return float(alpha) if isinstance(alpha, (int, float)) else float("inf")
 
 
 def _conductance_remarks(case: Case) -> list[str]:
-    """What the memory kernels take otherwise than the case has it."""
+    """A remark where the memory kernels cannot use the contact conductance of the case."""
     if case["contact.alpha"] in ("inf", float("inf")) or isinstance(case["contact.alpha"], (int, float)):
         return []
-    return ["contact.alpha is no single number: block and road are taken to be in perfect contact"]
+    return ["contact.alpha is not a single number: perfect contact of block and road is assumed"]
 
 
-def _stick_slip_remarks(found: treads.RollingResult) -> list[str]:
-    """Where a tread block sticks and slips, and whether its friction depends on the steps."""
-    said, slips = [], [f"{s:g}" for s in found.slips[found.has_chatter]]
+def _stick_slip_remarks(result: treads.RollingResult) -> list[str]:
+    """Remarks on stick-slip of a tread block, and on the dependence of its friction on the number of steps."""
+    remarks, slips = [], [f"{s:g}" for s in result.slips[result.has_chatter]]
     if slips:
-        said.append(
-            f"at slip {', '.join(slips)} the block sticks and slips, for friction falls with speed; its mean there "
-            "depends on tread.mass"
+        remarks.append(
+            f"at slip {', '.join(slips)} the block sticks and slips, because friction falls with speed; its mean "
+            "friction there depends on tread.mass"
         )
-    if found.chatter_swept.any():
-        low, high = treads.SWEPT_SLIPS[found.chatter_swept][[0, -1]]
-        said.append(f"the block sticks and slips at slips from {low:.2g} to {high:.2g} of those tried for the maximum")
-    if found.step_error > treads.STEP_DOUBLING_TOLERANCE:
-        said.append(
-            f"{len(found.path.time) - 1} steps through the footprint are few: twice as many change the friction (law) "
-            f"by up to {100 * found.step_error:.1f} %"
+    if result.chatter_swept.any():
+        low, high = treads.SWEPT_SLIPS[result.chatter_swept][[0, -1]]
+        remarks.append(f"in the search for the maximum the block sticks and slips at slips {low:.2g} to {high:.2g}")
+    if result.step_error > treads.STEP_DOUBLING_TOLERANCE:
+        remarks.append(
+            f"{len(result.path.time) - 1} steps in the footprint are few: doubling them changes the friction (law) "
+            f"by up to {100 * result.step_error:.1f} %"
         )
-    return said
+    return remarks
 
 
-def _control_remarks(found: tyres.CorneringResult) -> list[str]:
-    """What stands against the maxima of a tyre."""
-    said = []
-    if found.chatter:
-        said.append("bristles stick and slip where friction falls with speed; the maxima depend on tyre.mass there")
+def _control_remarks(result: tyres.CorneringResult) -> list[str]:
+    """Remarks on the validity of the maxima of a tyre."""
+    remarks = []
+    if result.chatter:
+        remarks.append("bristles stick and slip where friction falls with speed; the maxima depend on tyre.mass there")
     for model in tyres.TYRE_MODELS:
-        if found.has_peak_fall(model) and not found.has_flat_controls(model):
-            said.append(
-                f"{model}: a control without flash temperature falls with load as well: the fall is not its work alone"
+        if result.has_peak_fall(model) and not result.has_flat_controls(model):
+            remarks.append(
+                f"{model}: a control without flash temperature falls with load as well, so other causes contribute"
             )
-    return said
+    return remarks

@@ -1,11 +1,11 @@
-"""How many repetitions until data are reproducible: relaxation over the distance slid, with its uncertainty.
+"""Running-in: how many repetitions pass until data are reproducible, with the uncertainty of that number.
 
-A block that runs in approaches its last state as final + (start - final) exp(-s/s_w); a repetition shows the
-mean of that over its own stretch of s.
+During running-in a quantity approaches its final value as final + (start - final) exp(-s/s_w) over the slid distance
+s.  The value of a repetition is the mean of this law over its own distance.
 
 >>> n = np.arange(6)
 >>> value = 0.9 - 0.1 * np.exp(-n / 2.0)
->>> answer = fit_relaxation(Record(n, n, value, length=1.0, unit="repetitions"), within=0.01)
+>>> answer = fit_relaxation(MeanRecord(n, n, value, length=1.0, unit="repetitions"), within=0.01)
 >>> round(answer.s_w, 6), answer.repetitions
 (2.0, 5)
 """
@@ -26,12 +26,12 @@ from flashtemp.physics.tables.table import read_table
 from flashtemp.physics.tables.wanted import FRICTION, WantedColumn, read_wanted
 from flashtemp.runs.studies.relaxation_fit import MeanRecord, RelaxationFit, drop_first
 
-MIN_FIT_VALUES = 4  # values: three numbers are fitted
-MAX_CSV_ROWS = 5000  # rows: more are a trace, whose neighbours scatter alike
-MAX_EXTRAPOLATION = 3.0  # s_w beyond this many times the data is an extrapolation
+MIN_FIT_VALUES = 4  # three parameters are fitted
+MAX_CSV_ROWS = 5000  # more rows are a time series with correlated neighbours, not means
+MAX_EXTRAPOLATION = 3.0  # s_w over the length of the data, above which s_w is not reported
 INTERVAL_CONFIDENCE = 0.95
-MISFIT_CONFIDENCE = 0.99  # before it is said that the values are no exponential
-RELAXATION_PARAMETERS = 2  # numbers that a relaxation has more than a constant
+MISFIT_CONFIDENCE = 0.99  # of the remark that the values are not exponential
+RELAXATION_PARAMETERS = 2  # additional parameters of a relaxation compared with a constant
 RECORD_QUANTITIES, CSV_HEADER_WORDS = ("friction", "pressure"), "repetition,mu[,sigma] or slid_m,mu[,sigma]"
 REPETITION_COLUMN = WantedColumn("repetition", "1", "repetition")
 SLID_COLUMN = WantedColumn("slid distance", "m", "slid")
@@ -40,11 +40,11 @@ SIGMA_COLUMN = WantedColumn("standard deviation", "1", "sigma")
 
 @dataclass(frozen=True, repr=False)
 class RunningInResult(DisplayMixin):
-    """Answer of `fit_relaxation`; distances in `unit`, None where the data cannot say.
+    """Result of `fit_relaxation`; distances in `unit`, None where the data do not determine a number.
 
-    `s_w` with standard error and 95 % interval; `start` and `final` value; after `slid` the rest of the
-    change is below `within`, after `repetitions` of them too; `scatter` of one value around the fit;
-    `says` the answer in words, `notes` what to keep in mind; `expected` s_w that the case implies.
+    `s_w` with standard error and 95 % interval; `start` and `final` value.  After the distance `slid`, or the number
+    of `repetitions`, the remaining change is below `within`.  `scatter`: standard deviation of one value around the
+    fit; `says`: the result in one sentence, with `notes`; `expected`: s_w that the case implies, m.
     """
 
     of: str
@@ -65,7 +65,7 @@ class RunningInResult(DisplayMixin):
     expected: float | None = None
 
     def as_dict(self) -> dict:
-        """For --json."""
+        """All numbers as plain data."""
         return asdict(self)
 
     def __str__(self) -> str:
@@ -77,7 +77,7 @@ class RunningInResult(DisplayMixin):
                 f"(95 %: {low:.3g} to {high:.3g}), from {self.start:.4g} to {self.final:.4g}"
             )
         if self.expected is not None:
-            sooner = "; friction can settle in half of it" if self.of == "friction" else ""
+            sooner = "; friction may settle over half of it" if self.of == "friction" else ""
             lines.append(f"  the case implies s_w = {self.expected:.3g} m for its pressure, 1/(k_n k mu){sooner}")
         return "\n".join([*lines, *(f"  {note}" for note in self.notes)])
 
@@ -94,45 +94,45 @@ class RunningInResult(DisplayMixin):
 def analyse_running_in(
     source, within: float = 0.01, distance: float | None = None, of: str = "friction"
 ) -> RunningInResult:
-    """Read a result folder or a CSV file and tell after how many repetitions its changes are below `within`.
+    """Read a result folder or a CSV file and estimate after how many repetitions its changes are below `within`.
 
-    `distance` m per repetition, for a CSV file.  Raises BadInput.
+    `distance`: distance slid per repetition of a CSV file, m.  Raises BadInput.
     """
     return fit_relaxation(read_record(source, distance, of), within)
 
 
 def fit_relaxation(record: MeanRecord, within: float = 0.01) -> RunningInResult:
-    """Fit the relaxation of a record; what its data do not determine is said in words.  Raises BadInput.
+    """Fit the relaxation of a record; numbers that its data do not determine are None.  Raises BadInput.
 
-    Intervals are those of the profile likelihood, with the scatter taken from the residuals unless given.
+    Intervals are those of the profile likelihood, with the scatter from the residuals unless `sigma` is given.
     """
     if not 0 < within < 1:
-        raise BadInput(f"--within: {within:g}; give a share between 0 and 1, for example 0.01")
+        raise BadInput(f"--within: {within:g}; give a fraction between 0 and 1, for example 0.01")
     n, notes = len(record.value), []
     blank = RunningInResult(record.of, record.unit, within, "", expected=record.expected)
     if n < MIN_FIT_VALUES:
         return replace(
-            blank, says=f"cannot say from {n} values; {MIN_FIT_VALUES} repetitions are the least, more are better"
+            blank, says=f"{n} values are too few; at least {MIN_FIT_VALUES} repetitions are needed, more are better"
         )
     fit = RelaxationFit(record)
     if record.sigma is None and not record.simulated:
         notes.append("the scatter is estimated from the residuals of the fit")
     elif record.sigma is not None and not fit.trusted:
         notes.append(
-            f"the values scatter {math.sqrt(fit.variance):.1f} times as much as their sigma says: intervals widened"
+            f"the values scatter {math.sqrt(fit.variance):.1f} times as much as their sigma states: intervals widened"
         )
     if fit.constant <= fit.chi2_limit(INTERVAL_CONFIDENCE, RELAXATION_PARAMETERS):
         spread = float(np.std(record.value, ddof=1))
-        share = spread if record.absolute else spread / (abs(float(np.mean(record.value))) or 1.0)
-        says = f"no relaxation seen: the change is below the scatter; already reproducible to {100 * share:.2g} %"
-        return replace(blank, says=says, scatter=spread, notes=(*_averaging_advice(share, within), *notes))
+        ratio = spread if record.absolute else spread / (abs(float(np.mean(record.value))) or 1.0)
+        says = f"no relaxation detected: the change is below the scatter; already reproducible to {100 * ratio:.2g} %"
+        return replace(blank, says=says, scatter=spread, notes=(*_averaging_advice(ratio, within), *notes))
     blank = replace(blank, scatter=fit.scatter, notes=tuple(notes))
     low, high = fit.s_w_interval(fit.chi2_limit(INTERVAL_CONFIDENCE))
     span = float(record.end[-1] - record.begin[0])
     if high < math.inf and fit.s_w <= MAX_EXTRAPOLATION * span:
         return _determined_result(record, fit, blank)
-    lacking = max(2 * low - span, 0.5 * span)
-    more = f"{lacking:.3g} more metres" if record.unit == "m" else f"{math.ceil(lacking)} more repetitions"
+    missing = max(2 * low - span, 0.5 * span)
+    more = f"{missing:.3g} more metres" if record.unit == "m" else f"{math.ceil(missing)} more repetitions"
     sure = "is" if low > span else "may be"
     says = (
         f"relaxation {sure} longer than your data, s_w at least {low:.3g} {record.unit} (95 %): slide at least {more}"
@@ -140,18 +140,18 @@ def fit_relaxation(record: MeanRecord, within: float = 0.01) -> RunningInResult:
     return replace(blank, says=says, s_w_interval=(low, high))
 
 
-def _averaging_advice(share: float, within: float) -> list[str]:
-    """What to do where single values scatter more than is asked."""
-    if share <= within:
+def _averaging_advice(scatter: float, within: float) -> list[str]:
+    """Advice to average repetitions where the relative `scatter` of single values exceeds `within`."""
+    if scatter <= within:
         return []
     return [
-        f"single values scatter by {100 * share:.2g} %, more than {100 * within:g} %: "
-        f"average {math.ceil((share / within) ** 2)} repetitions"
+        f"single values scatter by {100 * scatter:.2g} %, more than {100 * within:g} %: "
+        f"average {math.ceil((scatter / within) ** 2)} repetitions"
     ]
 
 
 def _determined_result(record: MeanRecord, fit: RelaxationFit, blank: RunningInResult) -> RunningInResult:
-    """Numbers and sentence of a relaxation that the data determine."""
+    """Numbers and sentence of a relaxation whose s_w is determined by the data."""
     unit, one, within, limit = record.unit, record.length, blank.within, fit.chi2_limit(INTERVAL_CONFIDENCE)
     interval, slid, reach = (
         fit.s_w_interval(limit),
@@ -196,14 +196,14 @@ def _determined_result(record: MeanRecord, fit: RelaxationFit, blank: RunningInR
 
 
 def _misfit_notes(record: MeanRecord, fit: RelaxationFit) -> list[str]:
-    """What to say where the values show more than one exponential: without the first ones s_w is another."""
+    """Notes where the values are not a single exponential: s_w changes without the first values."""
     later = [RelaxationFit(drop_first(record, k)) for k in range(1, min(3, len(record.value) - MIN_FIT_VALUES) + 1)]
     ranges = [f.s_w_interval(f.chi2_limit(MISFIT_CONFIDENCE)) for f in later]
     if not record.simulated and all(low <= fit.s_w <= high for low, high in ranges):
         return []
-    notes = ["the values are not one exponential alone: the intervals are too narrow"]
+    notes = ["the values are not a single exponential: the intervals are too narrow"]
     if record.simulated:
-        notes = ["a simulation does not scatter: the intervals, from the residuals, show how well one exponential fits"]
+        notes = ["a simulation has no scatter: the intervals, from the residuals, show how well one exponential fits"]
     if later:
         fits = ", ".join(f"{f.s_w:.3g}" for f in later)
         first = f"1 to {len(later)} values" if len(later) > 1 else "value"
@@ -212,12 +212,12 @@ def _misfit_notes(record: MeanRecord, fit: RelaxationFit) -> list[str]:
 
 
 def _count_repetitions(slid: float, length: float) -> float:
-    """Whole repetitions that reach a slid distance."""
+    """The number of whole repetitions that reach a slid distance."""
     return math.inf if slid == math.inf else math.ceil(slid / length - 1e-9)
 
 
 def read_record(source, distance: float | None = None, of: str = "friction") -> MeanRecord:
-    """The Record of a result folder (repetition by repetition) or of a CSV file.  Raises BadInput."""
+    """The record of a result folder, by repetition, or of a CSV file.  Raises BadInput."""
     path = Path(source)
     if of not in RECORD_QUANTITIES:
         raise BadInput(f"--of: {of!r}; give {' or '.join(RECORD_QUANTITIES)}")
@@ -225,14 +225,14 @@ def read_record(source, distance: float | None = None, of: str = "friction") -> 
         raise BadInput(f"--distance: {distance:g}; give the metres slid in one repetition, > 0")
     if path.is_dir():
         if distance is not None:
-            raise BadInput(f"--distance: {distance:g}; {path} knows its distance, leave it out")
+            raise BadInput(f"--distance: {distance:g}; {path} contains its distance; leave --distance out")
         return _read_result_folder(path, of)
     if not path.is_file():
         raise BadInput(
             f"{path}: no such file or folder; give a result folder or a CSV file with columns {CSV_HEADER_WORDS}"
         )
     if of != "friction":
-        raise BadInput(f"--of: {of}; {path} holds friction only, give a result folder")
+        raise BadInput(f"--of: {of}; {path} contains friction only; give a result folder")
     return _read_csv_file(path, distance)
 
 
@@ -241,25 +241,25 @@ def _read_result_folder(folder: Path, of: str) -> MeanRecord:
 
     file = folder / "run.nc"
     if not file.is_file():
-        raise BadInput(f"{folder}: no run.nc there; give a result folder that flashtemp run has written")
+        raise BadInput(f"{folder}: no run.nc there; give a result folder of flashtemp run")
     names = ("slid", "sliding", "repetition", "friction", "pressure", "T_spot", "x")
     try:
         with xr.open_dataset(file, engine="h5netcdf") as ds:
             slid, sliding, repetition, friction, pressure, spot, x = (ds[k].values for k in names)
     except (OSError, KeyError) as fault:
         raise BadInput(
-            f"{file}: not a result ({' '.join(str(fault).split())}); give one that flashtemp has written"
+            f"{file}: not a result ({' '.join(str(fault).split())}); give a result of flashtemp run"
         ) from fault
     edge = [0.0]
     for centre in x:
         edge.append(2 * centre - edge[-1])
-    share = np.diff(edge) / edge[-1]
-    mean = pressure @ share
+    width = np.diff(edge) / edge[-1]  # cell widths over the length of the block
+    mean = pressure @ width
     on = (sliding == 1) & np.isfinite(friction) & (mean > 0)
     slid, repetition, friction, mean = slid[on], repetition[on], friction[on], mean[on]
     value = friction
     if of == "pressure":
-        value = np.sqrt((pressure[on] / mean[:, None] - 1) ** 2 @ share)
+        value = np.sqrt((pressure[on] / mean[:, None] - 1) ** 2 @ width)
     begin, end, means = [], [], []
     for r in np.unique(repetition):
         s, v = slid[repetition == r], value[repetition == r]
@@ -268,7 +268,7 @@ def _read_result_folder(folder: Path, of: str) -> MeanRecord:
             end.append(s[-1])
             means.append(np.trapezoid(v, s) / (s[-1] - s[0]))
     if not means:
-        raise BadInput(f"{file}: holds no sliding; give a result folder that flashtemp run has written")
+        raise BadInput(f"{file}: contains no sliding; give a result folder of flashtemp run")
     expected = _implied_s_w(folder, float(np.mean(friction)), float(np.mean(mean)), float(np.mean(spot[on])))
     length = float(slid[-1]) / len(means)
     return MeanRecord(
@@ -278,7 +278,7 @@ def _read_result_folder(folder: Path, of: str) -> MeanRecord:
 
 
 def _implied_s_w(folder: Path, mu: float, pressure: float, spot_degC: float) -> float | None:
-    """s_w = 1/(k_n k mu) of the folder's case where its block abrades, else None."""
+    """s_w = 1/(k_n k mu) of the case of a folder (theory.md, eq. (25)); None unless its block on springs wears."""
     from flashtemp.model import case as cases
     from flashtemp.model.effect_laws import EffectLaws
 
@@ -287,12 +287,12 @@ def _implied_s_w(folder: Path, mu: float, pressure: float, spot_degC: float) -> 
     except FlashtempError:
         return None
     if scene.stiffness is None:
-        return None  # every shape of the pressure of an elastic block relaxes over a length of its own
+        return None  # every pressure mode of an elastic block relaxes over a different length
     now = scene.law_context(scene.schedule.phases[0], 0.0)
     now = now._replace(x=0.5 * scene.length, local_pressure=pressure, friction=mu)
     laws = EffectLaws(scene)
     if laws("holder.compliance", 0.0, None, now):
-        return None  # nor has a block whose holder turns one length for all shapes of the pressure
+        return None  # a tilting holder also has a different length for every pressure mode
     rate = laws("block.abrasion", 0.0, spot_degC + KELVIN, now)
     return pressure / (scene.stiffness * float(rate)) if rate > 0 else None
 
@@ -301,18 +301,18 @@ def _read_csv_file(path: Path, distance: float | None) -> MeanRecord:
     table = _read_columns(path)
     if len(table["mu"]) > MAX_CSV_ROWS:
         raise BadInput(f"{path}: mu: {len(table['mu'])} rows; give means over repetitions, at most {MAX_CSV_ROWS}")
-    place = "repetition" if "repetition" in table else "slid_m"
-    at, value, sigma = table[place], table["mu"], table.get("sigma")
-    _require_all(path, place, at, np.diff(at, prepend=-1.0) > 0, "rise from row to row, 0 or more")
+    key = "repetition" if "repetition" in table else "slid_m"
+    at, value, sigma = table[key], table["mu"], table.get("sigma")
+    _require_all(path, key, at, np.diff(at, prepend=-1.0) > 0, "increase from row to row and be >= 0")
     if sigma is not None:
         _require_all(path, "sigma", sigma, sigma > 0, "be > 0, or leave the column out")
-    if place == "slid_m":
+    if key == "slid_m":
         half = 0.0 if distance is None else 0.5 * distance
         _require_all(
-            path, place, at, at >= half, f"be at least half of --distance {distance}: it is the middle of a repetition"
+            path, key, at, at >= half, f"be at least half of --distance {distance}: it is the middle of a repetition"
         )
         return MeanRecord(at - half, at + half, value, sigma, distance)
-    _require_all(path, place, at, (at >= 1) & (at == np.round(at)), "count from 1 in whole numbers")
+    _require_all(path, key, at, (at >= 1) & (at == np.round(at)), "count from 1 in whole numbers")
     one = distance or 1.0
     unit = "repetitions" if distance is None else "m"
     return MeanRecord(one * (at - 1), one * at, value, sigma, one, unit)
@@ -325,24 +325,24 @@ def _require_all(path: Path, column: str, values: np.ndarray, good: np.ndarray, 
 
 
 def _read_columns(path: Path) -> dict[str, np.ndarray]:
-    """Repetition or slid distance (m), mu and perhaps sigma of a CSV file, by the names in its header."""
+    """Columns of a CSV file by name: repetition or slid distance (m), mu, and optionally sigma."""
     if not path.is_file():
         raise BadInput(
             f"SOURCE: file '{path.name}' not found in {path.parent}; give a CSV file with columns {CSV_HEADER_WORDS}"
         )
     table = read_table(path, str(path))
     if not table.has_header:
-        raise BadInput(f"{path}: no names of columns; write the header {CSV_HEADER_WORDS}")
+        raise BadInput(f"{path}: no column names; write the header {CSV_HEADER_WORDS}")
     known = {"repetition": REPETITION_COLUMN, "slid_m": SLID_COLUMN, "mu": FRICTION, "sigma": SIGMA_COLUMN}
-    found: dict[str, WantedColumn] = {}
+    columns: dict[str, WantedColumn] = {}
     for column in table.columns:
         name = "slid_m" if split_label(column.label, "m")[0] == "slid" else column.label
         if name not in known:
             raise BadInput(
                 f"{path}: column '{shorten_text(name)}'{suggest_name(name, known)}; write the header {CSV_HEADER_WORDS}"
             )
-        found[name] = known[name]
-    if "mu" not in found or ("repetition" in found) == ("slid_m" in found) or len(found) < len(table.columns):
+        columns[name] = known[name]
+    if "mu" not in columns or ("repetition" in columns) == ("slid_m" in columns) or len(columns) < len(table.columns):
         labels = ",".join(c.label for c in table.columns)
         raise BadInput(f"{path}: header '{shorten_text(labels)}'; write {CSV_HEADER_WORDS}")
-    return dict(zip(found, read_wanted(table, list(found.values())).T, strict=True))
+    return dict(zip(columns, read_wanted(table, list(columns.values())).T, strict=True))

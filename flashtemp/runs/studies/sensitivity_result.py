@@ -1,4 +1,4 @@
-"""What `sensitivity` found, as text, JSON and files."""
+"""The result of a sensitivity study as text, JSON and files."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from flashtemp.runs.studies.friction_trends import FrictionTrend
 from flashtemp.solver.run import Run
 
 Array = npt.NDArray[np.float64]
-MAX_TABLE_INPUTS = 8  # inputs in a table
+MAX_TABLE_INPUTS = 8  # inputs in the table of the text
 
 
 @dataclass(frozen=True)
 class OutputSpec:
-    """A number of a run: its unit, what it is, how it is read, and `min_width`, a width of no interest."""
+    """A scalar output of a run: unit, meaning, function, and `min_width`, a band width too small to matter."""
 
     unit: str
     words: str
@@ -32,7 +32,7 @@ class OutputSpec:
 
 
 def _trailing_edge_value(run: Run, values: Array) -> float:
-    """The value at the trailing edge at the end, of values (times, lines)."""
+    """The value at the trailing edge at the end of sliding, of values (times, columns)."""
     return float(values[run.last_sliding_index][-1 - run.leading_line_index(run.last_sliding_index)])
 
 
@@ -51,17 +51,20 @@ OUTPUT_SPECS = {
         "degC", "T(L), block at the trailing edge", lambda run: _trailing_edge_value(run, run.T_block), 0.05
     ),
     "mu": OutputSpec("1", "friction, last repetition", lambda run: (run.friction_per_repetition or [0.0])[-1], 1e-3),
-    "into_road": OutputSpec("1", "share of the heat into the road", _heat_fraction("road"), 2e-3),
-    "in_block": OutputSpec("1", "share of the heat left in the block", _heat_fraction("block"), 2e-3),
-    "to_holder": OutputSpec("1", "share of the heat into the holder", _heat_fraction("holder"), 2e-3),
-    "to_air": OutputSpec("1", "share of the heat into the air", _heat_fraction("air"), 2e-3),
+    "into_road": OutputSpec("1", "fraction of the heat into the road", _heat_fraction("road"), 2e-3),
+    "in_block": OutputSpec("1", "fraction of the heat stored in the block", _heat_fraction("block"), 2e-3),
+    "to_holder": OutputSpec("1", "fraction of the heat into the holder", _heat_fraction("holder"), 2e-3),
+    "to_air": OutputSpec("1", "fraction of the heat into the air", _heat_fraction("air"), 2e-3),
 }
 
 
 @dataclass(frozen=True, eq=False)
 class PredictedNumber:
-    """A number of the prediction: `value` of the case, standard deviation, 95 % band, and by input: slopes per sd,
-    first-order and total shares of the variance; `unexplained` share of it."""
+    """A predicted output: `value` of the case, standard deviation `sd` and 95 % band from `low` to `high`.
+
+    Per input: `slopes` per sd, `first`-order and `total` fractions of the variance; `unexplained` is the fraction of
+    the variance that the polynomial expansion does not explain.
+    """
 
     value: float
     sd: float
@@ -75,7 +78,7 @@ class PredictedNumber:
 
 @dataclass(frozen=True, eq=False)
 class PredictionBand:
-    """95 % band, pointwise, at the run's records and places."""
+    """Pointwise 95 % band at the saved times and positions of the run."""
 
     low: Array
     high: Array
@@ -83,10 +86,12 @@ class PredictionBand:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SensitivityResult(DisplayMixin):
-    """What each of the `inputs` does to a prediction: `numbers` {name of OUTPUT_SPECS: Number}, and `bands` of profiles.
+    """Effect of the uncertain `inputs` on a prediction: `numbers` {name in OUTPUT_SPECS: PredictedNumber}, and `bands`.
 
-    `keys_without_sd`: numbers of the case without a standard deviation.  `mode`; `check` {number: miss of the linear part over the
-    half width of its band}; `lopsided` keys near a bound; `seconds` of the run and the traces; `failed` runs.
+    `keys_without_sd`: keys of the case without a standard deviation, which stay fixed.  `mode`: linear propagation or a
+    sample of runs.  `check`: {output: error of linear propagation over the half width of its band}.  `lopsided`: keys
+    near a bound.  `signs`: trends of friction.  `seconds`: CPU time of run and sensitivities; `failed`: number of
+    failed runs.
     """
 
     case: Case
@@ -103,19 +108,19 @@ class SensitivityResult(DisplayMixin):
     failed: int
 
     def leading_input(self, name: str) -> tuple[UncertainInput, float] | None:
-        """The input with the largest total share of a number, and that share; None where nothing changes it."""
+        """The input with the largest total fraction of the variance of an output, and that fraction, or None."""
         total = self.numbers[name].total
         k = int(np.argmax(total))
         return (self.inputs[k], float(total[k])) if self.numbers[name].sd > 0 else None
 
     @property
     def ranked_inputs(self) -> list[int]:
-        """Inputs by their largest total share of T_spot(L), T(L) or mu, the largest first."""
+        """Indices of the inputs by their largest total fraction of T_spot(L), T(L) or mu, in descending order."""
         size = np.max([self.numbers[n].total for n in ("T_spot_L", "T_block_L", "mu")], axis=0)
         return [int(k) for k in np.argsort(-size, kind="stable")]
 
     def list_conclusions(self) -> list[str]:
-        """One per conclusion."""
+        """The conclusions, one sentence each."""
         out = []
         for name in ("T_spot_L", "T_block_L", "mu", "into_road"):
             n, about = self.numbers[name], OUTPUT_SPECS[name]
@@ -127,26 +132,27 @@ class SensitivityResult(DisplayMixin):
         return [*out, *self._confidence_sentences(), *map(str, self.signs)]
 
     def _confidence_sentences(self) -> list[str]:
-        """In words how sure the shares are."""
+        """Sentences on the reliability of the variance fractions."""
         worst = max(self.check, key=self.check.__getitem__, default=None)
-        said = []
+        out = []
         if worst is not None:
-            far = f"2 sd out the linear part misses {OUTPUT_SPECS[worst].words} by {100 * self.check[worst]:.0f} %"
-            said.append(f"{far} of the band's half width" + ("" if self.mode == "linear" else ": runs were sampled"))
+            miss = f"{100 * self.check[worst]:.0f} % of the half width of the band, for {OUTPUT_SPECS[worst].words}"
+            sampled = "" if self.mode == "linear" else ": runs were sampled"
+            out.append(f"the error of linear propagation at 2 sd is {miss}{sampled}")
         elif self.mode == "linear":
-            said.append("the linear part was not tried")
+            out.append("the accuracy of linear propagation was not checked")
         if self.lopsided:
-            said.append(f"near a bound, so that the prior is lopsided: {', '.join(self.lopsided)}")
+            out.append(f"near a bound, so the prior is asymmetric: {', '.join(self.lopsided)}")
         wide = [n.unexplained for name, n in self.numbers.items() if n.high - n.low > OUTPUT_SPECS[name].min_width]
-        left = max(wide, default=0.0)
-        if self.mode == "sample" and left > 0.1:
-            said.append(f"{100 * left:.0f} % of a variance is not explained by the sample: give more --samples")
+        unexplained = max(wide, default=0.0)
+        if self.mode == "sample" and unexplained > 0.1:
+            out.append(f"the sample does not explain {100 * unexplained:.0f} % of a variance: give more --samples")
         if self.failed:
-            said.append(f"{self.failed} runs of the sample failed and are left out")
-        return said
+            out.append(f"{self.failed} runs of the sample failed and are left out")
+        return out
 
     def table_rows(self) -> list[list[Any]]:
-        """An input each: key, value, sd, unit, and for T_spot(L), T(L), mu: change per sd and shares."""
+        """One row per input: key, value, sd, unit; for T_spot(L), T(L), mu: change per sd, variance fractions."""
         out = []
         for k in self.ranked_inputs:
             i, row = self.inputs[k], []
@@ -162,8 +168,8 @@ class SensitivityResult(DisplayMixin):
     def __str__(self) -> str:
         lines = [f"Sensitivity of '{self.case.title}' ({self.mode}, {len(self.inputs)} inputs)"]
         lines.append(
-            f"  {'input':32s} {'value':>10s} {'sd':>9s}   {'T_spot(L)':>9s} {'share':>8s}   {'T(L)':>7s} {'share':>8s}"
-            f"   {'mu':>8s} {'share':>8s}   (change per sd; first/total share)"
+            f"  {'input':32s} {'value':>10s} {'sd':>9s}   {'T_spot(L)':>9s} {'fraction':>8s}   {'T(L)':>7s}"
+            f" {'fraction':>8s}   {'mu':>8s} {'fraction':>8s}   (change per sd; first/total fraction of the variance)"
         )
         for key, value, sd, _, *rest in self.table_rows()[:MAX_TABLE_INPUTS]:
             spot, a, block, b, mu, c = rest
@@ -171,24 +177,20 @@ class SensitivityResult(DisplayMixin):
             lines.append(f"  {key:32s} {value:10.4g} {sd:9.2g}   {cells}")
         if len(self.inputs) > MAX_TABLE_INPUTS:
             lines.append(f"  and {len(self.inputs) - MAX_TABLE_INPUTS} more, all in sensitivity.json")
-        said = self.list_conclusions()
-        if self.keys_without_sd:
-            said.append(f"held, since nobody says how sure they are: {', '.join(self.keys_without_sd)}")
-        lines += [fill(s, 120, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False) for s in said]
+        notes = [*self.list_conclusions(), *self._fixed_sentences()]
+        lines += [fill(s, 120, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False) for s in notes]
         return "\n".join(lines)
 
+    def _fixed_sentences(self) -> list[str]:
+        keys = ", ".join(self.keys_without_sd)
+        return [f"fixed, because they have no standard deviation: {keys}"] if keys else []
+
     def to_table(self) -> DisplayTable:
-        held = (
-            [f"held, since nobody says how sure they are: {', '.join(self.keys_without_sd)}"]
-            if self.keys_without_sd
-            else []
-        )
-        return DisplayTable(
-            f"Sensitivity of '{self.case.title}'", self.table_rows(), self.HEAD, [*self.list_conclusions(), *held]
-        )
+        notes = [*self.list_conclusions(), *self._fixed_sentences()]
+        return DisplayTable(f"Sensitivity of '{self.case.title}'", self.table_rows(), self.HEAD, notes)
 
     def as_dict(self) -> dict[str, Any]:
-        """For --json and sensitivity.json."""
+        """All numbers as plain data, as in sensitivity.json."""
         keys = [i.key for i in self.inputs]
 
         def by_key(values: Array) -> dict[str, float]:
@@ -213,7 +215,7 @@ class SensitivityResult(DisplayMixin):
         }  # fmt: skip
 
     def save(self, folder: Path) -> None:
-        """Write the case, sensitivity.json and run.nc with bands into a folder that exists."""
+        """Write the case, sensitivity.json and run.nc with bands into an existing folder."""
         (folder / "case.toml").write_text(self.case.toml(self.case.copy_files(folder)), encoding="utf-8")
         write_json(self.as_dict(), folder / "sensitivity.json")
         ds = self.run.dataset()

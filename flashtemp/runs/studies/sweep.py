@@ -1,4 +1,4 @@
-"""One case over several values of its keys: every combination once, resumable, in one dataset."""
+"""Parameter sweep: every combination of several values of a case's keys, resumable, in one dataset."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ from flashtemp.physics import units
 from flashtemp.runs.results.resumable_batch import open_batch_folder, run_batch
 from flashtemp.solver.march import march
 
-PROFILE_PLACES = np.linspace(0.0, 1.0, 101)  # x/L at which profiles are kept
+PROFILE_PLACES = np.linspace(0.0, 1.0, 101)  # x/L at which profiles are saved
 POINT_PROFILES = {
     "T_block": ("degC", "block surface, averaged across y, at the end of each repetition"),
     "T_spot": ("degC", "in the macroasperity contact regions, at the end of each repetition"),
-    "T_road": ("degC", "road surface in the lanes, at the end of each repetition"),
+    "T_road": ("degC", "road surface in the heated lanes, at the end of each repetition"),
     "pressure": ("Pa", "nominal contact pressure at the end of each repetition"),
 }
 POINT_NUMBERS = {
     "T_max_degC": ("degC", "highest temperature"),
-    "rise_leading_K": ("K", "rise of the block's surface at its leading edge, end of the last repetition"),
-    "rise_middle_K": ("K", "rise of the block's surface in its middle, end of the last repetition"),
-    "rise_trailing_K": ("K", "rise of the block's surface at its trailing edge, end of the last repetition"),
-    "energy_imbalance": ("1", "heat that appeared or vanished, relative"),
-    "worn_mean_m": ("m", "mean worn depth at the end"),
+    "rise_leading_K": ("K", "temperature rise of the block surface at its leading edge, end of the last repetition"),
+    "rise_middle_K": ("K", "temperature rise of the block surface in its middle, end of the last repetition"),
+    "rise_trailing_K": ("K", "temperature rise of the block surface at its trailing edge, end of the last repetition"),
+    "energy_imbalance": ("1", "relative error of the energy balance"),
+    "worn_mean_m": ("m", "mean wear depth at the end"),
     "cells": ("1", "cells"),
-    "wall_s": ("s", "time of the march"),
+    "wall_s": ("s", "wall time of the time integration"),
 }
 SWEEP_PLAN_FILE = "sweep.json"
 
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """A case and what is swept: {key: its values}, in the order given; `points` one Case per combination."""
+    """A case, the `axes` to sweep {key: values} in the order given, and `points`, one Case per combination."""
 
     case: cases.Case
     axes: dict[str, tuple]
@@ -64,33 +64,33 @@ class SweepPlan:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SweepResult(DisplayMixin):
-    """What a `sweep` found: an xarray `dataset` with the swept keys as dimensions, and {point: why it `failed`}."""
+    """Result of a sweep: an xarray `dataset` with the swept keys as dimensions, and `failed` {point: error message}."""
 
     sweep: SweepPlan
     dataset: Any
     failed: dict[int, str]
 
     def data_frame(self):
-        """The numbers of every combination, a row each, as a pandas DataFrame."""
-        found = self.dataset
-        numbers = found[list(POINT_NUMBERS)].assign(friction_last=found.friction[..., -1].drop_vars("repetition"))
+        """The numbers as a pandas DataFrame with one row per combination."""
+        ds = self.dataset
+        numbers = ds[list(POINT_NUMBERS)].assign(friction_last=ds.friction[..., -1].drop_vars("repetition"))
         return numbers.to_dataframe().reset_index()
 
     def as_dict(self) -> dict[str, Any]:
-        """For --json: what failed, and {column: values} over all combinations."""
+        """Plain data: error messages in `failed`, and {column: values} over all combinations."""
         frame = self.data_frame()
         return {"failed": list(self.failed.values()), **{name: frame[name].tolist() for name in frame}}
 
     def save(self, folder: Path) -> None:
-        """Write sweep.nc, sweep.csv (a row per combination) and the case, with the files that it names."""
+        """Write sweep.nc, sweep.csv with one row per combination, and the case with the files that it names."""
         case, frame = self.sweep.case, self.data_frame()
         (folder / "sweep.nc").write_bytes(bytes(self.dataset.to_netcdf(engine="h5netcdf")))
         (folder / "case.toml").write_text(case.toml(case.copy_files(folder)), encoding="utf-8")
-        why = [self.failed.get(i, "") for i in range(len(frame))]
-        frame.assign(failed=why).to_csv((folder / "sweep.csv").absolute(), index=False)  # pandas expands ~
+        errors = [self.failed.get(i, "") for i in range(len(frame))]
+        frame.assign(failed=errors).to_csv((folder / "sweep.csv").absolute(), index=False)  # pandas expands ~
 
     def __str__(self) -> str:
-        """How much, how far the temperature went, what failed."""
+        """Size of the sweep, hottest and coolest point, and failures."""
         hottest, lines = self.dataset.T_max_degC, [self.sweep.title]
         if len(self.failed) < len(self.sweep.points):
             for word, where in (("hottest", hottest.argmax(...)), ("coolest", hottest.argmin(...))):
@@ -100,12 +100,11 @@ class SweepResult(DisplayMixin):
         return "\n".join([*lines, *(f"  {line}" for line in self._failure_lines())])
 
     def _failure_lines(self) -> list[str]:
-        """Points that failed, in words."""
-        return [
-            f"failed: {', '.join(f'{key} = {v}' for key, v in zip(self.sweep.axes, self.sweep.values_at(k), strict=True))}: "
-            f"{reason}"
-            for k, reason in self.failed.items()
-        ]
+        """One line per failed point."""
+        return [f"failed: {self._point_text(k)}: {reason}" for k, reason in self.failed.items()]
+
+    def _point_text(self, k: int) -> str:
+        return ", ".join(f"{key} = {v}" for key, v in zip(self.sweep.axes, self.sweep.values_at(k), strict=True))
 
     def to_table(self) -> DisplayTable:
         columns = [*self.sweep.axes, "T_max_degC", "rise_trailing_K", "friction_last", "worn_mean_m"]
@@ -116,7 +115,7 @@ class SweepResult(DisplayMixin):
 
 
 def parse_axes(items: list[str]) -> tuple[dict[str, tuple], dict[str, Any]]:
-    """Axes and overrides of "key=v1,v2,..." and "key=value" as the command line gives them.  Raises BadInput."""
+    """Axes from words "key=v1,v2,..." and overrides from words "key=value".  Raises BadInput."""
     axes: dict[str, tuple] = {}
     fixed: dict[str, Any] = {}
     for item in items:
@@ -136,19 +135,18 @@ def plan_sweep(
     fixed: Mapping[str, Any] | None = None,
     trust: bool = False,
 ) -> SweepPlan:
-    """A case (or the path of one) with overrides `fixed` over the values of its `axes`; checks every combination.
+    """Plan a sweep of a case, or of its path, with overrides `fixed` and `axes`; checks every combination.
 
-    `trust` lets effect files of the case run whose ever they are.
-
-    Raises BadInput when nothing is swept, a value stands there twice, or any combination is no valid case.
+    `trust` runs effect files of the case even if another user may have written them.  Raises BadInput when nothing is
+    swept, a value occurs twice, or any combination is not a valid case.
     """
-    given = dict(fixed or {})
+    constant = dict(fixed or {})
 
     def load_point(more: dict[str, Any]) -> cases.Case:
         return (
-            case.with_values(given | more)
+            case.with_values(constant | more)
             if isinstance(case, cases.Case)
-            else cases.load_case(case, given | more, trust=trust)
+            else cases.load_case(case, constant | more, trust=trust)
         )
 
     def plain_value(key: str, value: Any) -> Any:
@@ -156,12 +154,12 @@ def plan_sweep(
 
     swept = {key: tuple(plain_value(key, v) for v in values) for key, values in axes.items()}
     if not swept:
-        raise BadInput("sweep: nothing to sweep; give a key with several values, as contact.pressure=1e5,2e5")
+        raise BadInput("sweep: nothing to sweep; give a key with several values, such as contact.pressure=1e5,2e5")
     for key, values in swept.items():
         if any(v in values[:i] for i, v in enumerate(values)):
             text = ",".join(map(str, values))
-            raise BadInput(f"{key} (command line): {text}: a value stands there twice; give each once")
-    points = [  # copied, so that the many do not keep the scenes with which they were checked
+            raise BadInput(f"{key} (command line): {text}: a value occurs twice; give each once")
+    points = [  # `replace` drops the cached scene of each checked case, which saves memory
         replace(load_point(dict(zip(swept, values, strict=True)))) for values in itertools.product(*swept.values())
     ]
     if len({p["schedule.repetitions"] for p in points}) > 1:
@@ -170,7 +168,7 @@ def plan_sweep(
 
 
 def _split_values(text: str) -> list[str]:
-    """Values between commas that stand outside brackets and quotes.
+    """Values separated by commas outside brackets and quotes.
 
     >>> _split_values('1e5, 2e5'), _split_values('[1, 2],[3, 4]')
     (['1e5', '2e5'], ['[1, 2]', '[3, 4]'])
@@ -190,7 +188,7 @@ def _split_values(text: str) -> list[str]:
 
 
 def compute_point(case: cases.Case) -> dict[str, np.ndarray]:
-    """What one combination gives: profiles (repetitions, places) and numbers."""
+    """Run one combination; returns profiles (repetitions, places) and numbers."""
     run = march(case.scene, case.settings, case.title)
     ends = [int(np.flatnonzero(run.sliding & (run.repetition == r))[-1]) for r in np.unique(run.repetition)]
     at = PROFILE_PLACES * run.mesh.x[run.mesh.last]
@@ -204,37 +202,38 @@ def run_sweep(
     sweep: SweepPlan, work: Path | None = None, workers: int | None = None, scheduler: str | None = None,
     watch: Callable[[int, int], Any] = lambda done, total: None,
 ) -> SweepResult:  # fmt: skip
-    """March all points that the folder `work` does not hold yet; nothing is kept where there is none.
+    """Run all points whose results are not saved in the folder `work`; without a folder nothing is saved.
 
-    Every point is kept in its own file as soon as it is there; Ctrl-C is seen then.  Raises OSError, SolverFailure.
+    Every point is saved to its own file when it has finished; Ctrl-C takes effect then.  Raises OSError, SolverFailure,
+    UserInterrupt.
     """
     needs = frozenset({*POINT_PROFILES, *POINT_NUMBERS, "friction"})
-    found, failed = run_batch(compute_point, sweep.points, work, workers, scheduler, watch, needs)
-    return SweepResult(sweep, _gather_dataset(sweep, found), failed)
+    results, failed = run_batch(compute_point, sweep.points, work, workers, scheduler, watch, needs)
+    return SweepResult(sweep, _gather_dataset(sweep, results), failed)
 
 
 def open_sweep_folder(out: Path, sweep: SweepPlan) -> AbstractContextManager[Path]:
-    """The folder to work in, as in `resumable`; points stay in the result."""
-    told = json.dumps({"case": sweep.case.toml(), "axes": {k: list(v) for k, v in sweep.axes.items()}}, indent=2) + "\n"
-    return open_batch_folder(out, "sweep", SWEEP_PLAN_FILE, told)
+    """The working folder of a sweep, as in `open_batch_folder`; points stay in the result."""
+    plan = json.dumps({"case": sweep.case.toml(), "axes": {k: list(v) for k, v in sweep.axes.items()}}, indent=2) + "\n"
+    return open_batch_folder(out, "sweep", SWEEP_PLAN_FILE, plan)
 
 
-def _gather_dataset(sweep: SweepPlan, found: list[dict[str, np.ndarray] | None]):
+def _gather_dataset(sweep: SweepPlan, results: list[dict[str, np.ndarray] | None]):
     """The xarray Dataset with the swept keys as dimensions; nan where a point failed."""
     import xarray as xr
 
     repetitions = sweep.points[0]["schedule.repetitions"]
     axes = list(sweep.axes)
-    told: dict[str, tuple[str, str, tuple[str, ...]]] = {
+    variables: dict[str, tuple[str, str, tuple[str, ...]]] = {
         name: (unit, words, ("repetition", "place")) for name, (unit, words) in POINT_PROFILES.items()
     }
-    told |= {name: (unit, words, ()) for name, (unit, words) in POINT_NUMBERS.items()}
-    told["friction"] = "1", "load-weighted friction, mean of each repetition", ("repetition",)
+    variables |= {name: (unit, words, ()) for name, (unit, words) in POINT_NUMBERS.items()}
+    variables["friction"] = "1", "load-weighted friction, mean of each repetition", ("repetition",)
     sizes = {"repetition": repetitions, "place": len(PROFILE_PLACES)}
     data = {}
-    for name, (unit, words, dims) in told.items():
+    for name, (unit, words, dims) in variables.items():
         shape = tuple(sizes[d] for d in dims)
-        values = [np.full(shape, np.nan) if p is None else p[name] for p in found]
+        values = [np.full(shape, np.nan) if p is None else p[name] for p in results]
         table = np.array(values).reshape(*sweep.shape, *shape)
         data[name] = ((*axes, *dims), table, {"units": unit, "long_name": words})
     coords = {
@@ -249,7 +248,7 @@ def _gather_dataset(sweep: SweepPlan, found: list[dict[str, np.ndarray] | None])
 
 
 def _coordinate_array(values: tuple) -> np.ndarray:
-    """Numbers as numbers, everything else as text."""
+    """Values of an axis as numbers if possible, otherwise as text."""
     if all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in values):
         return np.array(values, dtype=float)
     return np.array([str(v) for v in values])

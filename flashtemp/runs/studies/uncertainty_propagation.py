@@ -1,7 +1,7 @@
-"""What every input of a case does to its prediction, and how sure that is: shares of the variance and 95 % bands.
+"""Uncertainty propagation from the inputs of a case to its prediction: variance fractions and 95 % bands.
 
-Linear part: differences of neighbouring runs beside one run.  Where the answer two standard deviations out is not where
-the linear part puts it, a Latin hypercube of runs and an expansion in polynomials take its place.
+Linear propagation uses derivatives by differences of perturbed runs, integrated together with the run.  Where runs at
+two standard deviations show that it is inaccurate, a Latin hypercube of runs and a polynomial expansion replace it.
 """
 
 from __future__ import annotations
@@ -30,27 +30,24 @@ from flashtemp.solver.sensitivity import Perturbation, RunWithSensitivities, run
 
 Array = npt.NDArray[np.float64]
 Watch = Callable[[int, int], Any]
-BatchPlace = tuple[Path | None, int | None, str | None]  # folder of kept runs, processes, scheduler
+BatchPlace = tuple[Path | None, int | None, str | None]  # folder of saved runs, processes, scheduler
 BAND_PROFILES = ("T_block", "T_spot", "T_road")
-SLOPE_STEP_SD = 0.02  # sd: of the traces
-LINEARITY_TEST_SD, MAX_LINEAR_MISS = (
-    2.0,
-    0.1,
-)  # sd at which the linear part is tried; miss over the band's half width that it may have
-SAME_DIRECTION_COSINE = (
-    0.95  # cosine between what moves T_spot most and what moves mu most, above which one trial does for both
-)
-EXPANSION_DRAWS, MAX_LOST_VARIANCE, BAND_CHUNK_COLUMNS = (
-    4000,
-    1e-5,
-    400,
-)  # of the expansion; share of the variance that modes may leave; columns at a time
-BAND95_HALF_WIDTH_SD = 1.959964  # sd of a 95 % band
-STUDY_PLAN_FILE = "plan.json"  # what an interrupted study was asked
+SLOPE_STEP_SD = 0.02  # sd, step of the derivatives
+LINEARITY_TEST_SD = 2.0  # sd at which linear propagation is tested
+MAX_LINEAR_MISS = 0.1  # error of linear propagation over the half width of the band, above which runs are sampled
+SAME_DIRECTION_COSINE = 0.95  # of the gradients of T_spot and mu, above which one direction tests both
+EXPANSION_DRAWS = 4000  # draws from the polynomial expansion
+MAX_LOST_VARIANCE = 1e-5  # fraction of the variance of a profile outside its leading modes
+BAND_CHUNK_COLUMNS = 400  # columns processed at a time, to limit memory
+BAND95_HALF_WIDTH_SD = 1.959964  # half width of a 95 % band
+STUDY_PLAN_FILE = "plan.json"  # arguments of an interrupted study
 
 
 def sample_outputs(run: Run, places: Array, moments: Array) -> dict[str, Array]:
-    """Profiles (moments, places) at x/L and shares of the schedule's records, friction (moments,), and NUMBERS."""
+    """Profiles (moments, places), friction (moments,) and the outputs of OUTPUT_SPECS of a run.
+
+    `places` are x/L; `moments` are fractions of the number of saved records.
+    """
     at, out = run.mesh.x[run.mesh.last] * places, {}
     records = np.interp(moments, np.linspace(0.0, 1.0, len(run.time)), np.arange(len(run.time)))
     low = np.floor(records).astype(int)
@@ -64,14 +61,14 @@ def sample_outputs(run: Run, places: Array, moments: Array) -> dict[str, Array]:
 
 
 def _run_sample(case: Case) -> dict[str, Array]:
-    """What one run of a sample shows, at the cells and records of any case like it."""
+    """The outputs of one run of a sample at its cells and records."""
     run = march(case.scene, case.settings, case.title)
     return sample_outputs(run, run.x / run.mesh.x[run.mesh.last], np.linspace(0.0, 1.0, len(run.time)))
 
 
 @dataclass(frozen=True, eq=False)
 class LinearSensitivity:
-    """The linear part: slopes per standard deviation (inputs, ...) of what `sample_outputs` gives of the `run`; cost in runs."""
+    """Derivatives per standard deviation, `slopes` (inputs, ...), of the outputs of `sample_outputs` for the `run`."""
 
     run: Run
     slopes: dict[str, Array]
@@ -83,17 +80,18 @@ def study_uncertainty(
     workers: int | None = None, scheduler: str | None = None, watch: Watch = lambda done, total: None,
     say: Callable[[str], Any] = lambda text: None, work: Path | None = None,
 ) -> SensitivityResult:  # fmt: skip
-    """The sensitivity of a case to `keys`, or to all inputs with a prior.
+    """Propagate the uncertainty of the inputs `keys`, or of all inputs with a standard deviation.
 
-    `samples`: a Latin hypercube of so many runs; without it only where the linear part does not hold; never where
-    `linear`.  Runs are kept in the folder `work`, as `open_study_folder` makes it.  Raises BadInput, SolverFailure, Interrupted.
+    `samples`: number of runs of a Latin hypercube; when not given, only where linear propagation is inaccurate, and
+    never with `linear`.  Runs are saved in the folder `work` of `open_study_folder`.
+    Raises BadInput, SolverFailure, UserInterrupt.
     """
     full = expand_materials(case)
-    known, left = find_uncertain_inputs(full, None if keys is None else tuple(keys))
+    known, without_sd = find_uncertain_inputs(full, None if keys is None else tuple(keys))
     if samples is not None and (linear or samples < 2 * len(known) + 6):
         why = "contradicts --linear" if linear else f"give at least {2 * len(known) + 6} for {len(known)} inputs"
         raise BadInput(f"--samples: {samples}; {why}")
-    say(f"{len(known)} inputs: runs beside the run")
+    say(f"{len(known)} inputs: derivatives together with the run")
     part = compute_linear_sensitivity(full, known)
     check: dict[str, float] = {}
     lopsided = tuple(i.key for i in known if i.is_near_bound)
@@ -108,21 +106,22 @@ def study_uncertainty(
         numbers, bands, failed = _propagate_sample(full, known, part, count, (work, workers, scheduler), watch)
     k = part.run.last_sliding_index
     return SensitivityResult(
-        case, part.run, known, left, "linear" if holds else "sample", numbers, bands, check, lopsided,
+        case, part.run, known, without_sd, "linear" if holds else "sample", numbers, bands, check, lopsided,
         find_trends(full, known, float(np.nanmax(part.run.T_spot[k]))), part.seconds, failed,
     )  # fmt: skip
 
 
 def open_study_folder(out: Path, case: Case, keys: Sequence[str] | None, samples: int | None, linear: bool):
-    """The folder for a study to work in, as in `resumable`; runs of a sample do not stay in the result."""
-    told = {"case": case.toml(), "keys": keys and sorted(keys), "samples": samples, "linear": linear}
-    return open_batch_folder(out, "sensitivity", STUDY_PLAN_FILE, json.dumps(told, indent=2) + "\n", drop=True)
+    """The working folder of a study, as in `open_batch_folder`; runs of a sample do not stay in the result."""
+    plan = {"case": case.toml(), "keys": keys and sorted(keys), "samples": samples, "linear": linear}
+    return open_batch_folder(out, "sensitivity", STUDY_PLAN_FILE, json.dumps(plan, indent=2) + "\n", drop=True)
 
 
-# --- the linear part ------------------------------------------------------------------------------------------
+# --- linear propagation ---------------------------------------------------------------------------------------
 def compute_linear_sensitivity(case: Case, known: Sequence[UncertainInput]) -> LinearSensitivity:
-    """One run, with neighbours that have one input moved each."""
+    """Integrate the run together with perturbed runs, one for each input changed by a small step."""
     began = time.process_time()
+    # the perturbed runs need the same cells as the run itself
     pinned = case.with_values(first_cells(case.scene, case.values["numerics"]) | _fix_road_depth(case))
     moves = {}
     for i in known:
@@ -154,14 +153,14 @@ def _fix_road_depth(case: Case) -> dict[str, float]:
 
 
 def _interpolate_records(times: Array, known: Array, values: Array) -> Array:
-    """Rows of `values` at `known` times, between them on lines over the number of the record.
+    """Rows of `values` at `known` times, interpolated linearly in the record number to all `times`.
 
-    Records lie denser after each start, where heat goes as sqrt(t): lines over time would miss that.
+    Records are denser after each start, where temperatures follow sqrt(t); interpolation in time would miss that.
     """
-    wanted, given = np.arange(len(times)), np.searchsorted(times, known)
+    target, source = np.arange(len(times)), np.searchsorted(times, known)
     if values.ndim == 1:
-        return np.interp(wanted, given, values)
-    return np.array([np.interp(wanted, given, column) for column in values.T]).T
+        return np.interp(target, source, values)
+    return np.array([np.interp(target, source, column) for column in values.T]).T
 
 
 def _numbers_from_slopes(part: LinearSensitivity) -> dict[str, PredictedNumber]:
@@ -187,21 +186,21 @@ def _bands_from_slopes(part: LinearSensitivity) -> dict[str, PredictionBand]:
 def _test_linearity(
     case: Case, known: Sequence[UncertainInput], part: LinearSensitivity, where: BatchPlace
 ) -> dict[str, float]:
-    """{number: how far off the linear part is, over the half width of its band} where most inputs are 2 sd out."""
+    """{output: error of linear propagation over the half width of its band}, at 2 sd along the steepest direction."""
     slopes, names = part.slopes["numbers"], list(OUTPUT_SPECS)
-    ways = [_unit_direction(slopes[:, names.index(n)]) for n in ("T_spot_L", "mu")]
-    if not ways[1].any() or abs(ways[0] @ ways[1]) > SAME_DIRECTION_COSINE:
-        ways = ways[:1]
-    z = np.array([sign * LINEARITY_TEST_SD * way for way in ways for sign in (-1.0, 1.0)])
-    found, failed = run_batch(_run_sample, [_case_at_z(case, known, row) for row in z], *where, last=False)
+    directions = [_unit_direction(slopes[:, names.index(n)]) for n in ("T_spot_L", "mu")]
+    if not directions[1].any() or abs(directions[0] @ directions[1]) > SAME_DIRECTION_COSINE:
+        directions = directions[:1]
+    z = np.array([sign * LINEARITY_TEST_SD * direction for direction in directions for sign in (-1.0, 1.0)])
+    results, failed = run_batch(_run_sample, [_case_at_z(case, known, row) for row in z], *where, last=False)
     if failed:
-        raise SolverFailure(f"two standard deviations out: {next(iter(failed.values()))}")
+        raise SolverFailure(f"at two standard deviations: {next(iter(failed.values()))}")
     start = np.array([float(n.evaluate(part.run)) for n in OUTPUT_SPECS.values()])
     width = BAND95_HALF_WIDTH_SD * np.sqrt(np.sum(slopes**2, axis=0))
     out: dict[str, float] = {}
-    for row, one in zip(z, found, strict=True):
-        assert one is not None
-        miss = np.abs(one["numbers"] - start - row @ slopes)
+    for row, result in zip(z, results, strict=True):
+        assert result is not None
+        miss = np.abs(result["numbers"] - start - row @ slopes)
         for k, (name, about) in enumerate(OUTPUT_SPECS.items()):
             out[name] = max(out.get(name, 0.0), float(miss[k] / max(width[k], about.min_width)))
     return out
@@ -213,25 +212,26 @@ def _unit_direction(slopes: Array) -> Array:
 
 
 def _case_at_z(case: Case, known: Sequence[UncertainInput], z: Array) -> Case:
-    """The case with every input at its place z of the standard normal distribution."""
+    """The case with every input at its standard normal deviate `z`."""
     return replace(case.with_values({i.key: float(i.value_at(v)) for i, v in zip(known, z, strict=True)}))
 
 
-# --- where it does not hold -----------------------------------------------------------------------------------
+# --- sampling -------------------------------------------------------------------------------------------------
 def _propagate_sample(
     case: Case, known: Sequence[UncertainInput], part: LinearSensitivity, count: int, where: BatchPlace, watch: Watch
 ):
     """Numbers and bands from a Latin hypercube of runs."""
     z = variance_decomposition.latin_hypercube(count, len(known))
-    found, failed = run_batch(_run_sample, [_case_at_z(case, known, row) for row in z], *where, watch)
-    kept = [k for k, one in enumerate(found) if one is not None and one["T_spot"].shape == part.run.T_spot.shape]
+    results, failed = run_batch(_run_sample, [_case_at_z(case, known, row) for row in z], *where, watch)
+    shape = part.run.T_spot.shape
+    kept = [k for k, result in enumerate(results) if result is not None and result["T_spot"].shape == shape]
     if len(kept) < 0.9 * count:
-        why = next(iter(failed.values()), "runs of other records")
+        why = next(iter(failed.values()), "the number of records differs")
         raise SolverFailure(f"{count - len(kept)} of {count} runs of the sample fail: {why}")
-    z, rows = z[kept], [one for k in kept if (one := found[k]) is not None]
+    z, rows = z[kept], [result for k in kept if (result := results[k]) is not None]
     drawn = variance_decomposition.latin_hypercube(EXPANSION_DRAWS, len(known), seed=1, even=False)
     numbers, n = {}, len(known)
-    table = np.array([one["numbers"] for one in rows])
+    table = np.array([row["numbers"] for row in rows])
     rng = np.random.default_rng(2)
     for k, (name, about) in enumerate(OUTPUT_SPECS.items()):
         fit = variance_decomposition.fit_polynomial_chaos(z, table[:, k])
@@ -244,13 +244,13 @@ def _propagate_sample(
         )  # fmt: skip
     return (
         numbers,
-        {name: _sampled_band(z, drawn, [one[name] for one in rows]) for name in (*BAND_PROFILES, "friction")},
+        {name: _sampled_band(z, drawn, [row[name] for row in rows]) for name in (*BAND_PROFILES, "friction")},
         count - len(kept),
     )
 
 
 def _sampled_band(z: Array, drawn: Array, values: list[Array]) -> PredictionBand:
-    """The 95 % band of fields: their main modes over the sample, each expanded in the inputs."""
+    """The 95 % band of fields (n rows): principal modes of the sample, each expanded in polynomials of the inputs."""
     shape, table = values[0].shape, np.array([v.ravel() for v in values])
     mean = table.mean(axis=0)
     u, s, v = np.linalg.svd(table - mean, full_matrices=False)

@@ -1,8 +1,9 @@
-"""Whose uncertainty makes a result uncertain: first-order and total shares of its variance.
+"""Variance-based sensitivity: first-order and total Sobol indices of a result by its uncertain inputs.
 
-Of a linear answer both are (slope sd)^2 over their sum.  Else the answer is expanded in polynomials of the inputs that
-are orthonormal under their priors, fitted to a Latin hypercube: its variance is the sum of squared coefficients, so
-that shares need no further run (Sudret 2008).  Designs of Saltelli and Jansen need k + 2 runs for every row.
+For a linear result both indices are (slope sd)^2 over the sum of all.  Otherwise the result is expanded in polynomials
+that are orthonormal under the priors of the inputs, fitted to a Latin hypercube (polynomial chaos).  The variance is
+the sum of squared coefficients, so the indices need no further runs (Sudret 2008).  The designs of Saltelli and Jansen
+need k + 2 runs for every row.
 """
 
 from __future__ import annotations
@@ -15,17 +16,17 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 Powers = tuple[int, ...]
-MAX_POWER, MAX_CUBIC_INPUTS = 4, 6  # powers of one input alone; how many inputs may meet in terms of third order
-TERM_COST_ROWS = 3.0  # rows that a term costs which was chosen among many (Friedman 1991)
-MAX_TERMS_PER_ROW = 0.3  # terms over rows of the sample
-NEGLIGIBLE_VARIANCE = 1e-10  # unexplained variance below which nothing is left to fit
+MAX_POWER, MAX_CUBIC_INPUTS = 4, 6  # highest power of one input; number of inputs in mixed terms of third order
+TERM_COST_ROWS = 3.0  # degrees of freedom of a term chosen among many (Friedman 1991)
+MAX_TERMS_PER_ROW = 0.3  # highest number of terms over number of rows
+NEGLIGIBLE_VARIANCE = 1e-10  # fraction of unexplained variance at which the fit stops
 
 
 @dataclass(frozen=True, eq=False)
 class PolynomialChaos:
-    """A result over standard normal inputs z: `terms` (powers of every input) with `weights`, and how well it fits.
+    """Polynomial expansion in standard normal inputs z: `terms` (powers of every input) with `weights`.
 
-    `unexplained` is the share of the variance that it does not predict for a row left out.
+    `unexplained`: fraction of the variance that is not predicted in leave-one-out cross-validation.
     """
 
     terms: tuple[Powers, ...]
@@ -42,11 +43,11 @@ class PolynomialChaos:
         return float(sum(w * w for t, w in zip(self.terms, self.weights, strict=True) if any(t)))
 
     def first_order_indices(self, count: int) -> Array:
-        """First-order shares (inputs,)."""
+        """First-order Sobol indices (inputs,)."""
         return self._sum_squares(count, lambda t, i: t[i] > 0 and sum(t) == t[i])
 
     def total_indices(self, count: int) -> Array:
-        """Total shares (inputs,)."""
+        """Total Sobol indices (inputs,)."""
         return self._sum_squares(count, lambda t, i: t[i] > 0)
 
     def _sum_squares(self, count: int, belongs) -> Array:
@@ -57,7 +58,7 @@ class PolynomialChaos:
 
 
 def latin_hypercube(rows: int, count: int, seed: int = 0, even: bool = True) -> Array:
-    """A Latin hypercube (rows, count) of standard normal places; `even`: its columns hardly correlate."""
+    """A Latin hypercube (rows, count) of standard normal deviates; `even`: optimised for uniform filling."""
     from scipy.special import ndtri
     from scipy.stats import qmc
 
@@ -67,7 +68,7 @@ def latin_hypercube(rows: int, count: int, seed: int = 0, even: bool = True) -> 
 
 
 def linear_shares(slopes: Array) -> Array:
-    """Shares (inputs,) of a linear answer with `slopes` per standard deviation; 0 where nothing changes it.
+    """Fractions of the variance (inputs,) of a linear result with `slopes` per standard deviation; 0 if constant.
 
     >>> linear_shares(np.array([3.0, 4.0])).tolist()
     [0.36, 0.64]
@@ -89,7 +90,7 @@ def hermite_basis(z: Array, terms: tuple[Powers, ...]) -> Array:
 
 
 def fit_polynomial_chaos(z: Array, values: Array) -> PolynomialChaos:
-    """The expansion of `values` (rows,) at z (rows, inputs): terms join while rows left out are predicted better."""
+    """The expansion of `values` (rows,) at z (rows, inputs) with the terms that predict left-out rows best."""
     count, nothing = z.shape[1], (0,) * z.shape[1]
     if np.ptp(values) <= 1e-12 * max(1.0, float(np.abs(values).max())):
         return PolynomialChaos((nothing,), np.array([float(values.mean())]), 0.0)
@@ -109,23 +110,23 @@ def _term_powers(count: int, powers: dict[int, int]) -> Powers:
 
 
 def _matching_pursuit(design: Array, terms: tuple[Powers, ...], values: Array) -> PolynomialChaos:
-    """Orthogonal matching pursuit; the number of terms is that with the least error of rows left out."""
+    """Orthogonal matching pursuit; the number of terms minimises the corrected leave-one-out error."""
     rows, chosen, spread = len(values), [0], float(np.var(values)) * len(values)
     best: tuple[float, list[int], Array] = (np.inf, [0], np.array([values.mean()]))
     while len(chosen) < MAX_TERMS_PER_ROW * rows:
         part = design[:, chosen]
         q, r = np.linalg.qr(part)
-        left = values - q @ (q.T @ values)
+        residual = values - q @ (q.T @ values)
         leverage = np.clip((q**2).sum(axis=1), 0.0, 1.0 - 1e-9)
-        chance = (1.0 - len(chosen) / rows) / (1.0 - TERM_COST_ROWS * (len(chosen) - 1) / rows - 1.0 / rows)
-        error = float(np.sum((left / (1.0 - leverage)) ** 2)) / spread * chance**2
+        correction = (1.0 - len(chosen) / rows) / (1.0 - TERM_COST_ROWS * (len(chosen) - 1) / rows - 1.0 / rows)
+        error = float(np.sum((residual / (1.0 - leverage)) ** 2)) / spread * correction**2
         if error < best[0]:
             best = error, list(chosen), np.linalg.solve(r, q.T @ values)
-        if np.sum(left**2) < NEGLIGIBLE_VARIANCE * spread:
+        if np.sum(residual**2) < NEGLIGIBLE_VARIANCE * spread:
             break
         rest = design - q @ (q.T @ design)
         size = np.linalg.norm(rest, axis=0)
-        match = np.where(size > 1e-8, np.abs(rest.T @ left) / np.maximum(size, 1e-300), 0.0)
+        match = np.where(size > 1e-8, np.abs(rest.T @ residual) / np.maximum(size, 1e-300), 0.0)
         match[chosen] = -1.0
         chosen.append(int(np.argmax(match)))
         if len(chosen) > len(terms) - 1:

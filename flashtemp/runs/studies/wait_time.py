@@ -1,7 +1,7 @@
-"""Which wait between repetitions keeps a block below a temperature: the shortest, by marching the case.
+"""Find the shortest wait between repetitions that keeps a block below a temperature, by simulating the case.
 
-While it waits the block gives its heat to air and holder and the track forgets its own, so that the highest
-temperature of the later repetitions falls with the wait, towards what one repetition reaches alone.
+During a wait the block loses heat to air and holder, and the track cools.  The highest temperature of the later
+repetitions therefore decreases with the wait, towards that of a single repetition.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from flashtemp.errors import BadInput
 from flashtemp.model import case as cases
 from flashtemp.solver.march import march
 
-TRIED_WAITS_S = (600.0, 21600.0)  # s: the waits tried before giving up
-TEMPERATURE_TOLERANCE_K = 0.02  # K below the limit: near enough to stop
-WAIT_TOLERANCE = 0.01  # of the wait: fine enough to stop (s for waits below 1 s)
-MAX_MARCHES = 9  # marches between a wait that is too short and one that is long enough
+TRIED_WAITS_S = (600.0, 21600.0)  # s, upper bounds of the search in this order
+TEMPERATURE_TOLERANCE_K = 0.02  # K below the limit at which the search stops
+WAIT_TOLERANCE = 0.01  # relative tolerance of the wait (s for waits below 1 s)
+MAX_MARCHES = 9  # runs of the root search between a wait that is too short and one that is long enough
 SURFACE_PROFILES = {"block": "T_block", "spot": "T_spot"}
 COOLING_REMEDY = (
-    "lower contact.pressure (the rise follows it about in proportion), schedule.speed (about as its root) "
+    "lower contact.pressure (the temperature rise is about proportional), schedule.speed (about as its square root) "
     "or schedule.distance"
 )
 
 
 @dataclass(frozen=True)
 class PeakTemperature:
-    """Highest temperature of a march with `wait` (s): degC, its repetition, that of the first one; s in all."""
+    """`highest` temperature (degC) of a run with `wait` (s), its repetition, that of the `first`; `total` time (s)."""
 
     wait: float
     highest: float
@@ -41,10 +41,10 @@ class PeakTemperature:
 
 @dataclass(frozen=True, repr=False)
 class WaitResult(DisplayMixin):
-    """Answer of `find_minimum_wait`: `wait` in s, or None where no wait keeps the block `below` (degC).
+    """Result of `find_minimum_wait`: `wait` in s, or None where no wait keeps the block `below` (degC).
 
-    `reached` (degC) highest with that wait, or with the longest one tried; `repetition` in which;
-    `too_short` longest wait (s) below it that is too hot; `total` length of the test (s); `tried` every march.
+    `reached`: highest temperature (degC) with that wait, or with the longest one simulated, in `repetition`.
+    `too_short`: longest wait (s) that is too hot; `total`: duration of the test (s); `tried`: all runs.
     """
 
     of: str
@@ -58,7 +58,7 @@ class WaitResult(DisplayMixin):
     tried: tuple[PeakTemperature, ...]
 
     def as_dict(self) -> dict:
-        """For --json."""
+        """All numbers as plain data."""
         return asdict(self)
 
     def __str__(self) -> str:
@@ -66,11 +66,12 @@ class WaitResult(DisplayMixin):
             return f"{self.says}\n  {COOLING_REMEDY}"
         lines = [
             self.says,
-            f"  highest {self.reached:.2f} degC, in repetition {self.repetition}; the test takes {format_duration(self.total)}",
+            f"  highest {self.reached:.2f} degC, in repetition {self.repetition}; "
+            f"the test takes {format_duration(self.total)}",
         ]
         for peak in self.tried:
             if peak.wait == self.too_short:
-                lines.append(f"  {peak.wait:.4g} s are too short: {peak.highest:.2f} degC")
+                lines.append(f"  {peak.wait:.4g} s is too short: {peak.highest:.2f} degC")
         return "\n".join(lines)
 
     def to_table(self) -> DisplayTable:
@@ -82,7 +83,7 @@ class WaitResult(DisplayMixin):
 
 
 def format_duration(seconds: float) -> str:
-    """A duration for people.
+    """A duration in s, min or h.
 
     >>> format_duration(75), format_duration(440), format_duration(9000)
     ('75 s', '7.33 min', '2.5 h')
@@ -95,9 +96,9 @@ def format_duration(seconds: float) -> str:
 def find_minimum_wait(
     case: cases.Case, below: float, of: str = "block", watch: Callable[[str], None] = lambda text: None
 ) -> WaitResult:
-    """The shortest schedule.wait with which the block's surface, or its spots, stays below `below` degC throughout.
+    """The shortest schedule.wait with which the block surface, or its contact spots, always stays below `below` degC.
 
-    To 1 % of the wait or 0.02 K.  Raises BadInput, SolverFailure.
+    Accuracy: 1 % of the wait or 0.02 K.  Raises BadInput, SolverFailure.
     """
     from scipy.optimize import brentq
 
@@ -105,7 +106,7 @@ def find_minimum_wait(
     tried: dict[float, PeakTemperature] = {}
 
     def temperature_excess(u: float) -> float:
-        """K above the limit for asinh of the wait in s; 0 where that is near enough to stop."""
+        """K above the limit at u = asinh(wait in s); 0 within the tolerance, which ends the root search."""
         wait = math.sinh(u)
         if wait not in tried:
             tried[wait] = peak = _march_with_wait(case, wait, of)
@@ -115,8 +116,8 @@ def find_minimum_wait(
 
     low = 0.0
     if temperature_excess(low) > 0 and tried[low].first <= below:
-        for long in TRIED_WAITS_S:
-            if temperature_excess(high := math.asinh(long)) <= 0:
+        for longest in TRIED_WAITS_S:
+            if temperature_excess(high := math.asinh(longest)) <= 0:
                 brentq(temperature_excess, low, high, xtol=WAIT_TOLERANCE, maxiter=MAX_MARCHES, disp=False)
                 break
             low = high
@@ -124,7 +125,7 @@ def find_minimum_wait(
 
 
 def _build_result(case: cases.Case, below: float, of: str, tried: list[PeakTemperature]) -> WaitResult:
-    """The shortest of the waits tried that is long enough, in words."""
+    """The result from all simulated waits, with its sentence."""
     what = "the block's surface" if of == "block" else "the spots"
     found = next((p for p in tried if p.highest <= below), None)
     hot = [p.wait for p in tried if p.highest > below and (found is None or p.wait < found.wait)]
@@ -140,9 +141,9 @@ def _build_result(case: cases.Case, below: float, of: str, tried: list[PeakTempe
         else:
             top = last.highest
             says += (
-                f"{top:.2f} degC even with {format_duration(last.wait)} of it, {tried[0].highest:.2f} degC with none"
+                f"{top:.2f} degC even after {format_duration(last.wait)}, {tried[0].highest:.2f} degC without a wait"
             )
-        says += f"; the rise must fall by {math.ceil(100 * (top - below) / (top - ambient))} %"
+        says += f"; the temperature rise must decrease by {math.ceil(100 * (top - below) / (top - ambient))} %"
     return WaitResult(
         of, below, says, None if found is None else found.wait, last.highest, last.repetition,
         max(hot, default=None), last.total, tuple(tried),
@@ -150,13 +151,13 @@ def _build_result(case: cases.Case, below: float, of: str, tried: list[PeakTempe
 
 
 def _round_up(wait: float) -> float:
-    """A wait rounded up to three digits."""
+    """A wait (s) rounded up to three digits."""
     unit = 10.0 ** (math.floor(math.log10(wait)) - 2)
     return math.ceil(wait / unit) * unit
 
 
 def _check_question(case: cases.Case, below: float, of: str) -> None:
-    """BadInput unless the question has a meaning."""
+    """Raise BadInput for an unknown quantity, a limit below ambient, or a single repetition."""
     ambient, repetitions = case["ambient.temperature"], case["schedule.repetitions"]
     if of not in SURFACE_PROFILES:
         raise BadInput(f"--of: {of!r}; give {' or '.join(SURFACE_PROFILES)}")
@@ -169,7 +170,7 @@ def _check_question(case: cases.Case, below: float, of: str) -> None:
 
 
 def _march_with_wait(case: cases.Case, wait: float, of: str) -> PeakTemperature:
-    """March the case with another wait, without files."""
+    """Run the case with another wait (s), without writing files."""
     other = replace(case, values=case.values | {"schedule": case.values["schedule"] | {"wait": wait}})
     scene = other.scene
     run = march(scene, replace(other.settings, fields=2))

@@ -1,4 +1,4 @@
-"""Arrays of laboratories: MATLAB (v5 to v7.3), HDF5 and NetCDF, and recordings of our own."""
+"""Array files: MATLAB (v5 to v7.3), HDF5 and NetCDF, and recordings of flashtemp."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ NUMBERED_NAME = re.compile(r"(\D{1,200})(\d{1,9})")
 
 @dataclass(frozen=True)
 class StoredArray:
-    """Numbers that need not be in memory: `shape` (rows, columns) or (frames, rows, columns), and `read_part` of them.
+    """An array that need not be in memory: `shape` (rows, columns) or (frames, rows, columns), number type and unit.
 
-    `read_part(a, b)` are the frames from a to b; `turned` where rows and columns stand the other way round.
+    `read_part(a, b)` reads the frames from a to b.
     """
 
     shape: tuple[int, ...]
@@ -55,7 +55,7 @@ class StoredArray:
 
 
 def is_hdf5(start: bytes) -> bool:
-    """Whether the first bytes are those of HDF5, perhaps behind the block that MATLAB writes first."""
+    """Whether the first bytes are those of HDF5, also after the header block of MATLAB."""
     return start.startswith(HDF5) or start[512:520] == HDF5
 
 
@@ -79,7 +79,7 @@ def _read_or_refuse(reader: Callable[[], Any], kind: str) -> Any:
         return reader()
     except (BadInput, MemoryError):
         raise
-    except Exception as fault:  # damage raises whatever it hits
+    except Exception as fault:  # damage raises any kind of exception
         raise BadInput(
             f"damaged {kind} file ({shorten_text(' '.join(str(fault).split()))[:120]}); {EXPORT_REMEDY}"
         ) from fault
@@ -101,7 +101,7 @@ def _read_hdf5(path: Path, start: bytes, scaling, variable, every: int, limit) -
 
 
 def _numeric_datasets(file, matlab: bool) -> dict[str, StoredArray]:
-    """Every dataset of numbers; MATLAB stores the last index first, (frames, columns, rows)."""
+    """All numeric datasets; MATLAB stores the last index first, (frames, columns, rows)."""
     from flashtemp.physics import safe_hdf5
 
     def array(found) -> StoredArray:
@@ -118,7 +118,8 @@ def _numeric_datasets(file, matlab: bool) -> dict[str, StoredArray]:
     for name, d in numbers.items():
         if not safe_hdf5.has_usual_type(d):
             raise BadInput(
-                f"array '{shorten_text(name)}' of numbers of an unusual kind: damaged, or not for images; {EXPORT_REMEDY}"
+                f"array '{shorten_text(name)}' of numbers of an unusual kind: damaged, or not for images;"
+                f" {EXPORT_REMEDY}"
             )
         if d.chunks and d.id.get_storage_size() == 0 and d.size:
             raise BadInput(f"array '{shorten_text(name)}' of shape {d.shape} holds no data; {EXPORT_REMEDY}")
@@ -129,7 +130,7 @@ def _numeric_datasets(file, matlab: bool) -> dict[str, StoredArray]:
 def _iter_frames(
     kind: str, arrays: dict[str, StoredArray], name: str, found: StoredArray, scaling, every: int, limit
 ) -> Iterator[RawFrames]:
-    """Frames of an array, as many at a time as `PIXELS_PER_PIECE` allows."""
+    """Frames of an array, in pieces of at most `PIXELS_PER_PIECE` pixels."""
     unit, scale, offset = scaling
     rows, columns = found.shape[-2:]
     step = max(1, PIXELS_PER_PIECE // (rows * columns))
@@ -153,7 +154,7 @@ def _iter_frames(
 
 
 def _frame_times(arrays: dict[str, StoredArray], frames: int, limit) -> np.ndarray | None:
-    """The array of times that has one number per frame."""
+    """Times of the frames, if the file has an array of times with one number per frame."""
     for name in TIME_NAMES:
         if name in arrays and math.prod(arrays[name].shape) == frames:
             check_memory(frames, limit, f"array '{name}'")
@@ -162,14 +163,14 @@ def _frame_times(arrays: dict[str, StoredArray], frames: int, limit) -> np.ndarr
 
 
 def _read_recording(path: Path, limit) -> RawFrames:
-    """A recording of contract 5.4: place, time and repetition are known; rows are turned so that v points up."""
+    """A recording of flashtemp, with known place, time and repetition."""
     known = recording.load(path, limit)
-    said = {"emissivity": known.emissivity, "reflected": known.reflected_degC}
+    stated = {"emissivity": known.emissivity, "reflected": known.reflected_degC}
     return RawFrames(
         "recording",
         known.temperature,
         time=known.time,
-        stated_parameters={k: v for k, v in said.items() if v is not None},
+        stated_parameters={k: v for k, v in stated.items() if v is not None},
         fps=known.fps,
         view=known.view,
         repetition=known.repetition,
@@ -180,7 +181,7 @@ def _read_recording(path: Path, limit) -> RawFrames:
 
 
 def _wrap_array(values: np.ndarray, unit: str | None = None) -> StoredArray:
-    """An array that is in memory already."""
+    """StoredArray of values in memory."""
     return StoredArray(values.shape, values.dtype, unit, lambda a, b: values[a:b] if values.ndim == 3 else values)
 
 
@@ -203,13 +204,13 @@ def _native_byte_order(values: np.ndarray) -> np.ndarray:
 
 
 def _read_matlab(data: bytes, limit) -> dict[str, StoredArray]:
-    """MATLAB's own order (rows, columns, frames), turned to (frames, rows, columns)."""
+    """Arrays in MATLAB's order (rows, columns, frames), moved to (frames, rows, columns)."""
     found = matlab.read_arrays(data, limit)
     return {k: _wrap_array(np.moveaxis(v, -1, 0) if v.ndim == 3 else v) for k, v in found.items()}
 
 
 def _stack_arrays(images: list[StoredArray]) -> StoredArray:
-    """Single images, one after another."""
+    """Single images as one array of frames."""
 
     def part(a: int, b: int) -> np.ndarray:
         return np.stack([image.read_part(0, 1) for image in images[a:b]])
@@ -218,7 +219,7 @@ def _stack_arrays(images: list[StoredArray]) -> StoredArray:
 
 
 def _select_array(arrays: dict[str, StoredArray], variable: str | None) -> tuple[str, StoredArray]:
-    """Name and images of the array to read; Frame0, Frame1, ... are one stack."""
+    """Name and array of the images; Frame0, Frame1, ... are one stack.  BadInput if `variable` must decide."""
     images = {k: a for k, a in arrays.items() if len(a.shape) in (2, 3) and min(a.shape[-2:]) > 1 and a.frames}
     numbered = {k: m for k in images if (m := NUMBERED_NAME.fullmatch(k))}
     order = sorted(numbered, key=lambda k: int(numbered[k][2]))

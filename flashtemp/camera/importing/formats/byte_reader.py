@@ -1,4 +1,4 @@
-"""A file whose bytes are read where they are asked for: a sequence of gigabytes takes no memory."""
+"""Random access to the bytes of a file, so that a sequence of gigabytes takes no memory."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import struct
 from pathlib import Path
 from typing import Any
 
-SEARCH_WINDOW_BYTES = 1 << 20  # bytes looked through at a time
+SEARCH_WINDOW_BYTES = 1 << 20  # bytes searched at a time
 
 
 class ByteReader:
-    """Bytes of a file by slices, as of `bytes`: len, [a:b], find.  To be closed, or used in a `with`."""
+    """Bytes of a file with the interface of `bytes`: len, [a:b], find.  A context manager that closes the file."""
 
     def __init__(self, path: Path):
         self._file = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
@@ -36,7 +36,7 @@ class ByteReader:
         return pieces[0] if len(pieces) == 1 else b"".join(pieces)
 
     def find(self, mark: bytes, begin: int = 0) -> int:
-        """Where a mark first stands from `begin` on; -1 where it does not."""
+        """Offset of the first `mark` from `begin` on; -1 if there is none."""
         while begin < self._size:
             found = self[begin : begin + SEARCH_WINDOW_BYTES + len(mark) - 1].find(mark)
             if found >= 0:
@@ -46,5 +46,5 @@ class ByteReader:
 
 
 def unpack_at(data: bytes | ByteReader, form: str, at: int) -> tuple[Any, ...]:
-    """Numbers that stand at an offset; struct.error where the data end before."""
+    """Numbers of a struct format at an offset; struct.error if the data end before."""
     return struct.unpack(form, data[at : at + struct.calcsize(form)])

@@ -1,4 +1,4 @@
-"""Cells of text files as exports write them: numbers with either decimal sign, units, marks of no value, dates."""
+"""Cells of exported text files: numbers with either decimal sign, units, marks of missing values, dates."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ NUMERIC = re.compile(
     f"^(?=.{{1,{MAX_CELL_LENGTH}}}$)(?:{_NUMBER_REGEX}(?:{_UNIT_REGEX})?|{_MARK_REGEX})$", re.MULTILINE
 )  # of a cell per line
 WITH_UNIT = re.compile(f"^(?=.{{1,{MAX_CELL_LENGTH}}}$){_NUMBER_REGEX}({_UNIT_REGEX})$", re.MULTILINE)
-OF_UNIT = re.compile(r"[°CFKcfknst]\n|[°CFKcfknst]$").search  # whether a unit can stand behind a cell
-QUOTED = re.compile(r'"((?:[^"]|"")*)"|(\S+)')  # of what blanks part
+OF_UNIT = re.compile(r"[°CFKcfknst]\n|[°CFKcfknst]$").search  # quick test whether any cell can end with a unit
+QUOTED = re.compile(r'"((?:[^"]|"")*)"|(\S+)')  # cells separated by blanks
 DATE_TIME_PATTERN = re.compile(r"(\d{4})-(\d\d)-(\d\d)[ T_](\d\d):(\d\d):(\d\d)(?:[.,](\d{1,9}))?", re.ASCII)
-PLAIN_NUMBER_CHARACTERS = frozenset("0123456789.+-eE")  # of which plain numbers are made
+PLAIN_NUMBER_CHARACTERS = frozenset("0123456789.+-eE")  # of plain numbers
 UNIX_EPOCH = datetime(1970, 1, 1)
 
 
 def split_cells(line: str, separator: str | None) -> list[str]:
-    """A line in cells, quoted ones as RFC 4180 has them; of a separator at its end one empty cell is left.
+    """Cells of a line, with quotes by RFC 4180; a separator at its end makes one empty cell.
 
     >>> split_cells('"25,03","25,01",-', ","), split_cells('"25,03" 25', None)
     (['25,03', '25,01', '-'], ['25,03', '25'])
@@ -48,7 +48,7 @@ def split_cells(line: str, separator: str | None) -> list[str]:
         return [(quoted or bare).replace('""', '"').strip() for quoted, bare in QUOTED.findall(line)]
     try:
         return [c.strip() for c in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
-    except (csv.Error, StopIteration, TypeError, ValueError):  # a cell without its end, a delimiter that is none
+    except (csv.Error, StopIteration, TypeError, ValueError):  # an open quote, or an invalid delimiter
         return [c.strip().strip('"') for c in line.split(separator)]
 
 
@@ -58,7 +58,7 @@ def is_number(cell: str) -> bool:
 
 
 def count_numeric(row: list[str]) -> int:
-    """How many cells are numbers or marks."""
+    """Number of cells that are numbers or marks of missing values."""
     return len(NUMERIC.findall("\n".join(row)))
 
 
@@ -68,14 +68,14 @@ def is_mostly_numbers(row: list[str], most: int = 40) -> bool:
 
 
 def count_units(rows: list[list[str]]) -> Counter[str]:
-    """The units that stand behind the numbers of cells, as they are written, and how often."""
+    """Units after the numbers of cells, as they are written, and their counts."""
     texts = ["\n".join(row) for row in rows]
     found = Counter(unit.strip() for text in texts if OF_UNIT(text) for unit in WITH_UNIT.findall(text))
     return Counter({unit: n for unit, n in found.items() if unit != "°"})
 
 
 def parse_cells(rows: list[list[str]], separator: str | None, comma: bool) -> np.ndarray:
-    """Numbers of cells (rows, columns), NaN for a mark, infinity for a word."""
+    """Numbers of cells (rows, columns); NaN for a mark of a missing value, infinity for a word."""
     if comma:
         rows = [[c.replace(",", ".") for c in row] for row in rows]
     if not set("".join("".join(row) for row in rows)) - PLAIN_NUMBER_CHARACTERS:
@@ -85,7 +85,7 @@ def parse_cells(rows: list[list[str]], separator: str | None, comma: bool) -> np
 
 
 def mask_missing_marks(values: np.ndarray) -> np.ndarray:
-    """Values with NaN for the numbers that instruments write where they have none."""
+    """Values with NaN for the numbers that instruments write for missing values."""
     with np.errstate(invalid="ignore"):
         return np.where((np.abs(values) >= MIN_MISSING_MARK) & np.isfinite(values), np.nan, values)
 

@@ -1,6 +1,6 @@
-"""Text images without anything unusual, read at once: plain numbers, one separator, rows of one length.
+"""Fast reader of plain text images: plain numbers, one separator, rows of one length.
 
-Whatever is not plain is left to the careful way (`text`), which reads the same numbers out of these files.
+All other files go to the general reader (`text`), which reads the same numbers from plain files.
 """
 
 from __future__ import annotations
@@ -15,21 +15,22 @@ from flashtemp.physics.safe_text import MAX_LINE_LETTERS
 MAX_HEADER_LINES = 200  # lines that may stand before the numbers
 PLAIN_CHARACTERS = frozenset("0123456789+-.,;\t eE\r")
 DIGIT, POINT, SIGN, EXPONENT_SIGN, SEPARATOR_SIGN, END, OTHER_SIGN = range(7)
-ALLOWED_NEXT = {  # what may follow what
-    DIGIT: (DIGIT, POINT, EXPONENT_SIGN, SEPARATOR_SIGN, END), POINT: (DIGIT,), SIGN: (DIGIT,), EXPONENT_SIGN: (DIGIT, SIGN),
-    SEPARATOR_SIGN: (DIGIT, SIGN), END: (DIGIT, SIGN),
-}  # fmt: skip
-FORBIDDEN_PAIRS = (
-    POINT * 7 + POINT,
-    EXPONENT_SIGN * 7 + POINT,
-    EXPONENT_SIGN * 7 + EXPONENT_SIGN,
-)  # pairs that no number has
+ALLOWED_NEXT = {  # kinds of characters that may follow a kind
+    DIGIT: (DIGIT, POINT, EXPONENT_SIGN, SEPARATOR_SIGN, END),
+    POINT: (DIGIT,),
+    SIGN: (DIGIT,),
+    EXPONENT_SIGN: (DIGIT, SIGN),
+    SEPARATOR_SIGN: (DIGIT, SIGN),
+    END: (DIGIT, SIGN),
+}
+# successive marks that no number has, as 7 first + second
+FORBIDDEN_PAIRS = (POINT * 7 + POINT, EXPONENT_SIGN * 7 + POINT, EXPONENT_SIGN * 7 + EXPONENT_SIGN)
 
 
 def read_plain_rows(text: str) -> tuple[list[str], np.ndarray, str | None, bool] | None:
-    """Lines of a header, numbers (rows, columns), what stands between them (None: a space), whether commas are decimal.
+    """Header lines, numbers (rows, columns), separator (None: a space), and whether commas are decimal.
 
-    None where the text is not plain.
+    None if the text is not plain.
     """
     header, begin = _split_header(text)
     try:
@@ -54,7 +55,7 @@ def read_plain_rows(text: str) -> tuple[list[str], np.ndarray, str | None, bool]
 
 
 def _split_header(text: str) -> tuple[list[str], int]:
-    """Lines before the first that is plain, and where that begins."""
+    """Lines before the first plain one, and the offset of that."""
     header: list[str] = []
     begin = 0
     while len(header) < MAX_HEADER_LINES:
@@ -77,7 +78,7 @@ def _byte_kinds(apart: bytes, point: bytes) -> np.ndarray:
 
 
 def _is_regular_matrix(letters: np.ndarray, kinds: np.ndarray) -> bool:
-    """Whether a text that ends with a line end is rows of equally many numbers, every letter in its place."""
+    """Whether a text consists of rows with equal counts of well-formed numbers, and ends with a line end."""
     kind = kinds[letters]
     may, twice = np.zeros(49, bool), np.zeros(49, bool)
     may[[7 * a + b for a, after in ALLOWED_NEXT.items() for b in after]] = True

@@ -1,4 +1,4 @@
-"""FLIR headers and counts are parsed here: FFF alone, one after another (SEQ, CSQ) or in pieces inside a JPEG.
+"""FLIR radiometric data: single FFF blocks, sequences of them (SEQ, CSQ), or pieces inside a JPEG.
 
 A block is a header of 64 bytes, a directory of 32-byte entries (type, offset, length) and the records they point
 to; the counts are one record, the calibration and the object's parameters another.  Byte order differs from file
@@ -43,14 +43,12 @@ INFO_OFFSETS = {  # record INFO: attribute, offset
     "window": 0x34, "humidity": 0x3C, "R1": 0x58, "B": 0x5C, "F": 0x60, "alpha1": 0x70, "alpha2": 0x74,
     "beta1": 0x78, "beta2": 0x7C, "X": 0x80, "highest": 0x98, "lowest": 0x9C, "R2": 0x30C,
 }  # fmt: skip
-CALIBRATION_RANGES = {"B": (500.0, 6000.0), "F": (0.3, 3.0), "O": (-1e6, 1e6)}  # of any camera: lowest, highest
-CORE_R1_OVER_R2 = (
-    366545.0  # R1/R2 that a Tau 2 core has before it is calibrated, with B = 1428 K, F = 1, O = 342 counts
-)
-ROOM_DEGC = 26.85  # degC: where the sensitivity of a calibration is judged
+CALIBRATION_RANGES = {"B": (500.0, 6000.0), "F": (0.3, 3.0), "O": (-1e6, 1e6)}  # lowest, highest of any camera
+CORE_R1_OVER_R2 = 366545.0  # R1/R2 of an uncalibrated Tau 2 core, with B = 1428 K, F = 1, O = 342 counts
+ROOM_DEGC = 26.85  # degC, at which the sensitivity of a calibration is checked
 MIN_COUNTS_PER_K = 1.0
 MAX_COUNTS = 65535.0
-PIXELS_PER_PIECE = 4_000_000  # pixels that are turned into temperatures at a time
+PIXELS_PER_PIECE = 4_000_000  # pixels that are converted at a time
 IN_KELVIN = ("reflected", "air", "window_temperature", "highest", "lowest")
 
 
@@ -67,7 +65,7 @@ class FffBlock:
 
 
 def join_jpeg_pieces(jpeg: bytes) -> bytes:
-    """The FFF block that a JPEG's APP1 segments carry in numbered pieces; empty where there is none."""
+    """The FFF block in the numbered pieces of a JPEG's APP1 segments; empty if there is none.  Raises BadInput."""
     pieces, last, at = {}, None, 2
     while at + 4 <= len(jpeg) and jpeg[at] == 0xFF and jpeg[at + 1] not in (0xDA, 0xD9):
         (length,) = struct.unpack_from(">H", jpeg, at + 2)
@@ -93,7 +91,7 @@ def iter_blocks(data: bytes | ByteReader) -> Iterator[FffBlock]:
 
 
 def _find_next_block(data: bytes | ByteReader, begin: int) -> int:
-    """Where the next block begins; -1 where there is none."""
+    """Offset of the next block; -1 if there is none."""
     near = data[begin : begin + FFF_HEADER_BYTES]
     found = [p for m in MAGIC if (p := near.find(m)) >= 0]
     if found:
@@ -118,7 +116,8 @@ def _parse_block(data: bytes | ByteReader, begin: int, number: int) -> FffBlock:
         if kind in (COUNTS_RECORD, INFO_RECORD):
             if begin + offset + length > len(data) + MAX_MISSING_BYTES:
                 raise BadInput(
-                    f"frame {number} is cut off: it needs {offset + length} bytes and has {len(data) - begin}; {DAMAGED_FILE_REMEDY}"
+                    f"frame {number} is cut off: it needs {offset + length} bytes and has {len(data) - begin};"
+                    f" {DAMAGED_FILE_REMEDY}"
                 )
             sums = (checksum, int.from_bytes(checksum.to_bytes(4, "little"), "big")) if checksum else ()
             records.setdefault(kind, (begin + offset, length, sums))
@@ -128,7 +127,7 @@ def _parse_block(data: bytes | ByteReader, begin: int, number: int) -> FffBlock:
 
 
 def _read_record(data: bytes | ByteReader, block: FffBlock, kind: int, number: int) -> bytes:
-    """A record of a block, whole as far as its checksum tells."""
+    """A record of a block, verified by its checksum if it has one.  Raises BadInput."""
     what = {COUNTS_RECORD: "counts", INFO_RECORD: "calibration"}[kind]
     if kind not in block.records:
         raise BadInput(f"frame {number} has no record of its {what}; choose a radiometric file of the camera")
@@ -136,7 +135,8 @@ def _read_record(data: bytes | ByteReader, block: FffBlock, kind: int, number: i
     record = data[at : at + length]
     if sums and zlib.crc32(record) not in sums:
         raise BadInput(
-            f"frame {number}: the checksum of its {what} does not fit: they are damaged or changed; {DAMAGED_FILE_REMEDY}"
+            f"frame {number}: the checksum of its {what} does not fit: they are damaged or changed;"
+            f" {DAMAGED_FILE_REMEDY}"
         )
     return record
 
@@ -164,7 +164,7 @@ def decode_counts(record: bytes, limit: float | None = None) -> np.ndarray:
 
 
 def _image_size(record: bytes, order: str) -> tuple[int, int]:
-    """Columns and rows of a record's image, which most cameras write twice: as numbers and as last places."""
+    """Columns and rows of a record's image, which most cameras write twice: as numbers and as last indices."""
     columns, rows, _, _, _, last_column, _, last_row = struct.unpack_from(order + "8H", record, 2)
     if (last_column, last_row) not in ((0, 0), (columns - 1, rows - 1)):
         raise BadInput(
@@ -174,7 +174,7 @@ def _image_size(record: bytes, order: str) -> tuple[int, int]:
 
 
 def _jpegls_size(payload: bytes) -> tuple[int, int] | None:
-    """Columns and rows that the frame header of a JPEG-LS image states, None where it is no such image."""
+    """Columns and rows in the frame header of a JPEG-LS image; None if it is no such image."""
     at = 2
     while at + 9 <= min(len(payload), 4096) and payload[at] == 0xFF:
         if payload[at + 1] == 0xF7:
@@ -185,7 +185,7 @@ def _jpegls_size(payload: bytes) -> tuple[int, int] | None:
 
 
 def _decode_image(payload: bytes, shape, decoder: str, size) -> np.ndarray:
-    """A compressed image whose own (columns, rows) must be those of the record."""
+    """A compressed image, whose (columns, rows) `size` must agree with the `shape` of the record.  Raises BadInput."""
     if tuple(size) != shape[::-1]:
         raise BadInput(
             f"an image of {size[0]} x {size[1]} pixels in a record of {shape[1]} x {shape[0]}; {DAMAGED_FILE_REMEDY}"
@@ -206,7 +206,7 @@ def _decode_image(payload: bytes, shape, decoder: str, size) -> np.ndarray:
 
 
 def _fix_byte_order(image: np.ndarray) -> np.ndarray:
-    """The image or its byte-swapped twin: cameras write PNG either way, and only neighbours tell which."""
+    """The image or its byte-swapped copy, whichever is smoother: cameras write PNG in either byte order."""
     swapped = image.byteswap()
     rough = [np.abs(np.diff(i.astype(np.int32), axis=1)).mean() if i.shape[1] > 1 else 0 for i in (image, swapped)]
     return image if rough[0] <= rough[1] else swapped
@@ -214,7 +214,7 @@ def _fix_byte_order(image: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class CameraInfo:
-    """What a block says besides its counts: numbers by name, the camera's name, its clock (s) and frame rate."""
+    """Facts of a block besides its counts: numbers by name, camera name, clock (s) and frame rate."""
 
     values: dict[str, float]
     camera: str
@@ -223,7 +223,7 @@ class CameraInfo:
 
 
 def parse_info(record: bytes) -> CameraInfo:
-    """The record of the camera's calibration and the object's parameters."""
+    """Calibration of the camera and object parameters from their record.  Raises BadInput."""
     order = "<" if record[:2] == b"\x02\0" else ">"
     if len(record) < MIN_INFO_BYTES or struct.unpack_from(order + "H", record)[0] != 2:
         raise BadInput("the calibration record is missing or damaged; choose a radiometric file of the camera")
@@ -258,16 +258,17 @@ def _temperature_table(
 
 
 def _stated_calibration(v: dict[str, float]) -> PlanckCalibration:
-    """The calibration that a file states.  BadInput where it is damaged or none of the camera's own.
+    """The calibration that a file states.  BadInput if it is damaged or not that of this camera.
 
-    Cores that were never calibrated write the constants that the core starts with, R1 366545, R2 1, B 1428, F 1,
-    O 342: counts = R1/(exp(B/T) - F) + O in the core's own sign, while files of cameras subtract O.  Their counts stand
-    about 8192 whatever is before the camera, which reads as 100 degC.
+    Cores that were never calibrated write the initial constants R1 366545, R2 1, B 1428, F 1, O 342, with counts =
+    R1/(exp(B/T) - F) + O, while files of cameras subtract O.  Their counts lie around 8192 for any scene, which would
+    read as 100 degC.
     """
     for name, (low, high) in CALIBRATION_RANGES.items():
         if not low <= v[name] <= high:
             raise BadInput(
-                f"planck: {name} of {v[name]:g} in its calibration, cameras have {low:g} to {high:g}; {DAMAGED_FILE_REMEDY}"
+                f"planck: {name} of {v[name]:g} in its calibration, cameras have {low:g} to {high:g};"
+                f" {DAMAGED_FILE_REMEDY}"
             )
     planck = PlanckCalibration(*(v[k] for k in ("R1", "R2", "B", "F", "O")))
     stated = f"R1 {planck.R1:g}, R2 {planck.R2:g}, B {planck.B:g}, F {planck.F:g}, O {planck.O:g}"
@@ -291,7 +292,7 @@ def _stated_calibration(v: dict[str, float]) -> PlanckCalibration:
 
 
 def _calibration_remarks(planck: PlanckCalibration, p: ObjectParameters) -> list[str]:
-    """What is assumed of the calibration and of the air."""
+    """Notes on assumptions about the calibration and the air."""
     remarks = []
     if abs(planck.R1 / planck.R2 / CORE_R1_OVER_R2 - 1) < 1e-5 and (planck.B, planck.F) == (1428.0, 1.0):
         remarks.append(
@@ -304,20 +305,21 @@ def _calibration_remarks(planck: PlanckCalibration, p: ObjectParameters) -> list
 
 
 def radiometric_settings(info: CameraInfo, given: dict[str, float], planck: PlanckCalibration | None):
-    """What `_temperature_table` needs of a frame; what a person gives goes before what the file says."""
+    """Arguments of `_temperature_table` for a frame; `given` values replace those that the file states."""
     v = info.values
     planck = planck or _stated_calibration(v)
-    said = {k: v[k] for k in (*PARAMETER_NAMES, *AIR_CONSTANTS)}
-    if said["window"] == 1:
-        said["window_temperature"] = 20.0  # without a window some cameras write 0 K
-    if (said | given)["distance"] == 0 and not PARAMETER_RANGES["air"][0] <= said["air"] <= PARAMETER_RANGES["air"][1]:
-        said["air"] = 20.0  # without a path some cameras write 0 K
-    parameters = ObjectParameters(**(said | given))
+    stated = {k: v[k] for k in (*PARAMETER_NAMES, *AIR_CONSTANTS)}
+    if stated["window"] == 1:
+        stated["window_temperature"] = 20.0  # without a window some cameras write 0 K
+    coldest, hottest, _ = PARAMETER_RANGES["air"]
+    if (stated | given)["distance"] == 0 and not coldest <= stated["air"] <= hottest:
+        stated["air"] = 20.0  # without a path some cameras write 0 K
+    parameters = ObjectParameters(**(stated | given))
     lowest, highest = v["lowest"], v["highest"]
     if not (math.isfinite(lowest) and math.isfinite(highest) and -KELVIN < lowest < highest):
         lowest, highest = -KELVIN, math.inf
     try:
-        own = ObjectParameters(**said)
+        own = ObjectParameters(**stated)
     except BadInput:
         own = parameters
     return planck, parameters, own, lowest, highest

@@ -1,4 +1,4 @@
-"""InfraTec IRBIS ASCII: [Settings] with KEY=VALUE, then [Data]; the header says separators, unit and size."""
+"""InfraTec IRBIS ASCII: [Settings] with KEY=VALUE, then [Data]; the header states separators, unit and size."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ DIFFERENCE_CONTENTS = ("amplitude", "phase", "difference")
 
 
 def _guess_separator(row: str) -> str | None:
-    """What stands between the numbers of a row, where the header does not say it."""
+    """Separator of the numbers in a row, if the header does not state it."""
     return next((sign for sign in "\t;" if sign in row.strip()), "," if row.count(",") > row.count(" ") else None)
 
 
 def read_ascii(text: str, unit: str | None) -> RawFrames:
-    """One image, degC, of the number of rows and columns that the header states."""
+    """One image, degC, of the rows and columns that the header states.  Raises BadInput."""
     head, mark, body = text.partition("[Data]")
     pairs = dict(line.split("=", 1) for line in head.splitlines() if "=" in line)
     lines = [line for line in body.splitlines() if line.strip()]

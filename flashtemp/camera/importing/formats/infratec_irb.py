@@ -21,9 +21,7 @@ from flashtemp.physics.quantities import KELVIN
 MAGIC = (b"\xffIRB\0",)
 IRB_HEADER_BYTES, IRB_ENTRY_BYTES, IMAGE_BLOCK = 64, 32, 1
 PALETTE_OFFSET, CLOCK_OFFSET, PIXELS_OFFSET = 60, 1624, 1728  # offsets inside an image block
-MAX_PALETTE_UNEVENNESS = (
-    0.2  # change from step to step of a palette, over the usual step: ten times that of a sound one
-)
+MAX_PALETTE_UNEVENNESS = 0.2  # relative change between steps of a palette, ten times that of a valid one
 SECONDS_PER_DAY, UNIX_EPOCH_DAYS = 86400.0, 25569.0  # s; days from 1899-12-30 to 1970
 DAMAGED_FILE_REMEDY = "copy it again or export it anew; what is there cannot be used"
 ASCII_EXPORT_REMEDY = "export it from IRBIS as ASCII (File, Export) and give that"
@@ -109,7 +107,7 @@ def _decode_temperatures(image: bytes) -> np.ndarray:
 
 
 def _camera_clock(image: bytes) -> float | None:
-    """Seconds since 1970 of the camera's clock: days since 1899-12-30 and thousandths of a second apart."""
+    """Seconds since 1970 of the camera's clock, stored as days since 1899-12-30 and thousandths of a second."""
     days, thousandths = struct.unpack_from("<dI", image, CLOCK_OFFSET)
     if not (
         math.isfinite(days) and UNIX_EPOCH_DAYS < days < 2 * UNIX_EPOCH_DAYS + SECONDS_PER_DAY and thousandths < 1000
@@ -126,7 +124,7 @@ def _stated_parameters(image: bytes) -> dict[str, float]:
 
 
 def _camera_name(data: bytes, images_at: int) -> str:
-    """The camera's name out of the file's and the image's header."""
+    """Name of the camera from the headers of file and image."""
     device = data[5:13].split(b"\0")[0].decode("ascii", "replace")
     optics = data[images_at + 1286 : images_at + 1318].split(b"\0")[0].decode("ascii", "replace")
     return f"{device}, {optics}" if optics.isprintable() and optics else device

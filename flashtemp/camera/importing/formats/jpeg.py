@@ -11,7 +11,7 @@ from flashtemp.camera.importing.formats.raw_frames import RawFrames
 from flashtemp.errors import BadInput
 
 MAGIC = (b"\xff\xd8",)
-MAKER_REMEDIES = {  # letters that stand in the header: whose it is, and what to ask for
+MAKER_REMEDIES = {  # letters in the header: the maker's format, and what to export instead
     b"DJI": (
         "DJI R-JPEG: its temperatures are in a form that only DJI's Thermal SDK reads; convert it there (dji_irp -a"
         " measure) or in DJI Thermal Analysis Tool to TIFF and give that"
@@ -23,7 +23,7 @@ MAKER_REMEDIES = {  # letters that stand in the header: whose it is, and what to
     b"Optris": "Optris JPEG: export the temperatures as CSV from PIX Connect and give that",
 }
 COMMON_SEGMENTS = (b"JFIF", b"JFXX", b"Exif", b"http://ns.adobe.com/", b"ICC_PROFILE", b"Photoshop", b"Adobe", b"MPF")
-MIN_MAKER_BYTES = 10_000  # bytes of a maker's own data: temperatures of the smallest sensors take more
+MIN_MAKER_BYTES = 10_000  # of a maker's own data: temperatures of the smallest sensors take more
 
 
 def read(file: CameraFile) -> Iterator[RawFrames]:
@@ -38,7 +38,7 @@ def read(file: CameraFile) -> Iterator[RawFrames]:
 
 
 def describe_foreign_jpeg(data: bytes) -> str:
-    """What to say of a JPEG in which FLIR's thermal data are missing."""
+    """Message for a JPEG without FLIR's thermal data: its maker, and what to export instead."""
     segments = list(_iter_segments(data))
     own = sum(len(body) for kind, body in segments if 0xE0 <= kind <= 0xEF and not body.startswith(COMMON_SEGMENTS))
     if own < MIN_MAKER_BYTES:

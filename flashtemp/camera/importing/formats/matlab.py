@@ -1,6 +1,6 @@
 """MATLAB's own files, v5 to v7: numeric arrays by name.
 
-Own reader because damaged files must end in one line: the usual one takes the interpreter down with it.
+A reader of our own, because a damaged file must end in one line, while it can crash the interpreter in the usual one.
 Layout: MathWorks, "MAT-File Format", level 5.
 """
 
@@ -20,12 +20,12 @@ STORED_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9
 ARRAY_CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4", 14: "i8", 15: "u8"}
 MAT_HEADER_BYTES, COMPLEX_FLAG = 128, 0x800
 MAT_FILE_REMEDY = "copy it again or save it anew and give that"
-MEMORY_PER_ARRAY_BYTE = 8  # times the bytes of an array that are in memory until it is temperatures
+MEMORY_PER_ARRAY_BYTE = 8  # bytes of memory per byte of an array, until it has become temperatures
 MEMORY_REMEDY = "its arrays take more memory than the limit; save fewer of them, or raise --limit (GB)"
 
 
 def read_arrays(data: bytes, limit: float | None = None) -> dict[str, np.ndarray]:
-    """Real numeric arrays of the file by name, indices in MATLAB's order; others are passed over."""
+    """Real numeric arrays of the file by name, indices in MATLAB's order; others are skipped.  Raises BadInput."""
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
     if order is None:
         raise BadInput(f"MATLAB file with a damaged header; {MAT_FILE_REMEDY}")
@@ -43,7 +43,7 @@ def read_arrays(data: bytes, limit: float | None = None) -> dict[str, np.ndarray
 
 
 def _read_element(data: bytes, at: int, order: str) -> tuple[int, bytes, int]:
-    """Type and bytes of the element at an offset, and where the next one begins."""
+    """Type and bytes of the element at an offset, and the offset of the next one."""
     if at + 8 > len(data):
         raise BadInput(f"MATLAB file cut off; {MAT_FILE_REMEDY}")
     kind, length = struct.unpack_from(order + "2I", data, at)
@@ -68,7 +68,7 @@ def _decompress_element(body: bytes, room: int) -> bytes:
 
 
 def _read_matrix(body: bytes, order: str, room: int) -> tuple[str, np.ndarray] | None:
-    """Name and values of an array; None where it holds no real numbers."""
+    """Name and values of an array; None if it holds no real numbers."""
     if not body:
         return None
     _, flags, at = _read_element(body, 0, order)

@@ -1,4 +1,4 @@
-"""Frames: what one camera file holds, before anybody has said where and when it was seen."""
+"""RawFrames: the content of one camera file before its place and time are stated, and conversions to degC."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ from flashtemp.camera.radiometry import ObjectParameters, PlanckCalibration
 from flashtemp.errors import BadInput
 from flashtemp.physics.quantities import KELVIN
 
-MAX_FRAME_PIXELS = 50_000_000  # of one frame: what is larger is a damaged size field
-TEMPERATURE_UNIT_NAMES = {"c": "degC", "celsius": "degC", "centigrade": "degC", "f": "degF", "fahrenheit": "degF", "k": "K",
-         "kelvin": "K", "kelvins": "K", "mk": "mK", "millikelvin": "mK"}  # fmt: skip
-MAX_MEDIAN_WITHOUT_UNIT_DEGC = 150.0  # a median above this could be kelvin: ask
+MAX_FRAME_PIXELS = 50_000_000  # of one frame: a larger size field is damaged
+TEMPERATURE_UNIT_NAMES = {
+    "c": "degC", "celsius": "degC", "centigrade": "degC", "f": "degF", "fahrenheit": "degF", "k": "K", "kelvin": "K",
+    "kelvins": "K", "mk": "mK", "millikelvin": "mK",
+}  # fmt: skip
+MAX_MEDIAN_WITHOUT_UNIT_DEGC = 150.0  # a median above this could be kelvin: the unit must be stated
 NO_COLOURS = (
     "holds colours, not temperatures: nobody can turn them back; give the radiometric file of the camera"
     " or its export as 16-bit TIFF or CSV"
@@ -26,14 +28,14 @@ NO_COLOURS = (
 
 @dataclass(frozen=True)
 class RawFrames:
-    """Images of one file: `temperature` (frames, rows, columns) degC, row 0 at the top, NaN where none is known.
+    """Images of one file: `temperature` (frames, rows, columns) degC, row 0 at the top, NaN where unknown.
 
-    `clock` (frames,) s on the camera's clock (1970, its own time zone), `time` (frames,) s where the file counts
-    from a start; `stated_parameters` the object parameters that the file states, `parameters` those that `temperature` was
-    computed with (counts only), `counts` and `planck` of radiometric files.  `outside`: pixels beyond the
-    camera's range; `difference`: K, not degC (a lock-in amplitude); `is_unscaled`: counts whose scale nobody has told yet.
-    Recordings know their place already:
-    `view`, `repetition`, `u`, `v` (m), and what is `camera_attributes` of the camera.
+    `clock` (frames,) s since 1970 on the camera's clock, in its time zone; `time` (frames,) s if the file counts from a
+    start; `stated_parameters`: object parameters that the file states; `parameters`: those with which `temperature` was
+    computed (radiometric files only, as `counts` and `planck`).  `outside`: number of pixels beyond the camera's range;
+    `difference`: K, not degC (a lock-in amplitude); `is_unscaled`: counts of unknown scale.  Recordings have their
+    place already: `view`, `repetition`, `u`, `v` (m) and the `camera_attributes`.  BadInput for impossible
+    temperatures.
     """
 
     format: str
@@ -69,7 +71,7 @@ class RawFrames:
         return self.temperature.shape[1:]
 
     def take_every(self, step: int) -> RawFrames:
-        """The same with one frame of `step`."""
+        """Every `step`-th frame."""
         if step == 1:
             return self
         chosen = {}
@@ -89,7 +91,7 @@ class RawFrames:
 
 
 def concatenate_frames(pieces: Sequence[RawFrames]) -> RawFrames:
-    """One Frames of the pieces of one file, in order."""
+    """The pieces of one file as one RawFrames, in order."""
     first = pieces[0]
     if len(pieces) == 1:
         return first
@@ -103,7 +105,7 @@ def concatenate_frames(pieces: Sequence[RawFrames]) -> RawFrames:
 
 
 def temperature_unit(text: str) -> str | None:
-    """degC, degF, K or mK of a unit as files write it; None where it is none of temperature.
+    """degC, degF, K or mK of a unit as files write it; None if it is no unit of temperature.
 
     >>> temperature_unit("°F"), temperature_unit("deg C"), temperature_unit("[Kelvin]"), temperature_unit("mm")
     ('degF', 'degC', 'K', None)
@@ -112,15 +114,15 @@ def temperature_unit(text: str) -> str | None:
     return TEMPERATURE_UNIT_NAMES.get(re.sub(r"^(?:deg(?:rees?)?|grad|o(?=[cf]$))", "", bare))
 
 
-def agree_on_unit(said: str | None, own: str | None, where: str) -> str | None:
-    """The unit that a person said or that the file states `where`.  BadInput where both are said and differ."""
-    if said and own and temperature_unit(own) not in (None, temperature_unit(said)):
-        raise BadInput(f"unit: --unit {said}, but {where} says {own}; leave --unit out, or repair the file")
-    return said or own
+def agree_on_unit(stated: str | None, in_file: str | None, where: str) -> str | None:
+    """The unit that the user states, or else the file at `where`.  BadInput if both are stated and differ."""
+    if stated and in_file and temperature_unit(in_file) not in (None, temperature_unit(stated)):
+        raise BadInput(f"unit: --unit {stated}, but {where} says {in_file}; leave --unit out, or repair the file")
+    return stated or in_file
 
 
 def to_celsius(values: np.ndarray, unit: str | None, difference: bool = False) -> tuple[np.ndarray, str]:
-    """Values in degC and a note, from a unit that may be unknown; BadInput where it must be asked for.
+    """Values in degC and a note; an unknown unit is taken as degC, or raises BadInput if it could be another.
 
     `difference`: the values are differences of temperatures (a lock-in amplitude), K.
     """
@@ -143,18 +145,18 @@ def to_celsius(values: np.ndarray, unit: str | None, difference: bool = False) -
 
 
 class Unscaled(float):
-    """The scale of counts that stay counts, since nobody has told it yet."""
+    """Scale of counts that stay counts, because it is not stated yet."""
 
 
 class ScaleMissing(BadInput):
-    """Numbers of a file whose scale or unit only the user knows."""
+    """The scale or unit of a file's numbers is missing, and only the user knows it."""
 
 
 UNSCALED = Unscaled(1.0)
 
 
 def scale_counts(counts: np.ndarray, scale: float | None, offset: float | None, what: str) -> np.ndarray:
-    """Temperatures, degC, of counts that a camera wrote as (T - offset)/scale; both must be said."""
+    """Temperatures, degC, of counts (T - offset)/scale.  ScaleMissing unless both are stated."""
     if scale is None or offset is None:
         missing = " and ".join(k for k, v in (("--scale", scale), ("--offset", offset)) if v is None)
         raise ScaleMissing(
@@ -174,13 +176,13 @@ def scale_counts(counts: np.ndarray, scale: float | None, offset: float | None, 
 
 
 def saturated_counts(values: np.ndarray) -> np.ndarray:
-    """Mask of the counts at the ends of their type, 0 and 65535, beyond which a camera cannot count."""
+    """Mask of the counts at the ends of their type, 0 and 65535, where a camera saturates."""
     ends = np.iinfo(values.dtype)
     return (values == ends.min) | (values == ends.max)
 
 
 def frames_from_pixels(values: np.ndarray, kind: str, unit, scale, offset) -> RawFrames:
-    """Frames of the pixels of an image file: counts in need of `scale` and `offset`, or temperatures in `unit`."""
+    """Frames from the pixels of an image file: counts, with `scale` and `offset`, or temperatures in `unit`."""
     bits = 8 * values.dtype.itemsize
     if values.dtype.kind in "ui":
         T, note = scale_counts(values, scale, offset, f"{bits}-bit {kind}"), ""
@@ -200,7 +202,7 @@ def as_frame_stack(values: np.ndarray) -> np.ndarray:
 
 
 def require_module(module: str):
-    """A module of the extra `camera`; BadInput says how to install it."""
+    """A module of the optional extra `camera`.  BadInput states how to install it."""
     try:
         return importlib.import_module(module)
     except ImportError as fault:

@@ -1,7 +1,7 @@
 """Matrices of temperatures as text: exports of FLIR Tools, Testo, Optris, IRBIS and spreadsheets.
 
-Nothing about such files is certain: separator, decimal comma, a header, labels, marks of pixels below the range,
-several images in one file.  All of it is recognised, and what was recognised is noted.
+Such files differ in separator, decimal comma, header, labels, marks of pixels below the range, and the number of
+images.  All of this is recognised and reported in notes.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ MIN_MEDIAN_DEGC = -100.0  # degC: colder than any scene of a camera
 
 @dataclass(frozen=True)
 class TextImage:
-    """The numbers of one image (rows, columns), labels included, and the lines that stand before it.
+    """The numbers of one image (rows, columns) with its labels, and the lines before it.
 
-    `cells` and the numbers `lines` from 1 are those of its rows, empty where nothing in them can be wrong.
+    `cells` and `lines` (numbers from 1) of its rows are for error messages; empty for plain files.
     """
 
     values: np.ndarray
@@ -55,7 +55,7 @@ class TextImage:
 
 @dataclass(frozen=True)
 class TextMatrices:
-    """All images of a text, the unit that stands in their cells, and notes on what was recognised."""
+    """All images of a text, the unit in their cells, and notes on what was recognised."""
 
     images: list[TextImage]
     footer: Sequence[str]
@@ -79,9 +79,9 @@ def read_text(
 ) -> RawFrames:
     """The images of a text file, degC.
 
-    `below` (degC) marks what is at or under the camera's range; without it, a plateau at the lowest or the highest
-    value does.  `rows` of the file where it holds a part of an image; `labels` where they look like the image: "none",
-    "columns", "rows" or "both".
+    Values at or under `below` (degC) are beyond the camera's range; by default, those at a plateau of the lowest or
+    highest value.  `rows` of a file that holds a part of an image; `labels` if they look like the image: "none",
+    "columns", "rows" or "both".  Raises BadInput.
     """
     text, notes = _normalise_text(decode_text(data))
     if text.lstrip().startswith(infratec_ascii.ASCII_START):
@@ -140,7 +140,7 @@ def _to_temperatures(values: np.ndarray, head: TextHeader, of_cells: str | None,
 
 
 def _read_plain(text: str) -> TextMatrices | None:
-    """A text without anything unusual, read at once; None where it is not of that kind."""
+    """Images of a plain text; None if it is not plain."""
     plain = fast_text.read_plain_rows(text)
     if plain is None:
         return None
@@ -150,7 +150,7 @@ def _read_plain(text: str) -> TextMatrices | None:
 
 
 def _read_any_layout(text: str, decimal: str | None, rows: int | None) -> TextMatrices:
-    """The images of any text; BadInput names the line that is in the way."""
+    """The images of any text.  BadInput names the line at fault."""
     layout = read_layout(safe_text.split_bounded_lines(text, "line"), decimal, text[-1] in "\r\n")
     stated = read_header([line for _, line in layout.others]).size
     groups, notes = arrange_images(layout, stated[0], rows)
@@ -159,9 +159,8 @@ def _read_any_layout(text: str, decimal: str | None, rows: int | None) -> TextMa
     for blocks in groups:
         begin, end = blocks[0].lines[0], blocks[-1].lines[-1]
         header = [line for number, line in layout.others if before < number < end]
-        header += [
-            cell for cell in blocks[0].rows[0] if cell and not count_numeric([cell])
-        ]  # of a corner between labels
+        # words in a corner between labels may state a unit
+        header += [cell for cell in blocks[0].rows[0] if cell and not count_numeric([cell])]
         cells = [row for block in blocks for row in block.rows]
         values = parse_cells(cells, layout.separator, layout.comma)
         lines = [number for block in blocks for number in block.lines]
@@ -174,24 +173,24 @@ def _read_any_layout(text: str, decimal: str | None, rows: int | None) -> TextMa
 
 
 def _find_cell_unit(layout: TextLayout) -> str | None:
-    """The unit that stands behind numbers of the cells.  BadInput where there are two."""
-    found: dict[str, str] = {}
+    """The unit after the numbers of the cells.  BadInput if there are two."""
+    units: dict[str, str] = {}
     for written in count_units(layout.rows):
         if (unit := temperature_unit(written)) is not None:
-            found.setdefault(unit, written)
-    if len(found) > 1:
-        first, other = list(found.values())[:2]
+            units.setdefault(unit, written)
+    if len(units) > 1:
+        first, other = list(units.values())[:2]
         for block in layout.blocks:
             for line, row in zip(block.lines, block.rows, strict=True):
                 if cell := next((c for c in row if c.endswith(other) and c[: -len(other)].strip()), None):
                     raise BadInput(
                         f"line {line}: {cell!r}, while other cells are in {first}; give one unit in all cells"
                     )
-    return next(iter(found), None)
+    return next(iter(units), None)
 
 
 def _trim_labels(image: TextImage, stated: tuple[int | None, int | None], rows: int | None, choice) -> TrimmedMatrix:
-    """An image without labels and remarks.  BadInput for words that stand among its numbers."""
+    """An image without labels and remarks.  BadInput for words among its numbers."""
 
     def is_whole(height: int, width: int) -> bool | None:
         wanted = rows or stated[0], stated[1]
@@ -213,7 +212,7 @@ def _trim_labels(image: TextImage, stated: tuple[int | None, int | None], rows: 
 
 
 def decode_text(data: bytes) -> str:
-    """Text in whatever encoding an export uses, without its byte order mark; NULs stay."""
+    """Text of bytes in UTF-8, UTF-16 or Windows-1252, without byte order mark; NULs stay."""
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         text = data.decode("utf-16", "replace")
     elif order := detect_unmarked_utf16(data[:200]):
@@ -229,7 +228,7 @@ def decode_text(data: bytes) -> str:
 
 
 def is_text(start: bytes) -> bool:
-    """Whether a file that begins so can be text: its only NULs are at its end, or every other byte is one."""
+    """Whether a file with these first bytes can be text: NULs only at the end, or in every other byte (UTF-16)."""
     return (
         b"\0" not in start.rstrip(b"\0")
         or start[:2] in (b"\xff\xfe", b"\xfe\xff")
@@ -238,7 +237,7 @@ def is_text(start: bytes) -> bool:
 
 
 def _normalise_text(text: str) -> tuple[str, list[str]]:
-    """A text with signs that look alike in one spelling and without NULs at its end, and a note on those."""
+    """A text with uniform spelling of similar characters and without NULs at its end, and a note on those."""
     notes = []
     if text.endswith("\0"):
         kept = text.rstrip("\0")
@@ -247,8 +246,8 @@ def _normalise_text(text: str) -> tuple[str, list[str]]:
     if "\0" in text:
         at = text.index("\0")
         raise BadInput(
-            f"line {text.count(chr(10), 0, at) + 1} holds a NUL byte after {shorten_text(text[max(0, at - 20) : at])!r}:"
-            f" {NO_TEXT}"
+            f"line {text.count(chr(10), 0, at) + 1} holds a NUL byte after"
+            f" {shorten_text(text[max(0, at - 20) : at])!r}: {NO_TEXT}"
         )
     if not text.isascii() or "&deg;" in text or "?" in text:
         text = repair_signs(text.translate(SIGN_TRANSLATION))

@@ -1,4 +1,4 @@
-"""Whether blocks of rows in a text are one image with lines between its rows, or several images."""
+"""Decides whether blocks of rows in a text are one image with lines between its rows, or several images."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ FRAME_HEADING = re.compile(r"frame|image|bild|picture|photo|snapshot|shot|time|z
 def arrange_images(
     layout: TextLayout, stated: int | None, rows_said: int | None
 ) -> tuple[list[Sequence[RowBlock]], list[str]]:
-    """The blocks of each image, and notes.  `stated` rows in the header, `rows_said` by a person.
+    """The blocks of each image, and notes.  `stated`: rows in the header; `rows_said`: rows that the user states.
 
-    Blocks of one height are images where that is the height of a whole one, or where each has a heading; blocks
-    that only together have such a height are one image.  BadInput names the line where neither can be known.
+    Blocks of equal height are images if a sensor has that height, or if each has a heading.  Blocks that only together
+    have such a height are one image.  BadInput names the line if neither can be decided.
     """
     blocks = layout.blocks
     if len(blocks) == 1:
@@ -45,21 +45,21 @@ def arrange_images(
         return [blocks], [_describe_left_out(at, between)]
     what = "an empty line" if not between[0] else repr(shorten_text(between[0][0])[:40])
     raise BadInput(
-        f"line {at}: {what} parts the rows into blocks of {', '.join(map(str, sizes[:4]))}"
-        f"{' ...' if len(sizes) > 4 else ''} rows: one image, or several? say --rows {total} for one"
+        f"line {at}: {what} splits the rows into blocks of {', '.join(map(str, sizes[:4]))}"
+        f"{' ...' if len(sizes) > 4 else ''} rows: one image, or several? give --rows {total} for one"
         + (f", --rows {sizes[0]} for several" if equal else "")
     )
 
 
 def _lines_between(layout: TextLayout, block: RowBlock, after: RowBlock) -> list[str]:
-    """Lines with words between two blocks; remarks that begin with a comment sign count as none."""
+    """Lines with words between two blocks, without remarks that begin with a comment sign."""
     begin, end = block.lines[-1], after.lines[0]
     some = (text.strip() for number, text in layout.others if begin < number < end)
     return [t for t in some if t.strip("; \t,") and not t.startswith(("#", "%", "//", "!"))]
 
 
 def _is_whole(rows: int, layout: TextLayout) -> bool:
-    """Whether a camera has so many rows in an image that wide, with or without labels."""
+    """Whether a sensor of this width has so many rows, with or without labels."""
     columns = len(layout.blocks[0].rows[0])
     return any(rows - k in SENSOR_SIZES.get(columns - k, ()) for k in (0, 1)) or rows in SENSOR_SIZES.get(
         columns - 1, ()

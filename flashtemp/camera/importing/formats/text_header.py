@@ -1,4 +1,4 @@
-"""What the lines around a text image state: the unit of its values, object parameters, its size and its time."""
+"""Header of a text image: unit of its values, object parameters, size and time."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from flashtemp.camera.importing.formats.cell_parsing import parse_clock
 from flashtemp.camera.importing.formats.raw_frames import ScaleMissing, temperature_unit, to_celsius
 from flashtemp.errors import BadInput, shorten_text
 
-MOST_LINES, MOST_CHARACTERS = 200, 300  # that are looked at, and characters of each
+MOST_LINES, MOST_CHARACTERS = 200, 300  # lines that are searched, and characters of each
 _HEADER_NUMBER = r"[-+]?\d{1,20}(?:[.,]\d{1,20})?(?:[eE][-+]?\d{1,3})?"
-_UNIT_NAME = (  # a unit that is spelled so that nothing else is meant
-    r"(?:°\s?[CFKR]|(?-i:o[CF])|deg(?:rees?|\.)?\s?(?:celsius|centigrade|fahrenheit|kelvins?|rankine|[cfk])|grad\s?(?:celsius|c)"
-    r"|celsius|centigrade|fahrenheit|kelvins?|millikelvin|rankine|(?-i:mK))(?!\w)"
+_UNIT_NAME = (  # an unambiguous spelling of a unit
+    r"(?:°\s?[CFKR]|(?-i:o[CF])|deg(?:rees?|\.)?\s?(?:celsius|centigrade|fahrenheit|kelvins?|rankine|[cfk])"
+    r"|grad\s?(?:celsius|c)|celsius|centigrade|fahrenheit|kelvins?|millikelvin|rankine|(?-i:mK))(?!\w)"
 )
 _UNIT_NAME_OR_LETTER = rf"(?:{_UNIT_NAME}|(?-i:[CFK])(?!\w))"
 _COUNTS_UNIT = r"(?:counts?|raw(?:\s?counts?)?|digital\s?(?:level|number|value)s?|dl|dn|adu|volts?|mv|w/\S+)(?!\w)"
@@ -36,9 +36,11 @@ STATEMENTS = tuple(
         rf"(?<!\w){_VALUE_WORD}[^()\[\]{{}}\d:;=\t]{{0,25}}[\[({{]\s?(?P<unit>{_UNIT_NAME_OR_LETTER})\s?[\])}}]",
         rf"[\[({{]\s?(?P<unit>{_UNIT_NAME})\s?[\])}}]",
         rf"(?:^|[;,\t])\s*\"?[\[({{]\s?(?P<unit>{_UNIT_NAME_OR_LETTER})\s?[\])}}]\"?\s*(?:$|[;,\t])",
-        rf"(?<!\w){_VALUE_WORD}(?:\s+(?:in|en)\s+|\s{{0,3}}[/:=;,\t_|-]\s{{0,3}}(?:in\s+)?)\"?(?P<unit>{_UNIT_NAME_OR_LETTER})",
+        rf"(?<!\w){_VALUE_WORD}(?:\s+(?:in|en)\s+|\s{{0,3}}[/:=;,\t_|-]\s{{0,3}}(?:in\s+)?)"
+        rf"\"?(?P<unit>{_UNIT_NAME_OR_LETTER})",
         rf"(?<!\w){_VALUE_WORD}\s+(?P<unit>{_UNIT_NAME})",
-        rf"(?<!\w){_VALUE_WORD}[^()\[\]{{}}\d:;=,\t]{{0,25}}[:=;,\t]\s{{0,3}}\"?(?P<unit>{_UNIT_NAME_OR_LETTER})\"?\s*(?:$|[;,\t])",
+        rf"(?<!\w){_VALUE_WORD}[^()\[\]{{}}\d:;=,\t]{{0,25}}[:=;,\t]\s{{0,3}}"
+        rf"\"?(?P<unit>{_UNIT_NAME_OR_LETTER})\"?\s*(?:$|[;,\t])",
         rf"(?:^|[;,\t])\s*\"?(?P<unit>{_UNIT_NAME})\"?\s*(?:$|[;,\t])",
         rf"(?<!\w)(?:in|as)\s+(?P<unit>{_UNIT_NAME})",
     )
@@ -49,7 +51,7 @@ STATED_TEMPERATURE = re.compile(
     rf"(?P<number>{_HEADER_NUMBER})\s?(?P<unit>{_UNIT_NAME}|(?-i:[CF])(?!\w))", re.IGNORECASE
 )
 STATISTIC = re.compile(r"max|min|mean|avg|average|mittel|durchschnitt|hot|cold|high|low|peak", re.IGNORECASE)
-SIZE_PATTERNS = {  # what headers call the number of rows and of columns
+SIZE_PATTERNS = {  # names of the numbers of rows and columns in headers
     "rows": re.compile(r"\W*(?:image[ _]?)?(?:rows|height|zeilen|höhe)\W{1,8}(\d{1,5})\W*", re.IGNORECASE),
     "columns": re.compile(r"\W*(?:image[ _]?)?(?:columns|width|spalten|breite)\W{1,8}(\d{1,5})\W*", re.IGNORECASE),
 }
@@ -60,7 +62,7 @@ PARAMETERS = {  # beginnings of words in headers: object parameter
 }  # fmt: skip
 PARAMETER = re.compile(r"(?<![^\W\d_])(?:object |relative |rel\. ?)?(?:" + "|".join(PARAMETERS) + ")", re.IGNORECASE)
 VALUE = re.compile(_HEADER_NUMBER, re.ASCII)
-VALUE_BEFORE_COMMA = re.compile(_HEADER_NUMBER.replace("[.,]", "[.]"), re.ASCII)  # where commas part cells
+VALUE_BEFORE_COMMA = re.compile(_HEADER_NUMBER.replace("[.,]", "[.]"), re.ASCII)  # if commas separate cells
 IN_METRES = {
     "": 1.0, "m": 1.0, "meter": 1.0, "metre": 1.0, "meters": 1.0, "metres": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048,
     "feet": 0.3048, "'": 0.3048, "in": 0.0254, "inch": 0.0254, "inches": 0.0254, "yd": 0.9144,
@@ -69,9 +71,9 @@ IN_METRES = {
 
 @dataclass(frozen=True)
 class TextHeader:
-    """Object parameters `stated_parameters`, the `unit` of the values and the `line` that states it, `clock` s, `size` of the image.
+    """Object parameters `stated_parameters`, `unit` of the values and the `line` that states it, `clock` (s).
 
-    `counts`: the values are none of temperature; `size` is (rows, columns), None where unsaid; `quantities`:
+    `counts`: the values are not temperatures; `size`: (rows, columns) of the image, None if not stated; `quantities`:
     temperatures in the lines with their units (text of the line, number, decimals, unit).
     """
 
@@ -85,9 +87,9 @@ class TextHeader:
 
 
 def read_header(lines: Sequence[str], commas_part: bool = False) -> TextHeader:
-    """What lines state in English or German; `commas_part`: a comma is no decimal sign.
+    """Statements of the lines of a header, in English or German; `commas_part`: a comma is no decimal sign.
 
-    Raises BadInput where two of the lines state units that differ, or one an unknown unit.
+    Raises BadInput if two lines state different units, or one states an unknown unit.
     """
     unit, stated, clock, counts = None, "", None, False
     texts: list[tuple[str, float, str]] = []
@@ -125,7 +127,7 @@ def _quote_line(line: str) -> str:
 
 
 def _unit_statement(line: str) -> tuple[str | None, bool]:
-    """The unit that a line states of the values, and whether it says that they are counts."""
+    """The unit of the values that a line states, and whether it states that they are counts.  Raises BadInput."""
     if OF_LENGTH.search(line) and not re.search(r"temp", line, re.IGNORECASE):
         return None, False
     for pattern in STATEMENTS:
@@ -140,7 +142,7 @@ def _unit_statement(line: str) -> tuple[str | None, bool]:
 
 
 def _without_parameters(line: str, found: list[tuple[str, float, str]], value: re.Pattern[str]) -> str:
-    """A line without its object parameters, which are added to `found`: name, number, unit as written."""
+    """A line without its object parameters, which are appended to `found`: name, number, unit as written."""
     places = list(PARAMETER.finditer(line))
     kept, end = [], 0
     for k, place in enumerate(places):
@@ -163,7 +165,7 @@ def _without_parameters(line: str, found: list[tuple[str, float, str]], value: r
 
 
 def _without_quantities(text: str, line: str, found: list[tuple[str, float, int, str]]) -> str:
-    """A text without temperatures and their units, which are added to `found`."""
+    """A text without temperatures and their units, which are appended to `found`."""
     for match in STATED_TEMPERATURE.finditer(text):
         unit = temperature_unit(match["unit"])
         if unit is not None:
@@ -174,7 +176,7 @@ def _without_quantities(text: str, line: str, found: list[tuple[str, float, int,
 
 
 def _convert_parameter(name: str, value: float, word: str, unit: str | None) -> float | None:
-    """An object parameter in degC, m or as a fraction; None where its unit is not known."""
+    """An object parameter in degC, m or as a fraction; None if its unit is unknown."""
     if name in ("reflected", "air"):
         own = temperature_unit(word) if word else unit or "degC"
         return None if own is None else round(float(to_celsius(np.array([value]), own)[0][0]), 6)
@@ -187,14 +189,15 @@ def _convert_parameter(name: str, value: float, word: str, unit: str | None) -> 
 
 
 def find_unit(header: TextHeader, of_cells: str | None, said: str | None, values: np.ndarray) -> tuple[str | None, str]:
-    """The unit of the values (degC, degF, K, mK; None where nobody states it) and a note on where it comes from.
+    """The unit of the values (degC, degF, K, mK; None if not stated) and a note on its source.
 
-    `of_cells` behind the numbers, `stated_parameters` by a person.  BadInput where two of them differ, ScaleMissing where the file
-    says that it holds counts, or gives only other numbers in a unit that is not degC.
+    `of_cells`: the unit after the numbers; `said`: that of the user.  BadInput if two of them differ, or if only other
+    numbers of the file have a unit and it is not degC; ScaleMissing if the file states that it holds counts.
     """
     if header.unit and of_cells and header.unit != of_cells:
         raise BadInput(
-            f"{_quote_line(header.line)} and the cells, in {of_cells}, state different units; repair the line or the cells"
+            f"{_quote_line(header.line)} and the cells, in {of_cells}, state different units; repair the line or the"
+            " cells"
         )
     own = of_cells or header.unit
     where = "the cells say" if of_cells else f"{_quote_line(header.line)} says"
@@ -215,7 +218,7 @@ def find_unit(header: TextHeader, of_cells: str | None, said: str | None, values
     if units != {"degC"}:
         line = next(line for line, *_, unit in header.quantities if unit != "degC")
         raise BadInput(
-            f"values {known.min():g} to {known.max():g} in a unit that the file does not say, while {_quote_line(line)} is"
-            " not in degC; give --unit degC, K or degF"
+            f"values {known.min():g} to {known.max():g} in a unit that the file does not say, while"
+            f" {_quote_line(line)} is not in degC; give --unit degC, K or degF"
         )
     return None, ""

@@ -11,18 +11,16 @@ from flashtemp.camera.image_validation import MAX_ROWS_PER_COLUMN
 from flashtemp.camera.image_validation import MIN_SENSOR_COLUMNS as FEWEST_COLUMNS
 from flashtemp.errors import BadInput
 
-MIN_LABELS = 3  # labels that can be seen to count
-SIMILAR_DISTANCE, SEPARATE_DISTANCE = (
-    2.0,
-    10.0,
-)  # usual distances of neighbouring lines: within the first one is alike, beyond the other no part
+MIN_LABELS = 3  # labels from which even counting is recognised
+# in units of the usual distance between neighbouring lines: a line of the image is nearer, one beyond is separate
+SIMILAR_DISTANCE, SEPARATE_DISTANCE = 2.0, 10.0
 LABEL_POSSIBLE, LABEL_LIKELY, LABEL_CERTAIN = 1, 2, 3
 MAX_DECIMALS = 6
-MAX_CORNER_CELLS = 3  # cells of a line of labels that are none, where labels beside it cross
+MAX_CORNER_CELLS = 3  # cells of a line of labels that belong to the corner with other labels
 
 
 def is_evenly_spaced(numbers: np.ndarray) -> bool:
-    """Whether numbers (n,) count by one step that is not 0, as exactly as their decimals can say it.
+    """Whether numbers (n,) count by one step other than 0, within the resolution of their decimals.
 
     >>> is_evenly_spaced(np.array([-1.0, -0.5, 0.0, 0.5])), is_evenly_spaced(np.array([0.33, 0.67, 1.0, 1.33]))
     (True, True)
@@ -43,7 +41,7 @@ def is_evenly_spaced(numbers: np.ndarray) -> bool:
 
 @dataclass(frozen=True)
 class TrimmedMatrix:
-    """A matrix without its labels, and what was left out in words."""
+    """A matrix without its labels, and notes on what was left out."""
 
     values: np.ndarray
     notes: tuple[str, ...] = ()
@@ -52,12 +50,11 @@ class TrimmedMatrix:
 def remove_labels(
     values: np.ndarray, choice: str | None, is_whole: Callable[[int, int], bool | None], edge: np.ndarray | None = None
 ) -> TrimmedMatrix:
-    """The image (rows, columns) of a matrix whose words are inf and whose missing cells are NaN.
+    """The image (rows, columns) of a matrix, in which words are inf and missing cells NaN.
 
-    A line at the side of the matrix is of labels where it counts evenly and does not continue the lines beside it.
-    `is_whole(rows, columns)` says whether an image of that size is a whole one, None where nobody knows.  `edge`:
-    labels above all columns but the first.  BadInput asks for `choice` (none, columns, rows or both) where labels and
-    an image look alike.
+    An outer line holds labels if it counts evenly and does not continue its neighbours.  `is_whole(rows, columns)`:
+    whether a complete image can have that size, None if unknown.  `edge`: labels above all columns but the first.
+    BadInput asks for `choice` (none, columns, rows or both) if labels and image cannot be distinguished.
     """
     values, notes = _without_words(values)
     if choice is not None:
@@ -71,29 +68,27 @@ def remove_labels(
         return TrimmedMatrix(
             values[:, 1:], (*notes, f"labels left out: columns {_span_text(edge)}, rows {_span_text(values[:, 0])}")
         )
-    while True:  # numbers of columns may stand above their places
-        rest, said = _without_outer_labels(values, is_whole)
-        if said is None:
+    while True:  # numbers of columns may be above their positions
+        rest, note = _without_outer_labels(values, is_whole)
+        if note is None:
             return TrimmedMatrix(values, tuple(notes))
-        values, notes = rest, [*notes, said]
+        values, notes = rest, [*notes, note]
 
 
 def _without_outer_labels(
     values: np.ndarray, is_whole: Callable[[int, int], bool | None]
 ) -> tuple[np.ndarray, str | None]:
-    """A matrix without a line of labels on one or two of its sides, and what was left out; None without any."""
+    """A matrix without a line of labels on one or two of its sides, and a note; None if there is none."""
     rows, columns = values.shape
-    if (
-        columns < FEWEST_COLUMNS or rows < MIN_LABELS + 1 or rows > MAX_ROWS_PER_COLUMN * columns
-    ):  # no image, which is told as such
-        return values, None
-    above, beside = _find_label_line(values), _find_label_line(values.T)
-    if above.evidence and beside.evidence:
-        return _remove_both_lines(values, above, beside, is_whole)
-    if above.evidence and _is_label(above, "columns", is_whole(rows, columns), is_whole(rows - 1, columns)):
-        return above.remove_from(values), f"labels left out: columns {_span_text(above.labels)}"
-    if beside.evidence and _is_label(beside, "rows", is_whole(rows, columns), is_whole(rows, columns - 1)):
-        return beside.remove_from(values.T).T, f"labels left out: rows {_span_text(beside.labels)}"
+    if columns < FEWEST_COLUMNS or rows < MIN_LABELS + 1 or rows > MAX_ROWS_PER_COLUMN * columns:
+        return values, None  # no image, which `check_matrix` reports
+    outer_row, outer_column = _find_label_line(values), _find_label_line(values.T)
+    if outer_row.evidence and outer_column.evidence:
+        return _remove_both_lines(values, outer_row, outer_column, is_whole)
+    if outer_row.evidence and _is_label(outer_row, "columns", is_whole(rows, columns), is_whole(rows - 1, columns)):
+        return outer_row.remove_from(values), f"labels left out: columns {_span_text(outer_row.labels)}"
+    if outer_column.evidence and _is_label(outer_column, "rows", is_whole(rows, columns), is_whole(rows, columns - 1)):
+        return outer_column.remove_from(values.T).T, f"labels left out: rows {_span_text(outer_column.labels)}"
     return values, None
 
 
@@ -101,8 +96,9 @@ def _without_outer_labels(
 class OuterLine:
     """The first (`at` 1) or last (-1) line of a matrix, if it counts evenly and its neighbour does not continue it.
 
-    `evidence`: NONE, LABEL_POSSIBLE where its numbers are as near to the next line as lines of the image are, LABEL_LIKELY where they are
-    not, LABEL_CERTAIN where they are far from it or the corner is no number.  `corners`: cells before the labels that are none.
+    `evidence`: 0 for no such line; LABEL_POSSIBLE if its numbers are as near to the next line as lines of the image are
+    to each other, LABEL_LIKELY if they are not, LABEL_CERTAIN if they are far from it or the corner is no number.
+    `corners`: cells before the labels.
     """
 
     at: int = 1
@@ -116,7 +112,7 @@ class OuterLine:
 
 
 def _find_label_line(matrix: np.ndarray) -> OuterLine:
-    """What the first or the last line of a matrix is."""
+    """The first or last line of a matrix that can be labels; one without evidence if there is none."""
     for at in (1, -1):
         lines = matrix[::at]
         for inner in _label_slices(lines[0]):
@@ -141,7 +137,7 @@ def _find_label_line(matrix: np.ndarray) -> OuterLine:
 
 
 def _label_slices(line: np.ndarray) -> list[slice]:
-    """Parts of a line that can be labels: without corners that are no numbers, else without one corner."""
+    """Parts of a line that can be labels: without corner cells that are no numbers, or without one corner."""
     known = np.flatnonzero(np.isfinite(line))
     if len(known) == 0 or len(line) - len(known) > MAX_CORNER_CELLS:
         return []
@@ -150,34 +146,34 @@ def _label_slices(line: np.ndarray) -> list[slice]:
 
 
 def _remove_both_lines(
-    values: np.ndarray, above: OuterLine, beside: OuterLine, is_whole: Callable[[int, int], bool | None]
+    values: np.ndarray, outer_row: OuterLine, outer_column: OuterLine, is_whole: Callable[[int, int], bool | None]
 ) -> tuple[np.ndarray, str | None]:
-    """A matrix without a line above (or below) and one beside, where they are labels, and a note."""
+    """A matrix without an outer row and an outer column, if they are labels, and a note.  Raises BadInput."""
     rows, columns = values.shape
     whole, rest = is_whole(rows, columns), is_whole(rows - 1, columns - 1)
-    if whole and not rest and max(above.evidence, beside.evidence) < LABEL_CERTAIN:
+    if whole and not rest and max(outer_row.evidence, outer_column.evidence) < LABEL_CERTAIN:
         return values, None
-    if not rest and above.evidence + beside.evidence < 2 * LABEL_LIKELY:
+    if not rest and outer_row.evidence + outer_column.evidence < 2 * LABEL_LIKELY:
         raise BadInput(
-            f"its outer row and column count evenly ({_span_text(above.labels)}, {_span_text(beside.labels)}) and read like the"
-            " image: labels, or a part of it; say --labels both or --labels none"
+            f"its outer row and column count evenly ({_span_text(outer_row.labels)}, {_span_text(outer_column.labels)})"
+            " and read like the image: labels, or a part of it; say --labels both or --labels none"
         )
-    said = f"labels left out: columns {_span_text(above.labels)}, rows {_span_text(beside.labels)}"
-    image = _remove_more_lines(beside.remove_from(above.remove_from(values).T), above.corners - 1).T
-    return _remove_more_lines(image, beside.corners - 1), said
+    note = f"labels left out: columns {_span_text(outer_row.labels)}, rows {_span_text(outer_column.labels)}"
+    image = _remove_more_lines(outer_column.remove_from(outer_row.remove_from(values).T), outer_row.corners - 1).T
+    return _remove_more_lines(image, outer_column.corners - 1), note
 
 
 def _remove_more_lines(lines: np.ndarray, most: int) -> np.ndarray:
-    """A matrix without so many more lines of labels, where the corner is as long: numbers beside places."""
+    """A matrix without up to `most` further lines of labels, such as numbers next to positions."""
     while most > 0 and is_evenly_spaced(lines[0][np.isfinite(lines[0])]):
         lines, most = lines[1:], most - 1
     return lines
 
 
 def _is_label(side: OuterLine, name: str, whole: bool | None, rest: bool | None) -> bool:
-    """Whether a line on one side alone is of labels.  BadInput where that cannot be known.
+    """Whether a line on one side alone holds labels.  BadInput if that cannot be decided.
 
-    A column that counts is more often a time or a counter of a table than a label, so that the size must speak for it.
+    A column that counts is more often a time or a counter than a label, so the size of the image must support it.
     """
     if rest and not whole:
         return True
@@ -188,8 +184,8 @@ def _is_label(side: OuterLine, name: str, whole: bool | None, rest: bool | None)
     place = "first" if side.at > 0 else "last"
     line, what = ("row", "labels of columns") if name == "columns" else ("column", "labels of rows, times or a counter")
     raise BadInput(
-        f"its {place} {line} counts evenly, {_span_text(side.labels)}: {what}, or a part of the image; say --labels {name}"
-        " or --labels none, or give --view points with a logger's table"
+        f"its {place} {line} counts evenly, {_span_text(side.labels)}: {what}, or a part of the image; say --labels"
+        f" {name} or --labels none, or give --view points with a logger's table"
     )
 
 
@@ -215,7 +211,7 @@ def _remove_stated_labels(values: np.ndarray, choice: str, notes: list[str]) -> 
 
 
 def _edge_distances(lines: np.ndarray) -> tuple[float, float]:
-    """How far the first line is from the second, and how unlike in shape, in units of what is usual of neighbours."""
+    """Distance of the first line from the second, in level and in shape, in units of that between other neighbours."""
     with np.errstate(invalid="ignore"):
         steps = np.diff(np.where(np.isfinite(lines), lines, np.nan), axis=0)
     known = [step[np.isfinite(step)] for step in steps]

@@ -1,4 +1,4 @@
-"""Where the numbers of a text file stand: its separator, its decimal sign, and the rows as wide as an image."""
+"""Layout of a text file: its separator, its decimal sign, and the rows of its images."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from flashtemp.camera.importing.formats.text_labels import is_evenly_spaced
 from flashtemp.errors import BadInput, shorten_text
 
 SEPARATOR_WORDS = {"\t": "TAB", ";": "';'", ",": "','", None: "spaces"}
-SEPARATOR_LINES, SEPARATOR_CHARACTERS = 20, 4000  # lines that tell the separator, and characters of each
+SEPARATOR_LINES, SEPARATOR_CHARACTERS = 20, 4000  # lines from which the separator is found, characters of each
 COMMENT = ("#", "%", "//", "!")
 ASK_DECIMAL = "say which with --decimal comma or --decimal point, or export with TAB or ';' between the values"
 EXPORT_REMEDY = "copy it again or export it anew and give that"
 THOUSANDS_GROUPS = re.compile(r"[-+]?\d{1,3}(?:,\d{3})+")  # a number as thousands separators would have it
 NUMBER_LIKE = re.compile(r"[-+]?[.,]?\d").match
 THOUSANDS = re.compile(r"(?<!\d)\d{1,3}(?:\.\d{3}){1,4},\d|(?<!\d)\d{1,3}(?:['\u2019]\d{3}){1,4}(?!\d)")
-SEVERAL_MARKS = re.compile(r"[.,]\d*[.,]|'")  # of a number with thousands separators: two signs, or apostrophes
+SEVERAL_MARKS = re.compile(r"[.,]\d*[.,]|'")  # of a number with thousands separators: two marks, or an apostrophe
 
 
 @dataclass(frozen=True)
 class RowBlock:
-    """Rows of cells that follow each other, and the number from 1 of the line of each."""
+    """Consecutive rows of cells, and the line number of each, from 1."""
 
     rows: list[list[str]]
     lines: list[int]
@@ -41,9 +41,9 @@ class RowBlock:
 
 @dataclass(frozen=True)
 class TextLayout:
-    """Blocks of rows, what stands between cells (None: blanks), whether commas are decimal, and all other lines.
+    """Blocks of rows, the separator of cells (None: blanks), whether commas are decimal, and all other lines.
 
-    `others`: number from 1 and text of lines that are no rows; `edge`: a row of labels just above the first block,
+    `others`: number from 1 and text of lines that are no rows; `edge`: a row of labels directly above the first block,
     one cell shorter than its rows.
     """
 
@@ -60,9 +60,9 @@ class TextLayout:
 
 
 def read_layout(lines: Sequence[str], decimal: str | None, ended: bool) -> TextLayout:
-    """The layout of a text; `decimal` "comma" or "point" where a person says it, `ended` with a line end.
+    """The layout of a text; `decimal`: "comma" or "point" if the user states it; `ended`: it has a final line end.
 
-    Raises BadInput naming the line for rows of another width, and where decimal and other commas cannot be told apart.
+    Raises BadInput with the line for rows of another width, and if decimal and other commas cannot be distinguished.
     """
     lines = _without_outer_quotes(lines)
     separator = _find_separator(lines)
@@ -108,9 +108,9 @@ def read_layout(lines: Sequence[str], decimal: str | None, ended: bool) -> TextL
 
 
 def _is_comment(line: str, row: list[str], separator: str | None) -> bool:
-    """Whether a line is a remark by its first character; ';' begins one where it parts no cells.
+    """Whether a line is a remark by its first character; ';' begins one if it is not the separator.
 
-    A first cell like "#N/A" marks a value that is missing, one of "#" alone names a column of numbers.
+    A first cell like "#N/A" marks a missing value, one of "#" alone is the name of a column of numbers.
     """
     text = line.lstrip()
     if len(row) > 1 and (row[0] in COMMENT or NO_VALUE.fullmatch(row[0])):
@@ -119,7 +119,7 @@ def _is_comment(line: str, row: list[str], separator: str | None) -> bool:
 
 
 def _without_outer_quotes(lines: Sequence[str]) -> list[str]:
-    """Lines whose rows stand between quotes as a whole, as spreadsheets write a row that was in one cell."""
+    """Lines without quotes around whole rows, which spreadsheets write for a row in one cell."""
     whole = [len(t) > 2 and t[0] == t[-1] == '"' and t.count('"') == 2 for t in map(str.strip, lines)]
     if 2 * sum(whole) <= sum(bool(line.strip()) for line in lines):
         return list(lines)
@@ -127,7 +127,7 @@ def _without_outer_quotes(lines: Sequence[str]) -> list[str]:
 
 
 def _find_separator(lines: Sequence[str]) -> str | None:
-    """What parts the lines with most digits, and some of all, into most numbers."""
+    """The separator that splits a sample of lines into most numbers: those with most digits, and some of all."""
     filled = [line[:SEPARATOR_CHARACTERS] for line in lines if line.strip()]
     sample = [
         *sorted(filled, key=_count_digits, reverse=True)[:SEPARATOR_LINES],
@@ -156,7 +156,7 @@ def _count_digits(line: str) -> int:
 
 
 def _count_columns(split: list[list[str]], wide: list[int], separator: str | None) -> int:
-    """The width of the rows without the empty cells that separators at their ends make."""
+    """Number of columns, without empty cells from separators at the ends of rows."""
     counts = np.bincount([len(split[k]) for k in wide])
     columns = int(np.argmax(counts * np.arange(len(counts))))
     full = [split[k] for k in wide if len(split[k]) == columns]
@@ -166,20 +166,20 @@ def _count_columns(split: list[list[str]], wide: list[int], separator: str | Non
 
 
 def _matrix_row(row: list[str], columns: int) -> list[str] | None:
-    """The first `columns` cells of a row where nothing or a remark stands after them, else None."""
+    """The first `columns` cells of a row if nothing or a remark follows them, else None."""
     if len(row) < columns or any(cell and (cell[0].isdigit() or count_numeric([cell])) for cell in row[columns:]):
         return None
     return row[:columns]
 
 
 def _has_values(row: list[str]) -> bool:
-    """Whether a row as wide as the image holds more numbers and marks than words."""
+    """Whether a row of the image's width has more numbers and marks than words."""
     numbers = count_numeric(row)
     return numbers > 0 and numbers > sum(map(bool, row)) - numbers
 
 
 def _find_matrix_lines(wide: list[int], inside: dict[int, list[str]]) -> tuple[int, int]:
-    """First and last line of the matrix; rows that are empty but for a few numbers belong to it."""
+    """First and last line of the matrix, with rows that have only a few numbers."""
     first, last = wide[0], wide[-1]
     while first - 1 in inside and _has_values(inside[first - 1]):
         first -= 1
@@ -189,7 +189,7 @@ def _find_matrix_lines(wide: list[int], inside: dict[int, list[str]]) -> tuple[i
 
 
 def _refuse_part_of_row(row: list[str], k: int, columns: int, fraction: float) -> None:
-    """BadInput where a line beside the matrix is a part of it: numbers, more than a fraction of a row, but no row."""
+    """BadInput if a line next to the matrix is part of a row: numbers, more than a `fraction` of a row, but fewer."""
     if len(row) > fraction * columns and count_numeric(row) > 0.5 * len(row) and not _is_evenly_counting(row):
         what = shorten_text(" ".join(row[:4]))
         raise BadInput(
@@ -199,7 +199,7 @@ def _refuse_part_of_row(row: list[str], k: int, columns: int, fraction: float) -
 
 
 def _is_evenly_counting(row: list[str]) -> bool:
-    """Whether the cells of a line count evenly, as the numbers or places of columns do."""
+    """Whether the cells of a line count evenly, like numbers or positions of columns."""
     if len(row) < 3:
         return False
     for comma in (False, True):
@@ -210,7 +210,7 @@ def _is_evenly_counting(row: list[str]) -> bool:
 
 
 def _refuse_loose_end(rows: list[list[str]], comma: bool) -> None:
-    """BadInput where the text ends inside its last number: without a line end, and shorter than most others are."""
+    """BadInput if the text, without a final line end, ends inside its last number: one shorter than most others."""
 
     def decimals(cell: str) -> int:
         return len(cell.rpartition("," if comma else ".")[2]) if ("," if comma else ".") in cell else 0
@@ -224,8 +224,8 @@ def _refuse_loose_end(rows: list[list[str]], comma: bool) -> None:
 def _has_decimal_commas(rows: list[list[str]], separator: str | None, decimal: str | None, quoted: bool) -> bool:
     """Whether commas inside of cells are decimal signs.
 
-    RFC 4180 puts a cell with a comma between quotes, so that it stays one cell where commas part cells.  Raises
-    BadInput for thousands separators, for both signs in one file, and where a comma could be either.
+    RFC 4180 puts a cell with a comma between quotes, so that it stays one cell if commas separate cells.  Raises
+    BadInput for thousands separators, for both signs in one file, and if a comma could be either.
     """
     numbers = [c if c[-1].isdigit() else CELL_UNIT.sub("", c) for row in rows for c in row if NUMBER_LIKE(c)]
     commas = [c for c in numbers if "," in c]
@@ -236,8 +236,8 @@ def _has_decimal_commas(rows: list[list[str]], separator: str | None, decimal: s
         )
     if commas and points:
         raise BadInput(
-            f"{shorten_text(commas[0])!r} has a comma and {shorten_text(points[0])!r} a point: one is no decimal sign; export all"
-            " numbers with one sign and without thousands separators and give that"
+            f"{shorten_text(commas[0])!r} has a comma and {shorten_text(points[0])!r} a point: one is no decimal sign;"
+            " export all numbers with one sign and without thousands separators and give that"
         )
     said = {"comma": points, "point": commas}.get(decimal or "", [])
     if said and (decimal == "comma" or separator != ","):

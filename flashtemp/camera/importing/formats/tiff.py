@@ -20,7 +20,7 @@ from flashtemp.camera.importing.formats.raw_frames import (
 from flashtemp.errors import BadInput, shorten_text
 
 MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-PIXELS_PER_PIECE = 4_000_000  # pixels that are turned into temperatures at a time
+PIXELS_PER_PIECE = 4_000_000  # pixels that are converted at a time
 EXPORT_REMEDY = "copy it again or export it anew and give that"
 
 
@@ -46,7 +46,7 @@ def read(file: CameraFile) -> Iterator[RawFrames]:
                         kept = []
         except (BadInput, MemoryError):
             raise
-        except Exception as fault:  # damage raises whatever it hits
+        except Exception as fault:  # damage raises any kind of exception
             said = shorten_text(" ".join(str(fault).split()))
             raise BadInput(f"damaged TIFF ({said[:120]}); {EXPORT_REMEDY}") from fault
         if kind is None:
@@ -57,7 +57,7 @@ def read(file: CameraFile) -> Iterator[RawFrames]:
 
 @contextmanager
 def _silence_logger(name: str) -> Iterator[None]:
-    """What a library logs of damage is told once, by BadInput."""
+    """Silences a library that would log damage in addition to our BadInput."""
     logger = logging.getLogger(name)
     level = logger.level
     logger.setLevel(logging.CRITICAL + 1)

@@ -3,7 +3,7 @@
 A 2D run solves a section far from the side walls; the only cooling there that it knows is that of `block.sides`.
 Air cools the wall below the section, the more the longer ago the heat behind it arrived.  The difference is the
 solution for the corner between face and wall under the history of the face, eq. (W1) to (W3) of
-`side_wall_conduction.py`.  Its accuracy stands in docs/explanation/camera_model.md.
+`side_wall_conduction.py`.  Its accuracy is listed in docs/explanation/camera_model.md.
 """
 
 from __future__ import annotations

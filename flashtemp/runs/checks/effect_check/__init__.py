@@ -1,1 +1,1 @@
-"""Whether an effect keeps what every effect of the catalogue keeps: its file, its laws, its heat."""
+"""Checks of an effect against the rules of the catalogue: its file, its laws and its heat balance."""

@@ -1,4 +1,4 @@
-"""What an effect on the camera gives: quantities of the camera that there are, nothing when it is off."""
+"""Checks of an effect on the camera: finite values, and no change with all parameters off."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NEUTRAL_WORDS = "with all parameters off it changes nothing"
 
 
 def make_small_recording() -> Recording:
-    """Two frames of three pixels, of two repetitions."""
+    """A recording of two frames of three pixels, in two repetitions."""
     return Recording(
         view="profile", temperature=np.full((2, 1, 3), 25.0), time=np.array([1.0, 40.0]),
         repetition=np.array([1, 2]), u=np.array([0.005, 0.0125, 0.02]), v=np.zeros(1),
@@ -23,7 +23,7 @@ def make_small_recording() -> Recording:
 
 
 def check_camera_effect(bench: SceneCache, trial: EffectUnderTest) -> list[Finding]:
-    """The findings on an effect that acts on the picture."""
+    """Findings on an effect that changes the camera image."""
     given = trial.own_values
     off = {k: p.off for k, p in trial.effect.params().items() if p.off is not None}
     try:
@@ -32,22 +32,20 @@ def check_camera_effect(bench: SceneCache, trial: EffectUnderTest) -> list[Findi
         if isinstance(fault, FlashtempError):
             raise
         return [Finding("laws", False, suggestions.explain_exception(trial.file, fault))]
-    left = [f"{name} by {np.max(np.abs(v)):.2g}" for name, v in rest.items() if np.any(v != 0)]
-    wild = [name for name, v in on.items() if not np.all(np.isfinite(v))]
+    remaining = [f"{name} by {np.max(np.abs(v)):.2g}" for name, v in rest.items() if np.any(v != 0)]
+    not_finite = [name for name, v in on.items() if not np.all(np.isfinite(v))]
     typo = [] if any(np.any(v != 0) for v in on.values()) else ["at its defaults it changes nothing; look for a typo"]
+    infinite = [f"{name} is not finite; {suggestions.HOLD_REMEDY}" for name in not_finite]
+    on_when_off = [f"with all parameters off it still changes {one}; a term must then be 0" for one in remaining]
     return [
-        make_finding(
-            "laws", [f"{name} is not finite; {suggestions.HOLD_REMEDY}" for name in wild], "every law gives numbers"
-        ),
-        make_finding(
-            "off", [f"at off it still changes {one}; a term is then exactly 0" for one in left], NEUTRAL_WORDS
-        ),
+        make_finding("laws", infinite, "every law returns numbers"),
+        make_finding("off", on_when_off, NEUTRAL_WORDS),
         make_finding("acts", typo, f"at its defaults it changes {', '.join(on)}"),
     ]
 
 
 def _camera_values(acting) -> dict[str, np.ndarray]:
-    """What the effect adds to every quantity that it speaks about, of the small recording."""
+    """The contribution of the effect to every camera quantity that it changes, for the small recording."""
     camera = CameraModel(make_small_recording(), (acting,))
     names = [part.target.removeprefix("camera.") for part in acting.effect.see(acting.p)]
     return {f"camera.{name}": np.asarray(camera(name, 0.0), dtype=float) for name in dict.fromkeys(names)}

@@ -1,4 +1,4 @@
-"""One thing that was looked at in an effect, and what was found, in a plain sentence."""
+"""The result of one check of an effect."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Finding:
-    """What was looked at, whether all is well, and a sentence: what was seen, or where it fails and the remedy."""
+    """The name of a check, whether it passed, and a sentence: the result, or the place of the error and its remedy."""
 
     name: str
     ok: bool
@@ -15,7 +15,7 @@ class Finding:
 
 
 def make_finding(name: str, faults: list[str], good: str) -> Finding:
-    """All is well where there are no faults; else the first few of them.
+    """A passed check with the sentence `good`, or a failed one with the first three `faults`.
 
     >>> make_finding("units", [], "all parameters have units").ok
     True

@@ -1,4 +1,4 @@
-"""Small scenes with one effect on trial in them; every run is made once."""
+"""Small scenes with one effect under test; every run is computed once."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from flashtemp.physics.effect import Effect, catalogue
 from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
 
-SMALL_CASE = {  # a thin block, so that its back is reached; two repetitions of 0.2 m, longer than one lap together
+SMALL_CASE = {  # heat reaches the back of the thin block; two repetitions are longer than one lap
     "block.height": 0.002,
     "road.track_length": 0.15,
     "schedule.distance": 0.2,
@@ -27,12 +27,12 @@ SMALL_CASE = {  # a thin block, so that its back is reached; two repetitions of 
     "numerics.cells": [8, 8, 8],
     "output.profiles": 6,
 }
-CASE_SHAPES: dict[str, dict[str, Any]] = {  # how the block waits, and whether it has a width
+CASE_SHAPES: dict[str, dict[str, Any]] = {  # lifted or resting while waiting; with cells across
     "lifted": {},
     "resting": {"schedule.lifted": False},
     "3D": {"numerics.across": 3, "ambient.road_sides": 30.0},
 }
-ALL_EFFECTS_CASE = {  # every base effect acts
+ALL_EFFECTS_CASE = {  # values with which every base effect acts
     "contact.alpha": 2e4,
     "contact.heat_split": 0.7,
     "contact.spot_exponent": 0.7,
@@ -43,7 +43,7 @@ ALL_EFFECTS_CASE = {  # every base effect acts
 
 @dataclass(frozen=True)
 class EffectUnderTest:
-    """An effect on trial, by name and class; `values` {"table.key": value} that it cannot do without."""
+    """An effect under test, by name and class; `values` {"table.key": value} that it requires."""
 
     name: str
     effect: type[Effect]
@@ -51,27 +51,27 @@ class EffectUnderTest:
 
     @property
     def module(self) -> ModuleType:
-        """The module that the effect stands in."""
+        """The module that defines the effect."""
         return sys.modules[self.effect.__module__]
 
     @property
     def file(self) -> Path:
-        """The file that the effect stands in."""
+        """The file that defines the effect."""
         return Path(str(self.module.__file__))
 
     @property
     def has_heat(self) -> bool:
-        """Whether it acts on the balance; the others act on the picture only."""
+        """Whether the effect acts on the heat balance; other effects act on the camera image only."""
         return self.effect.heat is not Effect.heat
 
     def off_values(self) -> dict[str, float]:
-        """All parameters that can be off, off, as {"table.key": value}."""
+        """The neutral values of all parameters that have one, as {"table.key": value}."""
         table = self.effect.section or self.name
         return {f"{table}.{k}": p.off for k, p in self.effect.params().items() if p.off is not None}
 
     @property
     def own_values(self) -> dict[str, Any]:
-        """Values of its own table, by key."""
+        """Values of the table of the effect, by key."""
         return {k.split(".", 1)[1]: v for k, v in self.values.items() if k.startswith(f"{self.name}.")}
 
     @property
@@ -81,7 +81,7 @@ class EffectUnderTest:
 
 
 class SceneCache:
-    """Cases, scenes and runs with an effect on trial; files are looked up in `folder`."""
+    """Scenes and runs with an effect under test, computed once; file names are relative to `folder`."""
 
     def __init__(self, folder: Path = Path()):
         self.folder = folder
@@ -90,13 +90,13 @@ class SceneCache:
     def build_scene_settings(
         self, trial: EffectUnderTest | None, added_effects=(), values: Mapping[str, Any] | None = None
     ) -> tuple[Scene, SolverSettings]:
-        """The small scene with the effect on trial, effects `added_effects` it and values of keys.  Raises BadInput."""
+        """The small scene with the effect under test, `added_effects` and changed `values`.  Raises BadInput."""
         known = catalogue() | ({trial.name: trial.effect} if trial else {})
-        named = [trial.name] if trial and not trial.effect.base else []
+        names = [trial.name] if trial and not trial.effect.base else []
         own = dict(trial.values) if trial else {}
         where = KeyLocations("the small case", by="--check")
         raw = case_file.merge_overrides(
-            {}, SMALL_CASE | {"effects": [*added_effects, *named]} | own | dict(values or {}), where.by
+            {}, SMALL_CASE | {"effects": [*added_effects, *names]} | own | dict(values or {}), where.by
         )
         reader = case_file.CaseReader(known, where)
         listed = reader.read_effect_names(raw, "effects", list(known)) or ()
@@ -113,19 +113,19 @@ class SceneCache:
         return self.build_scene_settings(trial, added_effects, values)[0]
 
     def run(self, trial: EffectUnderTest | None, added_effects=(), values: Mapping[str, Any] | None = None) -> Run:
-        """The run of the small scene, made once.  Raises BadInput, SolverFailure."""
-        who = (trial.name, trial.effect, repr(sorted(trial.values.items()))) if trial else None
-        key = (who, tuple(added_effects), repr(sorted((values or {}).items())))
+        """The run of the small scene, computed once.  Raises BadInput, SolverFailure."""
+        identity = (trial.name, trial.effect, repr(sorted(trial.values.items()))) if trial else None
+        key = (identity, tuple(added_effects), repr(sorted((values or {}).items())))
         if key not in self._runs:
             self._runs[key] = march(*self.build_scene_settings(trial, added_effects, values))
         return self._runs[key]
 
     def run_without(self, trial: EffectUnderTest, values: Mapping[str, Any]) -> Run:
-        """The run of the small scene without the effect on trial, all else the same."""
+        """The run of the small scene without the effect under test, otherwise the same."""
         return self.run(None, values=trial.other_values | dict(values))
 
 
 def make_acting(trial: EffectUnderTest, own_values: Mapping[str, Any], folder: Path) -> ActiveEffect:
-    """The effect on trial with values of its own keys, the others at their defaults.  Raises BadInput."""
+    """The effect under test with values of its own keys, the other keys at their defaults.  Raises BadInput."""
     values = {k: p.value for k, p in trial.effect.params().items()} | dict(own_values)
     return ActiveEffect(trial.name, trial.effect(), SimpleNamespace(**trial.effect.prepare(values, folder)))

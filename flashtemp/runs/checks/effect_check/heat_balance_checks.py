@@ -1,4 +1,4 @@
-"""What the heat balance says of an effect: off is the base, exact derivatives, no heat made or lost."""
+"""Checks of an effect in the heat balance: neutral when off, exact derivatives, conservation of heat."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ from flashtemp.solver.heat_balance import HeatBalance
 from flashtemp.solver.run import Run
 from flashtemp.solver.system import PhaseSystem, RoadInflow
 
-MAX_HEAT_LEAK = 1e-12  # relative heat imbalance of a run that rounding may leave
-PRODUCT_ROUNDING = 1e-13  # the same of one product
-SWELLING_JV_RTOL = 0.1  # error of J v of an elastic block that swells: at most 0.048 measured, half would do, 0.03 not
-MIN_VISIBLE_CHANGE_K = 1e-3  # K: a change of the temperatures that is not for the tolerance of the integrator to make
+MAX_HEAT_LEAK = 1e-12  # relative energy imbalance of a run by rounding
+PRODUCT_ROUNDING = 1e-13  # relative energy imbalance of one product by rounding
+SWELLING_JV_RTOL = 0.1  # error of J v for a swelling elastic block; the largest measured is 0.048
+MIN_VISIBLE_CHANGE_K = 1e-3  # K, well above changes by the tolerance of the integrator
 CONTACT_PROFILES = ("T_block", "T_spot", "T_road")
 TEMPERATURE_ARRAYS = (*CONTACT_PROFILES, "field")
 COMPARED_ARRAYS = (
     "time", "repetition", "slid", "T_block", "T_spot", "T_road", "pressure", "friction", "worn", "tilt", "field",
     "frames",
 )  # fmt: skip
-REPEATABLE_REMEDY = "a law must give the same answer to the same question"
+REPEATABLE_REMEDY = "a law must return the same value for the same arguments"
 SHAPE_WORDS = {"lifted": "in 2D, lifted while waiting", "resting": "in 2D, resting on the road", "3D": "in 3D"}
 
 
 # --- runs ------------------------------------------------------------------------------------------
 def differing_arrays(a: Run, b: Run) -> list[str]:
-    """Names of the arrays in which two runs differ by a bit."""
+    """Names of the arrays in which two runs differ at all."""
     return [k for k in COMPARED_ARRAYS if not np.array_equal(getattr(a, k), getattr(b, k), equal_nan=True)]
 
 
 def max_temperature_difference(a: Run, b: Run) -> float:
-    """Largest difference of any temperature at any time that both runs kept, K; between meshes of the contact's."""
+    """Largest temperature difference of two runs at the saved times, K; for different meshes only on the contact."""
     if np.array_equal(a.x, b.x):
         pairs = [(getattr(a, k), getattr(b, k)) for k in TEMPERATURE_ARRAYS]
     else:
@@ -49,22 +49,23 @@ def max_temperature_difference(a: Run, b: Run) -> float:
 
 
 def off(bench: SceneCache, trial: EffectUnderTest, shape: str) -> Finding:
-    """With all parameters off the run is the base, bit for bit."""
+    """Check that the run with all parameters off equals the base, bit for bit."""
     base = bench.run_without(trial, CASE_SHAPES[shape])
-    bare = bench.run(trial, values=CASE_SHAPES[shape] | trial.off_values())
-    found = differing_arrays(bare, base)
-    says = "with all parameters off the run is the base, bit for bit"
-    if found:
+    neutral = bench.run(trial, values=CASE_SHAPES[shape] | trial.off_values())
+    differing = differing_arrays(neutral, base)
+    says = "with all parameters off the run equals the base, bit for bit"
+    if differing:
         says = (
-            f"with all parameters off {', '.join(found[:3])} differ from the base, {SHAPE_WORDS[shape]}, temperatures by "
-            f"{max_temperature_difference(bare, base):.2g} K; at off a factor is exactly 1, a term and a heat exactly 0"
+            f"with all parameters off {', '.join(differing[:3])} differ from the base, {SHAPE_WORDS[shape]}, "
+            f"temperatures by {max_temperature_difference(neutral, base):.2g} K; a factor must then be exactly 1, "
+            "a term and a heat 0"
         )
-    return Finding("off", not found, says)
+    return Finding("off", not differing, says)
 
 
 def check_default_change(bench: SceneCache, trial: EffectUnderTest) -> Finding:
-    """At its defaults the effect changes something."""
-    hottest, most = 0.0, 0.0
+    """Check that the effect changes the run at its defaults."""
+    hottest, largest = 0.0, 0.0
     for shape in CASE_SHAPES.values():
         base, on = bench.run_without(trial, shape), bench.run(trial, values=shape)
         change, hottest = max_temperature_difference(on, base), max(hottest, float(on.T_spot.max()))
@@ -72,31 +73,31 @@ def check_default_change(bench: SceneCache, trial: EffectUnderTest) -> Finding:
             return Finding("acts", True, f"at its defaults it changes temperatures by up to {change:.2g} K")
         if on.worn[-1].any() and not base.worn[-1].any():
             return Finding("acts", True, "at its defaults the block is worn")
-        most = max(most, change)
-    by = "changes nothing" if most == 0 else f"changes temperatures by no more than {most:.1g} K"
+        largest = max(largest, change)
+    by = "changes nothing" if largest == 0 else f"changes temperatures by no more than {largest:.1g} K"
     return Finding(
         "acts", False,
         f"at its defaults it {by} in the small case (0.4 m slid at 0.1 m/s, spots up to {hottest:.0f} degC); "
-        f"look for a typo in its laws, or give values at which it shows, as {trial.name}.KEY=VALUE",
+        f"look for a typo in its laws, or give values at which it acts, as {trial.name}.KEY=VALUE",
     )  # fmt: skip
 
 
 def energy(bench: SceneCache, trial: EffectUnderTest, shape: str) -> Finding:
-    """A run with the effect neither makes nor loses heat."""
-    left = bench.run(trial, values=CASE_SHAPES[shape]).energy_imbalance
-    says = f"a run conserves heat to {left:.1g} of all that moved"
-    if not left < MAX_HEAT_LEAK:
-        says = f"a run loses {left:.1g} of its heat, {SHAPE_WORDS[shape]}; {REPEATABLE_REMEDY}"
-    return Finding("energy", bool(left < MAX_HEAT_LEAK), says)
+    """Check that a run with the effect conserves heat."""
+    imbalance = bench.run(trial, values=CASE_SHAPES[shape]).energy_imbalance
+    says = f"a run conserves heat to {imbalance:.1g} of the heat transferred"
+    if not imbalance < MAX_HEAT_LEAK:
+        says = f"a run loses {imbalance:.1g} of its heat, {SHAPE_WORDS[shape]}; {REPEATABLE_REMEDY}"
+    return Finding("energy", bool(imbalance < MAX_HEAT_LEAK), says)
 
 
 # --- linear algebra ----------------------------------------------------------------------------------
 
-KINK_CLEARANCE_K = 4.0  # for differences: the scheme has a kink where a face of the road is bounded
+KINK_CLEARANCE_K = 4.0  # K added to states: the scheme has a kink where the temperature of a road face is bounded
 
 
 def smooth_temperature_rise(mesh, rng) -> np.ndarray:
-    """A smooth random temperature rise (cells,), 1-15 K."""
+    """A smooth random temperature rise (cells,) of 1 to 15 K."""
     x, y, z = mesh.place(np.arange(mesh.n_cells))
     x, z = x / 0.025 + 10.0 * y, z / 2e-3
     a, b = rng.uniform(0, 2 * np.pi, 2)
@@ -104,7 +105,7 @@ def smooth_temperature_rise(mesh, rng) -> np.ndarray:
 
 
 def values_with_all_effects(bench: SceneCache, trial: EffectUnderTest | None, shape: str) -> dict[str, Any]:
-    """Values with which every base effect acts; heat in depth is the effect's own where there would be too much."""
+    """Values with which every base effect acts; no volumetric base heat where the effect releases too much itself."""
     values = ALL_EFFECTS_CASE | CASE_SHAPES[shape]
     if trial is not None and not trial.effect.base:
         scene = bench.build_scene(trial, values=CASE_SHAPES[shape] | {"friction.volumetric_share": 0.0})
@@ -117,7 +118,10 @@ def values_with_all_effects(bench: SceneCache, trial: EffectUnderTest | None, sh
 def sample_states(
     scene, added_rise: float = 0.0
 ) -> Iterator[tuple[HeatBalance, PhaseSystem, float, np.ndarray, np.random.Generator]]:
-    """Balance with a system in the middle of sliding and of waiting, at a random smooth state, hotter by `added_rise` K."""
+    """Yield (balance, system, time, state, generator) in the middle of sliding and in the middle of waiting.
+
+    The state is a smooth random temperature rise plus `added_rise` K.
+    """
     balance = HeatBalance(scene)
     mesh = scene.mesh
     carried = np.linspace(0.1, 1.0, mesh.n_road * mesh.n_across)
@@ -127,13 +131,13 @@ def sample_states(
         rng = np.random.default_rng(7)
         y = np.zeros(balance.size)
         y[: balance.n] = balance.enthalpy_rise(smooth_temperature_rise(mesh, rng) + added_rise)
-        if balance.abrades:  # the pressure varies by 15 %, from column to column: lanes begin where it grows
+        if balance.abrades:  # the pressure varies by 15 % between columns, so that heated lanes begin
             y[balance.worn] = 3 * np.sin(2 * mesh.column_x / 0.025 - 1 + 20 * mesh.column_y)
         yield balance, PhaseSystem(balance, phase, inflow), 0.5 * (phase.begin + phase.end), y, rng
 
 
 def random_direction(balance: HeatBalance, cells: np.ndarray, rng) -> np.ndarray:
-    """A direction of the state: cells as given and, where the worn depth acts, random depths."""
+    """A direction in state space: the given `cells`, with random wear depths if the wear depth is a state."""
     v = np.concatenate([cells, np.zeros(balance.size - balance.n)])
     if balance.abrades:
         v[balance.worn] = rng.normal(size=balance.worn.stop - balance.n)
@@ -141,21 +145,22 @@ def random_direction(balance: HeatBalance, cells: np.ndarray, rng) -> np.ndarray
 
 
 def state_parts(balance: HeatBalance) -> tuple[slice, slice, slice]:
-    """Cells, worn depth and ledger of a state."""
+    """Slices of cells, wear depth and energy ledger of a state."""
     return slice(0, balance.n), balance.worn, balance.ledger_slice
 
 
 def jacobian_product(balance: HeatBalance, system: PhaseSystem, t: float, y: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """J v by one complex step."""
+    """Jacobian times v by a complex step."""
     out = np.zeros(balance.size, dtype=complex)
     system.rate(t, y + 1j * COMPLEX_STEP * v, out)
     return out.imag / COMPLEX_STEP
 
 
 def difference_product(balance: HeatBalance, system: PhaseSystem, t: float, y: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """J v by central differences of 1 and 0.5 mK, extrapolated to none (Richardson).
+    """Jacobian times v by central differences with steps of 1 and 0.5 mK and Richardson extrapolation.
 
-    Lanes that begin and end bend the rate so much that one of 1 mK is 2e-5 off, and the rest falls with its square.
+    The rate is strongly curved where heated lanes begin or end: a single step of 1 mK has an error of 2e-5, which
+    decreases with the square of the step.
     """
 
     def central_difference(step: float) -> np.ndarray:
@@ -169,7 +174,7 @@ def difference_product(balance: HeatBalance, system: PhaseSystem, t: float, y: n
 
 
 def heat_weights(balance: HeatBalance, share: float) -> np.ndarray:
-    """w with w . y = heat in block and phi x lanes, minus all that the ledger says came in."""
+    """Weights w: w . y is the heat in block and lanes (times contact fraction) minus the heat input of the ledger."""
     w = np.zeros(balance.size)
     mesh = balance.scene.mesh
     w[: balance.n] = np.outer(balance.capacity, mesh.share).ravel()
@@ -181,47 +186,54 @@ def heat_weights(balance: HeatBalance, share: float) -> np.ndarray:
 
 
 def jacobian(bench: SceneCache, trial: EffectUnderTest | None, shape: str) -> Finding:
-    """The complex step gives the derivative that differences give, in the whole balance."""
+    """Check that derivatives of the whole balance by complex step agree with finite differences."""
     worst = 0.0
     for balance, system, t, y, rng in sample_states(
         bench.build_scene(trial, values=values_with_all_effects(bench, trial, shape)), KINK_CLEARANCE_K
     ):
         for cells in (smooth_temperature_rise(balance.scene.mesh, rng) - 8, rng.normal(size=balance.n)):
             v = random_direction(balance, cells, rng)
-            J, by = jacobian_product(balance, system, t, y, v), difference_product(balance, system, t, y, v)
+            Jv, difference = jacobian_product(balance, system, t, y, v), difference_product(balance, system, t, y, v)
             for part in state_parts(balance):
-                bound = 1e-9 * np.abs(J[part]).max() + 1e-6 * np.abs(by[part])
-                worst = max(worst, _max_error_ratio(np.abs(J[part] - by[part]), bound))
-    says = "the derivative of the whole balance by complex step is that by differences, to 1e-6"
+                bound = 1e-9 * np.abs(Jv[part]).max() + 1e-6 * np.abs(difference[part])
+                worst = max(worst, _max_error_ratio(np.abs(Jv[part] - difference[part]), bound))
+    says = "derivatives of the whole balance by complex step agree with finite differences to 1e-6"
     if not worst <= 1.0:
-        says = f"the derivative of the whole balance by complex step is not that by differences, {SHAPE_WORDS[shape]}"
+        says = (
+            f"derivatives of the whole balance by complex step and by finite differences differ, {SHAPE_WORDS[shape]}"
+        )
     return Finding("jacobian", worst <= 1.0, says)
 
 
 def linearisation(bench: SceneCache, trial: EffectUnderTest | None, shape: str) -> Finding:
-    """What the solver takes for J v is J v, but for the slope of k(T), of abrasion and of swelling: those by little."""
+    """Check the approximate Jacobian product of the solver.
+
+    It neglects only the derivatives of k(T), wear and thermal expansion, which contribute little.
+    """
     worst = 0.0
     for balance, system, t, y, rng in sample_states(
         bench.build_scene(trial, values=values_with_all_effects(bench, trial, shape))
     ):
-        # lanes and gaps follow the mean contact fraction
-        bent = balance.nonlinear_conductivity or balance.abrades or balance.expansion
+        neglects = balance.nonlinear_conductivity or balance.abrades or balance.expansion
         v = random_direction(balance, smooth_temperature_rise(balance.scene.mesh, rng) - 8, rng)
-        J, out = jacobian_product(balance, system, t, y, v), np.zeros(balance.size)
+        Jv, out = jacobian_product(balance, system, t, y, v), np.zeros(balance.size)
         system.linearise(t, y, 1e-2).apply_jacobian(v, out)
         for part in state_parts(balance):
-            # left out: lanes and gaps follow the mean contact fraction, which heat moves more in an elastic block
-            loosely = SWELLING_JV_RTOL if balance.elastic_block and balance.expansion else 0.03
-            bound = (loosely if bent else 1e-10) * np.linalg.norm(J[part])
-            worst = max(worst, _max_error_ratio(np.linalg.norm((out - J)[part]), bound))
-    says = "the solver's own linearisation holds with it"
+            # lanes and gaps depend on the mean contact fraction; the solver neglects that heat changes it, which
+            # matters more in an elastic block
+            loose = SWELLING_JV_RTOL if balance.elastic_block and balance.expansion else 0.03
+            bound = (loose if neglects else 1e-10) * np.linalg.norm(Jv[part])
+            worst = max(worst, _max_error_ratio(np.linalg.norm((out - Jv)[part]), bound))
+    says = "the linearisation of the solver is accurate with it"
     if not worst <= 1.0:
-        says = f"the solver's linearisation fails with it, {SHAPE_WORDS[shape]}; a law sees its own point and no other"
+        says = (
+            f"the linearisation of the solver is wrong with it, {SHAPE_WORDS[shape]}; a law may use its own point only"
+        )
     return Finding("linearisation", worst <= 1.0, says)
 
 
 def conservation(bench: SceneCache, trial: EffectUnderTest | None, shape: str) -> Finding:
-    """The rate, its linearisation and the preconditioner: none makes or loses heat, whatever they approximate."""
+    """Check that the rate, its linearisation and the preconditioner conserve heat exactly, even if approximate."""
     worst = 0.0
     for balance, system, t, y, rng in sample_states(
         bench.build_scene(trial, values=values_with_all_effects(bench, trial, shape))
@@ -238,12 +250,12 @@ def conservation(bench: SceneCache, trial: EffectUnderTest | None, shape: str) -
             worst = max(worst, _max_error_ratio(abs(w @ out - w @ r), PRODUCT_ROUNDING * np.abs(w * r).sum()))
     says = "every linear step conserves heat to rounding"
     if not worst <= 1.0:
-        says = f"a linear step makes or loses heat, {SHAPE_WORDS[shape]}; {REPEATABLE_REMEDY}"
+        says = f"a linear step does not conserve heat, {SHAPE_WORDS[shape]}; {REPEATABLE_REMEDY}"
     return Finding("conservation", worst <= 1.0, says)
 
 
 def _max_error_ratio(error, bound) -> float:
-    """Largest error over its bound; beyond any bound where it is not a number."""
+    """Largest ratio of error to bound; infinite where an error is not finite."""
     error, bound = np.atleast_1d(error), np.atleast_1d(bound)
     if not len(error):
         return 0.0
@@ -254,7 +266,7 @@ def _max_error_ratio(error, bound) -> float:
 
 
 def check_every_shape(check, bench: SceneCache, trial: EffectUnderTest) -> Finding:
-    """The finding of a check in the first shape where it fails, or else in the last."""
+    """The finding of a check for the first case shape where it fails, or for the last one."""
     for shape in CASE_SHAPES:
         finding = catch_failures(check.__name__, trial, partial(check, bench, trial, shape))
         if not finding.ok:
@@ -263,11 +275,11 @@ def check_every_shape(check, bench: SceneCache, trial: EffectUnderTest) -> Findi
 
 
 def catch_failures(name: str, trial: EffectUnderTest, check: Callable[[], Finding]) -> Finding:
-    """The finding of a look; a computation or a law that fails is a finding too."""
+    """The finding of a check; a failing computation or law is a failed check."""
     try:
         return check()
     except SolverFailure as fault:
-        return Finding(name, False, f"the computation fails with it: {fault}")
+        return Finding(name, False, f"the computation fails with the effect: {fault}")
     except FlashtempError:
         raise
     except Exception as fault:

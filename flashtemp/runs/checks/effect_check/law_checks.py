@@ -1,4 +1,4 @@
-"""Every law of an effect by itself, asked what the balance asks it: finite, differentiable, pointwise, repeatable."""
+"""Checks of every law of an effect with the arguments of the heat balance: finite, repeatable, differentiable."""
 
 from __future__ import annotations
 
@@ -21,30 +21,19 @@ from flashtemp.runs.checks.effect_check.fixtures import EffectUnderTest, SceneCa
 from flashtemp.runs.checks.effect_check.heat_balance_checks import sample_states, values_with_all_effects
 from flashtemp.solver import contact_lanes
 
-DIFFERENTIATED_FIELDS = (
-    "T",
-    "face",
-    "local_pressure",
-    "spot_fraction",
-    "covered",
-    "friction",
-    "base",
-)  # may pass a derivative on
-MAX_LAW_RISE_K = 100.0  # K above ambient: how far laws of temperature are asked
-UNBOUNDED_TARGETS = (
-    "contact.cover",
-    "contact.spot_fraction",
-)  # where spots are; what the balance itself holds from zero
-SAME_ANSWER_TOLERANCE = 1e-12  # relative difference of one answer given twice
-DERIVATIVE_TOLERANCE, MAX_RELATIVE_SLOPE = (
-    1e-5,
-    1e8,
-)  # of derivatives: relative difference; times its argument over the law, beyond all reason
+# arguments by which the solver differentiates laws
+DIFFERENTIATED_FIELDS = ("T", "face", "local_pressure", "spot_fraction", "covered", "friction", "base")
+MAX_LAW_RISE_K = 100.0  # K above ambient, highest temperature at which laws are evaluated
+# positions of spots, and a fraction that the balance itself keeps above zero
+UNBOUNDED_TARGETS = ("contact.cover", "contact.spot_fraction")
+SAME_ANSWER_TOLERANCE = 1e-12  # relative difference between two evaluations
+DERIVATIVE_TOLERANCE = 1e-5  # relative difference between complex step and finite differences
+MAX_RELATIVE_SLOPE = 1e8  # derivative times argument over value, above which a law is singular
 
 
 @dataclass(frozen=True)
 class LawCall:
-    """One contribution (the `number`th of its effect) and what its law was asked: T in K, the moment, the rest."""
+    """A contribution (the `number`th of its effect) and the arguments of its law: T in K, context `now`, `more`."""
 
     number: int
     part: Any
@@ -54,27 +43,27 @@ class LawCall:
     more: tuple
 
     def evaluate_law(self, p, T=None, now=None, law: Callable | None = None):
-        """The law's answer, at another temperature or moment if given."""
+        """The value of the law, with another temperature or context if given."""
         law, now = law or self.part.law, self.now if now is None else now
         return law(now, p) if self.film else law(self.T if T is None else T, now, p, *self.more)
 
     def contribution_text(self) -> str:
-        """The contribution as it stands in the file."""
+        """The contribution as written in the file."""
         if self.film or not hasattr(self.part, "target"):
             return f'Heat.{self.part.kind}("{self.part.site}")'
         return f'{type(self.part).__name__}("{self.part.target}")'
 
     def arguments_with(self, name: str, value) -> dict[str, Any]:
-        """Arguments of `evaluate_law` with another value of T or of a field of the moment."""
+        """Arguments of `evaluate_law` with another value of T or of a field of the context."""
         return {"T": value} if name == "T" else {"now": _replace_fields(self.now, **{name: value})}
 
     def argument_value(self, name: str):
-        """T, or that field of the moment."""
+        """T, or a field of the context, by name."""
         return self.T if name == "T" else getattr(self.now, name, None)
 
 
 class CallRecorder(Effect):
-    """An effect that notes what its laws are asked."""
+    """A wrapper of an effect that records the arguments of its laws."""
 
     def __init__(self, effect: Effect, file: Path):
         self.effect, self.file = effect, file
@@ -84,29 +73,29 @@ class CallRecorder(Effect):
         for number, part in enumerate(self.effect.heat(scene, p)):
             yield part if isinstance(part, Deposit) else replace(part, law=partial(self._record_call, number, part))
 
-    def _record_call(self, number, part, *asked):
+    def _record_call(self, number, part, *arguments):
         film = getattr(part, "kind", "") == "film"
-        T, now, p, *more = (None, *asked) if film else asked
-        calm = _real_moment(now) if now is not None else None
-        self.calls.append(LawCall(number, part, film, _real_part(T), calm, tuple(more)))
+        T, now, p, *more = (None, *arguments) if film else arguments
+        real_now = _real_moment(now) if now is not None else None
+        self.calls.append(LawCall(number, part, film, _real_part(T), real_now, tuple(more)))
         try:
-            return part.law(*asked)
+            return part.law(*arguments)
         except Exception as fault:
             fault.add_note(suggestions.locate_law(self.file, part.law))
             raise
 
 
 def record_law_calls(bench: SceneCache, trial: EffectUnderTest) -> tuple[list[LawCall], SimpleNamespace, Scene]:
-    """What the balance asks the laws while sliding and while waiting, in 2D and in 3D; parameters; scene.
+    """The arguments of the laws during sliding and waiting in 2D and 3D, the parameters, and the scene.
 
     Raises whatever a law raises.
     """
-    kept: dict[tuple, LawCall] = {}
+    calls: dict[tuple, LawCall] = {}
     for shape in ("lifted", "3D"):
         scene = bench.build_scene(trial, values=values_with_all_effects(bench, trial, shape))
         own = next(a for a in scene.acting if a.name == trial.name)
-        note = CallRecorder(own.effect, trial.file)
-        acting = tuple(ActiveEffect(a.name, note, a.p) if a is own else a for a in scene.acting)
+        recorder = CallRecorder(own.effect, trial.file)
+        acting = tuple(ActiveEffect(a.name, recorder, a.p) if a is own else a for a in scene.acting)
         for balance, system, t, y, _ in sample_states(replace(scene, acting=acting)):
             out = np.zeros(balance.size)
             system.rate(t, y, out)
@@ -114,59 +103,60 @@ def record_law_calls(bench: SceneCache, trial: EffectUnderTest) -> tuple[list[La
             contact_lanes.spreading_loss_at_depth(
                 balance, system.interface.moment_at_contact(system.solve_contact(now, y).state, now)
             )
-            for q in note.calls:
-                kept.setdefault((q.number, shape, system.phase.sliding), q)
-            note.calls.clear()
-    return list(kept.values()), own.p, scene
+            for q in recorder.calls:
+                calls.setdefault((q.number, shape, system.phase.sliding), q)
+            recorder.calls.clear()
+    return list(calls.values()), own.p, scene
 
 
 def check_laws(bench: SceneCache, trial: EffectUnderTest) -> list[Finding]:
-    """The findings on all laws of an effect on the balance."""
+    """Findings on all laws of an effect on the heat balance."""
     try:
-        questions, p, scene = record_law_calls(bench, trial)
+        calls, p, scene = record_law_calls(bench, trial)
     except SolverFailure as fault:
-        return [Finding("laws", False, f"the balance has no answer at its defaults: {fault}")]
+        return [Finding("laws", False, f"the heat balance cannot be evaluated at its defaults: {fault}")]
     except FlashtempError:
         raise
     except Exception as fault:
         return [Finding("laws", False, suggestions.explain_exception(trial.file, fault))]
     found: list[Finding] = []
-    for name, look, good in (
-        ("laws", _check_answers, "every law gives numbers wherever the balance asks it"),
-        ("repeatable", _check_repeats, "every law gives the same answer to the same question"),
-        ("pointwise", _check_pointwise, "every law sees its own point and no other"),
-        ("derivatives", _check_derivatives, "every law passes its derivative on, by complex step as by differences"),
-        ("ends", _check_ends, "laws stay finite at rest, without pressure, and at every parameter's ends"),
+    for name, check, good in (
+        ("laws", _check_answers, "every law returns numbers wherever the heat balance evaluates it"),
+        ("repeatable", _check_repeats, "every law returns the same value for the same arguments"),
+        ("pointwise", _check_pointwise, "every law uses its own point only"),
+        ("derivatives", _check_derivatives, "derivatives of every law by complex step agree with finite differences"),
+        ("ends", _check_ends, "laws stay finite at rest, without pressure, and at the bounds of every parameter"),
     ):
         if all(f.ok for f in found[:2]):
             found.append(
                 make_finding(
-                    name, suggestions.first_fault_per_line(look(LawsUnderTest(bench, trial, questions, p, scene))), good
+                    name, suggestions.first_fault_per_line(check(LawsUnderTest(bench, trial, calls, p, scene))), good
                 )
             )
     return found
 
 
 def find_laws_not_off(bench: SceneCache, trial: EffectUnderTest) -> list[str]:
-    """Laws that do something with all parameters off, each with its line and its answer there."""
+    """Errors of laws that are not neutral with all parameters off, each with its line and value."""
     own = trial.own_values | {k.split(".", 1)[1]: v for k, v in trial.off_values().items()}
-    questions, _, scene = record_law_calls(bench, trial)
+    calls, _, scene = record_law_calls(bench, trial)
     acting = make_acting(trial, own, bench.folder)
     laws, faults = _laws_by_number(acting, scene), []
-    for q in (q for q in questions if q.number in laws):
-        value, neutral = (
-            np.asarray(q.evaluate_law(acting.p, law=laws[q.number])),
-            1.0 if isinstance(q.part, Factor) else 0.0,
-        )
+    for q in (q for q in calls if q.number in laws):
+        value = np.asarray(q.evaluate_law(acting.p, law=laws[q.number]))
+        neutral = 1.0 if isinstance(q.part, Factor) else 0.0
         if np.any(value != neutral):
-            says = f"{q.contribution_text()} is {value.flat[np.argmax(np.abs(value - neutral))]:.6g} with all parameters off"
-            faults.append(f"{suggestions.locate_law(trial.file, q.part.law)}: {says}; it is then exactly {neutral:g}")
+            worst = value.flat[np.argmax(np.abs(value - neutral))]
+            text = f"{q.contribution_text()} is {worst:.6g} with all parameters off"
+            faults.append(
+                f"{suggestions.locate_law(trial.file, q.part.law)}: {text}; it must then be exactly {neutral:g}"
+            )
     return suggestions.first_fault_per_line(faults)
 
 
 @dataclass(frozen=True)
 class LawsUnderTest:
-    """The questions to the laws of an effect on trial, with the parameters and the scene of its defaults."""
+    """Recorded calls of the laws of an effect under test, with the parameters and the scene of its defaults."""
 
     bench: SceneCache
     trial: EffectUnderTest
@@ -177,7 +167,7 @@ class LawsUnderTest:
 
 # --- one law -----------------------------------------------------------------------------------------
 def _catch_law_errors(trial: EffectUnderTest, check: Callable[[], Iterator[str]], where: str = "") -> Iterator[str]:
-    """What work says; an exception of the law is a fault that names its line."""
+    """The errors that a check yields; an exception in the law becomes an error with its line."""
     try:
         with np.errstate(all="ignore"):
             yield from check()
@@ -198,7 +188,7 @@ def _check_answer(context: LawsUnderTest, q: LawCall) -> Iterator[str]:
     if not np.issubdtype(value.dtype, np.number):
         yield f"{at} gives {value!r}; give a number"
     elif q.film and not np.all(np.real(value) >= 0):
-        yield f"{at} is {np.min(np.real(value)):.3g} W/m2K; a film carries heat towards what is colder: give >= 0"
+        yield f"{at} is {np.min(np.real(value)):.3g} W/m2K; a heat transfer coefficient cannot be negative: give >= 0"
     elif not q.film and not np.all(np.isfinite(value)):
         yield f"{at} is not finite at its defaults; {suggestions.HOLD_REMEDY}"
 
@@ -215,7 +205,8 @@ def _check_repeat(context: LawsUnderTest, q: LawCall) -> Iterator[str]:
             q.evaluate_law(context.p, **q.arguments_with(name, 1.1 * q.argument_value(name)))
     if not np.array_equal(first, np.array(q.evaluate_law(context.p)), equal_nan=True):
         at = suggestions.locate_law(context.trial.file, q.part.law)
-        yield f"{at}: {q.contribution_text()} answers otherwise when asked again; a law keeps nothing and draws no random numbers"
+        text = f"{q.contribution_text()} returns another value when called again"
+        yield f"{at}: {text}; a law keeps nothing and draws no random numbers"
 
 
 def _check_pointwise(context: LawsUnderTest) -> Iterator[str]:
@@ -247,7 +238,7 @@ def _compare_single_point(context: LawsUnderTest, q: LawCall, lead: np.ndarray) 
 
 
 def _compare_single_distance(context: LawsUnderTest, q: LawCall) -> Iterator[str]:
-    """A law of distances sees one of them alone as among the others."""
+    """Check that a law of several distances returns the same value for one of them alone."""
     every = np.asarray(q.evaluate_law(context.p))
     alone = np.asarray(replace(q, more=tuple(m[:1] if np.ndim(m) else m for m in q.more)).evaluate_law(context.p))
     yield from _require_same(context, q, alone, every[:1] if every.ndim else every)
@@ -255,9 +246,10 @@ def _compare_single_distance(context: LawsUnderTest, q: LawCall) -> Iterator[str
 
 def _require_same(context: LawsUnderTest, q: LawCall, alone, among) -> Iterator[str]:
     if not np.allclose(alone, among, rtol=SAME_ANSWER_TOLERANCE, atol=0.0):
+        at = suggestions.locate_law(context.trial.file, q.part.law)
         yield (
-            f"{suggestions.locate_law(context.trial.file, q.part.law)}: {q.contribution_text()} answers otherwise at one point when asked about "
-            "that point alone; a law sees its own point: no mean, max or sum over an array"
+            f"{at}: {q.contribution_text()} returns another value at a point when evaluated there alone; "
+            "a law may use its own point only: no mean, max or sum over an array"
         )
 
 
@@ -281,43 +273,44 @@ def _check_derivative(context: LawsUnderTest, q: LawCall) -> Iterator[str]:
             / COMPLEX_STEP
         )
         up, down = (np.asarray(q.evaluate_law(context.p, **q.arguments_with(name, v + s * step))) for s in (1, -1))
-        by = np.real(up - down) / 6e-6
-        if np.any(np.abs(exact - by) > DERIVATIVE_TOLERANCE * np.abs(by) + 1e-8 * np.max(np.abs(up))):
+        difference = np.real(up - down) / 6e-6
+        if np.any(np.abs(exact - difference) > DERIVATIVE_TOLERANCE * np.abs(difference) + 1e-8 * np.max(np.abs(up))):
             yield suggestions.explain_slope(context.trial.file, q.part.law, q.contribution_text(), name)
 
 
-# --- where powers blow up ----------------------------------------------------------------------------
+# --- singular laws -----------------------------------------------------------------------------------
 def _check_ends(context: LawsUnderTest) -> Iterator[str]:
-    """Laws that are not finite at rest, without pressure, or where a parameter is at an end of its range."""
+    """Errors of laws that are not finite at rest, without pressure, or at a bound of a parameter."""
     laws = {q.number: q.part.law for q in context.calls}
     for where, p, there in [("", context.p, laws), *_parameter_ends(context)]:
         for q in context.calls:
             if q.number in there and getattr(q.part, "target", "") not in UNBOUNDED_TARGETS:
                 for what, now in _corner_moments(q):
-                    places = " and ".join(w for w in (what, where) if w) or "it is asked"
-                    look = partial(
+                    places = " and ".join(w for w in (what, where) if w) or "the heat balance evaluates it"
+                    check = partial(
                         _check_end, context, replace(q, part=replace(q.part, law=there[q.number]), now=now), p, places
                     )
-                    yield from _catch_law_errors(context.trial, look, places)
+                    yield from _catch_law_errors(context.trial, check, places)
 
 
 def _check_end(context: LawsUnderTest, q: LawCall, p, where: str) -> Iterator[str]:
     value = np.asarray(q.evaluate_law(p))
-    wild = not np.all(np.isfinite(value)) and not (q.film and np.all(value == np.inf))
-    if q.now is not None and np.ndim(q.now.local_pressure) and not np.any(q.now.local_pressure) and not wild:
+    singular = not np.all(np.isfinite(value)) and not (q.film and np.all(value == np.inf))
+    if q.now is not None and np.ndim(q.now.local_pressure) and not np.any(q.now.local_pressure) and not singular:
         slope = (
             np.imag(
                 q.evaluate_law(p, now=_replace_fields(q.now, local_pressure=q.now.local_pressure + 1j * COMPLEX_STEP))
             )
             / COMPLEX_STEP
         )
-        wild = bool(np.any(np.abs(slope) * q.now.pressure > MAX_RELATIVE_SLOPE * (1.0 + np.max(np.abs(value)))))
-    if wild:
-        yield f"{suggestions.locate_law(context.trial.file, q.part.law)}: {q.contribution_text()} blows up where {where}; {suggestions.HOLD_REMEDY}"
+        singular = bool(np.any(np.abs(slope) * q.now.pressure > MAX_RELATIVE_SLOPE * (1.0 + np.max(np.abs(value)))))
+    if singular:
+        at = suggestions.locate_law(context.trial.file, q.part.law)
+        yield f"{at}: {q.contribution_text()} is singular where {where}; {suggestions.HOLD_REMEDY}"
 
 
 def _corner_moments(q: LawCall) -> Iterator[tuple[str, Any]]:
-    """The moment as it was, at rest, and without pressure."""
+    """The context of a call as recorded, at rest, at the start, and without pressure."""
     yield "", q.now
     if q.now is None:
         return
@@ -329,7 +322,7 @@ def _corner_moments(q: LawCall) -> Iterator[tuple[str, Any]]:
 
 
 def _parameter_ends(context: LawsUnderTest) -> Iterator[tuple[str, SimpleNamespace, dict[int, Callable]]]:
-    """Every numeric parameter at both ends of its range: words, parameters and laws by number."""
+    """Every numeric parameter at both bounds: description, parameters and laws by number."""
     if context.trial.effect.base or _is_slow(context.trial.effect):
         return
     for key, param in context.trial.effect.params().items():
@@ -338,7 +331,7 @@ def _parameter_ends(context: LawsUnderTest) -> Iterator[tuple[str, SimpleNamespa
                 acting = make_acting(context.trial, context.trial.own_values | {key: end}, context.bench.folder)
                 yield f"{key} = {end:g}", acting.p, _laws_by_number(acting, context.scene)
             except BadInput:
-                continue  # refused in words: that is an answer
+                continue  # the effect refuses this value with a message, which is fine
 
 
 def _laws_by_number(acting: ActiveEffect, scene: Scene) -> dict[int, Callable]:
@@ -346,7 +339,7 @@ def _laws_by_number(acting: ActiveEffect, scene: Scene) -> dict[int, Callable]:
 
 
 def _range_ends(param: Param) -> list[float]:
-    """Both ends of a parameter's range that are numbers; just inside an open one."""
+    """The finite bounds of a numeric parameter; just inside an open one."""
     if "number" not in param.kinds or not isinstance(param.value, (int, float)):
         return []
     low = param.low + 1e-3 * (param.value - param.low) if param.open_low else param.low
@@ -354,17 +347,17 @@ def _range_ends(param: Param) -> list[float]:
 
 
 def _is_slow(effect: type[Effect]) -> bool:
-    """Whether each scene of it costs a table: its author looks after the ends."""
+    """Whether every scene of the effect computes a table, which is too slow for a check of all bounds."""
     return effect.leave is not Effect.leave
 
 
-# --- moments -----------------------------------------------------------------------------------------
+# --- contexts of laws --------------------------------------------------------------------------------
 def _real_part(value):
     return np.real(value) if np.iscomplexobj(value) else value
 
 
 def _real_moment(now):
-    """A moment without imaginary parts."""
+    """A context without imaginary parts."""
     return now._replace(**{n: _real_part(v) for n in DIFFERENTIATED_FIELDS[1:] if (v := getattr(now, n)) is not None})
 
 

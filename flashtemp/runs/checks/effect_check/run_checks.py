@@ -1,4 +1,4 @@
-"""All that is looked at in an effect, in the order in which a person would mend it."""
+"""Run all checks of an effect, in the order in which its author would correct errors."""
 
 from __future__ import annotations
 
@@ -24,31 +24,31 @@ RUN_CHECKS = (
 
 
 def run_all_checks(trial: EffectUnderTest, bench: SceneCache) -> list[Finding]:
-    """Findings on an effect: its file, then its laws one by one, then runs with it where the laws are sound.
+    """Findings on an effect: its file, then each of its laws, then runs with it if the laws pass.
 
-    Raises BadInput for values that it cannot have.
+    Raises BadInput for values that the effect cannot have.
     """
-    found = [look(trial) for look in FILE_CHECKS]
+    found = [check(trial) for check in FILE_CHECKS]
     if not trial.has_heat and trial.effect.see is Effect.see:
-        says = f"{trial.file}: yields nothing; write heat(self, scene, p) or, for a camera, see(self, p)"
+        says = f"{trial.file}: has no contribution; write heat(self, scene, p) or, for a camera, see(self, p)"
         return [*found, Finding("loads", False, says)]
     try:
         bench.build_scene(trial)
     except BadInput as fault:
         return [*found, Finding("loads", False, "; ".join(fault.lines))]
-    found.append(Finding("loads", True, "a small case with it loads: all that it names exists"))
+    found.append(Finding("loads", True, "a small case with the effect loads: all names exist"))
     if not trial.has_heat:
         return found + camera_checks.check_camera_effect(bench, trial)
-    asked = law_checks.check_laws(bench, trial)
-    found += asked
-    if all(f.ok for f in asked):
+    of_laws = law_checks.check_laws(bench, trial)
+    found += of_laws
+    if all(f.ok for f in of_laws):
         found += _check_runs(trial, bench)
     return found
 
 
 def _check_runs(trial: EffectUnderTest, bench: SceneCache) -> list[Finding]:
-    """Findings on runs with an effect whose laws are sound."""
-    if trial.effect.base:  # the base is not without it
+    """Findings on runs with an effect whose laws pass."""
+    if trial.effect.base:  # a base effect cannot be left out for comparison
         return [heat_balance_checks.check_every_shape(check, bench, trial) for check in RUN_CHECKS]
     switched = [check_off(trial, bench)] if trial.off_values() else []
     found = [heat_balance_checks.check_every_shape(check, bench, trial) for check in RUN_CHECKS]
@@ -62,7 +62,7 @@ def _check_runs(trial: EffectUnderTest, bench: SceneCache) -> list[Finding]:
 
 
 def check_off(trial: EffectUnderTest, bench: SceneCache) -> Finding:
-    """Whether the run is the base with all parameters off, and if not, which law is to blame."""
+    """Check that a run with all parameters off equals the base; otherwise report the laws that still act."""
     found = heat_balance_checks.check_every_shape(heat_balance_checks.off, bench, trial)
     blamed = [] if found.ok else law_checks.find_laws_not_off(bench, trial)
     return make_finding("off", blamed, "") if blamed else found

@@ -1,4 +1,4 @@
-"""The file of an effect: what it imports, its example, its words and its parameters."""
+"""Checks of the file of an effect: imports, example, texts and parameters."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from flashtemp.physics.effect import Effect, Param
 from flashtemp.runs.checks.effect_check.findings import Finding, make_finding
 from flashtemp.runs.checks.effect_check.fixtures import EffectUnderTest
 
-MAX_FILE_LINES = 120  # of a file: one effect, to be read at a glance
+MAX_FILE_LINES = 120  # so that one effect can be read at a glance
 ALLOWED_PACKAGES = sys.stdlib_module_names | {"numpy", "scipy"}
 UNIT_SYMBOLS = "1 m mm um nm km s ms us min h kg g K degC Pa kPa MPa GPa W mW kW J kJ MJ N kN rad deg px eV Hz mol"
 UNIT_SYMBOL_PATTERN = "|".join(sorted(UNIT_SYMBOLS.split(), key=len, reverse=True))
@@ -23,30 +23,32 @@ UNIT_CORRECTIONS = {
     "°C": "degC",
     "celsius": "degC",
     "Celsius": "degC",
-    "%": "1, a share",
+    "%": "1, a fraction",
     "-": "1",
     "kelvin": "K",
 }
 
 
 def check_file(trial: EffectUnderTest) -> Finding:
-    """One effect in a short file."""
+    """Check that the file is short, contains one effect and begins with a text."""
     text, module = trial.file.read_text(encoding="utf-8"), trial.module
     own = [c for c in vars(module).values() if inspect.isclass(c) and c.__module__ == module.__name__]
     effects = {c for c in own if issubclass(c, Effect)}
     lines = len(text.splitlines())
     faults = []
     if effects != {trial.effect}:
-        faults.append(f"{trial.file}: holds {len(effects)} effects; give each a file of its own")
+        faults.append(f"{trial.file}: contains {len(effects)} effects; write one file for each")
     if lines >= MAX_FILE_LINES:
-        faults.append(f"{trial.file}: has {lines} lines; keep it below {MAX_FILE_LINES}: what computes goes beside it")
+        faults.append(
+            f"{trial.file}: has {lines} lines; keep it below {MAX_FILE_LINES}, and long computations elsewhere"
+        )
     if not (module.__doc__ or "").strip():
-        faults.append(f"{trial.file}:1: says nothing; begin with one sentence in triple quotes: what the effect does")
-    return make_finding("file", faults, f"holds one effect, {trial.effect.__name__}, in {lines} lines")
+        faults.append(f"{trial.file}:1: no docstring; begin with one sentence in triple quotes: what the effect does")
+    return make_finding("file", faults, f"contains one effect, {trial.effect.__name__}, in {lines} lines")
 
 
 def check_imports(trial: EffectUnderTest) -> Finding:
-    """Nothing but the standard library, numpy, scipy and what effects are written with."""
+    """Check that the file imports only the standard library, numpy, scipy and the base of effects."""
     faults, package = [], trial.effect.__module__.split(".")[0]
     for node in ast.walk(ast.parse(trial.file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -55,38 +57,42 @@ def check_imports(trial: EffectUnderTest) -> Finding:
             names = ["." * node.level + (node.module or "")]
         else:
             continue
-        for found in names:
-            own = found == "flashtemp.errors" or found.split(".")[:2] == ["flashtemp", "physics"]
-            own |= found.split(".")[0] in {"", package} - {"flashtemp"}  # what it is installed with
-            if not own and found.split(".")[0] not in ALLOWED_PACKAGES:
+        for name in names:
+            allowed = name == "flashtemp.errors" or name.split(".")[:2] == ["flashtemp", "physics"]
+            allowed |= name.split(".")[0] in {"", package} - {"flashtemp"}  # its own package
+            if not allowed and name.split(".")[0] not in ALLOWED_PACKAGES:
                 faults.append(
-                    f"{trial.file}:{node.lineno}: imports {found}; an effect may use the standard library, numpy, "
+                    f"{trial.file}:{node.lineno}: imports {name}; an effect may use the standard library, numpy, "
                     "scipy, flashtemp.physics and flashtemp.errors"
                 )
-    return make_finding("imports", faults, "imports nothing but what effects may use")
+    return make_finding("imports", faults, "all imports are allowed")
 
 
 def check_example(trial: EffectUnderTest) -> Finding:
-    """An example at the head of the file, and every example true."""
+    """Check that the first docstring contains an example, and that all examples are correct."""
     module, path = trial.module, trial.file
     if ">>> " not in (module.__doc__ or ""):
-        return Finding("example", False, f"{path}:1: no example; put one into its first text: >>> and what Python says")
-    told: list[str] = []
+        return Finding(
+            "example",
+            False,
+            f"{path}:1: no example; add one to its docstring: >>> and the output of Python",
+        )
+    reports: list[str] = []
     runner = doctest.DocTestRunner(verbose=False)
     tests = doctest.DocTestFinder().find(module)
     for test in tests:
-        runner.run(test, out=told.append)
+        runner.run(test, out=reports.append)
     count = sum(len(t.examples) for t in tests)
-    return make_finding("example", _failed_examples(told, path), f"{count} lines of example, all true")
+    return make_finding("example", _failed_examples(reports, path), f"{count} lines of example, all correct")
 
 
 def _failed_examples(reports: list[str], path) -> list[str]:
-    """What a doctest says of every failure, as one line each."""
+    """One line for every failure that doctest reports."""
     faults = []
     for text in reports:
         line = re.search(r"line (\d+), in", text)
-        said = {k: re.search(rf"{k}:\n((?:    .*\n?)+)", text) for k in ("Failed example", "Expected", "Got")}
-        shown = {k: " ".join(found[1].split()) for k, found in said.items() if found}
+        matches = {k: re.search(rf"{k}:\n((?:    .*\n?)+)", text) for k in ("Failed example", "Expected", "Got")}
+        shown = {k: " ".join(found[1].split()) for k, found in matches.items() if found}
         if "Failed example" in shown:
             got = shown.get("Got", text.strip().splitlines()[-1].strip())
             expected = shown.get("Expected", "nothing")
@@ -96,29 +102,29 @@ def _failed_examples(reports: list[str], path) -> list[str]:
 
 
 def check_words(trial: EffectUnderTest) -> Finding:
-    """Cause, source and telltales, in words."""
+    """Check that cause, source, signature and docstring of the effect are given."""
     effect, faults = trial.effect, []
     at = f"{trial.file}:{inspect.getsourcelines(effect)[1]}"
-    wanted = {
-        "cause": "what happens, in one sentence; `discover` says it when it finds the effect",
-        "source": "where the law is from: paper, data sheet, or own measurement",
+    required = {
+        "cause": "what happens, in one sentence; `discover` reports it when it finds the effect",
+        "source": "the origin of the law: paper, data sheet, or own measurement",
     }
-    for key, what in wanted.items():
+    for key, what in required.items():
         value = getattr(effect, key)
         if not (isinstance(value, str) and value.strip()):
             faults.append(f'{at}: no {key}; add {key} = "..." ({what})')
     tells = effect.tells
     if not (isinstance(tells, tuple) and tells and all(isinstance(t, str) and t for t in tells)):
-        faults.append(f'{at}: tells is {tells!r}; add tells = ("...",), a tuple of what gives the effect away')
+        faults.append(f'{at}: tells is {tells!r}; add tells = ("...",), a tuple of signs by which the effect shows')
     if not (effect.__dict__.get("__doc__") or "").strip():
-        faults.append(f"{at}: the class has no text; say its law in one sentence in triple quotes")
+        faults.append(f"{at}: the class has no docstring; state its law in one sentence in triple quotes")
     if effect.base and not effect.section:
         faults.append(f"{at}: a base effect names its table: section")
     return make_finding("words", faults, f"{effect.cause}; source: {effect.source}")
 
 
 def check_parameters(trial: EffectUnderTest) -> Finding:
-    """Unit, bounds, default, meaning and off of every parameter."""
+    """Check unit, bounds, default, meaning and neutral value of every parameter."""
     params, faults = trial.effect.params(), []
     lines = _lines_of_params(trial)
     for key, p in params.items():
@@ -135,19 +141,19 @@ def check_parameters(trial: EffectUnderTest) -> Finding:
     ]
     inherited = [k for c in trial.effect.__mro__[1:] for k, v in vars(c).items() if isinstance(v, Param)]
     faults += [f"{trial.file}: {k} is inherited; declare it in the class itself" for k in inherited]
-    said = ", ".join(f"{k} ({p.unit})" for k, p in params.items())
-    return make_finding("parameters", faults, f"{said}: with unit, bounds and meaning")
+    listed = ", ".join(f"{k} ({p.unit})" for k, p in params.items())
+    return make_finding("parameters", faults, f"{listed}: with unit, bounds and meaning")
 
 
 def _parameter_faults(p: Param) -> list[str]:
-    """What is wrong with a declaration."""
+    """The errors in the declaration of a parameter."""
     out = []
     if not p.unit:
         out.append('no unit; give one, "1" for a plain number')
     elif wrong := find_unit_fault(p.unit):
         out.append(wrong)
     if not p.about.strip():
-        out.append("not explained; say in a few words what it is")
+        out.append("not explained; describe it in a few words")
     if "number" not in p.kinds:
         return out
     if not p.low < p.high:
@@ -162,7 +168,7 @@ def _parameter_faults(p: Param) -> list[str]:
 
 
 def find_unit_fault(unit: str) -> str | None:
-    """What is wrong with a unit, or None; several, one for each column of a table, stand between commas.
+    """The error of a unit, or None; units of the columns of a table are separated by commas.
 
     >>> find_unit_fault("W/m2K/(m/s)^0.8"), find_unit_fault("m2/N"), find_unit_fault("degC, 1")
     (None, None, None)
@@ -181,7 +187,7 @@ def find_unit_fault(unit: str) -> str | None:
 
 
 def _unused_parameters(trial: EffectUnderTest) -> list[str]:
-    """Parameters that nothing in the file speaks of, where no `prepare` hands them on and no engine asks for them."""
+    """Parameters that the file does not use, unless its `prepare`, or the program itself, may use them."""
     if trial.effect.base or vars(trial.effect).get("prepare") is not None:
         return []
     nodes = list(ast.walk(ast.parse(trial.file.read_text(encoding="utf-8"))))
@@ -193,11 +199,11 @@ def _unused_parameters(trial: EffectUnderTest) -> list[str]:
 
 
 def _lines_of_params(trial: EffectUnderTest) -> dict[str, int]:
-    """Line of the file on which each parameter is declared."""
-    found: dict[str, int] = {}
+    """The line of the file in which each parameter is declared."""
+    lines: dict[str, int] = {}
     for node in ast.walk(ast.parse(trial.file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ClassDef) and node.name == trial.effect.__name__:
             for line in node.body:
                 targets = line.targets if isinstance(line, ast.Assign) else [getattr(line, "target", None)]
-                found |= {t.id: line.lineno for t in targets if isinstance(t, ast.Name)}
-    return found
+                lines |= {t.id: line.lineno for t in targets if isinstance(t, ast.Name)}
+    return lines

@@ -700,8 +700,8 @@ def test_a_hostile_picture_name_and_a_hostile_report_run_no_script_and_start_no_
     other.get_by_text("changed on disk since it was opened").wait_for()
 
     page.goto(f"{base}/work?command=run&of=shown.toml")
-    page.get_by_label("more words").fill("--trust")
-    page.get_by_label("more words").press("Tab")
+    page.get_by_label("further arguments").fill("--trust")
+    page.get_by_label("further arguments").press("Tab")
     page.get_by_role("button", name="Start").click()
     question = page.get_by_role("alertdialog")
     question.get_by_text(str(place / "browsed.py")).wait_for()

@@ -92,7 +92,7 @@ def test_a_contact_that_is_asked_once_is_what_it_is_at_every_moment(monkeypatch,
     if name == "warm":
         plain = replace(plain, acting=(*plain.acting, ActiveEffect("warmed", Warmed(), SimpleNamespace())))
     once = march(plain, made.settings)
-    monkeypatch.setattr(HeatBalance, "calm", False)
+    monkeypatch.setattr(HeatBalance, "is_contact_static", False)
     always = march(plain, made.settings)
     for what in ("time", "T_block", "T_spot", "T_road", "T_wake", "pressure", "friction"):
         np.testing.assert_array_equal(getattr(once, what), getattr(always, what), err_msg=what)

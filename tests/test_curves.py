@@ -61,7 +61,11 @@ def test_table_over_temperature(asphalt):
     assert asphalt.T[0] == pytest.approx(C20 - friction_curves.TABLE_K_BELOW)
     for v, known in ((0.1, [0.506, 0.450, 0.429, 0.357]), (1.0, [0.619, 0.494, 0.453, 0.436])):
         for T, mu in zip((20.0, 40.0, 60.0, 80.0), known, strict=True):
-            at = asphalt.dataset().mu.assign_coords(speed=np.log(asphalt.speed)).interp(speed=np.log(v), temperature=T)
+            at = (
+                asphalt.to_dataset()
+                .mu.assign_coords(speed=np.log(asphalt.speed))
+                .interp(speed=np.log(v), temperature=T)
+            )
             assert float(at) == pytest.approx(mu, abs=1.5e-3)
 
 
@@ -78,9 +82,9 @@ def test_table_ends_where_the_shift_factors_do(reach, T0, low, high):
 
 def test_depth_of_the_heat(asphalt):
     """Theory 3: a tenth, half and nine tenths come from deeper than 76, 1.7 and 0.29 um at 0.1 m/s and 20 degC."""
-    assert [f"{1e6 * d:.2g}" for d in asphalt.depths.at(0.1)] == ["76", "1.7", "0.29"]
-    assert 0.5 / np.array(asphalt.depths.at(0.1)) == pytest.approx([6.6e3, 2.9e5, 1.75e6], rel=0.01)
-    q = 0.5 / np.array(asphalt.depths.at(10.0))
+    assert [f"{1e6 * d:.2g}" for d in asphalt.depths.depths_at_speed(0.1)] == ["76", "1.7", "0.29"]
+    assert 0.5 / np.array(asphalt.depths.depths_at_speed(0.1)) == pytest.approx([6.6e3, 2.9e5, 1.75e6], rel=0.01)
+    q = 0.5 / np.array(asphalt.depths.depths_at_speed(10.0))
     found = ASPHALT(10.0, C20, 1.5e5)
     for share, cut in zip(friction_curves.DEPTH_HEAT_FRACTIONS, q, strict=True):
         below = float(np.interp(cut, found.q, ASPHALT.cumulative_integral(found.density)))

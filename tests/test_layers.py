@@ -16,7 +16,8 @@ import flashtemp
 
 ROOT = Path(__file__).parents[1]
 TOWER = [  # from the ground; a package imports itself and what stands before it, packages of one floor not each other
-    ["errors", "display", "meshes"],
+    ["errors"],
+    ["display", "meshes"],
     ["physics"],
     ["model"],
     ["solver", "camera"],

@@ -126,7 +126,7 @@ def test_shear_stress():
 def test_roads(road, level, q1):
     assert_digits(road.law.level, level)
     assert_digits(road.q1, q1)
-    assert road.slope() == pytest.approx(1.3, rel=1e-9)
+    assert road.rms_slope() == pytest.approx(1.3, rel=1e-9)
 
 
 def test_total_friction_over_temperature():
@@ -333,7 +333,7 @@ def looked_up():
 def test_table_is_the_theory_within_its_error(looked_up, face, spot, load):
     """Nowhere more than a tenth beyond the error that it states: that is looked for in the middles of its cells."""
     face, spot, p = face + KELVIN, spot + KELVIN, 1e5 * friction_table.PRESSURE_RANGE_RATIO**load  # P is next to 1e5 Pa
-    got = looked_up.at(0.05)(np.array([spot]), np.array([face]), np.array([p]))[:, 0]
+    got = looked_up.slice_at(0.05)(np.array([spot]), np.array([face]), np.array([p]))[:, 0]
     share = friction_table.flash_fraction(WHOLE.q, RUBBER, 3e-3, 0.05)
     found = WHOLE(0.05, face + (spot - face) * share, p, spot)
     exact = [float(found.mu), float(found.density @ (found.weight * (0.5 / found.q >= 4e-6)))]
@@ -484,7 +484,7 @@ def test_spots_follow_the_temperature_of_the_face(tmp_path):
     rise, y = 40.0 * np.exp(-((system.b.scene.mesh.column_x / 0.01) ** 2)), system.b.initial_state()
     y[system.b.cell_block] = rise
     phi = system.solve_contact(system.moment(0.1), y).state.phi
-    exactly = acting.p.theory.contact(2 * np.pi / scene.spot_diameter, 1.0, scene.ambient + rise, scene.load)
+    exactly = acting.p.theory.contact_fraction(2 * np.pi / scene.spot_diameter, 1.0, scene.ambient + rise, scene.load)
     np.testing.assert_allclose(phi, exactly, rtol=1e-4)
     assert exactly[0] > 1.3 * exactly[-1]
 

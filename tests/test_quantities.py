@@ -122,7 +122,7 @@ def test_the_engine_asks_for_what_is_in_the_table():
     assert all(float(base) == float(told) for base, told in numbers)
     words = set(re.findall(r"[a-z_]+", text))
     assert all(set(name.split(".")) <= words for name in QUANTITIES)
-    seen = (ROOT / "flashtemp" / "camera" / "observation.py").read_text()
+    seen = (ROOT / "flashtemp" / "camera" / "prediction" / "observation.py").read_text()
     assert all(re.search(rf'camera\("{name[7:]}"|self\("{name[7:]}"|shift_', seen) for name in CAMERA_QUANTITIES)
 
 

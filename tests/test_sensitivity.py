@@ -196,7 +196,7 @@ def test_the_sign_of_friction_over_temperature_is_that_of_the_theory():
         assert sign.change == pytest.approx(np.log(theory(1e-2, 333.15, 1.5e5).mu / theory(1e-2, 293.15, 1.5e5).mu))
         found.append(sign)
     assert found[1].change > found[0].change
-    assert found[1].rise_probability >= found[0].rises
+    assert found[1].rise_probability >= found[0].rise_probability
 
 
 def test_softening_falls_for_sure():

@@ -14,7 +14,7 @@ from flashtemp.discovery.verdict import InputCorrection, Verdict
 
 FILE = Path(__file__).parents[1] / "benchmarks" / "campaigns.py"
 ENGINE = """
-from flashtemp.discovery.verdict import Cause, Estimate, Rival, Verdict
+from flashtemp.discovery.verdict import Cause, ParameterEstimate, CandidateReport, Verdict
 
 def discover(campaign, watch, workers):
     assert workers == 1
@@ -24,13 +24,13 @@ def discover(campaign, watch, workers):
             pass
     if campaign.title == "broken":
         raise ValueError("no such thing")
-    tilt = Estimate("pressure_tilt.a", 0.31, 0.02, (0.27, 0.35))
+    tilt = ParameterEstimate("pressure_tilt.a", 0.31, 0.02, (0.27, 0.35))
     cause = Cause("pressure_tilt", "a tilt", (tilt,), 50.0, 10.0, 1.0, ln_bayes=25.0)
     rivals = (
-        Rival("pressure_tilt", 24.0, 1.0, "accepted", parameter="pressure_tilt.a", detectable=0.1),
-        Rival("edge_pressure", 3.0, 1.0, "too little", parameter="edge_pressure.B", detectable=0.5),
-        Rival("time_lag", 9.0, 1.0, "less", parameter="time_lag.lag", detectable=0.1),
-        Rival("blur", -2.0, 1.0, "less", parameter="blur.sigma", detectable=0.1),
+        CandidateReport("pressure_tilt", 24.0, 1.0, "accepted", parameter="pressure_tilt.a", detectable=0.1),
+        CandidateReport("edge_pressure", 3.0, 1.0, "too little", parameter="edge_pressure.B", detectable=0.5),
+        CandidateReport("time_lag", 9.0, 1.0, "less", parameter="time_lag.lag", detectable=0.1),
+        CandidateReport("blur", -2.0, 1.0, "less", parameter="blur.sigma", detectable=0.1),
     )
     return Verdict(campaign.title, "named", ("a tilt.",), causes=(cause,), rivals=rivals), None
 """

@@ -142,7 +142,7 @@ def errors(hood, given, key):
     times = moments(given)
     truth, out = differences(given, key, times), {}
     for name, expected in truth.items():
-        found = hood.slope(lambda run, name=name: see(run, name, times), key)
+        found = hood.derivative_of(lambda run, name=name: see(run, name, times), key)
         good = np.isfinite(expected)
         assert np.array_equal(good, np.isfinite(found))
         floor = FAINT.get(name, 0.0) * rms(truth["T_block"])
@@ -252,13 +252,13 @@ def test_the_run_is_bit_for_bit_the_run_alone(given):
 
 
 def test_level_is_the_run_at_the_times_that_both_keep(bare):
-    both = np.isin(bare.run.time, bare.level.time)
-    assert both.sum() == len(bare.level.time) > len(SHARES)
-    np.testing.assert_allclose(bare.level.T_block, bare.run.T_block[both], rtol=0, atol=0.05)
+    both = np.isin(bare.run.time, bare.reference.time)
+    assert both.sum() == len(bare.reference.time) > len(SHARES)
+    np.testing.assert_allclose(bare.reference.T_block, bare.run.T_block[both], rtol=0, atol=0.05)
     np.testing.assert_allclose(see(bare.level, "field", moments({})), see(bare.run, "field", moments({})), atol=0.05)
     for one in bare.moved.values():
-        np.testing.assert_array_equal(one.time, bare.level.time)
-        np.testing.assert_array_equal(one.frames, bare.level.frames)
+        np.testing.assert_array_equal(one.time, bare.reference.time)
+        np.testing.assert_array_equal(one.frames, bare.reference.frames)
 
 
 def test_no_neighbours_at_all():

@@ -50,8 +50,8 @@ def ratio(points: MeasuredSpectrum, longest: float, shortest: float) -> float:
 
 def test_a_known_surface_gives_its_spectrum(heights, areas):
     for surface, points in zip(heights, areas, strict=True):
-        assert RoughnessSpectrum(points, *points.reach).rms_height == pytest.approx(surface.std(), rel=0.03)
-        assert points.reach == pytest.approx((2 * 2 * np.pi / (N * PIXEL), np.pi / PIXEL), rel=0.08)
+        assert RoughnessSpectrum(points, *points.valid_range).rms_height == pytest.approx(surface.std(), rel=0.03)
+        assert points.valid_range == pytest.approx((2 * 2 * np.pi / (N * PIXEL), np.pi / PIXEL), rel=0.08)
     points = mean(areas)
     assert ratio(points, 0.04, 3e-3) == pytest.approx(1.0, rel=0.04)
     assert ratio(points, 2e-3, 4e-4) == pytest.approx(1.0, rel=0.02)

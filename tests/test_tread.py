@@ -166,7 +166,7 @@ def test_from_the_cold_to_the_hot_branch(law):
     for path in (slow, fast):
         early = (path.slid[:, 0] < 1e-3 * SPOTS.diameter) & (path.speed[:, 0] > 1e-3)
         assert early.any()
-        assert np.all(np.abs(path.mu[early, 0] / law.ends(path.speed[early, 0])[0] - 1) < 0.03)
+        assert np.all(np.abs(path.mu[early, 0] / law.branch_friction(path.speed[early, 0])[0] - 1) < 0.03)
     print(found.hot_fraction_at_exit, fast.slid[-1], [row["law_deviates"] for row in found.as_dict()["slips"]])
     assert found.hot_fraction_at_exit[0] < 0.1
     assert found.hot_fraction_at_exit[1] == pytest.approx(1.0, abs=0.05)
@@ -183,7 +183,7 @@ def test_past_a_diameter_friction_is_hot(law):
     """C24 for a footprint twice as long: r > D at the exit."""
     long = replace(BLOCK, footprint=0.2)
     path = tread_block.pass_footprint(long, law, [0.07, 0.09])
-    cold, hot = law.ends(path.speed[-1])
+    cold, hot = law.branch_friction(path.speed[-1])
     assert np.all(path.slid[-1] > SPOTS.diameter)
     np.testing.assert_allclose((cold - path.mu[-1]) / (cold - hot), 1.0, atol=0.01)
 

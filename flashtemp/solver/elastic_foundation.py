@@ -51,8 +51,7 @@ TILT_JUMP_RTOL = 10.0  # times `rtol`: a larger unbalanced moment means that the
 TIPPING_MESSAGE = "the friction moment tips the block over its edge: no contact pressure balances it"
 SNAP_OVER_MESSAGE = (
     "the holder snaps over: friction falls with the temperature of the spots faster than the holder resists, and no "
-    "tilt nearby balances the moments; use a stiffer holder (friction_moment.compliance) or a lower pivot "
-    "(friction_moment.arm)"
+    "tilt nearby balances the moments; use a stiffer holder or a lower pivot"
 )
 NO_PRESSURE_MESSAGE = "no contact pressure of the elastic block was found"
 

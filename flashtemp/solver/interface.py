@@ -279,7 +279,7 @@ class ContactInterface:
         (cover, under, edge, rim), area = self._spot_coverage(now), self.b.scene.mesh.column_area
         carried = np.sum(state.pressure / state.phi * cover * area)
         if now.pressure > 0 and not np.real(carried) > 0:
-            raise SolverFailure("resolved_spots: no spot is under the block; use more or larger spots")
+            raise SolverFailure("no spot is under the block; use more or larger spots")
         load = np.sum(state.pressure * area) / carried if now.pressure > 0 else 1.0
         block = state.block_coverage + w * (cover - state.block_coverage)
         return state._replace(

@@ -81,10 +81,7 @@ class SpringFoundation:
         if not converged:
             raise SolverFailure("the friction moment tips the block over its edge: no contact pressure balances it")
         if abs(pressure.real @ self.dx - load) > 1e-8 * load:
-            raise SolverFailure(
-                "no contact pressure balances load and friction moment; use a stiffer holder "
-                "(friction_moment.compliance)"
-            )
+            raise SolverFailure("no contact pressure balances load and friction moment; use a stiffer holder")
         return PressureSolution(pressure, t / self.stiffness, touching, tilt_stiffness)
 
     def pressure_response(self, solution: PressureSolution) -> SpringResponse:

@@ -367,7 +367,7 @@ def effect_source(law: PiecewiseLinearLaw) -> str:
         for n, v, at in zip(names, law.values, law.nodes, strict=True)
     )
     kind = {"factor": "Factor", "term": "Term", "film": "Heat"}[quantity.action]
-    imports = sorted(["Effect", "Param", kind, *(["among"] if quantity.layer is not None else [])])
+    imports = sorted(["Effect", "Param", kind, *(["require_layer"] if quantity.layer is not None else [])])
     constants = [f"NODES = {law.nodes!r}"]
     constants += [f"TRACK = {law.period!r}  # m, the first node comes again"] if law.period is not None else []
     constants += [f"LAYER = {json.dumps(quantity.layer)}"] if quantity.layer is not None else []
@@ -404,7 +404,7 @@ def _law_body(law: PiecewiseLinearLaw, names: list[str]) -> str:
     if quantity.layer is None:
         return f'        yield Factor("{target}", lambda T, now, p: np.exp({value}))'
     return (
-        f'        layer = among(scene, LAYER, "the layer of a learned law")\n\n'
+        f'        layer = require_layer(scene, LAYER, "the layer of a learned law")\n\n'
         f"        def law(T, now, p):\n"
         f"            return np.exp({value} * scene.in_layer(layer)[:, None])\n\n"
         f'        yield Factor("{target}", law)'

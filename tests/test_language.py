@@ -25,7 +25,7 @@ NOUNS = {"set", "cut", "put", "spread", "run", "need", "speed", "seed", "bed", "
 PAGES = sorted(
     p
     for p in ROOT.rglob("*.md")
-    if not {".venv", "build", "made", "results", ".pytest_cache"} & set(p.relative_to(ROOT).parts)
+    if not {".venv", "build", "made", "results", "measured", ".pytest_cache"} & set(p.relative_to(ROOT).parts)
 )
 
 
@@ -88,7 +88,7 @@ def sentences(text: str) -> list[str]:
     """Sentences of the prose of a page: no tables, headings, code and formulas.
 
     >>> sentences("# Head\\n\\nOne `x y z` here.  Two\\nare there.\\n\\n| a | b |\\n")
-    ['One code here.', 'Two are there.']
+    ['One Code here.', 'Two are there.']
     """
     text = re.sub(r"<!--.*?-->|^(```|~~~|:::).*?^(```|~~~|:::)|\$\$.*?\$\$", "\n\n", text, flags=re.S | re.M)
     text = re.sub(r"^(#|\||!\[|    ).*$", "", text, flags=re.M)
@@ -97,7 +97,7 @@ def sentences(text: str) -> list[str]:
     for block in blocks:
         plain = re.sub(r"^\s*([-*+]|\d+\.)\s+", "", " ".join(block.split()))
         plain = re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", plain)
-        plain = re.sub(r"[*_]{1,2}", "", re.sub(r"\$[^$]*\$", "formula", re.sub(r"`[^`]*`", "code", plain)))
+        plain = re.sub(r"[*_]{1,2}", "", re.sub(r"\$[^$]*\$", "formula", re.sub(r"`[^`]*`", "Code", plain)))
         out += re.split(r"(?<=[.!?])[\"')]*\s+(?=[A-Z0-9(\"'])", plain)
     return [sentence for sentence in out if sentence]
 

@@ -354,7 +354,7 @@ def effect_source(law: PiecewiseLinearLaw) -> str:
 
     >>> law = PiecewiseLinearLaw(LEARNABLE_QUANTITIES[0], REGRESSORS["speed"], (0.1, 1.0), (0.0, -0.2))
     >>> print(effect_source(law).splitlines()[0])
-    \"\"\"The friction coefficient over the sliding speed, as measured temperatures want it: a line between nodes.
+    \"\"\"The friction coefficient over the sliding speed, learned from measured temperatures: piecewise linear.
     """
     quantity, regressor = law.quantity, law.regressor
     factor = quantity.action == "factor"

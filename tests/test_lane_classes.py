@@ -87,7 +87,7 @@ def test_slopes_know_how_lanes_follow_what_the_block_leaves_them(tmp_path, monke
     for out, step in zip(ends, (1e-5, -1e-5), strict=True):
         rate(system, t, y + step * v, out)
     product = np.empty(b.size)
-    system.linearised(t, y, 1e-3).times(v, product)
+    system.linearise(t, y, 1e-3).apply_jacobian(v, product)
     slope = (ends[0] - ends[1]) / 2e-5
     for cells in (b.cell_road, b.cell_block, b.ledger_index["into_road"]):
         np.testing.assert_allclose(product[cells], slope[cells], atol=1e-7 * np.abs(slope[cells]).max())

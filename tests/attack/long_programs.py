@@ -15,7 +15,13 @@ import test_mutants
 import test_values
 
 ROOT = Path(__file__).parents[2]
-KEPT = shutil.ignore_patterns(".*", "results", "build", "*.egg-info", "pictures")
+LEFT_OUT = shutil.ignore_patterns(".*", "*.egg-info", "__pycache__")
+LEFT_OUT_AT_THE_TOP = {"results", "build"}
+
+
+def ignored_names(folder: str, names: list[str]) -> set[str]:
+    """Names in a folder of the project that a copy of it does without."""
+    return LEFT_OUT(folder, names) | (LEFT_OUT_AT_THE_TOP & set(names) if Path(folder) == ROOT else set())
 
 
 def some(all_: list, seed: int, share: float) -> list:
@@ -51,7 +57,7 @@ def mutants(row, seed: int, share: float) -> None:
 
 def _copied(root: Path) -> Path:
     """The project as it is installed: meshes and viz inside the package, what is compiled already with it."""
-    shutil.copytree(ROOT, root, ignore=KEPT)
+    shutil.copytree(ROOT, root, ignore=ignored_names)
     for inner in ("meshes", "viz"):
         shutil.copytree(root / inner, root / "flashtemp" / inner)
     return root

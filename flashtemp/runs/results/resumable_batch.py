@@ -29,10 +29,15 @@ PointArrays = dict[str, np.ndarray]
 
 
 def run_batch(
-    function: Callable[[Case], PointArrays], points: Sequence[Case], work: Path | None = None, workers: int | None = None,
-    scheduler: str | None = None, watch: Callable[[int, int], Any] = lambda done, total: None,
-    needs: frozenset[str] = frozenset(), last: bool = True,
-) -> tuple[list[PointArrays | None], dict[int, str]]:  # fmt: skip
+    function: Callable[[Case], PointArrays],
+    points: Sequence[Case],
+    work: Path | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    watch: Callable[[int, int], Any] = lambda done, total: None,
+    needs: frozenset[str] = frozenset(),
+    last: bool = True,
+) -> tuple[list[PointArrays | None], dict[int, str]]:
     """The arrays that `function` returns for every case, None where it fails, and {index: error message}.
 
     A case is not run again if the folder `work` contains its result with all arrays in `needs`; without a folder

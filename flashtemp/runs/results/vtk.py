@@ -163,7 +163,7 @@ def _create_leaf(root, name: str, points, cells, kind: int, times: np.ndarray, d
 
 @contextmanager
 def open_memory_file(path: Path):
-    """Yield an HDF5 file in memory and write it at the end, so that a full disk raises OSError and cannot corrupt HDF5."""
+    """Yield an HDF5 file in memory and write it at the end, so that a full disk raises OSError and corrupts nothing."""
     name = path.with_name(f".{path.name}.image")  # never written, but HDF5 requires a name
     with h5py.File(name, "w", driver="core", backing_store=False) as file:
         yield file
@@ -251,7 +251,7 @@ class RunFields(DisplayMixin):
         return self.cells(body, "T_degC", t)
 
     def cells(self, body: str, name: str, t: float) -> np.ndarray:
-        """Cell data of a body, such as "pressure_Pa" of "contact", at the saved time nearest to t (s).  Raises BadInput."""
+        """Cell data of a body, such as "pressure_Pa" of "contact", at the saved time nearest to t (s); or BadInput."""
         k = self._nearest_frame(t)
         with h5py.File(self.path) as file:
             leaf = file["VTKHDF"].get(body)
@@ -263,7 +263,7 @@ class RunFields(DisplayMixin):
             return data[name][k * n : (k + 1) * n]
 
     def tensor(self, body: str, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Edges x, y, z (m; one y in 2D) of "block" or "road", T (nx, ny, nz) degC at the saved time nearest to t (s)."""
+        """Edges x, y, z (m; one y in 2D) of "block" or "road", T (nx, ny, nz) degC at the saved time next to t (s)."""
         with h5py.File(self.path) as file:
             x, y, z = (np.unique(axis) for axis in file["VTKHDF"][body]["Points"][:].T)
         return x, y, z, self.T(body, t).reshape([max(len(e) - 1, 1) for e in (x, y, z)])

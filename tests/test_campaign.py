@@ -72,7 +72,7 @@ def test_a_campaign_is_read(folder):
         (HEAD + VIEW + 'held_out = "yes"\n', "give true or false"),
         (HEAD + '[[recording]]\nfile = "b.nc"\n', "no file 'b.nc'"),
         (HEAD + '[[recording]]\nfile = "mu.csv"\n', "not a NetCDF recording"),
-        (HEAD + '[[force]]\nfile = "a.nc"\n', "no text"),
+        (HEAD + '[[force]]\nfile = "a.nc"\n', "not text"),
         (HEAD + 'free = ["friction.nu"]\n' + VIEW, "did you mean 'friction.mu'"),
         (HEAD + "recording = 3\n", "write [[recording]]"),
         (HEAD + "candidates = 3\n" + VIEW, "give a list of names in quotes"),

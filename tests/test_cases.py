@@ -93,7 +93,7 @@ def smooth(x, y, at):
 
 def rows(run, repetition):
     """Records of sliding in one repetition (default: the last)."""
-    repetition = run.repetition[run.last] if repetition is None else repetition
+    repetition = run.repetition[run.last_sliding_index] if repetition is None else repetition
     return np.flatnonzero(run.sliding & (run.repetition == repetition))
 
 
@@ -116,7 +116,7 @@ def along(run, profile, at):
 
 def line(run, name, across):
     """A profile (lines,) at the end, at y/W from the centre line."""
-    assert np.argmin(np.abs(run.frames - run.last)) == len(run.frames) - 1
+    assert np.argmin(np.abs(run.frames - run.last_sliding_index)) == len(run.frames) - 1
     T = CubicSpline(run.mesh.y_centre, run.maps["T_block"][-1].astype(float), axis=1)(across * run.width)
     return {"rise_block": T - run.ambient_degC}[name]
 

@@ -162,7 +162,7 @@ def test_ridge_is_unknown_where_the_maximum_is_outside(asphalt):
 
 def test_remarks_tell_what_lies_outside(asphalt, concrete):
     assert not asphalt.remarks
-    assert ["contact fractions up to" in r for r in concrete.remarks] == [True]
+    assert ["contact fractions reach" in r for r in concrete.remarks] == [True]
     short = rheology.MeasuredModulus((1e-4, 1e4), (1e7, 1e8), (2e6, 5e7))
     rubber = rheology.Rubber(short, rheology.MeasuredShift((283.15, 303.15), (1.0, -1.0)))
     said = friction_curves.compute_curves(

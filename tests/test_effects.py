@@ -111,7 +111,7 @@ def test_meaning_of_off_in_the_base(bench):
     assert still.energy["air"][-1] == 0.0
     assert closed.energy["air"][-1] < 0.0
     narrow = bench.run(None, values={"contact.lane_widening": 0.0})
-    last = closed.last
+    last = closed.last_sliding_index
     assert np.mean(narrow.T_road[last]) > np.mean(closed.T_road[last]) + 0.5
 
 
@@ -252,14 +252,9 @@ WORDS = {  # that are quantities or parts of a camera's image before they are ef
     "registration": ("camera", "comparison/compare.py", "api/camera.py"),
 }  # fmt: skip
 NAMED = {  # modules whose code names an effect, and why it must
-    "model/case_file.py": {"edge_pressure", "wear"},  # examples in docstrings
     "model/priors.py": {"friction_softening", "edge_pressure", "wear", "persson_friction"},  # how well keys are known
-    "discovery/parameters.py": {"pressure_tilt"},  # a docstring's example of a key
     "discovery/hypotheses/input_steps.py": {"reflection"},  # moves the reflected temperature that a recording states
-    "viz/verdict/plot_helpers.py": {"third_body"},  # a docstring's example of a name
     "runs/studies/friction_study.py": {"persson_friction"},  # asks for the table that this effect's theory makes
-    "runs/studies/road_surface.py": {"persson_friction"},  # writes a road's spectrum into that effect's keys
-    "api/friction.py": {"persson_friction", "resolved_spots"},  # explains what a case needs for these studies
     "model/case_template.py": {"friction_softening", "track_memory"},  # examples in the text of a case to begin with
     "api/templates.py": {"edge_pressure"},  # an example in the text of a campaign to begin with
     "cli/friction.py": {"persson_friction", "resolved_spots"},  # helps of commands that serve one effect

@@ -29,18 +29,18 @@ def benchmark():
 
 
 def test_every_kind_of_campaign_is_drawn(benchmark):
-    drawn = [benchmark.draw(seed, True) for seed in FIXED]
+    drawn = [benchmark.draw_hidden(seed, True) for seed in FIXED]
     assert len(drawn) == 20
     assert {d["kind"] for d in drawn} == set(benchmark.KINDS)
     assert {d["hidden"] for d in drawn} == {"", "polishing", *benchmark.FEW, *benchmark.LABORATORY}
-    assert {benchmark.draw(seed, True)["hidden"] for seed in (911, *LAWS)} == set(benchmark.FOREIGN)
-    assert [benchmark.draw(seed, True) for seed in FIXED] == drawn
+    assert {benchmark.draw_hidden(seed, True)["hidden"] for seed in (911, *LAWS)} == set(benchmark.FOREIGN)
+    assert [benchmark.draw_hidden(seed, True) for seed in FIXED] == drawn
 
 
 def test_outcomes_are_counted_as_they_are(benchmark):
     def ended(kind, verdict, *named, hidden="pressure_tilt", group=(), laboratory=False):
         causes = [{"effect": n, "laboratory": laboratory} for n in named]
-        return benchmark.outcome(
+        return benchmark.classify_record(
             {"kind": kind, "hidden": hidden, "verdict": verdict, "causes": causes, "group": list(group)}
         )
 
@@ -62,8 +62,8 @@ def test_outcomes_are_counted_as_they_are(benchmark):
 @pytest.mark.parametrize("seed", FIXED)
 def test_campaigns_of_another_laboratory_end_as_they_are(benchmark, seed):
     """10 to 25 CPU seconds each, 60 where a law is learned."""
-    found = benchmark.one(seed, small=True)
-    assert benchmark.outcome(found) in FIXED[seed], found["says"]
+    found = benchmark.run_seed(seed, small=True)
+    assert benchmark.classify_record(found) in FIXED[seed], found["says"]
     if found["kind"] == "laboratory":
         assert {c["effect"] for c in found["causes"]} == {CALLED[found["hidden"]]}
 
@@ -77,16 +77,16 @@ WORLDS = {  # seeds with a block, a road, a schedule and cameras of their own, a
 
 
 def test_worlds_differ_and_are_drawn_again_alike(benchmark):
-    drawn = [benchmark.programme(seed) for seed in WORLDS]
-    assert [benchmark.programme(seed) for seed in WORLDS] == drawn
+    drawn = [benchmark.draw_programme(seed) for seed in WORLDS]
+    assert [benchmark.draw_programme(seed) for seed in WORLDS] == drawn
     assert len({p.pair.length for p in drawn}) == len({p.fraction for p in drawn}) == len(drawn)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("seed", WORLDS)
 def test_campaigns_of_other_worlds_end_as_they_are(benchmark, seed):
-    found = benchmark.one(seed, varied=True)
-    assert benchmark.outcome(found) == WORLDS[seed], found["says"]
+    found = benchmark.run_seed(seed, varied=True)
+    assert benchmark.classify_record(found) == WORLDS[seed], found["says"]
     assert {c["effect"] for c in found["causes"]} <= {CALLED.get(found["hidden"])}
 
 
@@ -221,7 +221,7 @@ def _without(benchmark, folder, held, hidden, beyond, early=0.0):
 @pytest.mark.long
 @pytest.mark.parametrize("seed", LAWS)
 def test_laws_of_another_laboratory_are_learned(benchmark, seed):
-    found = benchmark.one(seed, small=True)
+    found = benchmark.run_seed(seed, small=True)
     assert found["verdict"] == "learned", found["says"]
 
 
@@ -229,8 +229,8 @@ def test_laws_of_another_laboratory_are_learned(benchmark, seed):
 @pytest.mark.parametrize(("seed", "varied"), [(8541, False), (20027, True)])
 def test_walls_say_how_their_cooling_grows_with_speed(benchmark, seed, varied):
     """Cooled as 60 sqrt(v) W/m2K, where a turbulent stream would cool as v^0.8; 20027 in a block that is 5.8 mm high."""
-    found = benchmark.one(seed, varied=varied)
-    assert benchmark.outcome(found) == "right", found["says"]
+    found = benchmark.run_seed(seed, varied=varied)
+    assert benchmark.classify_record(found) == "right", found["says"]
     parameters = found["causes"][0]["parameters"]
     for name, true, sd in (("side_cooling.gain", 60.0, 6.0), ("side_cooling.exponent", 0.5, 0.06)):
         value, stderr, low, high = parameters[name]
@@ -263,8 +263,8 @@ def test_a_tilt_that_no_candidate_knows_is_learned(benchmark, tmp_path):
 def test_what_campaigns_once_got_wrong(benchmark, seed, end):
     """Scale and floor that were chosen one after the other (8657 unexplained, 8991 a hint of nothing), and a pair of
     which one alone had no full fit (9083: z = 10, a second cause beside it)."""
-    found = benchmark.one(seed)
-    assert benchmark.outcome(found) == end, found["says"]
+    found = benchmark.run_seed(seed)
+    assert benchmark.classify_record(found) == end, found["says"]
 
 
 @pytest.mark.long
@@ -294,9 +294,9 @@ def early(view):
 @pytest.mark.long
 @pytest.mark.parametrize("seed", OTHERS)
 def test_nothing_is_named_that_is_not_there(benchmark, seed):
-    found = benchmark.one(seed, small=True)
+    found = benchmark.run_seed(seed, small=True)
     print(seed, found["kind"], found["hidden"], f"z {found['z']:.1f}", found["verdict"], found["says"])
-    assert benchmark.outcome(found) not in ("wrong", "weak wrong"), found["says"]
+    assert benchmark.classify_record(found) not in ("wrong", "weak wrong"), found["says"]
 
 
 @pytest.mark.long

@@ -158,7 +158,7 @@ def test_columns_of_scale_and_turn_are_differences_of_images(tiny, kind, where):
         [made] = problem.predict(problem.make_tasks(model, prediction.DerivativeRequest(**derivatives)))
         return made.observables[view.file]
 
-    there = seen(model, own=problem.free_keys, optics=True)
+    there = seen(model, model_parameters=problem.free_keys, optics=True)
     ahead, behind = (seen(model.with_step(p, s)).values[:, there.inside] for s in (step, -step))
     slope = (ahead - behind) / (2.0 * step)
     off = there.columns[ParameterId(kind)] - slope
@@ -229,7 +229,7 @@ def test_traces_of_a_wall_that_its_film_cools_are_differences_of_images(tmp_path
         [shown] = problem.predict(problem.make_tasks(model, prediction.DerivativeRequest(**derivatives)))
         return shown.observables[view.file]
 
-    there, step = seen(problem.stated_model, own=problem.free_keys), 0.02
+    there, step = seen(problem.stated_model, model_parameters=problem.free_keys), 0.02
     ahead, behind = (seen(problem.stated_model.with_step(p, s)).values[:, there.inside] for s in (step, -step))
     slope = (ahead - behind) / (2.0 * step)
     off = there.columns[p] - slope

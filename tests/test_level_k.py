@@ -88,7 +88,7 @@ def test_hot_branch(case, speed):
     run = march(scene, made.settings)
     face = run.T_block[-1][len(run.x) // 2] + 273.15
     theory = acting.p.theory
-    phi = float(theory.contact(2 * np.pi / 3e-3, speed, face, P))
+    phi = float(theory.contact_fraction(2 * np.pi / 3e-3, speed, face, P))
     spots = flash_temperature.ContactSpots(
         3e-3, phi / (1.0 - phi)
     )  # what the passing of spots has left is in the face's temperature

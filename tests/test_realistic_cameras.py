@@ -41,10 +41,10 @@ def test_real_cameras_hide_nothing_strong_and_add_nothing(discovery_benchmark, t
     hidden, honest = CAMPAIGNS[seed]
     laboratory.campaign(tmp_path, hidden, seed, test=PROGRAMME, uncooled=True)
     loaded = replace(campaign.load(tmp_path), candidates=CANDIDATES)
-    with discovery_benchmark.stored.Recorder().installed() as recorder:
+    with discovery_benchmark.stored.Recorder().record_calls() as recorder:
         verdict, _ = engine.discover(loaded, workers=1)
     true = {name: {PARAMETERS[name]: size} for name, size in hidden.items()}
     record = {"name": str(seed), "kind": "single" if hidden else "null", "hidden": true, "setup": {}}
     record |= discovery_benchmark.campaigns.describe_verdict(verdict, true)
     assert discovery_benchmark.campaigns.classify(record) in honest, verdict.says
-    assert discovery_benchmark.replay.not_reproduced([recorder.evidence(record)]) == []
+    assert discovery_benchmark.replay.list_not_reproduced([recorder.to_stored_search(record)]) == []

@@ -174,7 +174,7 @@ def test_spots_draw_tracks_that_stay(lab):
     [
         ("contact.spot_fraction=0.7", "at random"),
         ("resolved_spots.pattern=hexagonal", "give random, regular, stripes"),
-        ("resolved_spots.contact_map=none.npz", "no contact map"),
+        ("resolved_spots.contact_map=none.npz", "not a contact map"),
     ],
 )
 def test_a_case_whose_spots_cannot_be_is_refused_before_it_runs(given, says, capsys):

@@ -255,7 +255,9 @@ def test_level_is_the_run_at_the_times_that_both_keep(bare):
     both = np.isin(bare.run.time, bare.reference.time)
     assert both.sum() == len(bare.reference.time) > len(SHARES)
     np.testing.assert_allclose(bare.reference.T_block, bare.run.T_block[both], rtol=0, atol=0.05)
-    np.testing.assert_allclose(see(bare.level, "field", moments({})), see(bare.run, "field", moments({})), atol=0.05)
+    np.testing.assert_allclose(
+        see(bare.reference, "field", moments({})), see(bare.run, "field", moments({})), atol=0.05
+    )
     for one in bare.moved.values():
         np.testing.assert_array_equal(one.time, bare.reference.time)
         np.testing.assert_array_equal(one.frames, bare.reference.frames)
@@ -392,7 +394,7 @@ def test_trace_of_a_longer_test_with_laps_that_are_remembered():
 
 def test_another_number_of_cells_or_repetitions_is_no_neighbour():
     for other in ({"numerics.mesh": 0.35}, {"schedule.repetitions": 3}, {"schedule.wait": 0.0}):
-        with pytest.raises(ValueError, match="neighbour needs"):
+        with pytest.raises(ValueError, match="perturbed scene needs"):
             run_with_sensitivities(scene({}), asked({}), {"other": Perturbation(scene(other), 1e-3, is_stretched=True)})
 
 

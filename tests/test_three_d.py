@@ -77,7 +77,9 @@ def test_pressure_across_against_the_plane_with_a_sink(lab):
     # the plane by itself: C dT/dt = A T + b, then with the sink of the discrete cosine
     balance = HeatBalance(flat)
     system, size = PhaseSystem(balance, flat.schedule.phases[0]), balance.n
-    system.__dict__["floor"] = -np.inf  # unit vectors are no states: at them the bound of advection would act
+    system.__dict__[
+        "undershoot_floor"
+    ] = -np.inf  # unit vectors are no states: at them the bound of advection would act
     at, out = np.zeros(balance.size), np.zeros(balance.size)
     system.rate(0.5, at, out)
     b = out[:size].copy()

@@ -55,7 +55,7 @@ def test_a_run_that_gets_too_hot_fails_with_time_and_place(folder, capsys):
     assert " at t = " in said
     assert not (folder / "out").exists()
     assert main(["run", str(folder), *words, *hot, "limits.temperature=1e5", "--out", str(folder / "out")]) == 0
-    remark = "rubber ages above 200 and chars above 300 degC"
+    remark = "rubber ages above 200 degC and chars above 300 degC"
     assert remark in capsys.readouterr().out
     assert any(remark in r for r in json.loads((folder / "out" / "summary.json").read_text())["remarks"])
 

@@ -21,7 +21,7 @@ def test_an_interval_is_95_percent_of_a_widened_error():
             return 0.1
 
     fit = N(solution=Solution({p: 0.05}), model=N(value=lambda name: 0.3), bound=())
-    found = fit_report._estimate_parameter(N(problem=N(case=N(known=known))), fit, p)
+    found = fit_report._estimate_parameter(N(problem=N(case=N(known_effects=known))), fit, p)
     assert found.value == pytest.approx(0.35)
     assert found.stderr == pytest.approx(0.12)
     assert found.ci95 == pytest.approx((0.35 - 1.96 * 0.12, 0.5))  # no further than the parameter may go

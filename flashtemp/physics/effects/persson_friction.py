@@ -27,9 +27,7 @@ class PerssonFriction(Effect):
 
     weight = Param(1.0, "1", "1 friction by theory times friction.mu; 0 friction.mu alone", low=0.0, high=1.0, off=0.0)
     rubber = Param("A", "1", "name of a built-in rubber; master_curve replaces it", kinds=("name",))
-    master_curve = Param(
-        None, "rad/s, Pa, Pa", "frequency, storage, loss modulus: CSV file, rows or a law", kinds=("text", "table")
-    )
+    master_curve = Param(None, "rad/s, Pa, Pa", "frequency, storage, loss modulus: CSV or law", kinds=("text", "table"))
     wlf = Param(None, "1, K", "constants C1, C2 of the shift factor of master_curve", kinds=("table",))
     reference = Param(20.0, "degC", "temperature at which master_curve and wlf hold", low=-150.0, high=200.0)
     shift = Param(None, "degC, 1", "temperature and log10 a_T, instead of wlf: file or rows", kinds=("text", "table"))
@@ -100,10 +98,9 @@ class PerssonFriction(Effect):
             yield Deposit(p.weight * share, depth)
         if depths:
             yield Factor("friction.in_depth", in_depth_factor)
-        if not p.extrapolate and (
-            warnings := theory_inputs.describe_extrapolation(p.theory, scene.speeds, scene.ambient, scene.load)
-        ):
-            raise BadInput(f"persson_friction.extrapolate: false, but {warnings[0]}; measure further, or allow it")
+        beyond = theory_inputs.describe_extrapolation(p.theory, scene.speeds, scene.ambient, scene.load)
+        if beyond and not p.extrapolate:
+            raise BadInput(f"persson_friction.extrapolate: false, but {beyond[0]}; measure further, or allow it")
 
     def remarks(self, scene, p, run=None):
         """Friction from beyond the measured or tabulated range, and keys without effect."""
@@ -119,6 +116,5 @@ class PerssonFriction(Effect):
 
 
 def _tabulate_scene(s, p) -> friction_table.FrictionTable:
-    return friction_table.tabulate_friction(
-        p.theory, s.block, s.spot_diameter, s.speeds, s.load, s.ambient, MIN_DEPOSIT_DEPTH_M, p.folder
-    )
+    given = (p.theory, s.block, s.spot_diameter, s.speeds, s.load, s.ambient, MIN_DEPOSIT_DEPTH_M, p.folder)
+    return friction_table.tabulate_friction(*given)

@@ -33,7 +33,7 @@ POINT_NUMBERS = {
     "rise_middle_K": ("K", "temperature rise of the block surface in its middle, end of the last repetition"),
     "rise_trailing_K": ("K", "temperature rise of the block surface at its trailing edge, end of the last repetition"),
     "energy_imbalance": ("1", "relative error of the energy balance"),
-    "worn_mean_m": ("m", "mean wear depth at the end"),
+    "worn_mean_m": ("m", "mean worn depth at the end"),
     "cells": ("1", "cells"),
     "wall_s": ("s", "wall time of the time integration"),
 }

@@ -258,7 +258,7 @@ def test_level_is_the_run_at_the_times_that_both_keep(bare):
     np.testing.assert_allclose(
         see(bare.reference, "field", moments({})), see(bare.run, "field", moments({})), atol=0.05
     )
-    for one in bare.moved.values():
+    for one in bare.perturbed.values():
         np.testing.assert_array_equal(one.time, bare.reference.time)
         np.testing.assert_array_equal(one.frames, bare.reference.frames)
 

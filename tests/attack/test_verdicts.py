@@ -20,7 +20,7 @@ def test_an_interval_is_95_percent_of_a_widened_error():
         def sd(self, name):
             return 0.1
 
-    fit = N(solution=Solution({p: 0.05}), model=N(value=lambda name: 0.3), bound=())
+    fit = N(solution=Solution({p: 0.05}), model=N(effect_value=lambda name: 0.3), bound=())
     found = fit_report._estimate_parameter(N(problem=N(case=N(known_effects=known))), fit, p)
     assert found.value == pytest.approx(0.35)
     assert found.stderr == pytest.approx(0.12)

@@ -49,7 +49,7 @@ class PerssonFriction(Effect):
     payne_rest = Param(1.0, "1", "fraction of the modulus left at large strain (filled rubber)", low=0.05, high=1.0)
     payne_strain = Param(0.05, "1", "strain at which half of that decrease is reached", low=1e-6, high=10.0)
     payne_loss_peak = Param(
-        None, "1", "loss at payne_strain over loss at small strain; as storage if not given", low=0.05, high=10.0
+        None, "1", "loss at payne_strain over that at small strain; or as storage", low=0.05, high=10.0
     )
     payne_loss_rest = Param(1.0, "1", "the same at large strain, used with payne_loss_peak", low=0.05, high=1.0)
     flattened = Param(1.0, "1", "factor on heights above the mean plane: skewness of the road", low=0.05, high=1.0)

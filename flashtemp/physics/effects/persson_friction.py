@@ -48,9 +48,7 @@ class PerssonFriction(Effect):
     saturation = Param(True, "1", "false: area in contact proportional to load without bound", kinds=("flag",))
     payne_rest = Param(1.0, "1", "fraction of the modulus left at large strain (filled rubber)", low=0.05, high=1.0)
     payne_strain = Param(0.05, "1", "strain at which half of that decrease is reached", low=1e-6, high=10.0)
-    payne_loss_peak = Param(
-        None, "1", "loss at payne_strain over that at small strain; or as storage", low=0.05, high=10.0
-    )
+    payne_loss_peak = Param(None, "1", "loss at payne_strain over that at none; or as storage", low=0.05, high=10.0)
     payne_loss_rest = Param(1.0, "1", "the same at large strain, used with payne_loss_peak", low=0.05, high=1.0)
     flattened = Param(1.0, "1", "factor on heights above the mean plane: skewness of the road", low=0.05, high=1.0)
     skewness_cutoff = Param(1e-3, "m", "shortest wave that is flattened; 0: all waves", low=0.0, high=10.0)

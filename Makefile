@@ -59,7 +59,7 @@ clean:  ## remove .venv and everything built or cached, but no results
 
 .venv/bin/pip:
 	@test -n "$(PYTHON)" || { echo "flashtemp needs Python 3.11 or later: apt-get install python3-venv"; exit 1; }
-	@echo "setting up .venv for runs: MINUTES"
+	@echo "setting up .venv for runs: about two minutes on two cores, 330 MB to download, 1.4 GB on disk"
 	@$(PYTHON) -m venv --clear .venv
 
 $(RUN): pyproject.toml | .venv/bin/pip
@@ -70,14 +70,14 @@ $(RUN): pyproject.toml | .venv/bin/pip
 	@touch $@
 
 $(READY): $(RUN)
-	@echo "adding what the tests need: TESTMINUTES"
+	@echo "adding what the tests need: half a minute, 170 MB to download, 0.6 GB on disk"
 	@$(INSTALL) '.[test,dev]'
 	@$(COMPILE)
 	@$(MAKE) --no-print-directory browser
 	@touch $@
 
 $(DOCS): $(RUN)
-	@echo "adding what the documentation needs: DOCSMINUTES"
+	@echo "adding what the documentation needs: half a minute, 40 MB to download, 0.2 GB on disk"
 	@$(INSTALL) '.[docs]'
 	@$(COMPILE)
 	@touch $@

@@ -40,7 +40,7 @@ def time_march(case: Case, repeat: int):
 
 def profile_error(run, x, rise) -> float:
     """Largest error of T(x) at the end in % of the largest rise; x in m, rise in K."""
-    T = PchipInterpolator(run.x, run.T_block[run.last], extrapolate=True)(x) - run.ambient_degC
+    T = PchipInterpolator(run.x, run.T_block[run.last_sliding_index], extrapolate=True)(x) - run.ambient_degC
     return 100 * float(np.abs(T - rise).max() / np.max(np.abs(rise)))
 
 

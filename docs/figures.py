@@ -37,7 +37,7 @@ def against_speed(run_of):
     for p, colour in ((0.5e5, "#0072B2"), (1.5e5, "#D55E00")):
         for T0, style in ((20.0, "-"), (40.0, "--")):
             runs = [run_of[(v, p, T0)] for v in speeds]
-            T = [r.at_x(r.T_block[r.last], 0.0125) for r in runs]
+            T = [r.at_x(r.T_block[r.last_sliding_index], 0.0125) for r in runs]
             ax.plot(speeds, T, style, marker="o", color=colour, label=f"{p * 1e-6:.2f} MPa, from {T0:.0f} °C")
     ax.set(xlabel="sliding speed (m/s)", ylabel="block surface at x = L/2 (°C)", xlim=(0, None))
     ax.legend()

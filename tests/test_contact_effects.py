@@ -214,8 +214,8 @@ def test_debris_film_without_wear_is_fed_by_its_own_rate(lab):
     alone = lab.case(effects=["debris_film"], **film, **QUICK)
     worn = lab.case(effects=["debris_film", "wear"], wear__rate=4e-9, wear__energy=0.0, **film, **QUICK)
     plain = lab.case(**QUICK)
-    assert np.all(alone.T_spot[alone.last] > plain.T_spot[plain.last] + 0.05)
-    np.testing.assert_allclose(alone.T_spot[alone.last], worn.T_spot[worn.last], atol=0.01)
+    assert np.all(alone.T_spot[alone.last_sliding_index] > plain.T_spot[plain.last_sliding_index] + 0.05)
+    np.testing.assert_allclose(alone.T_spot[alone.last_sliding_index], worn.T_spot[worn.last_sliding_index], atol=0.01)
 
 
 # --- stones ----------------------------------------------------------------------------------------

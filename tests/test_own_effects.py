@@ -152,7 +152,7 @@ def test_a_case_travels_without_its_scene(case):
     assert len(state) < 20000
     again = pickle.loads(state)
     assert again == loaded
-    assert again.known["dust"] is loaded.known_effects["dust"]
+    assert again.known_effects["dust"] is loaded.known_effects["dust"]
     assert str(again) == str(loaded)
 
 

@@ -249,8 +249,8 @@ def new_block():
 
 def test_new_block_of_run_in_is_hottest_near_its_leading_edge(new_block):
     run = new_block
-    assert run.x[np.argmax(run.T_block[run.last])] < 0.3 * L
-    assert run.x[np.argmax(run.T_spot[run.last])] < 0.3 * L
+    assert run.x[np.argmax(run.T_block[run.last_sliding_index])] < 0.3 * L
+    assert run.x[np.argmax(run.T_spot[run.last_sliding_index])] < 0.3 * L
 
 
 def test_new_block_of_run_in_carries_its_load_and_moment(new_block):
@@ -260,7 +260,7 @@ def test_new_block_of_run_in_carries_its_load_and_moment(new_block):
     force, moment = 1.5e5 * L * W, 0.5 * L * W * (run.pressure * xi(run)) @ run.mesh.dx_block
     turn = 0.01 * (run.friction * force * 30e-3 - moment)
     np.testing.assert_allclose(run.tilt[on], turn[on], rtol=1e-8)
-    assert run.pressure[run.last, -1] == 0.0
+    assert run.pressure[run.last_sliding_index, -1] == 0.0
 
 
 ELASTIC = {

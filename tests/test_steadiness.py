@@ -26,7 +26,7 @@ def test_slope_of_a_power_law(lab, speed):
     scene, run = ran(lab, **FALLS, schedule__speed=speed)
     found = stick_slip_stability.estimate_velocity_weakening(scene, run)
     assert found.speed == abs(speed)
-    assert found.slope == pytest.approx(-0.3 * run.friction[run.last] / abs(speed), rel=1e-4)
+    assert found.slope == pytest.approx(-0.3 * run.friction[run.last_sliding_index] / abs(speed), rel=1e-4)
     assert found.damping == pytest.approx(-found.slope * 1.5e5 * 0.025 * 0.05, rel=1e-12)
 
 
@@ -35,7 +35,7 @@ def test_slope_of_a_power_law(lab, speed):
 def test_a_block_on_a_spring_shakes_below_that_damping_and_rests_above(lab, mass, stiffness):
     scene, run = ran(lab, **FALLS)
     found = stick_slip_stability.estimate_velocity_weakening(scene, run)
-    mu, N, v = run.friction[run.last], 1.5e5 * 0.025 * 0.05, found.speed
+    mu, N, v = run.friction[run.last_sliding_index], 1.5e5 * 0.025 * 0.05, found.speed
 
     def grows(damping):
         def moves(t, state):

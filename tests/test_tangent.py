@@ -356,7 +356,7 @@ LEAST = {"profiles": 1.0, "split": 0.02}  # K and share of the heat for a change
 
 def last(run):
     """What a run shows at its end, by share of the block's length, and where its heat went."""
-    shown = [np.atleast_1d(getattr(run, name)[run.last]) for name in SHOWN]
+    shown = [np.atleast_1d(getattr(run, name)[run.last_sliding_index]) for name in SHOWN]
     return np.concatenate([*shown, [run.budget[k] / run.budget["friction"] for k in ("block", "road", "air")]])
 
 

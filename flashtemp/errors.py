@@ -138,8 +138,10 @@ class RenamedAttribute:
         self.old, self.owner = name, owner.__name__
 
     def __get__(self, instance: Any, owner: type) -> Any:
+        if instance is None:  # documentation tools look at the class; its users at an instance
+            return self
         warn_renamed(f"{self.owner}.{self.old}", f"{self.owner}.{self.new}")
-        return getattr(owner if instance is None else instance, self.new)
+        return getattr(instance, self.new)
 
 
 def renamed_names(module: str, names: Mapping[str, str]) -> Callable[[str], Any]:
@@ -152,3 +154,17 @@ def renamed_names(module: str, names: Mapping[str, str]) -> Callable[[str], Any]
         return getattr(import_module(module), names[name])
 
     return find_attribute
+
+
+__getattr__ = renamed_names(  # of earlier releases; a user's own effect file may import them
+    __name__,
+    {
+        "AuditFailure": "EnergyBalanceError",
+        "Halted": "SystemFailure",
+        "Incomplete": "IncompleteResult",
+        "Interrupted": "UserInterrupt",
+        "nearest": "suggest_name",
+        "reason": "describe_exception",
+        "short": "shorten_text",
+    },
+)

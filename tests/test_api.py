@@ -269,7 +269,7 @@ def test_what_the_docs_show_is_there(lab):
         ("flashtemp.look", "flashtemp.inspect_files"), ("flashtemp.area", "flashtemp.compute_contact_area"),
         ("flashtemp.viz.field", "flashtemp.viz.run.field"),
         ("flashtemp.physics.effect.find", "flashtemp.physics.effect.find_effect"),
-        ("flashtemp.Run.last", "flashtemp.Run.last_sliding_index"),
+        ("flashtemp.errors.nearest", "flashtemp.errors.suggest_name"),
     ],
 )  # fmt: skip
 def test_a_name_of_an_earlier_release_works_and_warns_once(old, new, monkeypatch):

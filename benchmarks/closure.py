@@ -26,7 +26,7 @@ POINTS = [  # speed m/s, diameter m, fraction
     (0.1, 3e-3, 0.1), (0.1, 3e-3, 0.35),
 ]  # fmt: skip
 PATTERNS = [("random", 1), ("random", 2), ("random", 3), ("random", 4), ("regular", 1), ("stripes", 1)]
-FINE = 6  # cells per diameter: one disc is then within 0.5 % (tests/test_road_frame.py)
+FINE = 6  # cells per diameter: one disc is then within 0.5 % (tests/solver/test_road_frame.py)
 PASSES = 3  # of the block's length
 
 

@@ -2,13 +2,13 @@
 
     python benchmarks/discover.py run 1000 1300 found.jsonl     one campaign per seed; a number after it: processes (2)
     python benchmarks/discover.py run 1000 1020 found.jsonl wide   made in 3D, judged in 2D, in more or less air
-    python benchmarks/discover.py realistic 7000 7050 found.jsonl  by tests/truth, with the errors of uncooled cameras
+    python benchmarks/discover.py realistic 7000 7050 found.jsonl  by tests/reference, errors of uncooled cameras
     python benchmarks/discover.py store 7000 7050 FOLDER           the campaigns of `realistic`, for campaigns.py
     python benchmarks/discover.py table found.jsonl
 
 In the first two modes truth is made by `twin` (another mesh, grading, tolerance, order and, where there are two,
-another CVODE binding) and is read after the verdict is written.  In the mode `realistic` the independent laboratory of
-tests/truth makes it, which shares nothing with flashtemp, and its cameras have the errors of `truth.uncooled_camera`.
+another CVODE binding) and is read after the verdict is written.  In the mode `realistic` the independent laboratory in
+tests/reference makes it.  That shares nothing with flashtemp, and its cameras have errors (`uncooled_camera` there).
 Seeds below 1000 are for development, those from 1000 on are blind.
 """
 
@@ -132,7 +132,7 @@ def make_realistic(plan: dict, folder: Path) -> tuple[dict, dict]:
     """The campaign that the independent laboratory measures with uncooled cameras, in `folder`; hidden effects with
     their parameters, and what else was drawn."""
     sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-    from truth import laboratory
+    from reference import laboratory
 
     hidden = {n: a * REALISTIC[n][1] if n in REALISTIC else FOREIGN[n] for n, a in plan["size"].items()}
     pitch = {"sidewall": 4e-4, "wake": 1e-3}

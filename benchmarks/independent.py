@@ -1,4 +1,4 @@
-"""Blind benchmark of `discover` on campaigns of the independent laboratory in tests/truth, counted honestly.
+"""Blind benchmark of `discover` on campaigns of the independent laboratory in tests/reference, counted honestly.
 
     python benchmarks/independent.py run 5000 5300 found.jsonl     one campaign per seed; those in the file are skipped
     python benchmarks/independent.py run 900 920 fixed.jsonl small shorter, fewer candidates, as the tests have them
@@ -68,8 +68,8 @@ def hold_out_some(campaign, seed: int):
 
 def draw_programme(seed: int):
     """A block on a road, a schedule and cameras as drawn from the seed; half of all have thermocouples."""
-    from truth.laboratory import Programme
-    from truth.sliding import Pair
+    from reference.laboratory import Programme
+    from reference.sliding import Pair
 
     rng = np.random.default_rng([seed, 181])
 
@@ -102,7 +102,7 @@ def draw_programme(seed: int):
 
 def run_seed(seed: int, small: bool = False, held: bool = False, varied: bool = False) -> dict:
     """Make a campaign, discover, then open the truth."""
-    from truth import laboratory
+    from reference import laboratory
 
     from flashtemp.comparison import campaign
     from flashtemp.discovery import engine

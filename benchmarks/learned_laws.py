@@ -3,9 +3,9 @@
     python benchmarks/learned_laws.py 7000 7010 nulls.jsonl    one campaign per seed; those in the file are skipped
     python benchmarks/learned_laws.py table nulls.jsonl
 
-Every seed is a campaign of the independent laboratory in tests/truth, all its errors at their usual size and nothing
-hidden.  Its laws are scored by their sensitivities although no verdict requires one: `best` is the best law of the
-campaign itself.  `beyond` counts draws of noise and all nuisances whose best law would be fitted in full.
+Every seed is a campaign of the independent laboratory in tests/reference, all its errors at their usual size and
+nothing hidden.  Its laws are scored by their sensitivities although no verdict requires one: `best` is the best
+law of the campaign itself.  `beyond` counts draws of noise and all nuisances whose best law would be fitted in full.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def law_signatures(calibrated, laws) -> LawSignatures:
 
 def run_seed(seed: int) -> dict:
     """A null campaign: its best law by sensitivities, and how many draws of noise give a law."""
-    from truth import laboratory
+    from reference import laboratory
 
     from flashtemp.comparison import campaign
     from flashtemp.discovery import engine

@@ -3,7 +3,7 @@
     python benchmarks/spots.py
 
 One disc of 3 mm fixed to the road slides by six diameters under the block, 6 cells per diameter; its mean rise against
-a program that shares no solver (tests/test_road_frame.py).  Lines that are not quite even keep the cells of road fixed.
+a program that shares no solver (tests/solver/test_road_frame.py).  Uneven lines keep the cells of the road fixed.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Draw the flow chart of docs/explanation/discovery_method.md; `make docs` does it (docs/reference.py).
 
-Every step names the modules that do it; tests/test_docs.py checks that they exist.
+Every step names the modules that do it; tests/structure/test_docs.py checks that they exist.
 """
 
 from __future__ import annotations

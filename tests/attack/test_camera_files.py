@@ -28,7 +28,7 @@ from flashtemp.camera.importing.readers import iter_frames, read_frames
 from flashtemp.errors import BadInput
 
 ROOT = Path(__file__).parents[2]
-_spec = importlib.util.spec_from_file_location("files_by_hand", ROOT / "tests" / "test_formats.py")
+_spec = importlib.util.spec_from_file_location("files_by_hand", ROOT / "tests" / "camera" / "test_formats.py")
 make = importlib.util.module_from_spec(_spec)  # writes small files of every kind
 _spec.loader.exec_module(make)
 

@@ -45,7 +45,7 @@ class PacedSpots(ResolvedSpots):
 def disc_scene(frame: str, steps: float):
     """One disc between block and road, followed by so many steps a diameter at least."""
     import conftest as lab
-    from test_road_frame import one_disc
+    from solver.test_road_frame import one_disc
 
     made = one_disc(lab, CELLS)
     acting = tuple(
@@ -66,7 +66,7 @@ def compile_kernels() -> None:
 
 def measure_row(frame: str, steps: float, rtol: float) -> ErrorRow:
     """Its number of steps stands in the name."""
-    from test_road_frame import WAVES, mean_rise
+    from solver.test_road_frame import WAVES, mean_rise
 
     made, settings = disc_scene(frame, steps), SolverSettings(choose_binding(None), rtol, profiles=4)
     compile_kernels()

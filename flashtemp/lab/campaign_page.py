@@ -111,7 +111,7 @@ class CampaignPage:
 
     async def _open_command(self, command: str) -> None:
         if await self._save():
-            ui.navigate.to(page_address("work", command=command, of=self.name.value))
+            ui.navigate.to(page_address("runs", command=command, of=self.name.value))
 
 
 def _parse_conditions(typed: str) -> dict[str, Any]:

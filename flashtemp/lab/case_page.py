@@ -44,7 +44,7 @@ class CasePage:
                 self.name = ui.input("file", value=self.file).classes("w-96")
                 ui.button("Save", on_click=self._save)
                 ui.link("run it", "").bind_visibility_from(self, "case").on(
-                    "click.prevent", lambda: ui.navigate.to(page_address("work", command="run", of=self.name.value))
+                    "click.prevent", lambda: ui.navigate.to(page_address("runs", command="run", of=self.name.value))
                 )
             self.faults = ui.column().classes("w-full gap-1").props("aria-live=polite")
             with ui.row().classes("w-full items-start no-wrap max-lg:flex-wrap"):

@@ -1,10 +1,12 @@
-"""Shared by all pages: header, addresses, the equivalent command line, error messages and questions."""
+"""Shared by all pages: frame, addresses, cards, states, the equivalent command line, error messages and questions."""
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from html import escape
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, urlencode
@@ -14,29 +16,56 @@ from nicegui import ui
 from flashtemp.errors import BadInput, FlashtempError
 from flashtemp.lab.programs import AllowedPrograms
 from flashtemp.lab.saving import ReplacesFile, TextVersion, write_text
+from flashtemp.lab.style import style_sheet
 from flashtemp.lab.workspace import escape_control
 
 FILES_ADDRESS = "/files"  # the files of the folder
 MAX_NAMES_LISTED = 40
 STANDARD_FILES = ("case.toml", "campaign.toml")  # a folder with one of them stands for it in a command
-PAGE_ADDRESSES = {"folder": "/", "camera": "/camera", "case": "/case", "campaign": "/campaign", "work": "/work"}
+PAGE_ADDRESSES = {"home": "/", "camera": "/camera", "case": "/case", "campaign": "/campaign", "runs": "/runs"}
+PAGE_TITLES = {"home": "Home", "camera": "Camera", "case": "Case", "campaign": "Campaign", "runs": "Runs"}
+SCHEME_KEY = "flashtemp-dark"  # of the browser's own storage: the user's choice of light or dark
+APPLY_SCHEME = f"""<script>(() => {{
+    const chosen = localStorage.getItem("{SCHEME_KEY}");  // none: as the system has it
+    const wait = setInterval(() => {{
+        if (!document.getElementById("content")) return;
+        clearInterval(wait);
+        if (chosen !== null) Quasar.Dark.set(chosen === "1");
+    }}, 5);
+}})()</script>"""
+SWITCH_SCHEME = f"""() => {{
+    Quasar.Dark.toggle();
+    localStorage.setItem("{SCHEME_KEY}", Quasar.Dark.isActive ? "1" : "0");
+}}"""
 
 
 @contextmanager
-def page_frame(here: str, folder: Path) -> Iterator[None]:
-    """Context manager: the header of a page with links to the others, and a column for its content."""
-    ui.colors(primary="#8C2D04")
-    ui.add_css("svg { max-width: 100%; height: auto }")
-    ui.page_title("flashtemp")
-    with ui.header().classes("items-center gap-6 py-2"):
-        ui.label("flashtemp").classes("text-xl font-semibold")
-        for name, target in PAGE_ADDRESSES.items():
-            ui.link(name, target).classes(f"text-white no-underline {'font-bold underline' if name == here else ''}")
+def page_frame(here: str, folder: Path, title: str = "") -> Iterator[None]:
+    """Context manager: the frame of a page with links to the others, and the main column for its content.
+
+    `here` is the key of the page in PAGE_ADDRESSES that is marked in the navigation ("" for none); `title` is the
+    heading of the page, shown where it is not empty.
+    """
+    ui.add_css(style_sheet())
+    ui.add_head_html(APPLY_SCHEME)
+    ui.page_title(f"{title or PAGE_TITLES.get(here, '')} · flashtemp")
+    with ui.header().classes("ft-header items-center gap-4 py-2 px-4"):
+        ui.link("Skip to the content", "#content").classes("ft-skip")
+        ui.link("flashtemp", "/").classes("ft-brand")
+        with ui.element("nav").classes("ft-nav").props('aria-label="pages"'):
+            for name, target in PAGE_ADDRESSES.items():
+                link = ui.link(PAGE_TITLES[name], target)
+                if name == here:
+                    link.props("aria-current=page")
         ui.space()
-        ui.label(escape_control(folder.name)).classes("text-sm opacity-80 break-all").tooltip(
+        ui.label(escape_control(folder.name)).classes("ft-muted ft-small break-all").tooltip(
             escape_control(str(folder))
         )
-    with ui.column().classes("w-full max-w-screen-2xl mx-auto gap-4 p-2"):
+        switch = ui.button(icon="contrast").props('flat dense round color=primary aria-label="light or dark"')
+        switch.on("click", js_handler=SWITCH_SCHEME).tooltip("light or dark")
+    with ui.element("main").classes("ft-main").props("id=content tabindex=-1"):
+        if title:
+            heading(1, title)
         yield
 
 
@@ -50,10 +79,55 @@ def file_address(path: Path) -> str:
     return f"{FILES_ADDRESS}/{quote(path.as_posix())}"
 
 
+def heading(level: int, text: str) -> Any:
+    """A heading of level 1 (page), 2 (card) or 3; the text is escaped."""
+    return ui.html(escape(escape_control(text)), tag=f"h{level}", sanitize=False)
+
+
+@contextmanager
+def card(title: str = "", about: str = "") -> Iterator[Any]:
+    """Context manager: a card with a heading and, below it, a sentence of second rank."""
+    with ui.element("section").classes("ft-card") as element:
+        if title:
+            heading(2, title)
+            element.props["aria-label"] = escape_control(title)
+        if about:
+            ui.label(about).classes("ft-muted")
+        yield element
+
+
+@contextmanager
+def empty_state(title: str, how: str) -> Iterator[Any]:
+    """Context manager: what belongs here and how to get it; the content are the buttons that lead there."""
+    with ui.element("section").classes("ft-card ft-empty") as element:
+        heading(2, title)
+        ui.label(how)
+        with ui.row().classes("gap-2"):
+            yield element
+
+
+def action(label: str, on_click: Any, icon: str | None = None, main: bool = False) -> Any:
+    """A button; a page has one `main` action, which leads to the next step."""
+    return ui.button(label, icon=icon, on_click=on_click).props("unelevated" if main else "outline").props("no-caps")
+
+
+def chip(text: str, kind: str = "") -> Any:
+    """A short state in a word: `kind` is "", "good", "warning", "error" or "accent"."""
+    return ui.label(escape_control(text)).classes(f"ft-chip {kind}")
+
+
+def note(text: str, kind: str = "") -> None:
+    """One remark in a box: `kind` is "", "good" or "warning"; errors are shown by `show_error`."""
+    ui.label(escape_control(text)).classes(f"ft-note {kind}")
+
+
 def show_command(words: str) -> None:
-    """Show the equivalent command line."""
-    with ui.row().classes("w-full items-center bg-gray-100 rounded px-3 py-1"):
-        ui.label(escape_control(words)).classes("font-mono text-sm break-all").props('data-is="command"')
+    """Show the equivalent command line, with a button that copies it."""
+    literal = json.dumps(words).replace("<", "\\u003c")  # no tag can begin inside the handler
+    with ui.element("div").classes("ft-command"):
+        ui.label(escape_control(words)).classes("ft-mono").props('data-is="command"')
+        copy = ui.button(icon="content_copy").props('flat dense round size=sm aria-label="copy the command"')
+        copy.on("click", js_handler=f"() => navigator.clipboard.writeText({literal})").tooltip("copy")
 
 
 async def save_text(folder: Path, name: str, text: str, opened: TextVersion | None) -> TextVersion | None:
@@ -132,6 +206,6 @@ def relative_names(text: str, folder: Path | None) -> str:
 
 def show_error(text: str, folder: Path | None = None) -> None:
     """Show an error message."""
-    with ui.column().classes("w-full bg-red-50 border-l-4 border-red-700 px-3 py-2 gap-0").props("role=alert"):
+    with ui.column().classes("ft-note error gap-0").props("role=alert"):
         for line in relative_names(text, folder).splitlines():
-            ui.label(escape_control(line)).classes("text-red-900 break-all")
+            ui.label(escape_control(line)).classes("break-all")

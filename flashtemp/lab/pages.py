@@ -37,7 +37,7 @@ def make_application(folder: Path) -> tuple[Any, JobList]:
 
     @ui.page("/")
     def files() -> None:
-        with page_frame("folder", folder):
+        with page_frame("home", folder):
             _show_folder(folder)
 
     @ui.page("/camera")
@@ -55,9 +55,9 @@ def make_application(folder: Path) -> tuple[Any, JobList]:
         with page_frame("campaign", folder):
             CampaignPage(folder, allowed).show(open)
 
-    @ui.page("/work")
-    def work(command: str = "run", of: str = "") -> None:
-        with page_frame("work", folder):
+    @ui.page("/runs")
+    def runs(command: str = "run", of: str = "") -> None:
+        with page_frame("runs", folder):
             JobsPage(folder, jobs, allowed).show(command, of)
 
     @ui.page("/result")
@@ -65,7 +65,7 @@ def make_application(folder: Path) -> tuple[Any, JobList]:
         with page_frame("", folder), show_errors(folder):
             show_result(folder, open)
 
-    ui.run_with(app, title="flashtemp", favicon="🔥", show_welcome_message=False)
+    ui.run_with(app, title="flashtemp", favicon="🔥", dark=None, show_welcome_message=False)
     return app, jobs
 
 
@@ -74,10 +74,10 @@ def _show_folder(folder: Path) -> None:
     listing = list_folder(folder)
 
     def campaign_links(campaign: Path) -> list[tuple[str, str]]:
-        return [(c, _work_link(c, campaign)) for c in ("compare", "discover", "plan")]
+        return [(c, _runs_link(c, campaign)) for c in ("compare", "discover", "plan")]
 
     groups: dict[str, Sequence[tuple[Path | str, list[tuple[str, str]]]]] = {
-        "Cases": [(p, [("open", page_address("case", open=p)), ("run", _work_link("run", p))]) for p in listing.cases],
+        "Cases": [(p, [("open", page_address("case", open=p)), ("run", _runs_link("run", p))]) for p in listing.cases],
         "Camera files": [
             (p, [(f"view {format_count(n, 'file')}", page_address("camera", open=p))])
             for p, n in listing.image_series.items()
@@ -86,7 +86,7 @@ def _show_folder(folder: Path) -> None:
         "Recordings": [(p, [("view", page_address("camera", open=p))]) for p in listing.recordings],
         "Campaigns": [(p, [("open", page_address("campaign", open=p)), *campaign_links(p)]) for p in listing.campaigns],
         "Results": [(p, [("open", page_address("result", open=p))]) for p in listing.results],
-        "Unfinished runs": [(p, [("resume", _work_link(o.command, p))]) for p, o in listing.begun.items()],
+        "Unfinished runs": [(p, [("resume", _runs_link(o.command, p))]) for p, o in listing.begun.items()],
     }  # fmt: skip
     for sentence in listing.omissions:
         ui.label(sentence).classes("text-amber-900")
@@ -102,10 +102,10 @@ def _show_folder(folder: Path) -> None:
         ui.button("Camera files", on_click=lambda: ui.navigate.to("/camera")).props("outline")
 
 
-def _work_link(command: str, of: Path) -> str:
-    """The address of the work page with a command and its file; a standard file goes by the name of its folder."""
+def _runs_link(command: str, of: Path) -> str:
+    """The address of the page of runs with a command and its file; a standard file goes by the name of its folder."""
     return page_address(
-        "work", command=command, of=of.parent if of.name in STANDARD_FILES and of.parent != Path() else of
+        "runs", command=command, of=of.parent if of.name in STANDARD_FILES and of.parent != Path() else of
     )
 
 

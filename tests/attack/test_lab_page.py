@@ -210,7 +210,7 @@ def test_the_interface_is_not_described_to_strangers(pages, path):
     assert "swagger" not in answer.text
 
 
-@pytest.mark.parametrize("page", ["camera", "case", "campaign", "work", "result"])
+@pytest.mark.parametrize("page", ["camera", "case", "campaign", "runs", "result"])
 @pytest.mark.parametrize(
     "name", ["%00", "a" * 5000, "..%2fsecret.toml", "out.toml", ".hidden.txt", "pipe.toml", "undecodable.toml", "loop",
              "result", "effect.toml", "formula.toml", "%f0%9f%94%a5%22%3E%3Cscript%3E", "--trust", "~", "%0a", "a.txt/b"]
@@ -634,7 +634,7 @@ REPORT = """<!DOCTYPE html><title>report</title><p>a report</p>
 <script>document.body.append("script ran"); parent.report_ran = 1; top.location = "/case";</script>
 <img src="x" onerror="document.body.append('script ran')"><svg onload="document.body.append('script ran')"></svg>
 <form id="f" action="/" method="post" target="_top"><button>send</button></form>
-<a href="javascript:document.body.append('script ran')">a link</a> <a href="/work" target="_top">away</a>
+<a href="javascript:document.body.append('script ran')">a link</a> <a href="/runs" target="_top">away</a>
 <meta http-equiv="refresh" content="0; url=http://127.0.0.1:9/"><iframe src="/case"></iframe>
 """
 SVG = '<svg xmlns="http://www.w3.org/2000/svg"><script>document.documentElement.setAttribute("ran","1")</script></svg>'
@@ -699,7 +699,7 @@ def test_a_hostile_picture_name_and_a_hostile_report_run_no_script_and_start_no_
     other.get_by_role("button", name="Save").click()
     other.get_by_text("changed on disk since it was opened").wait_for()
 
-    page.goto(f"{base}/work?command=run&of=shown.toml")
+    page.goto(f"{base}/runs?command=run&of=shown.toml")
     page.get_by_label("further arguments").fill("--trust")
     page.get_by_label("further arguments").press("Tab")
     page.get_by_role("button", name="Start").click()

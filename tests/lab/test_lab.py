@@ -437,7 +437,7 @@ def test_a_case_is_written_run_and_seen(browser, server, place):
         seen.get_by_role("button", name="Save").press("Enter")
         seen.get_by_text("case.toml is saved").wait_for()
         assert tomllib.loads((place / "case.toml").read_text())["schedule"]["distance"] == 0.3
-        seen.goto(server.split("/?")[0] + "/work?command=run&of=case.toml")
+        seen.goto(server.split("/?")[0] + "/runs?command=run&of=case.toml")
         seen.get_by_text("flashtemp run case.toml --out results/case-run").wait_for()
         seen.get_by_role("button", name="Start").press("Enter")
         seen.get_by_role("link", name="open the result").click(timeout=120_000)
@@ -483,7 +483,7 @@ def test_two_pages_see_the_same_and_a_killed_server_loses_nothing(browser, tmp_p
     (tmp_path / "case.toml").write_text(CASE)
     with served(tmp_path) as (address, process), page(browser, address) as one, page(browser, address) as two:
         for seen in (one, two):
-            seen.goto(address.split("/?")[0] + "/work?command=run&of=case.toml")
+            seen.goto(address.split("/?")[0] + "/runs?command=run&of=case.toml")
         one.get_by_role("button", name="Start").click()
         for seen in (one, two):
             seen.get_by_text(re.compile("running|done")).first.wait_for()

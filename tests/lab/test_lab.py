@@ -8,17 +8,15 @@ import os
 import re
 import shutil
 import signal
-import subprocess
-import sys
 import time
 import tomllib
 import urllib.error
 import urllib.request
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
+from lab.browsing import CASE, page, served
 
 import flashtemp
 from flashtemp.camera import recording
@@ -32,16 +30,6 @@ from flashtemp.lab.jobs import Job, JobList
 from flashtemp.lab.toml_editing import set_toml_key
 from flashtemp.model.toml_format import value_text
 
-CASE = """title = "small"
-[schedule]
-distance = 0.4
-repetitions = 2
-wait = 4.0
-[numerics]
-mesh = 0.3
-[output]
-animation = false
-"""
 # --- marks -----------------------------------------------------------------------------------------------------
 
 
@@ -248,20 +236,6 @@ def test_a_command_is_started_stopped_and_gone_on_with(tmp_path):
 
 
 # --- the server ------------------------------------------------------------------------------------------------
-@contextmanager
-def served(place: Path):
-    """The address of a server of the folder, and its process."""
-    words = [sys.executable, "-m", "flashtemp", "lab", str(place), "--no-browser"]
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
-        yield process.stdout.readline().strip(), process
-    finally:
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
-        said = process.communicate(timeout=60)[1]
-        assert "Traceback" not in said, said
-
-
 @pytest.fixture(scope="module")
 def server(place):
     with served(place) as (address, process):
@@ -309,36 +283,6 @@ def test_no_other_site_can_stand_for_the_page(server):
 
 
 # --- in the browser --------------------------------------------------------------------------------------------
-BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
-
-
-@pytest.fixture(scope="module")
-def browser():
-    """The distribution's own Chromium, without a screen."""
-    found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
-    if found is None:
-        pytest.skip("no Chromium on this machine: apt-get install chromium-headless-shell")
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as driver:
-        chromium = driver.chromium.launch(executable_path=found, args=["--no-sandbox"])
-        yield chromium
-        chromium.close()
-
-
-@contextmanager
-def page(browser, address, width=1280):
-    """A page at that width; whatever its console complains of fails the test."""
-    with browser.new_context(viewport={"width": width, "height": 900}) as context:
-        seen, said = context.new_page(), []
-        seen.set_default_timeout(30_000)
-        seen.on("console", lambda m: said.append(m.text) if m.type == "error" else None)
-        seen.on("pageerror", lambda e: said.append(str(e)))
-        seen.goto(address)
-        yield seen
-        assert said == []
-
-
 def at(seen, column, row, zoom=6, columns=160):
     """Where a pixel of the camera is on the page."""
     box = seen.locator("#image").bounding_box()

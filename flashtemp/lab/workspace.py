@@ -74,7 +74,20 @@ def list_folder(folder: Path) -> FolderListing:
         else:
             for name in sorted(names):
                 _add_file(out, folder, relative / name)
+    traces = {trace for campaign in out.campaigns for trace in _load_cell_files(folder, campaign)}
+    out.images = [path for path in out.images if path not in traces]
     return out
+
+
+def _load_cell_files(folder: Path, campaign: Path) -> Iterator[Path]:
+    """Paths, relative to the folder, of the load-cell traces that a campaign lists."""
+    try:
+        rows = parse_toml((folder / campaign).read_text(encoding="utf-8")).get("force", [])
+    except (OSError, ValueError, RecursionError):
+        return
+    for row in rows if isinstance(rows, list) else ():
+        if isinstance(row, dict) and isinstance(row.get("file"), str):
+            yield Path(os.path.normpath(campaign.parent / row["file"]))
 
 
 def _walk_folders(folder: Path, omissions: list[str]) -> Iterator[tuple[Path, list[str]]]:

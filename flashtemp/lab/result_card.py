@@ -1,0 +1,102 @@
+"""A result in brief: its main picture, its answer in one sentence and when it was made."""
+
+from __future__ import annotations
+
+import json
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from nicegui import ui
+
+from flashtemp.errors import BadInput
+from flashtemp.lab.page_layout import chip, file_address, page_address
+from flashtemp.lab.workspace import RESULT_COMMANDS, escape_control, resolve_inside
+
+MAX_BRIEF_BYTES = 4 * 2**20  # of a JSON file that is read for one sentence
+MAIN_PICTURES = {  # of a command's result, the first that exists
+    "run": ("profile.png", "field.png"),
+    "discover": ("what_is_wrong.png", "why.png"),
+    "compare": ("what_is_wrong.png",),
+}
+
+
+def find_main_picture(folder: Path, result: Path, command: str) -> Path | None:
+    """The picture that shows a result best, relative to the folder; None where there is none."""
+    usual = [result / name for name in MAIN_PICTURES.get(command, ())]
+    try:
+        others = sorted(result / p.name for p in resolve_inside(folder, str(result)).iterdir() if p.suffix == ".png")
+    except (OSError, BadInput):
+        others = []
+    return next((name for name in [*usual, *others] if _is_own_file(folder, name)), None)
+
+
+def describe_result(folder: Path, result: Path, command: str) -> str:
+    """The answer of a result in one sentence, "" where its file does not say."""
+    if command == "run":
+        found = _read_json(folder, result / "summary.json")
+        values = found.get("T_max_degC"), found.get("rise_trailing_K")
+        if all(isinstance(v, (int, float)) for v in values):
+            return f"highest {values[0]:.1f} °C, rise at the trailing edge {values[1]:.1f} K"
+        return ""
+    for name in ("verdict.json", "compare.json", "plan.json", "sensitivity.json"):
+        says = _read_json(folder, result / name).get("says")
+        if isinstance(says, list) and says and isinstance(says[0], str):
+            return says[0]
+    return ""
+
+
+def show_result_card(folder: Path, result: Path, command: str) -> None:
+    """A card with the main picture, the command, the time and the answer, which opens the result."""
+    target = page_address("result", open=result)
+    with ui.element("article").classes("ft-card ft-result"):
+        with ui.link(target=target).classes("ft-thumbnail") as link:
+            link.props["aria-label"] = f"open {escape_control(str(result))}"
+            picture = find_main_picture(folder, result, command)
+            if picture is not None:
+                ui.element("img").props["src"] = file_address(picture)
+            else:
+                ui.icon("insights", size="48px").classes("ft-muted")
+        with ui.row().classes("items-center gap-2 w-full no-wrap"):
+            ui.link(escape_control(result.name), target).classes("font-semibold break-all grow")
+            chip(command)
+        if words := describe_result(folder, result, command):
+            ui.label(escape_control(words)).classes("ft-small")
+        if (made := _time_made(folder / result)) is not None:
+            ui.label(f"{made:%Y-%m-%d %H:%M}").classes("ft-small ft-muted")
+
+
+def list_recent_results(folder: Path, results: dict[Path, str]) -> list[tuple[Path, str]]:
+    """Results with their commands, the newest first."""
+    oldest = datetime.min
+    return sorted(results.items(), key=lambda row: _time_made(folder / row[0]) or oldest, reverse=True)
+
+
+def _time_made(result: Path) -> datetime | None:
+    """When the file that every result of its kind has was written."""
+    for name in RESULT_COMMANDS:
+        try:
+            return datetime.fromtimestamp((result / name).stat().st_mtime)
+        except (OSError, ValueError, OverflowError):
+            continue
+    return None
+
+
+def _is_own_file(folder: Path, name: Path) -> bool:
+    """Whether this is a regular file of the folder, not reached by a link that leads out of it."""
+    try:
+        return escape_control(name.name) == name.name and resolve_inside(folder, str(name)).is_file()
+    except BadInput:
+        return False
+
+
+def _read_json(folder: Path, name: Path) -> dict[str, Any]:
+    """A JSON object of the folder; {} where it is missing, damaged, foreign or larger than MAX_BRIEF_BYTES."""
+    try:
+        path = resolve_inside(folder, str(name))
+        if not path.is_file() or path.stat().st_size > MAX_BRIEF_BYTES:
+            return {}
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (BadInput, OSError, ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}

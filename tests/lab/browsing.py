@@ -35,9 +35,9 @@ def served(place: Path):
 
 
 @contextmanager
-def page(browser, address, width=1280):
+def page(browser, address, width=1280, scheme="light"):
     """A page at that width; whatever its console complains of fails the test."""
-    with browser.new_context(viewport={"width": width, "height": 900}) as context:
+    with browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme) as context:
         seen, said = context.new_page(), []
         seen.set_default_timeout(30_000)
         seen.on("console", lambda m: said.append(m.text) if m.type == "error" else None)

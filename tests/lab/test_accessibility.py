@@ -1,0 +1,86 @@
+"""Every page meets the Web Content Accessibility Guidelines 2.2, levels A and AA, as far as axe-core can tell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from lab.browsing import CASE, page, served
+
+import flashtemp
+from flashtemp.lab.style import COLOURS
+
+RULES = {
+    "runOnly": {"type": "tag", "values": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]}
+}
+AA_CONTRAST = 4.5  # criterion 1.4.3, text of usual size
+TEXT_ON_GROUND = [
+    (text, ground)
+    for ground in ("ground", "surface", "sunken")
+    for text in ("text", "muted", "accent", "good", "warning", "error")
+] + [("on-accent", "accent"), ("accent", "accent-soft")]
+
+
+def relative_luminance(colour: str) -> float:
+    """Definition in the guidelines (sRGB)."""
+    channels = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+@pytest.mark.parametrize("scheme", [0, 1], ids=["light", "dark"])
+@pytest.mark.parametrize(("text", "ground"), TEXT_ON_GROUND)
+def test_text_stands_out_from_its_ground(text, ground, scheme):
+    low, high = sorted(relative_luminance(COLOURS[role][scheme]) for role in (text, ground))
+    assert (high + 0.05) / (low + 0.05) >= AA_CONTRAST
+
+
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory) -> Path:
+    """A folder with a case, a campaign with recordings, and a run."""
+    place = tmp_path_factory.mktemp("filled")
+    (place / "case.toml").write_text(CASE)
+    flashtemp.simulate(place / "case.toml", out=place / "results" / "case-run")
+    flashtemp.twin(place / "case.toml", hide=[], seed=3, out=place / "lab", conditions=1, views=["sidewall"])
+    return place
+
+
+@pytest.fixture(scope="module")
+def address(filled):
+    with served(filled) as (address, _):
+        yield address
+
+
+PAGES = {
+    "home": "/", "camera": "/camera", "frames": "/camera?open=lab/condition1_sidewall.nc", "no case": "/case",
+    "case": "/case?open=case.toml", "no campaign": "/campaign", "campaign": "/campaign?open=lab/campaign.toml",
+    "runs": "/runs", "form": "/runs?command=run&of=case.toml", "result": "/result?open=results/case-run",
+    "no such result": "/result?open=nothing",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.long)])
+@pytest.mark.parametrize("name", PAGES)
+def test_page_is_accessible(browser, address, name, scheme):
+    from axe_playwright_python.sync_playwright import Axe
+
+    with page(browser, address, scheme=scheme) as seen:
+        seen.goto(address.split("/?")[0] + PAGES[name])
+        seen.locator("h1").first.wait_for()
+        seen.wait_for_timeout(1000)  # what the server adds after the page is connected
+        found = Axe().run(seen, options=RULES).response["violations"]
+        told = [
+            f"{v['id']}: {v['help']}: {n['html'][:160]} {n['failureSummary'][:200]}" for v in found for n in v["nodes"]
+        ]
+        assert told == []
+
+
+@pytest.mark.parametrize("width", [1280, 800])
+@pytest.mark.parametrize("name", PAGES)
+def test_page_fits_its_width(browser, address, name, width):
+    """No page scrolls sideways."""
+    with page(browser, address, width) as seen:
+        seen.goto(address.split("/?")[0] + PAGES[name])
+        seen.locator("h1").first.wait_for()
+        seen.wait_for_timeout(500)
+        assert seen.evaluate("document.documentElement.scrollWidth") <= width

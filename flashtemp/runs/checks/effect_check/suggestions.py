@@ -89,7 +89,7 @@ def explain_exception(file: Path, fault: Exception, where: str = "") -> str:
     if "complex" in message or "safe" in message:
         return f"{at}: {message}; laws get complex numbers: {ALLOWED_OPERATIONS}"
     if "NoneType" in message:
-        return f"{at}: {message}; this field is not available for this quantity: docs/reference/effect_files.md has the list"
+        return f"{at}: {message}; not available for this quantity: docs/reference/effect_files.md has the list"
     return f"{at}: fails: {message}; repair that line"
 
 

@@ -95,7 +95,7 @@ EXEMPT_KEYS = {
     "schedule.alone": "ends the run; every frame carries its own time",
 }
 EXEMPT_NAMES = {"reference": LAW_DEFINITION, "weight": "switch of an effect", "cells": "count of cells"}
-SLIDING_TABLES = ("road", "contact", "friction", "schedule")  # tables without meaning where the block never meets a road
+SLIDING_TABLES = ("road", "contact", "friction", "schedule")  # no meaning where the block meets no road
 COURSE_KEYS = ("contact.pressure", "schedule.speed")  # may be a file or rows over time, with one common factor
 
 

@@ -1,4 +1,4 @@
-"""What wear costs: the full run-in with and without it, and how the cost grows with cells and repetitions."""
+"""Cost of wear: the full run-in with and without it, and how the cost grows with cells and repetitions."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ LOST = 1e-8  # %: heat that appears or vanishes
 
 
 def compare_kinds(repeat: int, given: dict) -> list[ErrorRow]:
-    """A row per kind, its error the heat that was lost; kinds take turns, so that a busy machine slows all alike."""
+    """One row per kind, with the lost heat as its error; kinds run in turn: a busy machine slows all equally."""
     cases = {kind: load_case(CASE, given | {"effects": effects}) for kind, effects in KINDS.items()}
     times: dict[str, list[float]] = {kind: [] for kind in KINDS}
     runs = {}

@@ -1,14 +1,14 @@
-"""Run `discover` on a folder of stored campaigns and compare its verdicts with what was hidden.
+"""Run `discover` on a folder of stored campaigns and compare its verdicts with the hidden truth.
 
     python benchmarks/campaigns.py run FOLDER RESULTS.jsonl [--processes N] [--limit SECONDS] [--engine MODULE]
     python benchmarks/campaigns.py table RESULTS.jsonl [OTHER.jsonl]
     python benchmarks/campaigns.py summary RESULTS.jsonl... --out benchmarks/results/discovery_validation.json
 
-`--only GLOB` restricts either to names that fit.  FOLDER/NAME/campaign is a campaign.  FOLDER/NAME/truth.json holds
-`kind` (null, single, pair, outside, setup), `hidden` {effect: {parameter: value}} and, for a mistake of the set-up,
-`setup` {mistake: size}.  Every campaign runs in its own process with a limit of CPU time.  A second call continues;
+`--only GLOB` restricts each to matching names.  FOLDER/NAME/campaign is a campaign.  FOLDER/NAME/truth.json holds
+`kind` (null, single, pair, outside, setup), `hidden` {effect: {parameter: value}} and, for an error of the set-up,
+`setup` {error: size}.  Every campaign runs in its own process with a limit of CPU time.  A second call continues;
 a results file holds the verdicts of one engine.  Tables have a row per kind and per source, the first word of a NAME.
-A summary keeps the rows that its file has of other sources.
+A summary keeps the rows of other sources that are in its file.
 `--store STORE` keeps the evidence of each verdict, some 30 kB, in STORE/NAME.pkl.xz for `criteria_replay.py`.
 """
 
@@ -40,8 +40,8 @@ import numpy as np
 
 ENGINE = "flashtemp.discovery.engine"
 LIMIT_S = 300
-REFERENCE_COUNT_S = 0.18  # in which a core of the published CPU times counts to ten million
-WALL_PER_CPU = 10  # wall seconds per CPU second after which a process that waits for something is ended
+REFERENCE_COUNT_S = 0.18  # time in which a core of the published CPU times counts to ten million
+WALL_PER_CPU = 10  # wall seconds per CPU second of the limit, after which a waiting process is ended
 Z_BINS = ((0.0, 5.0), (5.0, 10.0), (10.0, 20.0), (20.0, math.inf))
 OUTCOMES = (
     "right", "extra", "part", "group", "weak", "law", "none", "unexplained", "no_verdict", "wrong", "weak wrong",
@@ -53,7 +53,7 @@ SUMMARY_COLUMNS: dict[str, tuple[str, ...]] = {  # of the validation page: the O
     "unexplained": ("unexplained",), "no_verdict": ("no_verdict", "timeout", "failed"), "weak_wrong": ("weak wrong",),
     "wrong": ("wrong", "extra"),
 }  # fmt: skip
-EXPECTED = {  # causes and inputs that count as right for a mistake of the set-up; several where they share an effect
+EXPECTED = {  # causes and inputs that count as right for an error of the set-up; several where they act alike
     "length": ("block_length", "block.length", "pixel_scale"), "turned": ("image_turn",), "mirrored": ("mirrored",),
     "larger": ("pixel_scale", "block_length", "block.length"), "exchanged": ("exchanged", "mislabelled"),
     "clock": ("clock", "time_lag"), "load": ("contact.pressure", "pressure", "load"), "emissivity": ("emissivity",),
@@ -91,21 +91,21 @@ def judge_campaign(folder: Path, engine: str, limit: int, store: Path | None = N
                 recorder.to_stored_search({"name": folder.name, **read_truth(folder), **out}),
                 store / f"{folder.name}.pkl.xz",
             )
-        except Exception:  # the verdict counts all the same
+        except Exception:  # the verdict is kept without it
             out["not_stored"] = traceback.format_exc(limit=-6)
         out["store_s"] = time.process_time() - cpu - out["cpu_s"]
     return out
 
 
 def read_truth(folder: Path) -> Record:
-    """truth.json, or nothing hidden of unknown kind where there is none."""
+    """Content of truth.json; of unknown kind with nothing hidden if there is no such file."""
     file = folder / "truth.json"
     truth = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
     return {"kind": truth.get("kind", "unknown"), "hidden": truth.get("hidden", {}), "setup": truth.get("setup", {})}
 
 
 def describe_verdict(verdict: Any, hidden: dict[str, dict[str, float]]) -> Record:
-    """What the tables need of a verdict."""
+    """Values of a verdict that the tables need."""
     effects = [c for c in verdict.causes if not c.laboratory]
     scores = {r.effect: r.score for r in verdict.rivals} | {c.effect: c.ln_bayes for c in effects}
     keys = [k.key for k in [verdict.held_key] if k and verdict.kind == "held_key"]
@@ -128,7 +128,7 @@ def describe_verdict(verdict: Any, hidden: dict[str, dict[str, float]]) -> Recor
 
 
 def signal_to_noise(verdict: Any, hidden: dict[str, dict[str, float]]) -> dict[str, float]:
-    """z of every hidden effect that was a candidate: its true size over the size that is detected at 5 sigma."""
+    """z of every hidden effect that was a candidate: its true size over its standard error."""
     from flashtemp.physics.effect import find_effect
 
     out = {}
@@ -206,8 +206,8 @@ def describe_end(r: Record) -> str:
 def classify(r: Record) -> str:
     """One of OUTCOMES: how a verdict compares with what was hidden.
 
-    A name is right if it is a hidden effect, or one that EXPECTED has for a mistake of the set-up.  An effect that was
-    not hidden is `extra` beside all hidden ones, and wrong otherwise; an input that was not mistaken is always wrong.
+    A name is right if it is a hidden effect, or one that EXPECTED has for an error of the set-up.  An effect that was
+    not hidden is `extra` in addition to all hidden ones, and wrong otherwise.  An input without an error is wrong.
     """
     verdict = str(r["verdict"])
     if verdict in ("timeout", "failed", "no_verdict", "unexplained"):
@@ -230,7 +230,7 @@ def classify(r: Record) -> str:
 
 
 def hidden_effects(r: Record) -> dict[str, tuple[str, ...]]:
-    """Hidden effects and mistakes of the set-up, each with the names under which a verdict may report it."""
+    """Hidden effects and errors of the set-up, each with the names under which a verdict may report it."""
     return {name: (name,) for name in r["hidden"]} | {name: EXPECTED[name] for name in r["setup"] if name in EXPECTED}
 
 
@@ -262,14 +262,14 @@ def tabulate(records: list[Record]) -> Iterator[str]:
     records.sort(key=source)
     yield from count_outcomes("source", records, lambda r: f"{source(r)}, {r['kind']}")
     counted = [r["count_s"] for r in records if "count_s" in r]
-    usual = float(np.median(counted)) if counted else math.nan  # for a child that was killed before it said its own
+    usual = float(np.median(counted)) if counted else math.nan  # for a process that ended before it measured its own
     for name in [*dict.fromkeys(map(source, records)), "all"]:
         own = [r for r in records if "cpu_s" in r and name in (source(r), "all")]
         if spent := [(r["cpu_s"], r["cpu_s"] * REFERENCE_COUNT_S / r.get("count_s", usual)) for r in own]:
             raw, scaled = np.quantile(spent, (0.5, 0.9, 1.0), axis=0).T
             words = (f"median {middle:.1f}, p90 {p90:.1f}, max {most:.1f}" for middle, p90, most in (raw, scaled))
             yield f"{name}: CPU s {'; scaled '.join(words)}{summarise_coverage(own)}"
-    yield f"the machine counts to ten million in {usual:.2f} s; scaled to one that does in {REFERENCE_COUNT_S:.2f} s"
+    yield f"this machine counts to ten million in {usual:.2f} s; scaled to one that needs {REFERENCE_COUNT_S:.2f} s"
 
 
 def count_outcomes(head: str, records: list[Record], row: Callable[[Record], str]) -> Iterator[str]:
@@ -285,21 +285,21 @@ def count_outcomes(head: str, records: list[Record], row: Callable[[Record], str
 
 
 def summarise_coverage(records: list[Record]) -> str:
-    """How many 95 % intervals of rightly named effects hold the truth, with Clopper and Pearson's 95 % bounds."""
+    """Fraction of 95 % intervals of identified effects that contain the truth, with Clopper-Pearson 95 % bounds."""
     from scipy.stats import binomtest
 
     inside, count = count_intervals(records)
     if not count:
         return ""
     low, high = binomtest(inside, count).proportion_ci(0.95, method="exact")
-    return f"; 95 % intervals hold the truth in {inside} of {count} ({100 * low:.0f} to {100 * high:.0f} %)"
+    return f"; 95 % intervals contain the truth in {inside} of {count} ({100 * low:.0f} to {100 * high:.0f} %)"
 
 
 def summarise(records: list[Record]) -> Record:
-    """The figures of the validation page in docs: a row for each set and kind, and how many intervals hold the truth.
+    """Figures of the validation page: a row for each set and kind, and how many intervals contain the truth.
 
-    CPU seconds are those of a core that counts to ten million in REFERENCE_COUNT_S.  No cause where nothing is hidden
-    is right.
+    CPU seconds are scaled to a core that counts to ten million in REFERENCE_COUNT_S.  A verdict without a cause is
+    right where nothing is hidden.
     """
     counted = [r["count_s"] for r in records if "count_s" in r]
     usual = float(np.median(counted)) if counted else math.nan
@@ -319,7 +319,7 @@ def summarise(records: list[Record]) -> Record:
 
 
 def keep_other_sets(found: Record, before: Record) -> Record:
-    """A summary with the rows of an earlier one, of all sets that it does not have itself."""
+    """A summary with the rows of an earlier one for all sets that it lacks."""
     own = {row["set"] for row in found["rows"]}
     return found | {
         part: sorted([*found[part], *(r for r in before[part] if r["set"] not in own)], key=lambda r: r["set"])
@@ -340,13 +340,13 @@ def summarise_row(records: list[Record], usual_count_s: float) -> Record:
 
 
 def summary_column(r: Record) -> str:
-    """Which of SUMMARY_COLUMNS a campaign counts in: no cause where nothing is hidden is right."""
+    """The one of SUMMARY_COLUMNS to which a campaign belongs; no cause is right where nothing is hidden."""
     outcome = "right" if r["kind"] == "null" and classify(r) == "none" else classify(r)
     return next(column for column, outcomes in SUMMARY_COLUMNS.items() if outcome in outcomes)
 
 
 def count_intervals(records: list[Record]) -> tuple[int, int]:
-    """95 % intervals of rightly named effects that hold the true value, and all of them."""
+    """Number of 95 % intervals of identified effects that contain the true value, and number of all of them."""
     known = [p for r in records if classify(r) in CORRECT for p in r["parameters"] if p["true"] is not None]
     return sum(p["ci95"][0] <= p["true"] <= p["ci95"][1] for p in known), len(known)
 
@@ -355,7 +355,7 @@ def compare_records(first: list[Record], second: list[Record]) -> Iterator[str]:
     """Lines about campaigns of both files: each file's tables, then every verdict that changed."""
     others = {r["name"]: r for r in second}
     pairs = [(a, others[a["name"]]) for a in first if a["name"] in others]
-    # z belongs to the campaign: both runs are counted in the same bin, also where one of them timed out
+    # z is a property of the campaign: both runs count in the same bin, also where one timed out
     pairs = [(a | {"z": a.get("z") or b.get("z", {})}, b | {"z": a.get("z") or b.get("z", {})}) for a, b in pairs]
     for side, title in enumerate(("first file", "second file")):
         yield f"\n{title}, {len(pairs)} campaigns in both"

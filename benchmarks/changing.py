@@ -1,7 +1,7 @@
 """Friction falling with temperature and speed changing: flashtemp against scipy solve_ivp BDF.
 
-Both are judged by the peer's own solution on a mesh and on that mesh halved, extrapolated: it shares nothing with us
-(scipy_peer.py).  It lies in tests/data/slide2d_changing.json; --reference makes it anew in a minute.
+Both are compared with the peer's own solution, extrapolated from a mesh and that mesh halved.  The peer shares no code
+with flashtemp (scipy_peer.py).  The reference is tests/data/slide2d_changing.json; --reference computes it in a minute.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ def reference() -> int:
 
 def rows(repeat: int, small: bool = False) -> list[ErrorRow]:
     """flashtemp with every binding and the peer, at several tolerances or the loosest alone."""
-    told = json.loads(REFERENCE.read_text())
-    x, rise = np.array(told["x"]), np.array(told["T_R_rise"])
+    stored = json.loads(REFERENCE.read_text())
+    x, rise = np.array(stored["x"]), np.array(stored["T_R_rise"])
     out = []
     for binding in installed_bindings():
         for rtol, limit in list(OURS.items())[: 1 if small else None]:

@@ -1,11 +1,11 @@
-"""Averaged spots (Level H) against resolved ones (Level R): error of the closure, and the flash factor that mends it.
+"""Averaged spots (Level H) against resolved ones (Level R): error of the closure, and flash factor to correct it.
 
     python benchmarks/closure.py             six patterns per point, 6 cells per diameter
     python benchmarks/closure.py --only 0 3  these points only
     python benchmarks/closure.py --cells     the first point and pattern with 6, 9, 12 and 18 cells per diameter
 
-Both levels see the same block, load and time; the resolved one is averaged over the second half of the slid distance,
-by area (every covered place at every moment alike) and by load (every moment alike, since the spots carry it together).
+Both levels have the same block, load and time.  The resolved one is averaged over the second half of the slid distance:
+by area (equal weight for every covered place and moment) and by load (equal weight for every moment).
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def run_case(given: dict):
 
 
 def mean_rises(run) -> np.ndarray:
-    """Mean rise of face, spots by area, spots by load, and the share of the heat that the road takes: second half."""
+    """Mean rise of face, spots by area, spots by load, and heat partition to the road, in the second half."""
     late = run.time[run.frames] > 0.5 * run.time[-1]
     at, dx = run.frames[late], run.mesh.dx_block / run.mesh.dx_block.sum()
     face = (run.T_block[at] @ dx).mean() - run.ambient_degC
@@ -71,7 +71,7 @@ def mean_rises(run) -> np.ndarray:
 
 
 def try_mean_rises(given: dict) -> np.ndarray:
-    """What is seen; not a number where at some time no spot is under the block."""
+    """Mean rises; NaN where at some time no spot is under the block."""
     try:
         return mean_rises(run_case(given))
     except SolverFailure as fault:
@@ -83,7 +83,7 @@ def try_mean_rises(given: dict) -> np.ndarray:
 def compare_levels(v: float, D: float, phi: float, patterns, fine: int) -> np.ndarray:
     """Print a row; the flash factors (patterns, 2), by area and by load, that give the averaged spots the same gap.
 
-    A square lattice is printed, but in no mean: its rows follow each other in the same lanes as spots of a road do not.
+    A square lattice is left out of the means: its spots follow each other in the same lanes, unlike those of a road.
     """
     face, spot, _, road = mean_rises(run_case(case_overrides(v, D, phi, None, fine)))
     found = np.array([try_mean_rises(case_overrides(v, D, phi, one, fine)) for one in patterns])
@@ -128,7 +128,7 @@ def main() -> None:
     factors = factors[:, [kind != "regular" for kind, _ in PATTERNS]]
     means, scatter = np.nanmean(factors, axis=(0, 1)), np.nanmean(factors, axis=1).std(axis=0)
     print(f"flash factor by area {means[0]:.2f}, by load {means[1]:.2f}; points scatter by {scatter[0]:.2f}, "
-          f"patterns by {np.nanstd(factors, axis=1).mean():.2f}; a square lattice left out")  # fmt: skip
+          f"patterns by {np.nanstd(factors, axis=1).mean():.2f}; square lattice left out")  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What the benchmarks share: timing in-process, medians, one table in which every row keeps its stated error."""
+"""Shared code of the benchmarks: CPU times, medians, and a table of errors against stated errors."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from flashtemp.solver.march import march
 
 
 def time_call(function, repeat: int):
-    """Median CPU seconds of a call, and what it gives."""
+    """Median CPU seconds of a call, and its result."""
     spent = []
     for _ in range(repeat):
         began = time.process_time()
@@ -25,9 +25,9 @@ def time_call(function, repeat: int):
 
 
 def time_march(case: Case, repeat: int):
-    """Median CPU seconds of set-up and solve of a case, and a Run of it; compiled beforehand.
+    """Median CPU seconds of set-up and solve of a case, and its Run; kernels are compiled beforehand.
 
-    The timed runs keep two profiles a stretch, as the peers do; the Run returned keeps them all.
+    The timed runs keep two profiles per phase, as the peers do; the returned Run keeps all.
     """
     run = march(case.scene, case.settings)
     lean, seconds = replace(case.settings, profiles=2, fields=2), []
@@ -46,7 +46,7 @@ def profile_error(run, x, rise) -> float:
 
 @dataclass(frozen=True)
 class ErrorRow:
-    """What one solver took: its error in % of the largest rise, and the error that it is stated to stay below."""
+    """Cost of one solver, its error in % of the largest rise, and the stated error that it must stay below."""
 
     name: str
     cells: int
@@ -60,7 +60,7 @@ class ErrorRow:
 
 
 def print_rows(rows: Sequence[ErrorRow]) -> int:
-    """Print the rows, those beyond their stated error marked; 1 if there is any, else 0."""
+    """Print the rows and mark those beyond their stated error; return 1 if there are any, else 0."""
     print(f"{'solver':44s} {'cells':>7s} {'error %':>8s} {'stated':>7s} {'CPU s':>8s} {'ratio':>7s}")
     for row in rows:
         mark = "  BEYOND ITS STATED ERROR" if row.is_beyond_limit else ""

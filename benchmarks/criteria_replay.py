@@ -42,9 +42,9 @@ VERDICT_KEYS = ("verdict", "effects", "inputs", "group")
 
 @dataclass(frozen=True)
 class ReplayedVerdict:
-    """A verdict as campaigns.py describes it, with the full fits that selection asked for.
+    """A verdict as campaigns.py describes it, with the full fits that the selection required.
 
-    `missing`: those of them that nobody made; `law_not_tried`: whether a law would have been looked for and was not.
+    `missing`: those of them that were not made; `law_not_tried`: whether a law would have been tried and was not.
     """
 
     record: Record
@@ -76,7 +76,7 @@ def replay(stored: StoredSearch) -> ReplayedVerdict:
 
 # --- selection --------------------------------------------------------------------------------------------------
 def select_stored(stored: StoredSearch) -> tuple[Any, set[Names], set[Names]]:
-    """The search that the present criteria make of the stored fits; all fits that they ask for, and those not made."""
+    """The search that the present criteria make of the stored fits; all fits that they require, and those not made."""
     base, asked, missing = stored.fits[stored.base], set[Names](), set[Names]()
     errors = tuple(SimpleNamespace(kind=kind) for kind in stored.recording_errors)
     search = SimpleNamespace(
@@ -168,7 +168,7 @@ def _stored_answers(stored: StoredSearch) -> Iterator[None]:
         return fit.setup.system if floor is None else fit.setup.largest
 
     def visible_fraction(data: Any, fit: StoredFit, system: Any, p: ParameterId, value: float, gain: float) -> float:
-        if p.kind not in PLACEMENT_KINDS:  # evidence that was stored before holds nothing of it
+        if p.kind not in PLACEMENT_KINDS:  # older evidence does not contain it
             return abs(value) * fit.setup.changes.get(p, np.inf)
         return float(np.sqrt(2.0 * gain / fit.setup.rise_squares[p]))
 
@@ -209,7 +209,7 @@ def _for_adequacy(fit: StoredFit) -> Any:
 
 
 def _deviations(fit: Any) -> dict[ParameterId, float]:
-    """The largest deviation of a key and of a camera's own unknown."""
+    """The largest deviation of a key and of a camera parameter."""
     key, other = ParameterId.of_key("key"), ParameterId(Kind.FLOOR, name="other")
     return {key: fit.value("calibrated"), other: fit.value("camera")}
 
@@ -225,8 +225,8 @@ def replay_criterion(name: str, searches: Sequence[StoredSearch], default: Seque
     """Changes of verdicts by one criterion at half and double its value.
 
     For each side the changes of the numbers of outcomes, and in `moved` every change of a verdict; `fits` that would
-    be added and dropped; campaigns `not_fitted` in which a fit is asked for that nobody made, `law_not_tried` in which
-    a law would be looked for and was not, and `recordings` in which other errors of recordings would be found.
+    be added and dropped; campaigns `not_fitted` in which a required fit was not made, `law_not_tried` in which
+    a law would be tried and was not, and `recordings` in which other errors of recordings would be found.
     """
     out: Record = {"value": float(getattr(CRITERIA, name)), "campaigns": len(searches)}
     parts: dict[str, Record] = {k: {} for k in ("moved", "fits", "not_fitted", "law_not_tried", "recordings")}
@@ -270,7 +270,7 @@ def replay_all(searches: Sequence[StoredSearch]) -> Record:
 
 
 def list_not_reproduced(searches: Iterable[StoredSearch]) -> list[str]:
-    """Campaigns of which a replay at the present values does not give the stored verdict, with both."""
+    """Campaigns in which a replay at the present values does not give the stored verdict, with both verdicts."""
     pairs = ((s.record, replay(s)) for s in searches)
     return [f"{old['name']}: {describe_end(old)}; replayed {describe_end(new.record)}"
             for old, new in pairs if tuple(old[k] for k in VERDICT_KEYS) != new.verdict]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Blind benchmark of `discover`: effects hidden by seed, found or not, counted against projected signal to noise.
+"""Blind benchmark of `discover`: outcomes for effects hidden by seed, by signal-to-noise ratio.
 
     python benchmarks/discover.py run 1000 1300 found.jsonl     one campaign per seed; a number after it: processes (2)
     python benchmarks/discover.py run 1000 1020 found.jsonl wide   made in 3D, judged in 2D, in more or less air
@@ -6,9 +6,9 @@
     python benchmarks/discover.py store 7000 7050 FOLDER           the campaigns of `realistic`, for campaigns.py
     python benchmarks/discover.py table found.jsonl
 
-In the first two modes truth is made by `twin` (another mesh, grading, tolerance, order and, where there are two,
-another CVODE binding) and is read after the verdict is written.  In the mode `realistic` the independent laboratory in
-tests/reference makes it.  That shares nothing with flashtemp, and its cameras have errors (`uncooled_camera` there).
+In the first two modes `twin` computes the campaign (with another mesh, grading, tolerance, order and CVODE binding),
+and the truth is read after the verdict is written.  In the mode `realistic` the independent generator in
+tests/reference computes it.  It shares no code with flashtemp, and its cameras have errors (`uncooled_camera`).
 Seeds below 1000 are for development, those from 1000 on are blind.
 """
 
@@ -32,7 +32,7 @@ SMALL = {
     "numerics.mesh": 0.6,
 }  # fmt: skip
 WIDE = {"numerics.across": 60, "numerics.first_y": 3e-5, "road.track_length": 1.0}  # walls within 0.1 % of the rise
-SINGLE = {  # effects that can be seen in a campaign of this size, with the parameter that is drawn
+SINGLE = {  # effects that a campaign of this size can show, with the parameter that is drawn
     "pressure_tilt": "a", "edge_pressure": "B", "pressure_crown": "c", "interface_resistance": "resistance",
     "friction_softening": "b", "track_memory": "strength", "conductivity_slope": "block", "heat_depth": "share",
     "capacity_slope": "block", "ambient_drift": "rate", "side_cooling": "gain", "third_body": "growth",
@@ -41,18 +41,18 @@ SINGLE = {  # effects that can be seen in a campaign of this size, with the para
     "conductivity_anisotropy": "excess", "internal_heat": "loss",
 }  # fmt: skip
 
-REALISTIC = {  # effects that the independent laboratory knows: parameter, and a size that nobody would miss
+REALISTIC = {  # effects of the independent generator: parameter, and a size that is easily detected
     "pressure_tilt": ("a", 0.3), "edge_pressure": ("B", 1.0), "friction_softening": ("b", 0.006),
     "conductivity_slope": ("block", 0.008), "interface_resistance": ("resistance", 2e-5),
     "third_body": ("growth", 2e-5), "side_cooling": ("gain", 40.0), "ambient_drift": ("rate", 0.01),
 }  # fmt: skip
 FOREIGN = {"waves": 0.2, "polishing": 0.2}  # laws that no effect of the catalogue describes
 STRENGTH = SINGLE | {name: parameter for name, (parameter, _) in REALISTIC.items()}
-COUNTED = 10_000_000  # steps of a loop whose time tells how fast the machine is
+COUNTED = 10_000_000  # steps of a loop that measures the speed of the machine
 
 
 def draw_realistic(seed: int) -> dict:
-    """What the independent laboratory hides under a seed: kind, effects and their sizes (1: nobody would miss it)."""
+    """Hidden content of a seed in the independent generator: kind, effects and relative sizes (1: easily detected)."""
     rng = np.random.default_rng([seed, 79])
     kind = str(rng.choice(["null", "single", "pair", "outside"], p=[0.25, 0.45, 0.15, 0.15]))
     count = {"null": 0, "single": 1, "pair": 2, "outside": 1}[kind]
@@ -62,7 +62,7 @@ def draw_realistic(seed: int) -> dict:
 
 
 def draw_hidden(seed: int) -> dict:
-    """What is hidden under a seed: kind, effects with their parameters, and which effect the catalogue lacks."""
+    """Hidden content of a seed: kind, effects and their relative sizes."""
     rng = np.random.default_rng([seed, 77])
     kind = str(rng.choice(["null", "single", "pair", "outside"], p=[0.2, 0.55, 0.15, 0.1]))
     count = {"null": 0, "single": 1, "pair": 2, "outside": 1}[kind]
@@ -74,7 +74,7 @@ def draw_hidden(seed: int) -> dict:
 
 
 def overrides(plan: dict, wide: bool = False) -> dict:
-    """Keys of the case under which `twin` hides what was drawn."""
+    """Keys of the case with which `twin` hides the drawn effects."""
     from flashtemp.physics.effect import find_effect
 
     out: dict = dict(SMALL)
@@ -96,13 +96,13 @@ def overrides(plan: dict, wide: bool = False) -> dict:
 
 
 def flatten_case(case: Path) -> None:
-    """The case in 2D, as who has no side walls would have it."""
+    """Rewrite the case in 2D, which resolves no side walls."""
     text = re.sub(r"(?m)^across = .*$", "across = 1", case.read_text())
     case.write_text(re.sub(r"(?m)^first_y = .*\n", "", text))
 
 
 def run_seed(seed: int, wide: bool = False) -> dict:
-    """Make a campaign, discover, then open the truth."""
+    """Make a campaign, run discovery, then read the truth."""
     from flashtemp.comparison import campaign
     from flashtemp.comparison.synthetic_campaign import SEALED_TRUTH, SyntheticPlan, make_synthetic_campaign
     from flashtemp.discovery import engine
@@ -129,7 +129,7 @@ def run_seed(seed: int, wide: bool = False) -> dict:
 
 
 def make_realistic(plan: dict, folder: Path) -> tuple[dict, dict]:
-    """The campaign that the independent laboratory measures with uncooled cameras, in `folder`; hidden effects with
+    """The campaign that the independent generator computes for uncooled cameras, in `folder`; hidden effects with
     their parameters, and what else was drawn."""
     sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
     from reference import laboratory
@@ -139,7 +139,7 @@ def make_realistic(plan: dict, folder: Path) -> tuple[dict, dict]:
     test = laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5, pitch=pitch, behind=0.02, **laboratory.film(20, 3))
     drawn = laboratory.campaign(folder, hidden, plan["seed"], test=test, uncooled=True)
     file = folder / "campaign.toml"
-    candidates = f"candidates = {json.dumps(list(REALISTIC))}\n"  # effects that the laboratory knows
+    candidates = f"candidates = {json.dumps(list(REALISTIC))}\n"  # effects of the generator
     file.write_text(re.sub(r"(?m)^case = .*\n", rf"\g<0>{candidates}", file.read_text(), count=1))
     return {n: {REALISTIC[n][0]: a} if n in REALISTIC else {"size": a} for n, a in hidden.items()}, drawn
 
@@ -154,7 +154,7 @@ def store_realistic(first: int, last: int, folder: Path) -> None:
 
 
 def run_realistic_seed(seed: int) -> dict:
-    """Make a campaign in the independent laboratory with uncooled cameras, discover, then open the truth."""
+    """Make a campaign of the independent generator for uncooled cameras, run discovery, then read the truth."""
     from flashtemp.comparison import campaign
     from flashtemp.discovery import engine
 

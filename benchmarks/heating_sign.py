@@ -1,9 +1,9 @@
-"""The sign of what heating does to friction and to its load dependence, over the ranges of what nobody has published.
+"""Sign of the effect of heating on friction and on its load dependence, over the ranges of unpublished inputs.
 
 Run it with the interpreter of the project: `.venv/bin/python benchmarks/heating_sign.py` (20 minutes).  It draws the
 inputs from a Latin hypercube, runs each draw at 0.1 and 1 m/s and at 0.05 and 0.3 MPa, with and without softening, and
-writes benchmarks/results/heating_sign.json.  Two sets of ranges: rubber A as well as a laboratory knows a compound, and
-any compound of the ranges to which docs/explanation/friction.md fits its cold-hot law.
+writes benchmarks/results/heating_sign.json.  There are two sets of ranges: rubber A as well as a
+laboratory knows a compound, and any compound of the ranges to which docs/explanation/friction.md fits its cold-hot law.
 """
 
 from __future__ import annotations
@@ -87,19 +87,19 @@ def case_values(x: dict[str, float], law: str, softened: bool) -> dict[str, Any]
 
 
 def measure(x: dict[str, float], law: str, softened: bool, speed: float) -> dict[str, Any]:
-    """mu at PRESSURES with heat and without."""
+    """Friction coefficient at PRESSURES with heating and without."""
     case = load_case(ROOT / "cases" / "mu_of_p", case_values(x, law, softened) | {"schedule.speed": speed})
     return {name: compute_load_frictions(LoadCase(case, PRESSURES, name == "cold")) for name in ("hot", "cold")}
 
 
 def heating_effects(found: dict[str, Any]) -> dict[str, float]:
-    """What heat adds to ln mu at the higher load, and to its change from the lower load to the higher one."""
+    """Change of ln mu by heating at the higher load, and of its change from the lower load to the higher one."""
     at = np.log(np.array(found["hot"]) / np.array(found["cold"]))
     return {"level": float(at[-1]), "load": float(at[-1] - at[0])}
 
 
 def summary(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Per set, speed, law and neighbour: how many draws fall, quantiles, and the inputs that rank the effect."""
+    """For each set, speed, law and softening: fraction of draws that fall, quantiles, and largest rank correlations."""
     out = []
     for name in itertools.product(SETS, SPEEDS, LAWS, BESIDE):
         own = [r for r in rows if (r["set"], r["speed"], r["law"], r["beside"]) == name]
@@ -118,7 +118,7 @@ def summary(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _round_numbers(value: Any) -> Any:
-    """Four digits of every number, for a file that a person can read."""
+    """Numbers rounded to four digits, for a readable file."""
     if isinstance(value, dict):
         return {k: _round_numbers(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):

@@ -1,13 +1,13 @@
-"""Blind benchmark of `discover` on campaigns of the independent laboratory in tests/reference, counted honestly.
+"""Blind benchmark of `discover` on campaigns of the independent generator in tests/reference.
 
     python benchmarks/independent.py run 5000 5300 found.jsonl     one campaign per seed; those in the file are skipped
-    python benchmarks/independent.py run 900 920 fixed.jsonl small shorter, fewer candidates, as the tests have them
-    python benchmarks/independent.py run 5000 5300 found.jsonl held of each one image, or one condition, is held out
-    python benchmarks/independent.py run 5000 5300 found.jsonl varied another block, road, schedule and camera in each
+    python benchmarks/independent.py run 900 920 fixed.jsonl small   shorter, fewer candidates, as in the tests
+    python benchmarks/independent.py run 5000 5300 found.jsonl held   one image, or one condition, of each is held out
+    python benchmarks/independent.py run 5000 5300 found.jsonl varied   another block, road, schedule and camera in each
     python benchmarks/independent.py table found.jsonl
 
-Every campaign has all laboratory errors at their usual size (`Errors`).  What is hidden is drawn from the seed and
-opened after the verdict.
+Every campaign has all set-up errors at their usual size (`Errors`).  The hidden effect is drawn from the seed and read
+after the verdict.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
-TYPICAL = {  # parameter that is drawn, and a size that nobody would miss
+TYPICAL = {  # parameter that is drawn, and a size that is easily detected
     "pressure_tilt": ("a", 0.3), "edge_pressure": ("B", 1.0), "friction_softening": ("b", 0.006),
     "conductivity_slope": ("block", 0.008), "ambient_drift": ("rate", 0.01), "conductance_speed": ("resistance", 2e-5),
     "interface_resistance": ("resistance", 2e-5), "third_body": ("growth", 2e-5), "side_cooling": ("gain", 40.0),
     "track_memory": ("strength", 1.0), "time_lag": ("lag", -0.1),
 }  # fmt: skip
 FEW = ("pressure_tilt", "friction_softening", "conductivity_slope", "ambient_drift", "interface_resistance", "time_lag")
-FOREIGN = {"laminar_cooling": 60.0, "waves": 0.2, "polishing": 0.2}  # laws that no candidate holds
-KNOWN = {"laminar_cooling": ("side_cooling", "exponent", 0.5)}  # but this one, where it is tried: with what value
+FOREIGN = {"laminar_cooling": 60.0, "waves": 0.2, "polishing": 0.2}  # laws outside the catalogue
+KNOWN = {"laminar_cooling": ("side_cooling", "exponent", 0.5)}  # in the catalogue: parameter, true value
 LABORATORY = {"larger": 0.025, "turned": 0.035, "length": 6e-4, "mirrored": True}  # errors beyond what is usual
 KINDS = {"null": 0.3, "single": 0.45, "foreign": 0.125, "laboratory": 0.125}
 BINS = ((0, 5), (5, 10), (10, 20), (20, np.inf))
 
 
 def draw_hidden(seed: int, small: bool = False) -> dict:
-    """What is hidden under a seed."""
+    """Hidden content of a seed: kind, effect and its relative size."""
     rng = np.random.default_rng([seed, 177])
     kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
     pools: dict = {"null": {}, "single": TYPICAL, "foreign": FOREIGN, "laboratory": LABORATORY}
@@ -101,7 +101,7 @@ def draw_programme(seed: int):
 
 
 def run_seed(seed: int, small: bool = False, held: bool = False, varied: bool = False) -> dict:
-    """Make a campaign, discover, then open the truth."""
+    """Make a campaign, run discovery, then read the truth."""
     from reference import laboratory
 
     from flashtemp.comparison import campaign
@@ -130,7 +130,7 @@ def run_seed(seed: int, small: bool = False, held: bool = False, varied: bool = 
 
 
 def _record_verdict(verdict, search, plan: dict, hidden: dict) -> dict:
-    """Numbers that the tables need; z of the hidden effect from its trace and its true size."""
+    """Numbers that the tables need; z of the hidden effect from its sensitivity and its true size."""
     z = 0.0
     for s in search.ranking[0] if search.ranking else ():
         if s.effect in hidden:
@@ -148,7 +148,7 @@ def _record_verdict(verdict, search, plan: dict, hidden: dict) -> dict:
 
 
 def run(first: int, last: int, file: Path, **how: bool) -> None:
-    """All seeds first..last-1 that the file does not hold yet, one after the other."""
+    """Run all seeds first..last-1 that are not in the file, one after the other."""
     done = {json.loads(line)["seed"] for line in file.read_text().splitlines()} if file.exists() else set()
     for seed in range(first, last):
         if seed in done:

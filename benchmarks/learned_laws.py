@@ -1,10 +1,10 @@
-"""Null controls of learned laws: how often is a law learned from data without one?
+"""Null controls of learned laws: how often data without a law give one.
 
     python benchmarks/learned_laws.py 7000 7010 nulls.jsonl    one campaign per seed; those in the file are skipped
     python benchmarks/learned_laws.py table nulls.jsonl
 
-Every seed is a campaign of the independent laboratory in tests/reference, all its errors at their usual size and
-nothing hidden.  Its laws are scored by their sensitivities although no verdict requires one: `best` is the best
+Every seed is a campaign of the independent generator in tests/reference, with all errors at their usual size and
+no hidden effect.  Its laws are scored by their sensitivities although no verdict requires one: `best` is the best
 law of the campaign itself.  `beyond` counts draws of noise and all nuisances whose best law would be fitted in full.
 """
 
@@ -21,7 +21,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
-DRAWS = 10_000  # of noise and nuisances on the traces of one campaign
+DRAWS = 10_000  # of noise and nuisances on the sensitivities of one campaign
 TRIED = ("pressure_tilt",)  # in place of the whole catalogue
 
 
@@ -47,7 +47,7 @@ class LawSignatures:
         return np.array(out)
 
     def draw_scores(self, rng: np.random.Generator, draws: int) -> np.ndarray:
-        """Scores (k, draws) of data that hold only noise and nuisances: their covariance is the information."""
+        """Scores (k, draws) of data with only noise and nuisances: their covariance is the information."""
         values, vectors = np.linalg.eigh(self.information)
         return (vectors * np.sqrt(np.maximum(values, 0.0))) @ rng.normal(size=(len(values), draws))
 
@@ -104,7 +104,7 @@ def run_seed(seed: int) -> dict:
 
 
 def run(first: int, last: int, file: Path) -> None:
-    """All seeds first..last-1 that the file does not hold yet."""
+    """Run all seeds first..last-1 that are not in the file."""
     done = {json.loads(line)["seed"] for line in file.read_text().splitlines()} if file.exists() else set()
     for seed in range(first, last):
         if seed not in done:

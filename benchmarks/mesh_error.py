@@ -1,4 +1,4 @@
-"""How wrong the face temperature is on coarse meshes: `.venv/bin/python benchmarks/mesh_error.py` (5 minutes).
+"""Error of the face temperature on coarse meshes: `.venv/bin/python benchmarks/mesh_error.py` (5 minutes).
 
 Uniform pressure, a peak at the leading edge and friction by theory, at 0.1 and 1 m/s after 0.5 m, against four times
 the cells per direction of the default mesh.  Errors are the largest between 0.05 L and 0.95 L, in percent of the

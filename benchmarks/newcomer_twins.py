@@ -1,4 +1,4 @@
-"""Every effect of the catalogue hidden once in a short twin, as a newcomer makes it, and what `discover` says of it.
+"""Every effect of the catalogue hidden once in a short twin, with default settings, and the verdict of `discover`.
 
     python benchmarks/newcomer_twins.py run 1 2 3 [--only GLOB] [--limit SECONDS] [--records RECORDS.jsonl]
     python benchmarks/newcomer_twins.py table
@@ -8,7 +8,7 @@ For each seed and effect `run` does what these two commands do, each in its own 
     flashtemp twin cases/uniform_pressure schedule.distance=0.4 schedule.repetitions=2 --hide EFFECT --seed N --out c
     flashtemp discover c
 
-Rows are written as they come, and a second call continues.  `--records` keeps all that campaigns.py says of a verdict.
+Rows are written as they come, and a second call continues.  `--records` keeps the full records of campaigns.py.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ def effects() -> list[str]:
 
 
 def is_alike(name: str) -> str:
-    """The effect that `discover` tries in place of one, because both look alike; empty where it tries the effect."""
+    """The similar effect that `discover` tries in place of this one; empty where it tries this one."""
     from flashtemp.physics.effect import catalogue
 
     return catalogue()[name].alike or ""
 
 
 def is_no_candidate(name: str) -> bool:
-    """Whether `discover` does not try an effect unasked, as its file does not declare it a candidate."""
+    """Whether `discover` tries an effect only where a case or campaign lists it."""
     from flashtemp.physics.effect import catalogue
 
     return not catalogue()[name].candidate
@@ -91,8 +91,7 @@ def limit_cpu(seconds: int) -> None:
 def describe(record: Row, like: str) -> Row:
     """Outcome, verdict, names, z of the hidden effect and CPU seconds on the reference core.
 
-    The outcome is one of campaigns.py, or `is_alike`: the effect is not tried, and the one that resembles it (`like`)
-    is named instead.
+    The outcome is one of campaigns.py, or `alike`: the effect is not tried, and a similar one (`like`) is identified.
     """
     named, outcome = [*record.get("effects", []), *record.get("inputs", [])], classify(record)
     z = [round(v, 1) for v in record.get("z", {}).values()]
@@ -107,7 +106,7 @@ def describe(record: Row, like: str) -> Row:
 
 
 def run(seeds: list[int], pattern: str, limit: int, records: Path | None) -> None:
-    """Add a row to RESULTS for every effect and seed that it does not hold yet."""
+    """Add a row to RESULTS for every effect and seed that has none yet."""
     for seed in seeds:
         for name in effects():
             done = {(r["effect"], r["seed"]) for r in read_rows()}

@@ -24,7 +24,7 @@ STATED = {(0.7, 1e-3): 1.0, (0.9, 5e-3): 0.5, (0.9, 1e-3): 0.7, (1.0, 1e-3): 0.6
 
 
 def rows(repeat: int, runs=tuple(STATED), finest: float = 2.0, **more) -> list[ErrorRow]:
-    """Every binding on every mesh, against flashtemp itself on a finer mesh: what the numbers alone err."""
+    """Every binding on every mesh against flashtemp on a finer mesh: the numerical error alone."""
     _, best = time_march(load_case(CASE, {"numerics.mesh": finest, "numerics.rtol": 1e-5} | more), 1)
     truth, out = repetition_end_rises(best), []
     for mesh, rtol in runs:

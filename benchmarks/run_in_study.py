@@ -1,8 +1,8 @@
-"""What the run-in from first principles gives: friction laws, speeds and loads, and a map over the holder's numbers.
+"""Run-in from first principles: friction laws, speeds and loads, and a map over the properties of the holder.
 
     .venv/bin/python benchmarks/run_in_study.py [laws] [map] [--out benchmarks/results/run_in_study.json]
 
-Every run of `cases/run_in` is kept as soon as it is made; those that the file has are not made again.
+Every run of `cases/run_in` is written when it ends; runs that are in the file are not repeated.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def describe_run(run: Run) -> dict[str, Any]:
 
 
 def judge_statements(found: dict[str, Any]) -> dict[str, bool]:
-    """Which of the paper's three statements hold of a described run."""
+    """Which of the paper's three statements are true of a described run."""
     mu = found["friction"]
     return {
         "hot_spot_leading": found["new"]["hot_spot"] <= NEW_HOT_SPOT,
@@ -78,7 +78,7 @@ def judge_statements(found: dict[str, Any]) -> dict[str, bool]:
 
 
 def solve(overrides: dict[str, Any]) -> dict[str, Any]:
-    """A described run with its statements, or why there is none."""
+    """A described run with its statements, or the reason of a failure."""
     began = time.process_time()
     try:
         case = load_case(CASE, COARSE | overrides)

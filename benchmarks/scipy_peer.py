@@ -1,6 +1,6 @@
-"""The peer that a careful user would write: slide-2d in plain numpy and scipy, on a mesh that is given as arrays.
+"""Peer program: slide-2d in plain numpy and scipy as a careful user would write it, on a mesh given as arrays.
 
-Nothing of flashtemp is imported.  Rises above 20 degC; block over road; x along, z up, the contact at z = 0.  Finite
+It imports nothing of flashtemp.  Rises above 20 degC; block over road; x along, z up, the contact at z = 0.  Finite
 volumes, central differences, films and contact as resistances in series with half a cell.
 """
 
@@ -18,7 +18,7 @@ from scipy.sparse.linalg import splu
 LENGTH, HEIGHT, DEPTH, AHEAD, BEHIND = 0.025, 0.007, 0.010, 0.005, 0.010  # m
 BLOCK, ROAD = (0.23, 1200.0 * 1700.0), (1.2, 2400.0 * 900.0)  # W/mK, J/m3K
 PRESSURE, CONDUCTANCE, FILM, FADING = 1e6, 2e5, 20.0, 1e-4  # Pa, W/m2K, W/m2K, m
-IN_DEPTH = 0.5  # of the heat; of the rest each face gets half
+IN_DEPTH = 0.5  # fraction of the heat; each face gets half of the rest
 AT = (np.arange(50) + 0.5) * LENGTH / 50  # m: where profiles are compared
 
 
@@ -90,7 +90,7 @@ class Slide2d:
             (block[-1], 0.5 * up[-1], BLOCK[0], on), (road[-1, open_road], 0.5 * down[-1], ROAD[0], dx[open_road]),
         ):  # fmt: skip
             still.add(cells, cells, -area / (half / k + 1.0 / FILM))
-        still.add(road[:, 0], road[:, 0], -ROAD[0] * down / (0.5 * dx[0]))  # comes in at 0
+        still.add(road[:, 0], road[:, 0], -ROAD[0] * down / (0.5 * dx[0]))  # road enters at a rise of 0
         carried, later = ROAD[1] * down[:, None], dx[1:] / (dx[1:] + dx[:-1])
         a, b = road[:, :-1], road[:, 1:]
         for from_, share in ((a, later), (b, 1.0 - later)):
@@ -118,12 +118,12 @@ class Slide2d:
         return self.own * T[self.above] + self.other * T[self.below] + self.by_heat * q
 
     def compared_rise(self, T: np.ndarray, q) -> np.ndarray:
-        """The same at the places of comparison."""
+        """Rise of the block's surface at the places of comparison."""
         return PchipInterpolator(self.x, self.surface(T, q), extrapolate=True)(AT)
 
 
 class _Entries:
-    """Entries of a sparse matrix as they come."""
+    """Entries of a sparse matrix in any order."""
 
     def __init__(self):
         self.parts = []
@@ -138,7 +138,7 @@ class _Entries:
             self.add(i, j, weight)
 
     def matrix(self, shape):
-        """Their sum."""
+        """The matrix with repeated entries summed."""
         rows, columns, weights = (np.concatenate(part) for part in zip(*self.parts, strict=True))
         return sp.coo_matrix((weights, (rows, columns)), shape).tocsr()
 
@@ -172,7 +172,7 @@ def solve_changing(m: Mesh, table, softening: float, end: float, rtol: float) ->
     still, moving = s.still.tocsc(), s.moving.tocsc()
 
     def heat(t: float, T: np.ndarray):
-        """q and its slopes in both first cells: the surface answers to its own heat."""
+        """q and its derivatives by both first cells; the surface temperature depends on q itself."""
         cold, pv = s.surface(T, 0.0), PRESSURE * np.interp(t, at, speeds)
         surface = cold.copy()
         for _ in range(4):

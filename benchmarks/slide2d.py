@@ -37,7 +37,7 @@ def middle_rise(run, t: float) -> float:
 
 
 def run_fipy(folder: Path, python: str) -> ErrorRow:
-    """FiPy by its own script `fipy_slide2d.py` in a folder, under a Python that has it; a minute."""
+    """FiPy by the script `fipy_slide2d.py` in a folder, with a Python that has FiPy; takes a minute."""
     command = [python, str(folder / "fipy_slide2d.py"), "1e-5", "5e-6", "1.07", "1.07", "0.25", "lu", "central", "1"]
     alone = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     out = subprocess.run(command, capture_output=True, text=True, check=True, env=alone)
@@ -46,7 +46,7 @@ def run_fipy(folder: Path, python: str) -> ErrorRow:
 
 
 def rows(repeat: int) -> list[ErrorRow]:
-    """flashtemp with every binding at 0.1 and 1 %, and what a careful user would write with scipy."""
+    """Rows of flashtemp with every binding at 0.1 and 1 %, and of the scipy programs."""
     reference = json.loads((Path(__file__).parent.parent / "tests" / "data" / "slide2d_reference.json").read_text())
     x, rise = np.array(reference["x"]), np.array(reference["TR_rise"])
     history = reference["t_mid"], reference["TR_mid_rise"]

@@ -5,12 +5,12 @@
     python benchmarks/slide3d.py --sizes            cost from 1e4 to 4e6 cells
     python benchmarks/slide3d.py --memory           peak memory per cell at 1.0e6 cells
     python benchmarks/slide3d.py --large            1.0e7 cells: time and memory
-    python benchmarks/slide3d.py --cores            runs of 1.0e6 cells side by side, one a core
-    python benchmarks/slide3d.py --parts            where the time goes at 1.0e6 cells
-    python benchmarks/slide3d.py --bandwidth        what memory allows
-    python benchmarks/slide3d.py --reference        make tests/data/slide3d_reference.json anew (some minutes)
+    python benchmarks/slide3d.py --cores            runs of 1.0e6 cells at the same time, one per core
+    python benchmarks/slide3d.py --parts            time of each part at 1.0e6 cells
+    python benchmarks/slide3d.py --bandwidth        comparison with memory bandwidth
+    python benchmarks/slide3d.py --reference        compute tests/data/slide3d_reference.json (some minutes)
 
-Figures last measured: docs/explanation/performance.md.
+The figures are in docs/explanation/performance.md.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Y = np.array([0.0, 0.003125, 0.00625, 0.009375, 0.012375])
 MILLION = {  # 10,000 cells in a plane, as the peers had
     "numerics.cells": [71, 31, 90], "numerics.across": 100, "numerics.first_x": 6e-5, "numerics.last_x": 1.5e-4,
     "numerics.first_block": 1e-5, "numerics.first_road": 1e-5, "output.fields": 2, "output.profiles": 4,
-    "numerics.rtol": 3e-3,  # 0.019 % as with 1e-4: cells err by more than steps, up to here (`--tolerances`)
+    "numerics.rtol": 3e-3,  # 0.019 % as with 1e-4: up to here the mesh error dominates (`--tolerances`)
 }  # fmt: skip
 
 
@@ -52,7 +52,7 @@ def surface_rises(run) -> np.ndarray:
 
 
 def run_case(change: dict):
-    """Run, and CPU seconds of its march."""
+    """Run of a case, and the CPU seconds of its solution."""
     case = load_case(CASE, change)
     scene, numerics = case.scene, case.settings
     began = time.process_time()
@@ -78,15 +78,15 @@ def reference() -> None:
 
 def surface_error(run) -> float:
     """Largest error of the block's surface in per cent of its largest rise."""
-    told = np.array(json.loads(REFERENCE.read_text())["T_R_rise"])
-    return float(100 * np.abs(surface_rises(run) - told).max() / told.max())
+    stored = np.array(json.loads(REFERENCE.read_text())["T_R_rise"])
+    return float(100 * np.abs(surface_rises(run) - stored).max() / stored.max())
 
 
 STATED = {1.0: 0.02, 0.34: 0.5}  # mesh: error, %
 
 
 def print_million(repeat: int) -> int:
-    """The table; 1 where an error is beyond what is stated."""
+    """Print the table; return 1 if an error is beyond the stated one."""
     run_case(MILLION | {"numerics.mesh": 0.2})  # compile
     beyond = 0
     print("binding             cells  steps   rhs   J v     P  error %   CPU s")
@@ -116,7 +116,7 @@ def tolerances() -> None:
 
 
 def small_rows() -> list[ErrorRow]:
-    """A twentieth of the cells."""
+    """One row with a twentieth of the cells."""
     level = min(STATED)
     run, seconds = run_case(MILLION | {"numerics.mesh": level, "numerics.integrator": installed_bindings()[-1]})
     return [ErrorRow(f"slide3d, mesh {level:g}", run.mesh.n_cells, surface_error(run), STATED[level], seconds)]
@@ -146,7 +146,7 @@ def peak_bytes(binding: str) -> float:
 
 
 def fresh_pool(processes: int = 1) -> ProcessPoolExecutor:
-    """Processes that have nothing in memory yet."""
+    """New processes, without anything in memory."""
     return ProcessPoolExecutor(processes, mp_context=get_context("spawn"))
 
 
@@ -180,7 +180,7 @@ def large() -> None:
 
 
 def cores() -> None:
-    """As many runs as there are cores, each in its own process: how much of a core each still has."""
+    """Runs in up to as many processes as there are cores, and how much slower each becomes."""
     for binding in installed_bindings():
         alone = 0.0
         for count in range(1, (os.cpu_count() or 1) + 1):
@@ -237,7 +237,7 @@ def parts() -> None:
 
 
 def bandwidth() -> None:
-    """Time of one pass over memory, beside one product and one solve of the preconditioner."""
+    """Time of one pass over memory, compared with one product and one solve of the preconditioner."""
     from flashtemp.solver.heat_balance import HeatBalance
     from flashtemp.solver.system import PhaseSystem
 

@@ -1,8 +1,8 @@
-"""Every benchmark, small: does it run, and do flashtemp and its peers stay within their stated errors?
+"""Every benchmark at a small size: checks that it runs and that errors stay within their stated values.
 
     python benchmarks/smoke.py
 
-Half a minute; `make bench-smoke`, which continuous integration runs.  The figures are those of the small sizes.
+Takes half a minute; `make bench-smoke` runs it.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def abrasion_rows() -> list[ErrorRow]:
 
 
 def blind_rows() -> list[ErrorRow]:
-    """What the blind benchmarks hide: every seed draws the same twice, and what it draws is a case or a campaign."""
+    """Hidden content of the blind benchmarks: a seed always draws the same, and gives a valid case or campaign."""
     from flashtemp.model.case import load_case
 
     began, case = time.process_time(), Path(__file__).parents[1] / "cases" / "uniform_pressure"
@@ -60,8 +60,8 @@ def blind_rows() -> list[ErrorRow]:
         assert discover.draw_realistic(seed) == discover.draw_realistic(seed)
     noise = learned_laws.LawSignatures(np.eye(4), ((np.arange(4), 1.0),))
     gains = noise.best_gains(noise.draw_scores(np.random.default_rng(1), 2000), (0.5, 1.0))
-    share = 100.0 * float(np.mean(gains > 8.0))  # of draws of nothing but noise in which a law is seen
-    return [ErrorRow("blind: laws seen in noise, %", 0, share, 0.1, time.process_time() - began)]
+    share = 100.0 * float(np.mean(gains > 8.0))  # of draws of noise alone in which a law is found
+    return [ErrorRow("blind: laws found in noise, %", 0, share, 0.1, time.process_time() - began)]
 
 
 SMALL_BENCHMARKS: dict[str, Callable[[], list[ErrorRow]]] = {
@@ -78,7 +78,7 @@ SMALL_BENCHMARKS: dict[str, Callable[[], list[ErrorRow]]] = {
 
 
 def run_benchmark(name: str) -> tuple[str, int]:
-    """What one benchmark prints, and 1 where a row is beyond its stated error."""
+    """Output of one benchmark, and 1 if a row is beyond its stated error."""
     began, out = time.perf_counter(), StringIO()
     with redirect_stdout(out):
         print(f"--- {name}")
@@ -88,7 +88,7 @@ def run_benchmark(name: str) -> tuple[str, int]:
 
 
 def main() -> int:
-    """All of them, two at a time: errors are judged here, not times."""
+    """Run all benchmarks, two at a time, because times do not matter here."""
     beyond = 0
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
         for text, one in pool.map(run_benchmark, SMALL_BENCHMARKS):

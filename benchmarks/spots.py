@@ -1,9 +1,9 @@
-"""Resolved spots: what time steps cost and what error they leave, with the road in its own frame and on fixed cells.
+"""Resolved spots: cost and error of time steps, with the road in its own frame and on fixed cells.
 
     python benchmarks/spots.py
 
-One disc of 3 mm fixed to the road slides by six diameters under the block, 6 cells per diameter; its mean rise against
-a program that shares no solver (tests/solver/test_road_frame.py).  Uneven lines keep the cells of the road fixed.
+One disc of 3 mm fixed to the road slides by six diameters under the block, with 6 cells per diameter.  Its mean
+rise is compared with an independent program (tests/solver/test_road_frame.py).  Uneven lines fix the cells of the road.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ class PacedSpots(ResolvedSpots):
         self.steps = steps
 
     def heat(self, scene, p):
-        """What they heat, at another pace."""
+        """The heat of the spots, with another limit of the time step."""
         yield from (term for term in super().heat(scene, p) if term.target != "march.rate")
         yield Term("march.rate", lambda T, now, p: self.steps * p.weight * now.speed / scene.spot_diameter)
 
 
 def disc_scene(frame: str, steps: float):
-    """One disc between block and road, followed by so many steps a diameter at least."""
+    """One disc between block and road, with at least `steps` time steps per diameter."""
     import conftest as lab
     from solver.test_road_frame import one_disc
 
@@ -59,13 +59,13 @@ def disc_scene(frame: str, steps: float):
 
 @cache
 def compile_kernels() -> None:
-    """Compile what all rows use."""
+    """Compile the kernels that all rows use."""
     for frame in STATED:
         march(disc_scene(frame, STEPS_PER_DIAMETER), SolverSettings(choose_binding(None), LOOSE, profiles=4))
 
 
 def measure_row(frame: str, steps: float, rtol: float) -> ErrorRow:
-    """Its number of steps stands in the name."""
+    """One row, with the number of steps in its name."""
     from solver.test_road_frame import WAVES, mean_rise
 
     made, settings = disc_scene(frame, steps), SolverSettings(choose_binding(None), rtol, profiles=4)
@@ -80,12 +80,12 @@ def measure_row(frame: str, steps: float, rtol: float) -> ErrorRow:
 
 
 def small_rows() -> list[ErrorRow]:
-    """Both frames as shipped, at a loose tolerance."""
+    """Both frames with the default steps, at a loose tolerance."""
     return [measure_row(frame, STEPS_PER_DIAMETER, LOOSE) for frame in STATED]
 
 
 def rows() -> list[ErrorRow]:
-    """The road in its own frame with other limits too; fixed cells at a loose tolerance without one end in nonsense."""
+    """All rows.  Fixed cells have none without a limit of the step, because they fail at a loose tolerance."""
     limits = {
         "own frame": (4.0 * STEPS_PER_DIAMETER, STEPS_PER_DIAMETER, 0.0),
         "fixed cells": (4.0 * STEPS_PER_DIAMETER, STEPS_PER_DIAMETER),

@@ -82,9 +82,10 @@ class StoredPair:
 
 @dataclass(frozen=True)
 class StoredSetup:
-    """Errors of the set-up before any is judged: reduced systems with the model's own error as found and `largest`, and
-    sums of squares of the rise {error: in standard deviations of the noise} of the recordings that it acts on; of
-    inputs and sizes what a unit `changes` {error: largest fraction of the rise of a recording}."""
+    """Errors of the set-up before any is judged: reduced systems with the estimated and with the `largest` discrepancy.
+
+    `rise_squares` {error: sum of squares of the rise, in standard deviations of the noise, of the recordings on which
+    it acts}; `changes` {input or size: largest relative change of a recording per unit}."""
 
     system: ReducedFit | None
     largest: ReducedFit | None
@@ -96,7 +97,7 @@ class StoredSetup:
 class StoredFit:
     """The numbers of a `LinearisedFit` that selection and verdict compare, under the same names.
 
-    `largest` {free parameters: ln evidence with the model's own error as large as it may be}; `probabilities` of the
+    `largest` {free parameters: ln evidence with the largest allowed model discrepancy}; `probabilities` of the
     scatter between conditions {effect: of fitted, of all data}; `adequacy` {test: value}; `misfits` (chi2, count) of
     every block; `heldout` ln probability of each fold left out.
     """

@@ -1,6 +1,6 @@
-"""Friction by theory: what the table costs, and what it adds to a run over friction that is a number.
+"""Friction by theory: cost of its table, and cost of a run compared with constant friction.
 
-Runs with and without are marched in turns, so that a noisy machine troubles both alike; medians of CPU seconds.
+Runs with and without the theory alternate, so that a busy machine slows both equally; medians of CPU seconds.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ SPEEDS = {"one speed": (0.1, 0.1), "0.01 to 1 m/s": (0.01, 1.0)}
 
 
 def table_rows(file: Path, repeat: int, spans=tuple(SPEEDS)) -> list[ErrorRow]:
-    """What tabulating costs: mu(v, T) alone, and the solver's table over speed, two temperatures and pressure."""
+    """Cost of tabulation: mu(v, T) alone, and the solver's table over speed, two temperatures and pressure."""
     rows = []
     scene, acting = find_theory(load_case(file, THEORY))
     theory, T = acting.p.theory, KELVIN + np.linspace(-20.0, 180.0, 40)
@@ -45,7 +45,7 @@ def table_rows(file: Path, repeat: int, spans=tuple(SPEEDS)) -> list[ErrorRow]:
     for words in spans:
         made: list = []
 
-        def make(speeds=SPEEDS[words], made=made):  # other spots each time, so that no table is taken from before
+        def make(speeds=SPEEDS[words], made=made):  # other spots each time, so that no table comes from the cache
             made.append(tabulate_friction(theory, scene.block, 3e-3 + 1e-9 * len(made), speeds, 1.5e5, 293.15, 4e-6))
 
         spent, _ = time_call(make, repeat)
@@ -54,7 +54,7 @@ def table_rows(file: Path, repeat: int, spans=tuple(SPEEDS)) -> list[ErrorRow]:
 
 
 def print_run_times(file: Path, repeat: int, meshes) -> None:
-    """CPU seconds of a 35 s slide and their ratio to friction that is a number."""
+    """CPU seconds of a 35 s slide, and their ratio to those with constant friction."""
     for mesh in meshes:
         cases = {name: load_case(file, given | {"numerics.mesh": mesh}) for name, given in OTHERS.items()}
         made = {name: (case.scene, case.settings) for name, case in cases.items()}

@@ -93,7 +93,7 @@ def time_table() -> str:
 
 
 def interval_table() -> str:
-    """How many 95 % intervals hold the true value, with Clopper and Pearson's 95 % bounds."""
+    """How many 95 % intervals contain the true value, with Clopper and Pearson's 95 % bounds."""
     from scipy.stats import binomtest
 
     rows = []
@@ -104,7 +104,7 @@ def interval_table() -> str:
         rows.append(
             [name, f"{r['inside']} of {r['intervals']}", f"{share:.0f} %", f"{100 * low:.0f}-{100 * high:.0f} %"]
         )
-    return markdown(("campaigns of", "intervals that hold the truth", "share", "95 % bounds of the share"), rows)
+    return markdown(("campaigns of", "intervals that contain the truth", "fraction", "95 % bounds"), rows)
 
 
 def newcomer_table() -> str:

@@ -79,9 +79,7 @@ def told() -> dict[str, str]:
 
 def page() -> str:
     """The page in Markdown, beside the folder of the other pages."""
-    lead = (
-        "Every ready case with the command that draws its picture; each lies in `cases/` with what is expected of it."
-    )
+    lead = "*A reference: every ready case of `cases/`, with the command that draws its picture.*"
     out = [f"# Gallery\n\n{lead}\n"]
     for name, says in told().items():
         shown = CASES[name]

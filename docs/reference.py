@@ -1,4 +1,4 @@
-"""What is made from the code: commands, keys of a case, the effects' catalogue, the gallery, two drawings."""
+"""Pages generated from the code: commands, keys of a case, catalogue of effects, quantities, gallery, two drawings."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from flashtemp.model.case_template import NAMED_TABLE_MEANINGS, describe_param, 
 from flashtemp.model.schema import CASE_TABLES, NAMED_TABLES, declared_params
 from flashtemp.physics.quantities import CAMERA_QUANTITIES, QUANTITIES, SITES
 
-MADE = "made"  # the folder beside the pages that holds them; not kept
+MADE = "made"  # folder of the generated pages, next to the others; not kept
 
 
 def commands() -> str:
-    """Every command with its arguments and options, as `--help` says them."""
+    """Every command with its arguments and options, as `--help` prints them."""
     text = app.generate_docs(output_format="markdown", heading_level=2)
     _, first, rest = text.partition("## flashtemp new")
-    lead = "What every command takes and does, made from what `flashtemp COMMAND --help` says.\n\n"
+    lead = "*A reference: every command, as `flashtemp COMMAND --help` describes it.*\n\n"
     return "# Commands\n\n" + lead + first + re.sub(r"\n## `?--install-completion.*", "\n", rest, flags=re.DOTALL)
 
 
 def keys() -> str:
     """Every key of a case with default, meaning, unit and range."""
-    out = "# Keys of a case\n\nWhat `flashtemp new case` writes, to look things up: every key with its default.\n"
+    out = "# Keys of a case\n\n*A reference: every key with its default, as `flashtemp new case` writes it.*\n"
     named = {
         f"{kind}.NAME": (f"{NAMED_TABLE_MEANINGS[kind].capitalize()}.\n\n", keys) for kind, keys in NAMED_TABLES.items()
     }
@@ -40,33 +40,32 @@ def keys() -> str:
 
 
 def catalogue() -> str:
-    """Every effect: cause, keys, signs by which it shows, source."""
+    """Every effect: cause, keys, distinguishing features, source."""
     out = [
-        "# The effects' catalogue\n\nMade from the effects' own files; on the command line `flashtemp effects`."
-        "  What always acts stands first.  Your own is [one file more](../how_to/effects.md).\n"
+        "# Catalogue of effects\n\n*A reference, generated from the files of the effects.*"
+        "\n\nEffects that always act come first.  [Write your own effect](../how_to/effects.md) adds one.\n"
     ]
     for e in flashtemp.effects().entries:
+        source = re.sub(r"theory (?=\d\.\d)", "[theory](../explanation/theory.md) ", e["source"])
         always = " (always acts)" if e["always"] else ""
         lines = [f"- `{head}`: {tail}" for head, tail in (format_parameter(p).split(": ", 1) for p in e["parameters"])]
-        shows = f"\nTells itself apart by: {'; '.join(e['tells'])}\n" if e["tells"] else ""
-        out.append(
-            f"## {e['name']}{always}\n\n{e['cause']}.\n\n" + "\n".join(lines) + f"\n{shows}\nSource: {e['source']}\n"
-        )
+        shows = f"\nDistinguished by: {'; '.join(e['tells'])}\n" if e["tells"] else ""
+        out.append(f"## {e['name']}{always}\n\n{e['cause']}.\n\n" + "\n".join(lines) + f"\n{shows}\nSource: {source}\n")
     return "\n".join(out)
 
 
 def quantities() -> str:
-    """Quantities of the balance that an effect may change, what its law sees, and the sites of heat."""
+    """Quantities of the balance that an effect may change, what its law reads, and the sites of heat."""
     kind = {True: "zone", False: "patch, film"}
     places = "".join(f"| `{s.name}` | {kind[s.zone]} | {s.about} |\n" for s in SITES.values())
-    head = "| quantity | unit of a term | before | meaning | its law sees besides |\n|---|---|---|---|---|\n"
+    head = "| quantity | unit of a term | before | meaning | its law also reads |\n|---|---|---|---|---|\n"
     balance, camera = (
         head + "".join(f"| `{q.name}` | {q.unit} | {q.base} | {q.about} | {q.sees} |\n" for q in rows.values())
         for rows in (QUANTITIES, CAMERA_QUANTITIES)
     )
     return (
-        "# Quantities and sites\n\nWhat an [effect](../how_to/effects.md) may change, and where it may release heat."
-        f"\n\n## Quantities of the balance\n\n{balance}\n## Quantities of the camera\n\n{camera}"
+        "# Quantities and sites\n\n*A reference: what an [effect](../how_to/effects.md) may change, and where heat "
+        f"enters.*\n\n## Quantities of the balance\n\n{balance}\n## Quantities of the camera\n\n{camera}"
         f"\n## Sites\n\n| site | of | where |\n|---|---|---|\n{places}"
     )
 

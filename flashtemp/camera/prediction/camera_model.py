@@ -105,10 +105,10 @@ class ImageFormation:
 
         Returns them under the key "", (frames, nv, nu) degC, and with `slopes` the derivatives of `PredictedImage`.
         """
-        # pixels average radiance, and only the excess over the background, so that a body may end inside the image
+        # pixels average radiance (eq. (36)), and only the excess over the background: a body may end inside the image
         sampled = self._sample_light(LONG_WAVE.counts(body) - self.background_counts, nodes, kept, slopes)
         S = self.background_counts + sampled.seen
-        # eps S + (1 - eps) S_reflected with the true values, solved for S with those set in the camera
+        # eq. (38): eps S + (1 - eps) S_reflected with the true values, solved for S with those set in the camera
         mirrored = (1.0 - self.emissivity) * self.reflected_counts
         apparent = (
             self.emissivity * S + mirrored - (1.0 - self.stated_emissivity) * self.stated_reflected_counts

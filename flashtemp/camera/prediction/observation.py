@@ -206,7 +206,7 @@ def _wall_temperatures(run, scene, times, face: FaceHistory | None, kept: Matrix
     surface = interpolate_linear(surface.astype(float), records, times)
     air, films = scene.ambient - KELVIN, WallFilmCoefficients.from_scene(scene)
     rise = np.concatenate([surface[..., None], _extrapolate_ends(cells, z, 2)[..., 1:]], axis=2) - air
-    if scene.resolved:  # from the centre of the outermost cell to its wall
+    if scene.resolved:  # from the centre of the outermost cell to its wall (eq. (34))
         length = wall_deficit_length(z, 0.5 * (mesh.y[1] - mesh.y[0]))
         film = films.coefficient_at(times, films.section)
         rise = rise / (1.0 + film[:, None] * length / scene.block.conductivity)[:, None]

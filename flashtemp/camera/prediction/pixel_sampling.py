@@ -61,6 +61,7 @@ def _ramps(x: float, pitch: float, sigma: float, once, twice):
         else:
             half[side] = 0.5 * math.erfc(-at / (math.sqrt(2.0) * sigma))
             density[side] = math.exp(-0.5 * (at / sigma) ** 2) / math.sqrt(2.0 * math.pi)
+        # closed integrals of the Gaussian, so that eq. (36) is exact for a field that is linear between nodes
         integral[side] = at * half[side] + sigma * density[side]
         ramp[side] = 0.5 * (at * integral[side] + sigma * sigma * half[side])
     once[0], twice[0] = (integral[0] - integral[1]) / pitch, (ramp[0] - ramp[1]) / pitch
@@ -162,7 +163,7 @@ def sample_rotated(
 
     sheared = lines[0] @ flat
     seen = image(columns[0] @ sheared)
-    skew = sin / cos * u.variance
+    skew = sin / cos * u.variance  # covariance of the response along sheared lines, to be removed (eq. (37))
     if not slopes:
         return SampledImage(seen + skew * mixed_derivative(seen, u, v))
     first, second = image(columns[0] @ (lines[1] @ flat)), image(columns[1] @ sheared)

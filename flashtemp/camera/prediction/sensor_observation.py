@@ -56,6 +56,7 @@ def first_order_lag(time: np.ndarray, T: np.ndarray, lag: float) -> np.ndarray:
     """
     T = np.asarray(T, dtype=float)
     step = np.diff(time)
+    # T is linear in a step: the solution of eq. (39) decays towards T less the lag times its slope
     decay, offset = np.exp(-step / lag), lag * np.diff(T) / step
     source = np.concatenate([T[:1], T[1:] - offset - (T[:-1] - offset) * decay])  # S[i] - decay S[i-1]
     bands = np.vstack([np.ones(len(T)), np.append(-decay, 0.0)])

@@ -204,7 +204,7 @@ def _try_step(
         return -1.0
     answer = _align_images(h, answer, point.hyper)
     before, after = (_full_objective(h, at, point.hyper) for at in (point.linearisation, answer))
-    ratio = (before - after) / max(predicted, 1e-300)
+    ratio = (before - after) / max(predicted, 1e-300)  # eq. (45)
     state.needs_derivatives = not GOOD_RATIO <= ratio <= 1.0 / GOOD_RATIO
     state.poor_steps = 0 if ratio > POOR_RATIO else state.poor_steps + 1
     if ratio > 0.0:
@@ -303,6 +303,7 @@ def _quadratic_model(h: Hypothesis, point: LinearisedPoint) -> tuple[QuadraticMo
     nuisance = {p: v for p, v in priors.items() if p not in outer}
     projection = system.project_out(nuisance, list(outer), system.normal_equations(variances=point.hyper.variances))
     mean, sd = (np.array([priors[p][i] for p in outer]) for i in (0, 1))
+    # the stepped parameters have priors too: they add to the marginalised information of eq. (42)
     S = projection.information + np.diag(sd**-2.0)
     g = projection.score + mean * sd**-2.0
     limits = [_step_limits(h, p, model) for p in outer]

@@ -72,6 +72,7 @@ def maximise_evidence(
         found = _maximise_at_noise(
             system, plain, more, system.normal_equations(variances=now), now, discrepancies, problem
         )
+        # variances and widths depend on each other (eqs. (41) and (43)), so they alternate
         wanted = estimate_noise_variances(system, found.solution)
         if all(abs(wanted[k] - now[k]) <= VARIANCE_TOLERANCE * now[k] for k in now):
             break
@@ -86,6 +87,7 @@ def estimate_noise_variances(system: LinearSystem, solution: Solution) -> dict[s
     This is the square of Birge's ratio.
     """
     values = zip(system.blocks, system.block_chi2(solution), strict=True)
+    # eq. (43); below 1 the stated noise holds, or a few data could seem more exact than their camera
     return {b.label: max(1.0, chi2 / b.count) for b, chi2 in values}
 
 
@@ -97,7 +99,7 @@ def _maximise_at_noise(
     priors = scale_priors(plain, best.scale, best.floor, best.families) | more
     solution = system.fit_heldout_nuisances(system.solve(priors, equations), priors)
     families = {p.kind for p in priors if p.kind in CAMERA_ERROR_KINDS or is_camera_gain(p)}
-    # a larger variance of n data costs n/2 of its logarithm: the normalisation of their normal distribution
+    # a larger variance of n data costs n/2 of its logarithm: the normalisation in eq. (41)
     noise = 0.5 * sum(b.count * np.log(variances.get(b.label, 1.0)) for b in system.blocks if not b.held_out)
     solution = replace(solution, ln_evidence=solution.ln_evidence - LN_ODDS_AGAINST_FAMILY * len(families) - noise)
     return EvidenceMaximum(solution, priors, Hyperparameters(best.scale, best.floor, best.families, variances))

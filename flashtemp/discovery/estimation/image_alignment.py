@@ -1,4 +1,4 @@
-"""Where images lie, solved to convergence on predicted fields, without simulating anything again.
+"""Alignment of images with the data, solved to convergence on predicted fields without a new simulation.
 
 Place, scale, turn and clock of an image, and place and time constant of a thermocouple, change what is seen of a
 temperature field but not the field.  With the physics fixed they are found by Gauss-Newton steps on images predicted
@@ -113,7 +113,7 @@ def step_beyond_fields(
 ) -> tuple[float, float, dict[ParameterId, float]]:
     """Predicted gain of images with fields at any time, predicted gain of a step within a region, and that step.
 
-    Fields are stored within LAG of the clock of the simulation; for larger steps the campaign must be simulated again.
+    Fields are stored within CLOCK_STEP_S of the clock of the simulation; larger steps need another simulation.
     """
     names, model = _quadratic_model(problem, at, hyper, fixed)
     step = region.limited_step(model, step_scales(names))
@@ -198,7 +198,7 @@ def move_images(model: ModelPoint, steps: Mapping[ParameterId, float]) -> ModelP
 
 
 def _clock_limits(p: ParameterId, model: ModelPoint, marched: ModelPoint | None) -> tuple[float, float]:
-    """The largest steps of a clock down and up: fields are stored within LAG of the clock of the simulation."""
+    """The largest steps of a clock down and up: fields are stored within CLOCK_STEP_S of the simulated one."""
     if p.kind is not Kind.CLOCK or marched is None:
         return -np.inf, np.inf
     now, middle = model.setup_value(p), marched.setup_value(p)

@@ -329,6 +329,7 @@ class LinearSystem:
         sd = np.array([nuisance[n][1] for n in nuisance if n in self.index])
         mean = np.array([nuisance[n][0] for n in nuisance if n in self.index])
         own = [self.index[n] for n in wanted]
+        # eq. (42); in units of the prior widths P needs no inverse of a vanishing width
         factor = cho_factor(sd[:, None] * N[np.ix_(at, at)] * sd[None] + np.eye(len(at)), lower=True)
         cross = sd[:, None] * N[np.ix_(at, own)]
         solved = cho_solve(factor, cross)
@@ -379,7 +380,7 @@ class EvidenceFunction:
         places = np.append(np.searchsorted(self.everything, at), len(self.everything))
         for group in self.groups:
             found = self._eliminated(group[sd[group] > 0.0], sd)
-            left -= found.taken[np.ix_(places, places)]
+            left -= found.taken[np.ix_(places, places)]  # Schur complement (eq. (42)): its ln det adds to eq. (41)
             ln_det += found.ln_det
         left *= wide[:, None] * wide
         own = np.flatnonzero(sd > 0.0)
@@ -426,6 +427,7 @@ def _prior_moments(priors: Priors, names: tuple[ParameterId, ...]) -> tuple[Arra
 
 def _solve_posterior(right: Array, matrix: Array, square: float, mean: Array, sd: Array) -> _PosteriorEstimate:
     """The posterior estimate from normal equations and priors; unknowns are scaled by their prior widths."""
+    # unknowns in units of their prior widths: A of eq. (41) is well conditioned however little the data say
     A = sd[:, None] * matrix * sd[None]
     A[np.diag_indices_from(A)] += 1.0
     rhs = sd * right + mean / sd

@@ -42,14 +42,14 @@ class QuadraticModel:
         if not len(self.gradient):
             return np.zeros(0)
         low, high = np.maximum(self.low, -radius), np.minimum(self.high, radius)
-        # S = L L' turns the quadratic into |L' d - L^-1 g|^2 / 2; a tiny ridge makes S definite where data say nothing
+        # S = L L' turns eq. (44) into |L' d - L^-1 g|^2 / 2; a tiny ridge makes S definite where data say nothing
         scale = np.sqrt(np.maximum(np.diag(self.hessian), 1e-300))
         S = self.hessian / np.outer(scale, scale)
         S[np.diag_indices_from(S)] += 1e-12
         lower = np.linalg.cholesky(S)
         target = np.linalg.solve(lower, self.gradient / scale)
         free = np.linalg.solve(lower.T, target) / scale
-        if np.all((free >= low) & (free <= high)):
+        if np.all((free >= low) & (free <= high)):  # then it solves eq. (44) without a limit
             return free
         fixed = high - low < 1e-12 * (1.0 + np.abs(np.where(np.isfinite(low), low, 0.0)))
         high = np.where(fixed, low + 1e-12, high)  # lsq_linear wants room between its bounds
@@ -69,6 +69,7 @@ class TrustRegion:
     def next_region(self, ratio: float, step: Array, scale: Array) -> TrustRegion:
         """The region for the next step, by the ratio of actual to predicted reduction of the last one."""
         size = float(np.max(np.abs(step) / scale, initial=0.0))
+        # the step, not the box, is what failed: it may have been far shorter (eq. (45))
         if ratio < POOR_RATIO:
             return TrustRegion(SHRINK_FACTOR * size)
         if ratio > GOOD_RATIO and size > LIMITED_STEP_FRACTION * self.radius:

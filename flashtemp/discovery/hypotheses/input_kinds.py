@@ -49,7 +49,7 @@ INPUT_KINDS: dict[str, InputKind] = {
         InputKind("Poisson's ratio", 0.005, False, "rubber between 0.485 and 0.4995"),
         InputKind("temperature", 0.5, False, "thermometer, and drift of a laboratory within an hour"),
         InputKind("emissivity", 0.05, False, "tables for a material, without knowing its finish"),
-        InputKind("reflected temperature", 2.0, False, "surroundings that nobody measured, such as walls and lamps"),
+        InputKind("reflected temperature", 2.0, False, "unmeasured surroundings, such as walls and lamps"),
         InputKind(LAW_PARAMETER, 0.2, True, "fitted constant of a law, as for a free key"),
     )
 }
@@ -81,7 +81,7 @@ KIND_OF_NAME = {  # where the key itself is not listed: keys of materials, layer
     "reflected_temperature": "reflected temperature",
 }
 KIND_OF_UNIT = {"degC": "temperature", "W/m2K": "conductance"}  # of what is left
-MODEL_CHOICE = "choice of the model, which nobody measures"
+MODEL_CHOICE = "choice of the model, not a measured number"
 ROAD_EXTENT = "extent of the road that is simulated, no property of the test"
 LAW_DEFINITION = "reference point of a law, a definition"
 EXEMPT_KEYS = {
@@ -95,7 +95,7 @@ EXEMPT_KEYS = {
     "schedule.alone": "ends the run; every frame carries its own time",
 }
 EXEMPT_NAMES = {"reference": LAW_DEFINITION, "weight": "switch of an effect", "cells": "count of cells"}
-SLIDING_TABLES = ("road", "contact", "friction", "schedule")  # tables that mean nothing where the block is by itself
+SLIDING_TABLES = ("road", "contact", "friction", "schedule")  # no meaning where the block meets no road
 COURSE_KEYS = ("contact.pressure", "schedule.speed")  # may be a file or rows over time, with one common factor
 
 

@@ -1,7 +1,7 @@
 """Free-form laws: a quantity of the heat balance as a piecewise-linear function of one regressor.
 
-A law that no member of the catalogue has is written out as an effect file of its own, whose parameters are the values
-at the nodes.  A linear spline is the least that can follow any curve, and its values are what people read off a plot.
+A law outside the catalogue is written as an effect file, whose parameters are the values at the nodes.  A linear
+spline is the simplest curve that can follow any law, and its parameters can be read off a plot.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ Scenes = Sequence[Scene]
 LEARNED_LAW_NAME = "learned"
 INITIAL_LAW_NODES, MAX_LAW_NODES = 5, 17  # number of nodes at first, and from which a law is not refined further
 MAX_LN_FACTOR = 3.0  # largest ln of a factor on a quantity, up or down
-MAX_SIZE_RATIO = 1e3  # of a term or film, to what is typical of it
-DISCRETE_REGRESSORS = ("speed", "repetition")  # a campaign has few values of these, which are the nodes
+MAX_SIZE_RATIO = 1e3  # of a term or a heat-transfer coefficient, to its typical size
+DISCRETE_REGRESSORS = ("speed", "repetition")  # a campaign has few values of these: each is a node
 MIN_RELATIVE_RANGE = 0.05  # of a regressor: below, the data cannot show that anything depends on it
 MIN_TEMPERATURE_RANGE_K = 2.0
 
@@ -44,9 +44,9 @@ class Regressor:
 class LearnableQuantity:
     """A quantity of the heat balance that may follow an unknown law of one of its `regressors` (names).
 
-    `action`: "factor" (the law is the ln of a factor), "term" (in `unit`) or "film" (W/m2K), at `targets`, which are
-    quantities or sites of the engine.  `typical_size`: standard deviation of what is usual.  `layer`: name of the layer
-    of the block that the law is about, None for the whole of what the target names.
+    `action`: "factor" (the law is the ln of a factor), "term" (in `unit`) or "film" (heat-transfer coefficient, W/m2K),
+    at `targets`, which are quantities or sites of the engine.  `typical_size`: standard deviation of usual values.
+    `layer`: name of the layer of the block to which the law applies, None if it is not of one layer.
     """
 
     name: str
@@ -60,7 +60,7 @@ class LearnableQuantity:
 
     @property
     def lower_bound(self) -> float:
-        """Lowest value at a node: a resistance or a cooling is not negative."""
+        """Lowest value at a node: a resistance or a heat-transfer coefficient is not negative."""
         return {"factor": -MAX_LN_FACTOR, "film": 0.0}.get(self.action, -np.inf if self.unit == "K" else 0.0)
 
     @property
@@ -86,7 +86,7 @@ REGRESSORS = {
     )
 }
 WALL_SITES, HOLDER_SITES = ("block.leading", "block.trailing", "block.sides"), ("block.holder",)
-CONTACT_TARGETS = ("friction.", "contact.")  # where they begin so, a law acts only while the block is on the road
+CONTACT_TARGETS = ("friction.", "contact.")  # prefixes of targets whose laws act only in contact
 LEARNABLE_QUANTITIES = (
     LearnableQuantity(
         "friction", "the friction coefficient", "factor", ("friction.mu",),
@@ -115,13 +115,15 @@ LEARNABLE_QUANTITIES = (
     ),
     LearnableQuantity("air", "the temperature of the air", "term", ("ambient.temperature",), ("time",), 1.0, "K"),
     LearnableQuantity(
-        "walls", "what cools the walls of the block", "film", WALL_SITES, ("speed", "time", "wall"), 20.0, "W/m2K",
+        "walls", "the heat-transfer coefficient of the walls", "film", WALL_SITES, ("speed", "time", "wall"), 20.0,
+        "W/m2K",
     ),
     LearnableQuantity(
-        "holder", "what the holder takes", "film", HOLDER_SITES, ("speed", "time", "wall"), 50.0, "W/m2K",
+        "holder", "the heat-transfer coefficient of the holder", "film", HOLDER_SITES, ("speed", "time", "wall"), 50.0,
+        "W/m2K",
     ),
 )  # fmt: skip
-MATERIAL_TARGETS = {  # of the block, and what a law of one of its layers is called
+MATERIAL_TARGETS = {  # of the block: short name and description for a law of one of its layers
     "block.conductivity": ("conductivity", "the thermal conductivity"),
     "block.heat_capacity": ("capacity", "the heat capacity"),
 }
@@ -130,8 +132,8 @@ MATERIAL_TARGETS = {  # of the block, and what a law of one of its layers is cal
 def learnable_quantities(scenes: Scenes) -> Iterator[LearnableQuantity]:
     """The quantities that may follow an unknown law in the scenes of a campaign.
 
-    Where the block has layers, each layer has a conductivity and a heat capacity of its own in place of the block's.
-    Where the block is always by itself, nothing touches and nothing slides: laws of the contact are left out.
+    Where the block has layers, each layer has its own conductivity and heat capacity in place of the block's.  Where
+    the block never meets a road, laws of the contact are left out.
     """
     alone, layers = all(s.schedule.alone for s in scenes), scenes[0].layers
     for quantity in LEARNABLE_QUANTITIES:
@@ -156,8 +158,8 @@ def _sanitise_name(name: str) -> str:
 class PiecewiseLinearLaw:
     """A quantity over a regressor: `values` (n,) at `nodes` (n,), ln of the factor or in the quantity's unit.
 
-    The law is level beyond the outermost nodes.  With a `period` (in the regressor's unit) it closes: the first node
-    comes again one period later.
+    The law is constant beyond the outermost nodes.  With a `period` (in the regressor's unit) it is periodic: the first
+    node returns one period later.
     """
 
     quantity: LearnableQuantity
@@ -178,13 +180,13 @@ class PiecewiseLinearLaw:
 
     @property
     def domain(self) -> tuple[float, float]:
-        """Lowest and highest value of the regressor that the law is about."""
+        """Lowest and highest value of the regressor for which the law has nodes."""
         first = self.nodes[0]
         return first, self.nodes[-1] if self.period is None else first + self.period
 
     @property
     def refined_nodes(self) -> tuple[float, ...]:
-        """The nodes with others half way between; unchanged for a discrete regressor or MAX_LAW_NODES."""
+        """The nodes with midpoints added; unchanged for a discrete regressor or MAX_LAW_NODES."""
         if self.regressor.name in DISCRETE_REGRESSORS or len(self.nodes) >= MAX_LAW_NODES:
             return self.nodes
         ends = self.nodes if self.period is None else (*self.nodes, self.domain[1])
@@ -206,12 +208,12 @@ class PiecewiseLinearLaw:
 
 
 def graded_nodes(low: float, high: float, count: int = INITIAL_LAW_NODES, decays: bool = False) -> tuple[float, ...]:
-    """Nodes over a range: even, or closer to the start where something begins there and `decays`."""
+    """Nodes over a range: evenly spaced, or closer to the start for a law that `decays` from there."""
     return _round_nodes(low + (high - low) * np.linspace(0.0, 1.0, count) ** (2 if decays else 1))
 
 
 def nodes_at_values(values: Iterable[float]) -> tuple[float, ...]:
-    """Nodes at values that a campaign has: at all of them where they are few."""
+    """Nodes at the values of a campaign: at all of them, or at quantiles where they are many."""
     distinct = np.unique(np.round(np.asarray(list(values), float), 12))
     few = len(distinct) <= INITIAL_LAW_NODES
     return _round_nodes(distinct if few else np.quantile(distinct, np.linspace(0.0, 1.0, INITIAL_LAW_NODES)))
@@ -222,11 +224,11 @@ def _round_nodes(nodes: Array) -> tuple[float, ...]:
     return tuple(float(f"{v:.6g}") for v in nodes)
 
 
-# --- where the nodes are ------------------------------------------------------------------------------------------
+# --- positions of nodes -------------------------------------------------------------------------------------------
 def candidate_laws(runs: Runs, scenes: Scenes) -> Iterator[PiecewiseLinearLaw]:
     """All pairs of a quantity and a regressor that varies in a campaign, with typical values at every node.
 
-    `runs` and `scenes`: the conditions of the campaign that a fit uses, as they are believed.
+    `runs` and `scenes`: the fitted conditions of the campaign, as stated.
     """
     for quantity in learnable_quantities(scenes):
         for name in quantity.regressors:
@@ -240,7 +242,7 @@ def candidate_laws(runs: Runs, scenes: Scenes) -> Iterator[PiecewiseLinearLaw]:
 def node_positions(quantity: LearnableQuantity, regressor: str, runs: Runs, scenes: Scenes) -> tuple[float, ...]:
     """The nodes of a law of a quantity over a regressor (its name); fewer than two if the regressor does not vary.
 
-    `runs` and `scenes`: the conditions of the campaign that a fit uses.
+    `runs` and `scenes`: the fitted conditions of the campaign.
     """
     return _POSITIONS[regressor](quantity, runs, scenes)
 
@@ -273,7 +275,7 @@ def _over_pressure(quantity: LearnableQuantity, runs: Runs, scenes: Scenes) -> t
     if not pressures:
         return ()
     highest = max(float(p.max()) for p in pressures)
-    if max(float(np.ptp(p)) for p in pressures) < MIN_RELATIVE_RANGE * highest:  # even: the loads of the campaign
+    if max(float(np.ptp(p)) for p in pressures) < MIN_RELATIVE_RANGE * highest:  # uniform: the loads of the campaign
         return _discard_constant(nodes_at_values(float(p.mean()) for p in pressures))
     return _over_range(pressures, MIN_RELATIVE_RANGE * highest)
 
@@ -297,7 +299,7 @@ def _over_block(quantity: LearnableQuantity, runs: Runs, scenes: Scenes) -> tupl
 
 
 def _over_track(quantity: LearnableQuantity, runs: Runs, scenes: Scenes) -> tuple[float, ...]:
-    """Around a track that all conditions share and the block comes round, always the same way."""
+    """Nodes around a track that all conditions share, if the block repeats it in one direction."""
     lap = scenes[0].track_length
     if lap is None or any(s.track_length != lap for s in scenes):
         return ()
@@ -311,7 +313,7 @@ def _over_distance(quantity: LearnableQuantity, runs: Runs, scenes: Scenes) -> t
 
 
 def _over_whole_distance(quantity: LearnableQuantity, runs: Runs, scenes: Scenes) -> tuple[float, ...]:
-    """In a single repetition this is the distance slid, which is offered already."""
+    """None for single repetitions, where it equals the distance slid since the start."""
     whole = [s.schedule.distance * s.schedule.repetitions for s in scenes if s.schedule.repetitions > 1]
     return graded_nodes(0.0, max(whole), decays=True) if whole else ()
 
@@ -336,7 +338,7 @@ _POSITIONS: dict[str, Callable[[LearnableQuantity, Runs, Scenes], tuple[float, .
 
 
 def _over_range(values: list[Array], min_range: float) -> tuple[float, ...]:
-    """Even nodes over all finite values, none where they differ by no more than `min_range`."""
+    """Evenly spaced nodes over all finite values, none where these differ by `min_range` or less."""
     finite = [f for v in values if (f := v[np.isfinite(v)]).size]
     if not finite:
         return ()
@@ -396,7 +398,7 @@ def _law_body(law: PiecewiseLinearLaw, names: list[str]) -> str:
     if quantity.action == "film":
         sites = ", ".join(f'"{s}"' for s in quantity.targets)
         heat = f"Heat.film(site, lambda now, p: {value})"
-        if law.regressor.name == "wall":  # a film is one number for a whole site: heat that sees T is a patch's
+        if law.regressor.name == "wall":  # a film has one coefficient for a site: a law of the local T needs a patch
             heat = f"Heat.patch(site, lambda T, now, p: {value} * (now.ambient - T))"
         return f"        for site in ({sites},):\n            yield {heat}"
     if quantity.action == "term":

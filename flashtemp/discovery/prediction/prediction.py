@@ -56,9 +56,9 @@ LN_FACTOR_STEP, FRICTION_SCATTER_STEP, PRESSURE_MODE_STEP = (
 BLOCK_SIZE_KEYS, BLOCK_SIZE_STEP = (
     ("block.length", "block.width"),
     1e-3,
-)  # keys that a ruler gives, and their relative step
+)  # keys measured with a ruler, and their relative step
 CLOCK_STEP_S = 0.02  # s: step of the clock
-MIN_CAMERA_SIGNAL_K = 5e-3  # K: a smaller camera sensitivity is computed again with the whole strength
+MIN_CAMERA_SIGNAL_K = 5e-3  # K: below, a camera sensitivity is computed again with the full strength
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class DerivativeRequest:
 class PredictionTask:
     """One condition at one point: the `case` with overrides `given` and `mesh_overrides`.
 
-    The case contains the effect files that were read with it, so that no worker reads or checks them again.
+    The case contains its effect files, so that no worker reads or checks them again.
     """
 
     case: Case
@@ -131,7 +131,7 @@ class EvaluationPoint:
     """The scene of a task at its point, with the case from which neighbouring scenes are made."""
 
     task: PredictionTask
-    case: Case  # without what the model changes
+    case: Case  # without the changes of the model
     scene: Scene
 
     def perturbed_scene(self, model: ModelPoint) -> Scene:
@@ -183,9 +183,10 @@ def predict_condition(task: PredictionTask) -> Prediction:
 
 
 def predict_again(task: PredictionTask, run: Run, view: RecordingEntry, model: ModelPoint) -> Observable:
-    """A recording whose image lies where another model of the same physics has it, of a run that kept its fields.
+    """A recording predicted again from the fields of a run, with the image placement of another model.
 
-    Columns of the camera's own unknowns come along.  A clock may differ by LAG from the one that the run was made for.
+    The physics of both models is the same.  The recording has the columns of the camera parameters.  A clock may
+    differ by CLOCK_STEP_S from that of the run.
     """
     base = task.case.with_values(task.given | task.mesh_overrides)
     moved = replace(task, model=model, derivatives=DerivativeRequest(optics=True))
@@ -193,12 +194,12 @@ def predict_again(task: PredictionTask, run: Run, view: RecordingEntry, model: M
     return _predict_recording(point, view, RunWithSensitivities[ParameterId](run, None, {}, {}), {}, {})
 
 
-# --- neighbouring scenes for derivatives by everything that acts on heat --------------------------------------
+# --- perturbed scenes for derivatives by all parameters of the heat balance ------------------------------------
 def _iter_perturbations(point: EvaluationPoint) -> Iterator[tuple[ParameterId, Perturbation]]:
     asked = point.task.derivatives
     yield from (pair for p in asked.model_parameters for pair in _perturb_model(point, p))
     yield from _perturb_inputs(point)
-    if not point.scene.schedule.alone:  # else no contact to press or to rub
+    if not point.scene.schedule.alone:  # without contact there is neither pressure nor friction
         if asked.scatter:
             yield from _perturb_friction(point.scene)
         yield from _perturb_modes(point.scene, asked.modes, asked.trends)
@@ -254,7 +255,7 @@ def _perturb_modes(scene: Scene, modes: int, trends: bool) -> Iterator[tuple[Par
 
 
 def _perturb_sizes(point: EvaluationPoint) -> Iterator[tuple[ParameterId, Perturbation]]:
-    """The block a little longer and wider; shorter, where longer would ask for another cell."""
+    """The block slightly longer and wider, or shorter where a longer one would need another cell."""
     mesh = point.scene.mesh
     for key in BLOCK_SIZE_KEYS:
         for step in (BLOCK_SIZE_STEP, -BLOCK_SIZE_STEP):
@@ -305,7 +306,7 @@ def _run_separate_scenes(
 ) -> dict[ParameterId, SeparateRun]:
     """One run for each stated number of the case that changes the schedule or the cells.
 
-    The step is the one that makes the schedule longer, so that no frame comes after its end.
+    The step lengthens the schedule, so that no frame comes after its end.
     """
     out = {}
     views, model = point.task.views, point.task.model
@@ -405,7 +406,7 @@ def flatten_valid_pixels(values: Array, inside: npt.NDArray[np.bool_]) -> Single
 def _candidate_column(
     point: EvaluationPoint, predict_images: Callable[..., Array], c: CandidateEffect, k: str, a: float, plain: Array
 ) -> Array:
-    """Derivative by a camera effect; with its whole strength if the derivative vanishes at the neutral value."""
+    """Derivative by a camera effect; with its full strength if the derivative vanishes at the neutral value."""
     off = c.neutral_values()
     for share in (STRENGTH_STEP_FRACTION, 1.0):
         step = share * a
@@ -428,11 +429,11 @@ def _effect_column(point: EvaluationPoint, predict_images: Callable[..., Array],
 
 def _optics_columns(image: PredictedImage, recording: Recording) -> Columns:
     """Derivatives by camera parameters: shift along u and v (px), scale, rotation, gain, point spread (relative)."""
-    told, slopes = bool(recording.registration_sigma_px), image.slopes
+    is_stated, slopes = bool(recording.registration_sigma_px), image.slopes
     wide, high = len(recording.u) > 1, len(recording.v) > 1
     unknown = {
-        SHIFT_KINDS[0]: told and wide,
-        SHIFT_KINDS[1]: told and high and recording.view != "wake",
+        SHIFT_KINDS[0]: is_stated and wide,
+        SHIFT_KINDS[1]: is_stated and high and recording.view != "wake",
         Kind.SCALE: True,
         Kind.TURN: wide and high,
         Kind.GAIN: recording.view != "profile",

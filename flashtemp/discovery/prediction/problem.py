@@ -26,7 +26,7 @@ from flashtemp.solver.circular_track import has_road_memory
 MIN_MESH_REFINEMENT = 0.1  # of numerics.finer that a case may give
 # rtol at most where road comes back: at 1e-3 another sequence of steps changed a wake's ln evidence by 70, at 1e-4 by 2
 MAX_REVISIT_RTOL = 1e-4
-ASSUMED_CAMERA_VALUES = {"registration_sigma_px": 0.5, "psf_sigma_px": 0.7}  # px: of an image that does not say it
+ASSUMED_CAMERA_VALUES = {"registration_sigma_px": 0.5, "psf_sigma_px": 0.7}  # px: of an image that does not state it
 
 TaskRunner = Callable[[list[PredictionTask]], Sequence[Prediction | FlashtempError]]
 
@@ -105,7 +105,7 @@ def raise_if_error(answer: Prediction | FlashtempError) -> Prediction:
 def prepare_problem(campaign: Campaign, run: TaskRunner) -> Problem:
     """Check a campaign and prepare it for fitting; frames of long recordings are averaged.  Raises BadInput."""
     if campaign.entries and all(entry.held_out for entry in campaign.entries):
-        raise BadInput("campaign: held_out = true for every recording and trace; leave at least one to be fitted")
+        raise BadInput("campaign: held_out = true for all recordings and load cells; leave at least one to be fitted")
     assumed = {v.file: missing for v in campaign.views if (missing := _unstated_facts(v))}
     campaign, screening = screen_campaign(campaign)
     campaign = average_frames(replace(campaign, views=tuple(map(_assume_facts, campaign.views))))

@@ -15,7 +15,7 @@ from flashtemp.discovery.hypotheses.candidates import ModelPoint
 from flashtemp.discovery.parameters import ALL_CONDITIONS, Kind, ParameterId
 
 Array = npt.NDArray[np.float64]
-SENSOR_STEP_FRACTION = 0.25  # of what is known of a place, or a time constant: step of its derivative
+SENSOR_STEP_FRACTION = 0.25  # of the uncertainty of a position or time constant: step of its derivative
 
 
 def sensor_columns(predict_images: Callable[..., Array], recording: Recording, rise: Array) -> dict[ParameterId, Array]:
@@ -41,7 +41,7 @@ def sensor_columns(predict_images: Callable[..., Array], recording: Recording, r
 
 
 def place_sensors(view: RecordingEntry, model: ModelPoint) -> Recording:
-    """The recording with the positions and time constants of its points in the model."""
+    """The recording with the positions and time constants that the model gives its points."""
     places = view.recording.places
     if places is None or not model.bead_offsets:
         return view.recording
@@ -52,7 +52,7 @@ def place_sensors(view: RecordingEntry, model: ModelPoint) -> Recording:
 
 
 def sensor_priors(views: Iterable[RecordingEntry]) -> dict[ParameterId, float]:
-    """Standard deviations of places (m), time constants (s) and gains of all points of recordings."""
+    """Standard deviations of positions (m), time constants (s) and gains of all points of recordings."""
     out: dict[ParameterId, float] = {}
     for v in views:
         places = v.recording.places
@@ -83,7 +83,7 @@ def _iter_bead_parameters(places: SensorPositions) -> Iterator[tuple[int, Parame
 
 
 def _point_parameter(kind: Kind, name: str, number: int, *axis: int) -> ParameterId:
-    """A parameter of a point: named points are the same thermocouple in all recordings, unnamed ones are not."""
+    """A parameter of a point: named points are one thermocouple in all recordings, unnamed ones are not."""
     return ParameterId(kind, (number, *axis)) if name.isdigit() else ParameterId(kind, axis, name=name)
 
 

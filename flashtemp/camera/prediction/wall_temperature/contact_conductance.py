@@ -3,9 +3,9 @@
 Spots cover the fraction phi of the face.  They pass heat through the resistance R, of the contact and of flash
 temperature, into heated tracks (lanes) that were cold when they came under the block.  A rise T(x) loses phi J(x):
 
-    T(x) = R J(x) + int_0^x c((x - x')/v) / (e_S sqrt(pi v (x - x'))) J(x') dx'                       (W4)
+    T(x) = R J(x) + int_0^x c((x - x')/v) / (e_S sqrt(pi v (x - x'))) min(phi, phi')/phi J(x') dx'
 
-This is theory.md, eq. (15), with R(tau) = c, the fraction of its heat that a lane keeps as it widens, eq. (15c).
+This is theory.md, eq. (31); c is the fraction of its heat that a lane keeps as it widens, eqs. (15b) and (15c).
 The conductance is H = phi J/T for the mean profile T(x) of a phase.  A lifted face has the heat-transfer coefficient
 of `block.face` alone.
 """
@@ -46,7 +46,7 @@ def effective_contact_conductance(scene: Scene, times: Array, rise: Array, press
             out[here] = min(sum(part.law(now, p) for part, p, _ in films), MAX_CONDUCTANCE_W_M2K)
     for now, parts in same_contact.values():
         here = np.any(parts, axis=0)
-        # laws and eq. (W4) count x from the edge that meets the road first
+        # laws and eq. (31) count x from the edge that meets the road first
         load, worn_depth = (a[1:][here].mean(axis=0)[:: now.direction] for a in (pressure, worn))
         shape = np.maximum(rise[1:][here].mean(axis=0), 0.0)[:: now.direction]
         # 1 % of the peak everywhere keeps J/T finite where the face is cold
@@ -68,7 +68,7 @@ def _iter_contact_intervals(scene: Scene):
 
 
 def _contact_transfer(scene: Scene, laws: EffectLaws, now: LawContext, load: Array, worn: Array) -> tuple[Array, Array]:
-    """Contact fraction (x,), and the matrix (x, x) in m2 K/W from fluxes of the spots to the face's rise, eq. (W4)."""
+    """Contact fraction (x,), and the matrix (x, x) in m2 K/W from fluxes of the spots to the face's rise, eq. (31)."""
     mesh = scene.mesh
     edges = mesh.x[mesh.first : mesh.last + 1] - mesh.x[mesh.first]
     one = np.ones(len(edges) - 1)
@@ -81,21 +81,24 @@ def _contact_transfer(scene: Scene, laws: EffectLaws, now: LawContext, load: Arr
     speed = 1.0 / (1.0 / last + now.waited / scene.length)  # a block at rest counts as one that passes slowly
     response = _lane_response(scene, laws, context, scene.length / speed)
     centres = 0.5 * (edges[1:] + edges[:-1])
+    # J is even over a column, so the integral of eq. (31) is a difference between its two edges
     reached = response(np.maximum(centres[:, None] - edges, 0.0) / speed)
-    common = np.minimum(phi[:, None], phi) / phi[:, None]  # nested lanes, theory 1.7: those here that touched there
+    common = np.minimum(phi[:, None], phi) / phi[:, None]  # nested lanes: those here that touched there (eq. (15d))
     return phi, np.diag(local) + common * (reached[:, :-1] - reached[:, 1:])
 
 
 def _lane_response(scene: Scene, laws: EffectLaws, context: LawContext, oldest: float):
     """Temperature rise of a lane, K per W/m2, as a function of how long it has been heated, s, up to `oldest`.
 
-    The kernel of eq. (W4) is integrated over the root of the age, in which it is smooth.
+    The kernel of eq. (31) is integrated over the root of the age, in which it is smooth.
     """
     ends = np.linspace(0.0, np.sqrt(oldest), AGE_INTERVALS + 1)
     half = 0.5 * ends[1]
     roots = (ends[1:, None] - half + half * AGE_NODES)[..., None]
+    # sideways distance r of heat of age tau: s = r^2/(4 a_S tau) makes eq. (15b) a Gauss-Laguerre integral
     apart = 2.0 * roots * np.sqrt(scene.road.diffusivity * SPREAD_NODES)
     kept = laws("road.lane_overlap", 1.0, None, context, apart) * np.ones_like(apart) @ SPREAD_WEIGHTS
+    # d tau/sqrt(tau) = 2 d sqrt(tau) removes the singularity of eq. (31)
     steps = 2.0 * half / (scene.road.effusivity * np.sqrt(np.pi)) * (kept @ AGE_WEIGHTS)
     rise = np.append(0.0, np.cumsum(steps))
     return lambda age: np.interp(np.sqrt(age), ends, rise)

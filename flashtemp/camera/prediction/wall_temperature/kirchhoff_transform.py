@@ -1,8 +1,8 @@
 """Kirchhoff transformation, which makes conduction linear where the block's conductivity depends on temperature.
 
-theta is the integral of k/k0 over the temperature rise.  The flux is then -k0 grad theta, and only the diffusivity
-still depends on temperature.  Diffusivity and the ratio rise/theta, by which a heat-transfer coefficient is multiplied,
-are evaluated at a mean rise (Carslaw & Jaeger 1959, section 1.6).
+theta, eq. (32) of theory.md, is the integral of k/k0 over the temperature rise.  The flux is then -k0 grad theta, and
+only the diffusivity still depends on temperature.  Diffusivity and the ratio rise/theta, by which a heat-transfer
+coefficient is multiplied, are evaluated at a mean rise (Carslaw & Jaeger 1959, section 1.6).
 """
 
 from __future__ import annotations

@@ -1,13 +1,14 @@
 """Heat conduction in the corner between the block's face and its side wall, which a 2D run does not resolve.
 
 T is the rise above the air, y the depth behind the wall, z the height above the face, and x runs along the block.
-Far from the wall, eq. (8) and (9) of docs/explanation/theory.md hold for the section; near it, air cools the wall:
+Equations have their numbers in docs/explanation/theory.md.  Far from the wall, eqs. (8) and (9) hold for the section;
+near it, air cools the wall:
 
-    rho c dT/dt = k (d2T/dy2 + d2T/dz2) + k_x d2T/dx2                                          (W1)
-    k dT/dy = h T at y = 0        (h heat-transfer coefficient of the wall)                    (W2)
-    -k dT/dz = q(x, t) - H T at z = 0        (H conductance of the contact, q even across y)   (W3)
+    rho c dT/dt = k (d2T/dy2 + d2T/dz2) + k_x d2T/dx2                                          (27)
+    k dT/dy = h T at y = 0        (h heat-transfer coefficient of the wall)                    (28)
+    -k dT/dz = q(x, t) - H T at z = 0        (H conductance of the contact, q even across y)   (29)
 
-A separable boundary condition makes T a sum of products of the modes of two slabs, one with (W2) and one with (W3).
+A separable boundary condition makes T a sum of products of the modes of two slabs, one with (28) and one with (29).
 The product of mode i across and mode j up the block decays as exp(-(lambda_i + mu_j) dt), without error in time.
 Conduction along x follows as a separate step (operator splitting), because H varies along x.  The flux q is constant
 in a step.  It is found from the section: a block without side wall must reach the face temperature that the 2D run
@@ -73,7 +74,7 @@ class SlabModes:
     def decay_modes(self, diffusivity: float, face_biot_per_m: Array) -> tuple[Array, Array]:
         """Decay rates (..., count) in 1/s and modes (..., count, count) of a slab whose face loses heat.
 
-        `face_biot_per_m` (...) 1/m is h/k in eq. (W2) or H/k in eq. (W3).  In weak form the loss adds h/k f_i(0) f_j(0)
+        `face_biot_per_m` (...) 1/m is h/k in eq. (28) or H/k in eq. (29).  In weak form the loss adds h/k f_i(0) f_j(0)
         to the matrix of -d2/dz2, so that one basis serves every coefficient.
         """
         at_face = np.outer(self.face_values, self.face_values)
@@ -89,8 +90,8 @@ class WallCornerModel:
     """A block of `width` and `height` (m) and its boundary conditions in n - 1 steps between `times` (n,) in s.
 
     `edges` (x + 1,) in m of cells along the block; `rise` (n, x) in K of the face far from the side walls, above the
-    air; `air` (n,) in K, by which the air has warmed.  `contact_conductance` (n - 1, x) is H of eq. (W3), `wall_film`
-    (n - 1,) h of eq. (W2) for all walls, `section_film` (n - 1,) the part of the side walls' h that the 2D section
+    air; `air` (n,) in K, by which the air has warmed.  `contact_conductance` (n - 1, x) is H of eq. (29), `wall_film`
+    (n - 1,) h of eq. (28) for all walls, `section_film` (n - 1,) the part of the side walls' h that the 2D section
     already loses as a fin, all W/m2K.  `axial_conductivity_ratio` is k_x/k.
     """
 
@@ -147,8 +148,9 @@ class WallCornerModel:
             step = kept[key]
             if air_step := self.air[i + 1] - self.air[i]:  # T is counted from the air, so warmer air lowers all of it
                 state -= air_step * wall.integrals[:, None] * up.depth_integrals
+            # rates across and up add, so their decays multiply (eq. (30)); conduction along x is split off
             state = step.lateral_decay * ((step.axial @ state.reshape(places, -1)).reshape(state.shape) @ step.vertical)
-            # q of eq. (W3): the flux that brings the section's face to the rise of the 2D run
+            # q of eq. (29): the flux that brings the section's face to the rise of the 2D run
             flux = (self.rise[i + 1] - state[:, -1] @ up.face_values) / step.face_gain
             state += step.flux_gain * flux[:, None, None]
             if i + 1 in wanted:
@@ -160,12 +162,12 @@ class WallCornerModel:
     def _step_operators(
         self, dt: float, section_film: float, wall: _WallModes, face: tuple[Array, Array], up: SlabModes
     ) -> _StepOperators:
-        """What a step of `dt` (s) does to the modes, eq. (W1) to (W3)."""
+        """What a step of `dt` (s) does to the modes, eq. (30)."""
         k, D, (rates, modes) = self.block.conductivity, self.block.diffusivity, face
         # both side walls cool the section, whose capacity per face area is rho c W: rate 2 h/(rho c W)
         lateral_rates = np.append(wall.rates, 2.0 * section_film * D / (k * self.width))[:, None]
         lateral_decay, vertical_decay = np.exp(-lateral_rates * dt), np.exp(-rates * dt)
-        # a constant flux feeds a mode of rate lambda + mu by (1 - exp(-(lambda + mu) dt))/(lambda + mu)
+        # a constant flux feeds a mode by (1 - exp(-(lambda + mu) dt))/(lambda + mu) (eq. (30))
         gain = (1.0 - lateral_decay * vertical_decay[:, None]) / np.maximum(
             lateral_rates + rates[:, None], MIN_RATE_PER_S
         )
@@ -179,7 +181,7 @@ class WallCornerModel:
         )
 
     def _wall_modes(self, across: SlabModes, film: float) -> _WallModes:
-        """Modes across the block for a wall of heat-transfer coefficient `film` (W/m2K), eq. (W2)."""
+        """Modes across the block for a wall of heat-transfer coefficient `film` (W/m2K), eq. (28)."""
         rates, modes = across.decay_modes(self.block.diffusivity, np.array(film / self.block.conductivity))
         return _WallModes(rates, modes, np.append(across.depth_integrals @ modes, 1.0), self._axial_conduction(film))
 

@@ -2,8 +2,8 @@
 
 A 2D run solves a section far from the side walls; the only cooling there that it knows is that of `block.sides`.
 Air cools the wall below the section, the more the longer ago the heat behind it arrived.  The difference is the
-solution for the corner between face and wall under the history of the face, eq. (W1) to (W3) of
-`side_wall_conduction.py`.  Its accuracy is listed in docs/explanation/camera_model.md.
+solution for the corner between face and wall under the history of the face, eqs. (27) to (29) of
+docs/explanation/theory.md.  Its accuracy is listed in docs/explanation/camera_model.md.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ def build_corner_model(
     air, conduction = np.interp(moments, *films.air), KirchhoffTransform.from_scene(scene)
     rise = interpolate_linear(face.rise @ mean, face.times, moments)
     block, film_factor = conduction.mean_material(rise, moments)
-    # per kelvin of Kirchhoff's theta instead of the rise, which the corner model solves for
+    # H per kelvin of Kirchhoff's theta (eq. (32)), which the corner model solves for instead of the rise
     conductance = (face.contact_conductance @ mean)[interval] / conduction.conductivity_ratio(
         0.5 * (rise[1:] + rise[:-1])
     )
@@ -210,5 +210,5 @@ def wall_deficit_length(z, half: float):
     >>> [round(float(wall_deficit_length(z, 1.0)), 3) for z in (0.0, 0.1, 1.0, 100.0)]
     [0.0, 0.21, 0.721, 0.997]
     """
-    above = np.maximum(z, 1e-9 * half)
+    above = np.maximum(z, 1e-9 * half)  # eq. (34) has the limit 0 at z = 0, where z ln(1/z) cannot be evaluated
     return 2.0 / np.pi * (0.5 * above * np.log1p((half / above) ** 2) + half * np.arctan(above / half))

@@ -1,7 +1,7 @@
 """Profile across the road behind the block, which is cooler near its edges than a 2D run predicts for the middle.
 
 Near the side walls the block's face is cooler and takes more of the friction heat.  The road received less by the
-contact conductance times the deficit of the face, eq. (W3) of `side_wall_conduction.py`.
+contact conductance times the deficit of the face, eqs. (29) and (33) of docs/explanation/theory.md.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def wake_lateral_profile(
     into_road = np.maximum(released - into_block, MIN_HEAT_FRACTION * released)
     missing = corner.contact_conductance[np.maximum(moments - 1, 0), :, None] * deficits[..., 0]
     ends = corner.edges - corner.edges[0]
-    # heat that a column of road took at x has cooled as 1/sqrt(x_behind - x): integrals of that over the groups
+    # heat that the road took at x has cooled as 1/sqrt(x_behind - x) (eq. (33)): integrals over the groups
     roots = np.sqrt(np.maximum(np.asarray(behind)[:, None] - ends, 0.0))
     weight = roots[:, :-1] - roots[:, 1:]
     loss = np.einsum("ux,fxy->fyu", weight, missing) / np.maximum((into_road @ weight.T)[:, None], 1e-12)

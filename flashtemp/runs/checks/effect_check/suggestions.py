@@ -77,7 +77,7 @@ def explain_exception(file: Path, fault: Exception, where: str = "") -> str:
     if isinstance(fault, AttributeError) and "SimpleNamespace" in message:
         return f"{at}: p has no {message.rsplit(' ', 1)[-1]}; it contains the parameters that the class declares"
     if isinstance(fault, AttributeError) and "LawContext" in message:
-        return f"{at}: now has no {message.rsplit(' ', 1)[-1]}; docs/how_to/effects.md lists the fields"
+        return f"{at}: now has no {message.rsplit(' ', 1)[-1]}; docs/reference/effect_files.md lists the fields"
     if isinstance(fault, ZeroDivisionError):
         remedy = "declare that parameter with low > 0, or open_low=True" if "=" in where else HOLD_REMEDY
         return f"{at}: divides by zero where {where or 'the heat balance evaluates it'}; {remedy}"
@@ -89,7 +89,7 @@ def explain_exception(file: Path, fault: Exception, where: str = "") -> str:
     if "complex" in message or "safe" in message:
         return f"{at}: {message}; laws get complex numbers: {ALLOWED_OPERATIONS}"
     if "NoneType" in message:
-        return f"{at}: {message}; this field is not available for this quantity: docs/how_to/effects.md has the list"
+        return f"{at}: {message}; not available for this quantity: docs/reference/effect_files.md has the list"
     return f"{at}: fails: {message}; repair that line"
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from nicegui import ui
 
-from flashtemp.lab.style import read_asset
+from flashtemp.lab.page_layout import add_script
 
 N_SERIES_COLOURS = 5  # --series-1 ... --series-5 of the style sheet
 MAX_CHART_POINTS = 5000  # of a line; longer ones are thinned to their extremes, so that no peak is lost
@@ -76,7 +76,7 @@ def show_chart(
 
     Returns the chart: its `options` can be changed, `update()` then draws them.  A double click restores the zoom.
     """
-    ui.add_head_html(f"<script>{read_asset('charts.js')}</script>")
+    add_script("charts.js")
     with ui.element("figure").classes("w-full m-0"):
         chart = ui.echart(options, on_point_click=on_point_click, renderer="svg").classes("w-full h-80")
         chart.props["role"], chart.props["aria-label"] = "img", about

@@ -6,17 +6,17 @@ import json
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from html import escape
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, urlencode
 
 from nicegui import ui
+from nicegui.elements.mixins.text_element import TextElement
 
 from flashtemp.errors import BadInput, FlashtempError
 from flashtemp.lab.programs import AllowedPrograms
 from flashtemp.lab.saving import ReplacesFile, TextVersion, write_text
-from flashtemp.lab.style import style_sheet
+from flashtemp.lab.style import read_asset, style_sheet
 from flashtemp.lab.workspace import escape_control
 
 FILES_ADDRESS = "/files"  # the files of the folder
@@ -24,19 +24,6 @@ MAX_NAMES_LISTED = 40
 STANDARD_FILES = ("case.toml", "campaign.toml")  # a folder with one of them stands for it in a command
 PAGE_ADDRESSES = {"home": "/", "camera": "/camera", "case": "/case", "campaign": "/campaign", "runs": "/runs"}
 PAGE_TITLES = {"home": "Home", "camera": "Camera", "case": "Case", "campaign": "Campaign", "runs": "Runs"}
-SCHEME_KEY = "flashtemp-dark"  # of the browser's own storage: the user's choice of light or dark
-APPLY_SCHEME = f"""<script>(() => {{
-    const chosen = localStorage.getItem("{SCHEME_KEY}");  // none: as the system has it
-    const wait = setInterval(() => {{
-        if (!document.getElementById("content")) return;
-        clearInterval(wait);
-        if (chosen !== null) Quasar.Dark.set(chosen === "1");
-    }}, 5);
-}})()</script>"""
-SWITCH_SCHEME = f"""() => {{
-    Quasar.Dark.toggle();
-    localStorage.setItem("{SCHEME_KEY}", Quasar.Dark.isActive ? "1" : "0");
-}}"""
 
 
 @contextmanager
@@ -47,7 +34,7 @@ def page_frame(here: str, folder: Path, title: str = "") -> Iterator[None]:
     heading of the page, shown where it is not empty.
     """
     ui.add_css(style_sheet())
-    ui.add_head_html(APPLY_SCHEME)
+    add_script("scheme.js")
     ui.page_title(f"{title or PAGE_TITLES.get(here, '')} · flashtemp")
     with ui.header().classes("ft-header items-center gap-4 py-2 px-4"):
         ui.link("Skip to the content", "#content").classes("ft-skip")
@@ -62,7 +49,7 @@ def page_frame(here: str, folder: Path, title: str = "") -> Iterator[None]:
             escape_control(str(folder))
         )
         switch = ui.button(icon="contrast").props('flat dense round color=primary aria-label="light or dark"')
-        switch.on("click", js_handler=SWITCH_SCHEME).tooltip("light or dark")
+        switch.on("click", js_handler="() => switchScheme()").tooltip("light or dark")
     with ui.element("main").classes("ft-main").props("id=content tabindex=-1"):
         if title:
             heading(1, title)
@@ -79,9 +66,14 @@ def file_address(path: Path) -> str:
     return f"{FILES_ADDRESS}/{quote(path.as_posix())}"
 
 
+def add_script(name: str) -> None:
+    """Load a script of the assets; values of the user never become part of a script."""
+    ui.add_head_html(f"<script>{read_asset(name)}</script>")
+
+
 def heading(level: int, text: str) -> Any:
-    """A heading of level 1 (page), 2 (card) or 3; the text is escaped."""
-    return ui.html(escape(escape_control(text)), tag=f"h{level}", sanitize=False)
+    """A heading of level 1 (page), 2 (card) or 3; the page shows the text as it is."""
+    return TextElement(tag=f"h{level}", text=escape_control(text))
 
 
 @contextmanager
@@ -108,7 +100,8 @@ def empty_state(title: str, how: str) -> Iterator[Any]:
 
 def action(label: str, on_click: Any, icon: str | None = None, main: bool = False) -> Any:
     """A button; a page has one `main` action, which leads to the next step."""
-    return ui.button(label, icon=icon, on_click=on_click).props("unelevated" if main else "outline").props("no-caps")
+    button = ui.button(label, icon=icon, on_click=on_click).props("no-caps")
+    return button.props("unelevated") if main else button.props("outline")
 
 
 def chip(text: str, kind: str = "") -> Any:

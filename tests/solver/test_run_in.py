@@ -7,11 +7,11 @@ from types import SimpleNamespace as N
 
 import numpy as np
 import pytest
+from reference import analytical_solutions
 
 from flashtemp.errors import BadInput, SolverFailure
 from flashtemp.meshes import block_on_road
 from flashtemp.model.case import load_case
-from flashtemp.physics import analytical_solutions
 from flashtemp.physics.effect import Term, find_effect
 from flashtemp.solver.heat_balance import HeatBalance
 from flashtemp.solver.march import march

@@ -10,12 +10,12 @@ from math import inf
 
 import numpy as np
 import pytest
+from reference import analytical_solutions
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from flashtemp.meshes import block_on_road
 from flashtemp.meshes.grading import geometric, two_sided
 from flashtemp.meshes.mesh import Mesh
-from flashtemp.physics import analytical_solutions
 from flashtemp.physics.effect import Deposit, Factor, Heat, Term
 from flashtemp.physics.effects.convection import Convection
 from flashtemp.physics.effects.flash import Flash

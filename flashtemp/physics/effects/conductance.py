@@ -4,14 +4,22 @@
 >>> law, split = Conductance().heat(None, N(alpha=lambda v: 1e4 + 2e4 * v**0.5))
 >>> law.law(None, N(speed=0.25), None)
 5e-05
+>>> from flashtemp.physics.material import LIBRARY
+>>> law = sliding_conductance(LIBRARY["tread_rubber"], LIBRARY["asphalt"], 1e-5, 0.1)
+>>> print(f"{law(0.1):.4g} {law(1.0):.4g}")
+6121 1.274e+04
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+import numpy as np
+
 from flashtemp.errors import BadInput
 from flashtemp.physics.effect import Effect, Param, Term
-from flashtemp.physics.friction.microcontact_conductance import sliding_conductance
 from flashtemp.physics.interpolation import Curve, read_xy_pairs
+from flashtemp.physics.material import Material
 from flashtemp.physics.tables.wanted import CONDUCTANCE, SPEED
 
 
@@ -70,3 +78,20 @@ class Conductance(Effect):
             alpha = sliding_conductance(scene.block, scene.road, alpha["contact_size"], alpha["contact_share"])
         yield Term("contact.resistance", lambda T, now, p: 1.0 / max(alpha(now.speed), 1e-6))
         yield Term("contact.heat_split", lambda T, now, p: p.heat_split)
+
+
+def sliding_conductance(rubber: Material, road: Material, size: float, share: float) -> Callable[[float], float]:
+    """alpha(v) (W/m2K) of micro-contacts of `size` m on the road that cover a fraction `share` of a spot.
+
+    They slide over the rubber: 1/h = 1/h_R + 1/h_S, where h_R is the larger of constriction and of surface renewal,
+    which grows as sqrt(v); eq. (19).
+    """
+    h_S = 8.0 * road.conductivity / (np.pi * size)
+    rest = 8.0 * rubber.conductivity / (np.pi * size)
+
+    def law(v: float) -> float:
+        h_R = max(rest, 2.0 / np.sqrt(np.pi) * rubber.effusivity * np.sqrt(v / size))
+        alpha: float = share * h_R * h_S / (h_R + h_S)
+        return alpha
+
+    return law

@@ -1,29 +1,40 @@
 """Closed-form solutions of sliding heat conduction, with which tests verify the solver and the effects.
 
 Numbers V1..V23 are those of the verification list (docs/explanation/claims.md).  All functions are pure.  `body`,
-`rubber` and `road` are `Material`s, z is the depth below the heated surface in m and t the time in s.  Results are
+`rubber` and `road` are `HalfSpace`s, z is the depth below the heated surface in m and t the time in s.  Results are
 temperature rises above the initial or ambient temperature in K, unless stated otherwise.  V15, V18 and V19 are
 properties of the solver and have no function of their own beyond `speed_scaling` and `road_rise`.
-
->>> from flashtemp.physics.material import LIBRARY
->>> round(float(constant_flux(LIBRARY["tread_rubber"], 1e4, 3.5)), 6)
-29.55997
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.special import beta, betainc, dawsn, erf, erfc, erfcx, ive, k0e, k1e
 
-from flashtemp.physics.arrays import Value
-from flashtemp.physics.material import Material
-
+Value = Any  # a number or an array
 ROOT_PI = np.sqrt(np.pi)
 SPOT_OVERLAP_INTEGRAL = float(4 / np.pi * beta(0.75, 1.5))  # I of V10: integral of w^-1/2 h(w) from 0 to 1
+
+
+class HalfSpace(Protocol):
+    """Properties of a material: conductivity W/(m K), rho c J/(m3 K), diffusivity m2/s, effusivity W s^0.5/(m2 K)."""
+
+    @property
+    def conductivity(self) -> float: ...
+
+    @property
+    def volumetric_capacity(self) -> float: ...
+
+    @property
+    def diffusivity(self) -> float: ...
+
+    @property
+    def effusivity(self) -> float: ...
 
 
 def ierfc(x: Value) -> Value:
@@ -34,18 +45,18 @@ def ierfc(x: Value) -> Value:
 # --- half-spaces ------------------------------------------------------------------------------------
 
 
-def constant_flux(body: Material, flux: float, t: Value, z: Value = 0.0) -> Value:
+def constant_flux(body: HalfSpace, flux: float, t: Value, z: Value = 0.0) -> Value:
     """V1: half-space under a constant flux (W/m2).  Carslaw & Jaeger 2.9."""
     reach = 2 * np.sqrt(body.diffusivity * t)
     return flux * reach / body.conductivity * ierfc(z / reach)
 
 
-def flux_pulse(body: Material, flux: float, on: float, t: Value, z: Value = 0.0) -> Value:
+def flux_pulse(body: HalfSpace, flux: float, on: float, t: Value, z: Value = 0.0) -> Value:
     """V2: flux (W/m2) from 0 to `on` (s), insulated afterwards, t > on.  V1 superposed."""
     return constant_flux(body, flux, t, z) - constant_flux(body, flux, t - on, z)
 
 
-def deep_source(body: Material, power: float, depth: float, t: Value, z: Value = 0.0) -> Value:
+def deep_source(body: HalfSpace, power: float, depth: float, t: Value, z: Value = 0.0) -> Value:
     """V3: insulated half-space, total power (W/m2) released as exp(-z/depth).  Carslaw & Jaeger 2.11."""
     m, s = 1.0 / depth, np.sqrt(body.diffusivity * t)
     near, far = m * s - z / (2 * s), m * s + z / (2 * s)
@@ -80,12 +91,12 @@ def persson_step(a: float, b: float, diffusivity: float, t: Value) -> Value:
 # --- two half-spaces in contact ---------------------------------------------------------------------
 
 
-def contact_rate(rubber: Material, road: Material, alpha: float) -> float:
+def contact_rate(rubber: HalfSpace, road: HalfSpace, alpha: float) -> float:
     """eta = alpha (1/e_R + 1/e_S) in s^-1/2: the conductance alpha (W/m2K) matters while eta sqrt t < 1."""
     return alpha * (1 / rubber.effusivity + 1 / road.effusivity)
 
 
-def contact_flux(rubber: Material, road: Material, difference: float, alpha: float, t: Value) -> Value:
+def contact_flux(rubber: HalfSpace, road: HalfSpace, difference: float, alpha: float, t: Value) -> Value:
     """V5: flux (W/m2) from rubber to road that touch at t = 0, rubber warmer by `difference` (K)."""
     if np.isinf(alpha):
         e = rubber.effusivity * road.effusivity / (rubber.effusivity + road.effusivity)
@@ -93,12 +104,12 @@ def contact_flux(rubber: Material, road: Material, difference: float, alpha: flo
     return alpha * difference * erfcx(contact_rate(rubber, road, alpha) * np.sqrt(t))
 
 
-def contact_temperature(rubber: Material, road: Material, difference: float) -> float:
+def contact_temperature(rubber: HalfSpace, road: HalfSpace, difference: float) -> float:
     """V5: temperature rise of the interface above the road's temperature, alpha = inf."""
     return difference * rubber.effusivity / (rubber.effusivity + road.effusivity)
 
 
-def shared_source(rubber: Material, road: Material, flux: float, alpha: float, t: Value) -> Value:
+def shared_source(rubber: HalfSpace, road: HalfSpace, flux: float, alpha: float, t: Value) -> Value:
     """V6: interface source (W/m2) on the rubber's side: (J_S W/m2, T_R, T_S)."""
     eR, eS = rubber.effusivity, road.effusivity
     if np.isinf(alpha):
@@ -112,7 +123,7 @@ def shared_source(rubber: Material, road: Material, flux: float, alpha: float, t
 
 
 def shared_deep_source(
-    rubber: Material, road: Material, flux: float, power: float, depth: float, alpha: float, t: Value
+    rubber: HalfSpace, road: HalfSpace, flux: float, power: float, depth: float, alpha: float, t: Value
 ) -> Value:
     """V7: V6 plus power (W/m2) released in the rubber as exp(-z/depth): J_S in W/m2 (eta depth != sqrt D_R)."""
     eR, eS, s = rubber.effusivity, road.effusivity, np.sqrt(t)
@@ -124,7 +135,7 @@ def shared_deep_source(
     return alpha / eR * (flux * fast + power * b / (eta - b) * (slow - fast))
 
 
-def shared_deep_rise(rubber: Material, road: Material, flux: float, power: float, depth: float, t: Value) -> Value:
+def shared_deep_rise(rubber: HalfSpace, road: HalfSpace, flux: float, power: float, depth: float, t: Value) -> Value:
     """V7: temperature rise of the interface for alpha = inf."""
     b = np.sqrt(rubber.diffusivity) / depth
     y = b * np.sqrt(t)
@@ -132,39 +143,49 @@ def shared_deep_rise(rubber: Material, road: Material, flux: float, power: float
     return (2 * flux * np.sqrt(t / np.pi) + deep) / (rubber.effusivity + road.effusivity)
 
 
+def resting_conductance(rubber: HalfSpace, road: HalfSpace, modulus: float, pressure: float, decay: float) -> float:
+    """alpha (W/m2K) of an elastic contact at rest: 2 k_m p/(E* u0), k_m = k_R k_S/(k_R + k_S).
+
+    Barber's relation of conductance and stiffness with p ~ exp(-u/u0): `modulus` E* and local `pressure` in Pa,
+    `decay` u0 in m, 0.4 to 0.5 of the rms height.  For a spot, use the pressure and the rms height inside it.
+    """
+    k = rubber.conductivity * road.conductivity / (rubber.conductivity + road.conductivity)
+    return 2.0 * k * pressure / (modulus * decay)
+
+
 # --- road that slides past --------------------------------------------------------------------------
 
 
-def road_rise(road: Material, speed: float, flux: float, x: Value) -> Value:
+def road_rise(road: HalfSpace, speed: float, flux: float, x: Value) -> Value:
     """V8, V19: road surface at x (m) behind the leading edge of a uniform flux (W/m2), Pe >> 1."""
     return 2 * flux * np.sqrt(x / (np.pi * speed)) / road.effusivity
 
 
-def road_rise_linear(road: Material, speed: float, flux: float, length: float, x: Value) -> Value:
+def road_rise_linear(road: HalfSpace, speed: float, flux: float, length: float, x: Value) -> Value:
     """V8: flux falling linearly from `flux` (W/m2) at the leading edge to 0 at `length` (m)."""
     scale = flux / (road.effusivity * np.sqrt(np.pi * speed))
     return scale * (2 * np.sqrt(x) - 4 / 3 * np.power(x, 1.5) / length)
 
 
-def road_rise_exponential(road: Material, speed: float, flux: float, decay: float, x: Value) -> Value:
+def road_rise_exponential(road: HalfSpace, speed: float, flux: float, decay: float, x: Value) -> Value:
     """V8: flux `flux` exp(-x/decay) in W/m2; the rise peaks at x = 0.854033 decay."""
     scale = 2 * flux * np.sqrt(decay) / (road.effusivity * np.sqrt(np.pi * speed))
     return scale * dawsn(np.sqrt(x / decay))
 
 
-def road_rise_by_quadrature(road: Material, speed: float, flux: Callable[..., Value], x: float) -> float:
+def road_rise_by_quadrature(road: HalfSpace, speed: float, flux: Callable[..., Value], x: float) -> float:
     """V8: any flux law (W/m2 at x), by quadrature in sqrt(x - x'), which removes the singularity."""
     value, _ = quad(lambda u: 2 * flux(x - u * u), 0.0, np.sqrt(x), epsabs=0.0, epsrel=1e-12, limit=200)
     found: float = value / (road.effusivity * np.sqrt(np.pi * speed))
     return found
 
 
-def road_wake(road: Material, speed: float, flux: float, length: float, x: Value) -> Value:
+def road_wake(road: HalfSpace, speed: float, flux: float, length: float, x: Value) -> Value:
     """V8: road surface behind the block, x > length (m), after a uniform flux (W/m2)."""
     return road_rise(road, speed, flux, x) - road_rise(road, speed, flux, x - length)
 
 
-def wall_conductance(road: Material, speed: float, length: float) -> float:
+def wall_conductance(road: HalfSpace, speed: float, length: float) -> float:
     """V8: mean flux per kelvin (W/m2K) from an isothermal wall into the road, per spot area."""
     found: float = 2 * road.effusivity * np.sqrt(speed / (np.pi * length))
     return found
@@ -211,13 +232,13 @@ def flash_build_up(r: Value) -> Value:
     return (2 * np.sqrt(r) * spot_overlap(r)) / SPOT_OVERLAP_INTEGRAL + betainc(0.75, 1.5, r * r)
 
 
-def spot_flash(rubber: Material, flux: float, diameter: float, speed: float) -> float:
+def spot_flash(rubber: HalfSpace, flux: float, diameter: float, speed: float) -> float:
     """V11: mean excess in circular spots of a surface flux (W/m2 of spot) on rubber that slides past."""
     found: float = SPOT_OVERLAP_INTEGRAL / ROOT_PI * flux * np.sqrt(diameter / speed) / rubber.effusivity
     return found
 
 
-def spot_flash_deep(rubber: Material, power: float, depth: float, diameter: float, speed: float) -> float:
+def spot_flash_deep(rubber: HalfSpace, power: float, depth: float, diameter: float, speed: float) -> float:
     """Eq. (13): surface excess in circular spots of power (W/m2 of spot) released as exp(-z/depth)."""
     time, m = diameter / speed, 1.0 / depth
 
@@ -229,7 +250,7 @@ def spot_flash_deep(rubber: Material, power: float, depth: float, diameter: floa
     return found
 
 
-def spot_flash_weighted(rubber: Material, power: float, q: float, diameter: float, speed: float) -> float:
+def spot_flash_weighted(rubber: HalfSpace, power: float, q: float, diameter: float, speed: float) -> float:
     """V11: T_q, the excess weighted as 2q exp(-2qz), of power (W/m2) released in the same way; q in 1/m."""
     time = diameter / speed
 
@@ -251,7 +272,7 @@ def periodic_flux_excess(duty: float, terms: int = 1_000_000) -> float:
 # --- slab, cooling, scaling -------------------------------------------------------------------------
 
 
-def slab_heating(body: Material, height: float, flux: float, t: float, z: Value = 0.0) -> Value:
+def slab_heating(body: HalfSpace, height: float, flux: float, t: float, z: Value = 0.0) -> Value:
     """V13: slab with flux (W/m2) into z = 0 and an insulated back at z = height (m).  Carslaw & Jaeger 3.8."""
     fo = body.diffusivity * t / height**2
     n = np.arange(1, 2 + int(np.sqrt(40 / (np.pi**2 * fo))))
@@ -261,20 +282,20 @@ def slab_heating(body: Material, height: float, flux: float, t: float, z: Value 
     return flux * height / body.conductivity * shape
 
 
-def half_space_cooling(body: Material, h: float, t: Value, z: Value = 0.0) -> Value:
+def half_space_cooling(body: HalfSpace, h: float, t: Value, z: Value = 0.0) -> Value:
     """V14: remaining part (1) of a unit temperature rise, half-space cooled by h (W/m2K).  Carslaw & Jaeger 2.7."""
     s = np.sqrt(body.diffusivity * t)
     y = h * s / body.conductivity + z / (2 * s)
     return erf(z / (2 * s)) + np.exp(-np.square(z / (2 * s))) * erfcx(y)
 
 
-def slab_mode(body: Material, height: float, h: float) -> tuple[float, float, float]:
+def slab_mode(body: HalfSpace, height: float, h: float) -> tuple[float, float, float]:
     """V14: slowest mode of a slab cooled on one face: zeta, its amplitude C1, its time constant (s)."""
     zeta = _slab_root(h * height / body.conductivity, 0)
     return zeta, _mode_amplitude(zeta), height**2 / (body.diffusivity * zeta**2)
 
 
-def slab_cooling(body: Material, height: float, h: float, t: float, z: Value = 0.0) -> Value:
+def slab_cooling(body: HalfSpace, height: float, h: float, t: float, z: Value = 0.0) -> Value:
     """V14: remaining part (1) of a unit temperature rise in a slab cooled at z = 0, insulated at z = height (m)."""
     modes = 2 + int(np.sqrt(40 * height**2 / (np.pi**2 * body.diffusivity * t)))
     roots = np.array([_slab_root(h * height / body.conductivity, n) for n in range(modes)])
@@ -297,7 +318,7 @@ def speed_scaling(speed: float, reference: float) -> float:
     return float(np.sqrt(speed / reference))
 
 
-def road_driven(rubber: Material, road: Material, length: float, spot_fraction: float, distance: Value) -> Value:
+def road_driven(rubber: HalfSpace, road: HalfSpace, length: float, spot_fraction: float, distance: Value) -> Value:
     """V16: temperature rise of the rubber's surface after sliding `distance` (m), over its final value; an estimate."""
     per_root_speed = spot_fraction * wall_conductance(road, 1.0, length)
     return 1 - erfcx(per_root_speed * np.sqrt(distance) / rubber.effusivity)

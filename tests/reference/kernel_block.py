@@ -14,10 +14,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flashtemp.errors import SolverFailure
-from flashtemp.physics.arrays import Value
-from flashtemp.physics.friction.heat_kernels import ROOT_PI, overlap_integral, retained_fraction
-from flashtemp.physics.material import Material
+from reference.analytical_solutions import (
+    ROOT_PI,
+    SPOT_OVERLAP_INTEGRAL,
+    HalfSpace,
+    Value,
+    flash_build_up,
+    lane_retained,
+)
 
 
 class KernelTemperatures(NamedTuple):
@@ -37,8 +41,8 @@ class KernelBlock:
     Spots of `diameter` m cover `fraction`; lanes on the road widen unless `widening` is False.
     """
 
-    rubber: Material
-    road: Material
+    rubber: HalfSpace
+    road: HalfSpace
     length: float
     speed: float
     pressure: float
@@ -51,7 +55,7 @@ class KernelBlock:
         """Fraction of the heat that is still under a spot, eq. (15b), at least the contact fraction."""
         if not self.widening:
             return np.ones_like(tau)
-        return np.maximum(retained_fraction(tau, self.diameter, self.road.diffusivity), self.fraction)
+        return np.maximum(lane_retained(self.road.diffusivity, self.diameter, tau), self.fraction)
 
     def graded_places(self, count: int) -> np.ndarray:
         """Positions (count,) m, denser at the leading edge; the last one is the trailing edge."""
@@ -79,7 +83,7 @@ class KernelBlock:
         """Slide for `duration` s with friction(T_spot, T_face) (m,); times denser at the start.
 
         The road is quasi-steady, because it passes in L/v, during which the block hardly changes; results for t < L/v
-        are not valid.  Raises SolverFailure where friction and temperature do not converge.
+        are not valid.  Raises RuntimeError where friction and temperature do not converge.
         """
         t, x = duration * (np.arange(times + 1) / times) ** 2, self.graded_places(places)
         heat = self.pressure * self.speed / self.fraction
@@ -103,13 +107,13 @@ class KernelBlock:
                 if change < 1e-10:
                     break
             else:
-                raise SolverFailure(f"friction and temperature do not agree after {t[n]:.3g} s")
+                raise RuntimeError(f"friction and temperature do not agree after {t[n]:.3g} s")
             rows.append((spot, face, mu))
         return KernelTemperatures(t, x, *(np.array(part) for part in zip(*rows, strict=True)))
 
     def flash_resistance(self, t: float) -> float:
         """Flash resistance (m2 K/W): temperature excess in a spot over flux, growing with slid distance (V10, V11)."""
-        theta = overlap_integral(self.speed * t / self.diameter) / ROOT_PI
+        theta = SPOT_OVERLAP_INTEGRAL * flash_build_up(self.speed * t / self.diameter) / ROOT_PI
         resistance: float = (1 - self.fraction) * theta * np.sqrt(self.diameter / self.speed) / self.rubber.effusivity
         return resistance
 

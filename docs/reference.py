@@ -11,8 +11,8 @@ import gallery
 
 import flashtemp
 from flashtemp.api.effects import format_parameter
+from flashtemp.api.templates import NAMED_TABLE_MEANINGS, describe_param, example_line
 from flashtemp.cli.commands import app
-from flashtemp.model.case_template import NAMED_TABLE_MEANINGS, describe_param, example_line
 from flashtemp.model.schema import CASE_TABLES, NAMED_TABLES, declared_params
 from flashtemp.physics.quantities import CAMERA_QUANTITIES, QUANTITIES, SITES
 

@@ -76,7 +76,7 @@ def _run(words: list[str], debug: bool) -> int:
     import warnings
 
     from flashtemp.cli.commands import CANONICAL_NAMES, COMMAND_NAMES, CycloptsError, app, strip_units
-    from flashtemp.cli.table_notes import table_notes
+    from flashtemp.cli.terminal import table_notes
 
     if not debug:  # overflow and 0/0 are checked where the result matters
         warnings.simplefilter("ignore", RuntimeWarning)

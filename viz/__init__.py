@@ -1,7 +1,7 @@
 """Pictures and animations of finished results, each in a module of its own; installed as flashtemp.viz.
 
 A module of viz/run that sets `PICTURE = "NAME"` draws NAME.png of a run; one that sets `ANIMATION = "NAME"` writes
-NAME.gif.  They are found by that line and listed nowhere else.
+NAME.gif.  They are found by that line when the first picture is requested, and listed nowhere else.
 """
 
 if __name__ != "flashtemp.viz":
@@ -10,6 +10,7 @@ if __name__ != "flashtemp.viz":
 import pkgutil
 import re
 from collections.abc import Iterable
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
@@ -34,8 +35,16 @@ def find_pictures(constant: str) -> dict[str, str]:
     return {module: match[1] for module, text in sorted(texts.items()) if (match := declaration.search(text))}
 
 
-PICTURES = find_pictures("PICTURE")
-ANIMATIONS = find_pictures("ANIMATION")
+@cache
+def list_pictures() -> dict[str, str]:
+    """{module of viz/run: picture} of all pictures of a run."""
+    return find_pictures("PICTURE")
+
+
+@cache
+def list_animations() -> dict[str, str]:
+    """{module of viz/run: animation} of all animations of a run."""
+    return find_pictures("ANIMATION")
 
 
 def is_applicable(module: str, run) -> bool:
@@ -44,8 +53,8 @@ def is_applicable(module: str, run) -> bool:
 
 
 def draw_all(run, folder, formats=("png",)) -> list[Path]:
-    """Draw the pictures that apply to a run into a folder that exists, each as NAME.png (svg, pdf) of PICTURES."""
-    return [path for module in PICTURES for path in _draw_still(run, Path(folder), module, formats)]
+    """Draw the pictures that apply to a run into a folder that exists, each as NAME.png (svg, pdf)."""
+    return [path for module in list_pictures() for path in _draw_still(run, Path(folder), module, formats)]
 
 
 def _draw_still(run, folder: Path, module: str, formats) -> list[Path]:
@@ -54,24 +63,24 @@ def _draw_still(run, folder: Path, module: str, formats) -> list[Path]:
     from flashtemp.viz.theme import save_figure
 
     figure = import_module(f"{run_modules.__name__}.{module}").draw(run)
-    return [save_figure(figure, folder / f"{PICTURES[module]}.{kind}") for kind in formats]
+    return [save_figure(figure, folder / f"{list_pictures()[module]}.{kind}") for kind in formats]
 
 
 def animate(run, folder) -> list[Path]:
-    """Write the animations that apply to a run into a folder that exists, each as NAME.gif of ANIMATIONS."""
-    return [path for module in ANIMATIONS for path in _write_animation(run, Path(folder), module)]
+    """Write the animations that apply to a run into a folder that exists, each as NAME.gif."""
+    return [path for module in list_animations() for path in _write_animation(run, Path(folder), module)]
 
 
 def _write_animation(run, folder: Path, module: str) -> list[Path]:
     if not is_applicable(module, run):
         return []
-    with atomic_write(folder / f"{ANIMATIONS[module]}.gif") as unfinished:
+    with atomic_write(folder / f"{list_animations()[module]}.gif") as unfinished:
         import_module(f"{run_modules.__name__}.{module}").write(run, unfinished)
-    return [folder / f"{ANIMATIONS[module]}.gif"]
+    return [folder / f"{list_animations()[module]}.gif"]
 
 
 class PictureRequest(NamedTuple):
-    """A module of PICTURES or ANIMATIONS and the formats to write; formats ("gif",) request its animation."""
+    """A module of viz/run and the formats to write; formats ("gif",) request its animation."""
 
     module: str
     formats: tuple[str, ...]
@@ -79,14 +88,14 @@ class PictureRequest(NamedTuple):
 
 def requested_pictures(formats=("png",), animated=True) -> list[PictureRequest]:
     """Requests for all pictures and then, if `animated`, for all animations."""
-    still = [PictureRequest(module, tuple(formats)) for module in PICTURES]
-    return still + [PictureRequest(module, ("gif",)) for module in ANIMATIONS if animated]
+    still = [PictureRequest(module, tuple(formats)) for module in list_pictures()]
+    return still + [PictureRequest(module, ("gif",)) for module in list_animations() if animated]
 
 
 def draw_picture(run, folder, picture: PictureRequest) -> tuple[list[Path], dict[str, str]]:
     """Draw one request if it applies: the files written, and {missing file: reason}."""
     moving = picture.formats == ("gif",)
-    name = (ANIMATIONS if moving else PICTURES)[picture.module]
+    name = (list_animations() if moving else list_pictures())[picture.module]
     try:
         return (_write_animation(run, folder, picture.module) if moving else _draw_still(run, folder, *picture)), {}
     except Exception as fault:

@@ -135,7 +135,7 @@ def serve() -> None:
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # prints of libraries must not mix with the results
     ignore_local_settings()
-    for module in {*viz.PICTURES, *viz.ANIMATIONS}:
+    for module in {*viz.list_pictures(), *viz.list_animations()}:
         import_module(f"flashtemp.viz.run.{module}")
     with suppress(EOFError, BrokenPipeError):
         run, folder = pickle.load(sys.stdin.buffer)

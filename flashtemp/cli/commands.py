@@ -8,7 +8,7 @@ from typing import Any
 from cyclopts import App, CycloptsError, Group
 
 from flashtemp.camera.importing import import_options
-from flashtemp.cli import camera, campaigns, effects, friction, simulate, studies, templates, web_app
+from flashtemp.cli import campaigns, friction, simulate, studies
 from flashtemp.cli.argument_checks import refuse_odd_words
 from flashtemp.physics import units
 
@@ -25,12 +25,12 @@ app = App(
     suppress_keyboard_interrupt=False,  # `__main__` handles Ctrl-C
 )
 COMMAND_GROUPS: dict[str, tuple[Any, ...]] = {  # groups and order of the help: by task, in the order of use
-    "Simulate": (templates.new, simulate.check, simulate.run, simulate.view, simulate.draw, web_app.lab),
+    "Simulate": (simulate.new, simulate.check, simulate.run, simulate.view, simulate.draw, simulate.lab),
     "Study a case": (
-        studies.sweep, studies.converge, studies.sensitivity, studies.repetitions, studies.wait, effects.effects,
+        studies.sweep, studies.converge, studies.sensitivity, studies.repetitions, studies.wait, studies.effects,
     ),
     "Compare with measurements": (
-        camera.import_, campaigns.compare, campaigns.discover, campaigns.plan, campaigns.twin,
+        campaigns.import_, campaigns.compare, campaigns.discover, campaigns.plan, campaigns.twin,
     ),
     "Rubber and road": (
         friction.friction, friction.loads, friction.spots, friction.spectrum, friction.tread, friction.tyre,

@@ -1,4 +1,4 @@
-"""Commands for one case: run, draw, view, check."""
+"""Commands for one case: new, check, run, view, draw; and lab, the web app."""
 
 from __future__ import annotations
 
@@ -20,6 +20,23 @@ from flashtemp.cli.terminal import (
     run_and_report,
 )
 from flashtemp.errors import BadInput
+
+
+def new(kind: str, file: Path | None = None, /, *, json: Json = False) -> int:
+    """Write a commented case, campaign or recording template.
+
+    Parameters
+    ----------
+    kind
+        Kind of template: case, campaign or recording.
+    file
+        File to write; case.toml, campaign.toml or recording.toml when not given.
+    """
+    from flashtemp.api import templates
+
+    made = templates.new(kind, out=file or Path(f"{kind}.toml"))
+    print_result(made.as_dict(), json, str(made))
+    return EXIT_DONE
 
 
 def run(
@@ -136,4 +153,27 @@ def check(file: Path, /, *overrides: str, trust: Trust = False, json: Json = Fal
     remarks = inactive_effects.describe_inactive_effects(case) + mesh_error.warn_of_coarse_mesh(case)
     answer = {"ok": True, "case": case.name, "effects": list(case.effects), "cells": cells, "remarks": remarks}
     print_result(answer, json, "\n".join([str(case), *(f"  {remark}" for remark in remarks), "ok"]))
+    return EXIT_DONE
+
+
+def lab(
+    folder: Path = Path(),
+    /,
+    *,
+    browser: Annotated[bool, Parameter(negative="--no-browser", help="Open the page in the browser.")] = True,
+) -> int:
+    """Open the web app in the browser: camera files, cases, runs and verdicts of a folder.
+
+    Parameters
+    ----------
+    folder
+        Folder with your files; the current folder when not given.
+    """
+    from flashtemp.lab.server import serve
+
+    def print_address(address: str) -> None:
+        print_message("stop with Ctrl-C; running commands save a checkpoint first")
+        print(address, flush=True)
+
+    serve(folder, browser, print_address)
     return EXIT_DONE

@@ -1,11 +1,12 @@
-"""Common parts of all commands: results and --json on stdout, messages and progress on stderr, exit codes."""
+"""Common parts of all commands: results and --json on stdout, messages, notes and progress on stderr, exit codes."""
 
 from __future__ import annotations
 
 import json
+import logging
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,7 +15,8 @@ from cyclopts import Parameter
 
 from flashtemp.cli.exit_codes import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAILED, escape_controls, print_message
 from flashtemp.display import to_json
-from flashtemp.errors import IncompleteResult
+from flashtemp.errors import BadInput, IncompleteResult
+from flashtemp.physics.interpolation import TABLE_LOGGER
 
 __all__ = ["EXIT_BAD_INPUT", "EXIT_DONE", "EXIT_FAILED", "escape_controls", "print_message"]  # re-exported
 
@@ -135,3 +137,38 @@ def print_result(data: Any, as_json: bool, text: str) -> None:
     if as_json:  # unprintable characters in the escapes of JSON
         text = "".join(c if c.isprintable() or c == "\n" else json.dumps(c)[1:-1] for c in to_json(data))
     print(text if as_json else escape_controls(text))
+
+
+class _Collector(logging.Handler):
+    """A logging handler that collects every different message once, in order."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.INFO)
+        self.messages: dict[str, None] = {}
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Collect the message of a record."""
+        self.messages[record.getMessage()] = None
+
+
+@contextmanager
+def table_notes() -> Iterator[None]:
+    """Within this context collect notes on tables (rows skipped, units assumed); print them on stderr at its end.
+
+    Nothing is printed if the input is refused.
+    """
+    logger = logging.getLogger(TABLE_LOGGER)
+    handler, level = _Collector(), logger.level
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    is_refused = False
+    try:
+        yield
+    except BadInput:
+        is_refused = True
+        raise
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(level)
+        for message in () if is_refused else handler.messages:
+            print_message(message)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from flashtemp.camera.image_screening import screen_recording
 from flashtemp.camera.prediction import observation
 from flashtemp.camera.prediction.camera_model import CameraModel
 from flashtemp.camera.prediction.image_registration import align_image
@@ -22,7 +23,6 @@ from flashtemp.comparison.noise import (
     largest_structured_residual,
     whiten,
 )
-from flashtemp.comparison.screening import screen_campaign
 from flashtemp.display import DisplayMixin, DisplayTable
 from flashtemp.errors import BadInput, RenamedAttribute
 from flashtemp.model.case import Case
@@ -385,3 +385,19 @@ def estimate_reading_noise(residual: np.ndarray) -> float:
     """Standard deviation of one reading from second differences (n,), which a slow change does not enter."""
     steps = np.diff(residual, n=2) / np.sqrt(6.0)
     return float(max(1.4826 * np.median(np.abs(steps)), 1e-6) if len(steps) else 1e-3)
+
+
+def screen_campaign(campaign: Campaign) -> tuple[Campaign, dict[str, str]]:
+    """The campaign with the defects of its cameras masked, and by file a line that lists them."""
+    defects: dict[str, str] = {}
+    views = tuple(_screen_entry(view, defects) for view in campaign.views)
+    changed = any(new is not old for new, old in zip(views, campaign.views, strict=True))
+    return (replace(campaign, views=views) if changed else campaign), defects
+
+
+def _screen_entry(view: RecordingEntry, defects: dict[str, str]) -> RecordingEntry:
+    screening = screen_recording(view.recording)
+    if screening.summary:
+        defects[view.file] = screening.summary
+    masked = screening.apply_to(view.recording)
+    return view if masked is view.recording else replace(view, recording=masked)

@@ -20,8 +20,12 @@ from flashtemp.discovery.diagnostics.effect_size import (
     largest_change,
 )
 from flashtemp.discovery.diagnostics.input_checks import InputCheck, check_inputs, group_inputs
-from flashtemp.discovery.diagnostics.input_columns import add_input_columns, merge_columns
-from flashtemp.discovery.diagnostics.stated_inputs import StatedInput, list_stated_inputs
+from flashtemp.discovery.diagnostics.stated_inputs import (
+    StatedInput,
+    add_input_columns,
+    list_stated_inputs,
+    merge_columns,
+)
 from flashtemp.discovery.estimation.fitting import ProgressCallback
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
 from flashtemp.discovery.estimation.linearised_fit import LinearisedFit

@@ -8,17 +8,17 @@ follows from the model.  The experiment to add is the one that leaves most of th
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from flashtemp.camera.prediction import synthetic_recording
+from flashtemp.camera.sensors import SensorPositions, positions_from_arrays
 from flashtemp.comparison.campaign import Condition, RecordingEntry
 from flashtemp.comparison.compare import stated_noise
 from flashtemp.comparison.noise import NoiseLevels
-from flashtemp.discovery import sensor_positions
 from flashtemp.discovery.estimation.camera_error_columns import USUAL_CAMERA_ERRORS
 from flashtemp.discovery.estimation.fitting import ProgressCallback
 from flashtemp.discovery.estimation.hyperparameters import Hyperparameters
@@ -47,6 +47,10 @@ CANDIDATE_CONDITIONS: tuple[tuple[str, str, float, float], ...] = (  # words, ke
     ("with the laboratory 20 K warmer", "ambient.temperature", 1.0, 20.0),
     ("with ten times the wait between repetitions", "schedule.wait", 10.0, 0.0),
 )
+HEIGHT_FRACTIONS, LENGTH_FRACTIONS = (
+    (0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.98),
+    (0.1, 0.5, 0.9),
+)  # of height and length
 
 
 @dataclass(frozen=True)
@@ -156,7 +160,7 @@ def rank_sensor_positions(problem: Problem, fit: LinearisedFit, effects: list[st
 
     Only where the campaign has thermocouples; ranked by what each leaves of the worst-known of some effects.
     """
-    views = sensor_positions.candidate_sensor_recordings(problem)
+    views = candidate_sensor_recordings(problem)
     if not views or not effects:
         return ()
     task = PredictionTask(
@@ -294,3 +298,31 @@ def _condition_task(problem: Problem, model: ModelPoint, key: str, factor: float
     unshifted = replace(model, shifts={})
     more = _all_derivatives(problem)
     return PredictionTask(problem.case, changed, pins, unshifted, tuple(planned), (), more)
+
+
+def candidate_sensor_recordings(problem: Problem) -> list[RecordingEntry]:
+    """One empty recording for every position, named after it; none if the campaign has no thermocouples.
+
+    Each is read, and its place known, like the first recording of points of the first condition.
+    """
+    first = problem.conditions[0]
+    like = next((v for v in first.views if v.recording.places is not None), None)
+    if like is None or like.recording.places is None:
+        return []
+    scene, r = problem.campaign.load(first.given | problem.mesh_overrides[0]).scene, like.recording
+    out = []
+    for words, places in _iter_positions(scene.length, scene.height, like.recording.places):
+        blank = synthetic_recording.empty_sensor_recording(places, scene, r.time, r.repetition, r.netd_K or 0.05)
+        out.append(RecordingEntry(words, blank, first.given, like.sigma_K))
+    return out
+
+
+def _iter_positions(length: float, height: float, like: SensorPositions) -> Iterator[tuple[str, SensorPositions]]:
+    """Words and position of every node; one column if all existing thermocouples are at one x."""
+    alone = np.ptp(like.x) == 0.0
+    for x in (float(like.x[0]),) if alone else tuple(length * a for a in LENGTH_FRACTIONS):
+        for z in (height * u for u in HEIGHT_FRACTIONS):
+            alike = ("lag_s", "lag_sigma_s", "place_sigma_m", "depth_sigma_m", "gain_sigma")
+            known = {k: [float(getattr(like, k).max())] for k in alike}
+            words = f"at x = {1e3 * x:.3g} mm, z = {1e3 * z:.3g} mm"
+            yield words, positions_from_arrays((words,), {"x": [x], "z": [z]} | known)

@@ -14,7 +14,6 @@ from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.decision import Decision, VerdictRule
 from flashtemp.discovery.diagnostics import fit_report, missing_heat, verdict_sentences
 from flashtemp.discovery.diagnostics.adequacy_tests import run_adequacy_tests, simulate_structure_tests
-from flashtemp.discovery.diagnostics.camera_error_sizes import camera_error_warnings
 from flashtemp.discovery.diagnostics.cross_validation import rms_change_error
 from flashtemp.discovery.diagnostics.effect_size import LargestChange
 from flashtemp.discovery.diagnostics.input_checks import FIXED_INPUT_SD_FRACTION, InputCheck
@@ -217,7 +216,7 @@ def _collect_warnings(search: EffectSearch, final: LinearisedFit) -> tuple[str, 
     problem = search.problem
     out = [f"{file}: {found}" for file, found in problem.screening.items()]
     out += [verdict_sentences.describe_assumed_optics(*item) for item in problem.assumed_camera_facts.items()]
-    out += camera_error_warnings(search.data, final)
+    out += fit_report.camera_error_warnings(search.data, final)
     out += lateral_resolution_warnings(search.data, search.base.predictions, len(COARSER_CELL_FACTORS))
     out += unconverged_fit_warnings(search.fits, problem.case["numerics.mesh"])
     for label, variance in final.hyper.variances.items():

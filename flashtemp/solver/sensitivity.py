@@ -19,7 +19,6 @@ from flashtemp.meshes.mesh import Mesh
 from flashtemp.model.numerics import SolverSettings
 from flashtemp.model.scene import Scene
 from flashtemp.model.schedule import Phase
-from flashtemp.solver.between import StateInterpolant, interpolate_quadratic
 from flashtemp.solver.circular_track import (
     TRACK_FIELDS,
     build_inflow,
@@ -29,7 +28,7 @@ from flashtemp.solver.circular_track import (
 )
 from flashtemp.solver.conjugate_residuals import solve_shifted_system
 from flashtemp.solver.heat_balance import HeatBalance
-from flashtemp.solver.march import march
+from flashtemp.solver.march import StepHistory, march
 from flashtemp.solver.march_state import MarchState
 from flashtemp.solver.mesh_mapping import corresponding_phase, stretch_mesh
 from flashtemp.solver.phase_transitions import remap_road, start_phase
@@ -404,3 +403,27 @@ def _copy_records(source: MarchState, target: MarchState, phase) -> None:
                 target.frames.append(source.frames.read_row(frames.index(i)))
             for name in source.records.keys() - {"ledger", "frames"}:
                 target.records.setdefault(name, []).append(source.records[name][i])
+
+
+class StateInterpolant:
+    """State of a run at any time of a segment, linear between the steps of the integrator."""
+
+    def __init__(self, path: StepHistory):
+        self.t, self.y = np.array([t for t, _ in path]), [y for _, y in path]
+
+    def __call__(self, t: float) -> np.ndarray:
+        k = int(np.clip(np.searchsorted(self.t, t), 1, len(self.t) - 1))
+        w = (t - self.t[k - 1]) / (self.t[k] - self.t[k - 1])
+        return (1.0 - w) * self.y[k - 1] + w * self.y[k]
+
+
+def interpolate_quadratic(u: float, at, S) -> np.ndarray:
+    """Value at `u` of the parabola through three steps (`at`, S), or of the line through the last two.
+
+    The line is used if the first two places are equal, as after the first step.
+    """
+    (a, b, c), (A, B, C) = at, S
+    if a == b:
+        return B + (u - b) / (c - b) * (C - B)
+    first, second = (B - A) / (b - a), (C - B) / (c - b)
+    return B + (u - b) * (second + (u - c) * (second - first) / (c - a))

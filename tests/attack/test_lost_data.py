@@ -185,7 +185,8 @@ def test_a_picture_that_fails_costs_the_picture(case, tmp_path, monkeypatch, cap
     def broken(run):
         raise RuntimeError("no ink")
 
-    monkeypatch.setattr("flashtemp.viz.PICTURES", {"profile": "profile", "budget": "budget", "friction": "friction"})
+    pictures = {"profile": "profile", "budget": "budget", "friction": "friction"}
+    monkeypatch.setattr("flashtemp.viz.list_pictures", lambda: pictures)
     with monkeypatch.context() as m:
         m.setattr(
             "flashtemp.runs.results.processes.cores", lambda: 1

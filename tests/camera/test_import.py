@@ -11,7 +11,7 @@ import pytest
 
 from flashtemp.__main__ import main
 from flashtemp.camera import recording
-from flashtemp.camera.importing import import_options, recording_import, rectification
+from flashtemp.camera.importing import import_options, pixel_masks, recording_import, rectification
 from flashtemp.camera.importing.import_options import ImportOptions
 from flashtemp.camera.importing.import_request import expand_patterns
 from flashtemp.camera.radiometry import ObjectParameters, PlanckCalibration, recompute_temperature
@@ -181,11 +181,11 @@ def test_dead_pixels_are_found_and_edges_kept():
         + 15.0 * ((np.abs(v - u / 2) < 1) & (u > 20))
         + 0.05 * chance.standard_normal(u.shape)
     )
-    assert rectification.find_dead_pixels(T[None]).sum() == 0
+    assert pixel_masks.find_dead_pixels(T[None]).sum() == 0
     lone = np.zeros(T.shape, bool)
     lone[10:40:12, 90:150:9] = True
     lone[20, 120:122] = True
-    found = rectification.find_dead_pixels(np.where(lone, T + 4.0 * (-1) ** u, T)[None])
+    found = pixel_masks.find_dead_pixels(np.where(lone, T + 4.0 * (-1) ** u, T)[None])
     assert np.array_equal(found, lone)
 
 

@@ -20,9 +20,9 @@ from flashtemp.camera.image_screening import (
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
 from flashtemp.comparison.campaign import RecordingEntry
+from flashtemp.comparison.compare import screen_campaign
 from flashtemp.comparison.line_noise import LineNoise
 from flashtemp.comparison.noise import NoiseLevels, estimate_noise, raise_stated_noise, unwhiten, whiten
-from flashtemp.comparison.screening import screen_campaign
 from flashtemp.discovery.estimation.camera_error_columns import (
     CAMERA_ERROR_SCALES,
     NO_CAMERA_ERRORS,

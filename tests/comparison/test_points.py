@@ -18,7 +18,7 @@ from flashtemp.camera.sensors import positions_from_rows
 from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare
 from flashtemp.comparison.synthetic_campaign import SEALED_TRUTH
-from flashtemp.discovery import sensor_positions
+from flashtemp.discovery.experiment_design import candidate_sensor_recordings
 from flashtemp.discovery.prediction.prediction import DerivativeRequest, predict_condition
 from flashtemp.discovery.prediction.problem import prepare_problem
 from flashtemp.discovery.prediction.sensor_parameters import sensor_gain_id
@@ -496,7 +496,7 @@ def test_twins_and_places_for_one_more_thermocouple_have_gains(tmp_path):
     """A gain is drawn within its standard deviation and shown; one more thermocouple is as good as those that there are."""
     made = gauged(tmp_path, 0.05)
     problem = prepare_problem(made, lambda tasks: [predict_condition(t) for t in tasks])
-    assert all(v.recording.places.gain_sigma == 0.05 for v in sensor_positions.candidate_sensor_recordings(problem))
+    assert all(v.recording.places.gain_sigma == 0.05 for v in candidate_sensor_recordings(problem))
     scene, recording = problem.case.scene, made.views[0].recording
     drawn = [synthetic_recording.draw_errors(recording, np.random.default_rng(s), 1.0).gains for s in range(200)]
     assert np.std(drawn) == pytest.approx(0.05, rel=0.15)

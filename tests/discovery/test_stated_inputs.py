@@ -17,8 +17,7 @@ from flashtemp.discovery import assessment
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.diagnostics.effect_size import change_per_unit
 from flashtemp.discovery.diagnostics.input_checks import InputVerdict, check_inputs, group_inputs
-from flashtemp.discovery.diagnostics.input_columns import INPUT_CELL_FACTORS, add_input_columns
-from flashtemp.discovery.diagnostics.stated_inputs import list_stated_inputs
+from flashtemp.discovery.diagnostics.stated_inputs import INPUT_CELL_FACTORS, add_input_columns, list_stated_inputs
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
 from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD, nuisance_priors
 from flashtemp.discovery.estimation.whitening import WhitenedData

@@ -253,10 +253,9 @@ WORDS = {  # that are quantities or parts of a camera's image before they are ef
 }  # fmt: skip
 NAMED = {  # modules whose code names an effect, and why it must
     "model/priors.py": {"friction_softening", "edge_pressure", "wear", "persson_friction"},  # how well keys are known
-    "discovery/hypotheses/input_steps.py": {"reflection"},  # moves the reflected temperature that a recording states
+    "discovery/hypotheses/input_kinds.py": {"reflection"},  # moves the reflected temperature that a recording states
     "runs/studies/friction_study.py": {"persson_friction"},  # asks for the table that this effect's theory makes
-    "model/case_template.py": {"friction_softening", "track_memory"},  # examples in the text of a case to begin with
-    "api/templates.py": {"edge_pressure"},  # an example in the text of a campaign to begin with
+    "api/templates.py": {"friction_softening", "track_memory", "edge_pressure"},  # examples in texts to begin with
     "cli/friction.py": {"persson_friction", "resolved_spots"},  # helps of commands that serve one effect
     "physics/tables/wanted.py": {"wear"},  # a word in headers of tables of worn depth
     "physics/friction/friction_table.py": {"persson_friction"},  # the table is that effect's

@@ -138,7 +138,7 @@ def test_one_frame_per_repetition_and_constant_temperature(run, tmp_path):
 @pytest.mark.parametrize(("animated", "repetitions", "drawn"), [(True, 2, True), (False, 2, False), (True, 1, False)])
 @pytest.mark.sample("True-1-*", "False-*")
 def test_written_for_several_repetitions_unless_switched_off(tmp_path, monkeypatch, animated, repetitions, drawn):
-    monkeypatch.setattr(flashtemp.viz, "PICTURES", {})
+    monkeypatch.setattr(flashtemp.viz, "list_pictures", dict)
     case = small(schedule__repetitions=repetitions, schedule__distance=0.1, output__animation=animated)
     simulate(case, out=tmp_path / "out")
     assert (tmp_path / "out" / "run_in.gif").exists() == drawn

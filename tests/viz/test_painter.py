@@ -23,10 +23,9 @@ SMALL = {
 def few():
     """Four pictures are enough."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            flashtemp.viz, "PICTURES", {k: flashtemp.viz.PICTURES[k] for k in ("profile", "friction", "budget")}
-        )
-        patch.setattr(flashtemp.viz, "ANIMATIONS", {"animation": "run_in"})
+        pictures = {k: flashtemp.viz.list_pictures()[k] for k in ("profile", "friction", "budget")}
+        patch.setattr(flashtemp.viz, "list_pictures", lambda: pictures)
+        patch.setattr(flashtemp.viz, "list_animations", lambda: {"animation": "run_in"})
         yield
 
 

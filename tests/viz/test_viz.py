@@ -1,6 +1,8 @@
 """Pictures show the run's own numbers, with units, for every kind of run."""
 
+import importlib.util
 import pickle
+import pkgutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -316,7 +318,7 @@ def test_a_module_that_declares_a_picture_is_drawn(runs, tmp_path, monkeypatch):
     found = flashtemp.viz.find_pictures("PICTURE")
     assert found == {"broken_module": "broken", "heat_over_time": "heat"}
     assert not {f"flashtemp.viz.run.{module}" for module in found} & set(sys.modules)
-    monkeypatch.setattr(flashtemp.viz, "PICTURES", found)
+    monkeypatch.setattr(flashtemp.viz, "list_pictures", lambda: found)
     for name in found:
         monkeypatch.setitem(sys.modules, f"flashtemp.viz.run.{name}", None)  # put back afterwards
         del sys.modules[f"flashtemp.viz.run.{name}"]
@@ -328,10 +330,16 @@ def test_a_module_that_declares_a_picture_is_drawn(runs, tmp_path, monkeypatch):
     assert flashtemp.viz.draw_each(runs["no_friction"], out, animated=False)[0] == []
 
 
+def test_pictures_are_not_searched_at_import(monkeypatch):
+    spec = importlib.util.spec_from_file_location("flashtemp.viz", flashtemp.viz.__file__)
+    monkeypatch.setattr(pkgutil, "iter_modules", lambda path: pytest.fail("searched at import"))
+    spec.loader.exec_module(importlib.util.module_from_spec(spec))
+
+
 def test_pictures_of_a_run_are_found_in_their_modules():
     names = ["profile", "map", "field", "friction", "budget", "run_in", "worn", "width", "spots"]
-    assert sorted(flashtemp.viz.PICTURES.values()) == sorted(names)
-    assert sorted(flashtemp.viz.ANIMATIONS.values()) == ["run_in", "spots"]
+    assert sorted(flashtemp.viz.list_pictures().values()) == sorted(names)
+    assert sorted(flashtemp.viz.list_animations().values()) == ["run_in", "spots"]
 
 
 def test_a_second_copy_is_refused(monkeypatch):

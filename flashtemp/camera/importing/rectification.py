@@ -1,4 +1,4 @@
-"""Rectification, from pixels to metres: orientation, scale, origin, marked points, crop, masks and dead pixels.
+"""Rectification, from pixels to metres: orientation, scale, origin, marked points and crop.
 
 A pixel is (column, row) counted from 0 at the upper left, its centre at whole numbers.  A map is a 3 x 3 matrix M
 with (u, v, 1) ~ M (column, row, 1), u and v in m.
@@ -16,8 +16,6 @@ from flashtemp.errors import BadInput
 
 DIRECTIONS = {"right": (1.0, 0.0), "left": (-1.0, 0.0), "down": (0.0, 1.0), "up": (0.0, -1.0)}  # (column, row)
 MM = 1e-3
-DEAD_PIXEL_SDS = 7.0  # robust standard deviations beyond the neighbours
-MIN_SCATTER_K = 0.02  # K: lower bound of the scatter of neighbours
 CUBIC_MARGIN_PX = 6  # pixels added around an image, so that cubic interpolation has no edge
 MAX_PIXEL_GROWTH = 4  # ratio of pixels of the rectified image to those of the original
 
@@ -193,41 +191,3 @@ def fill_gaps(image: np.ndarray) -> np.ndarray:
         return image
     at = distance_transform_edt(np.isnan(image), return_distances=False, return_indices=True)
     return image[tuple(at)]
-
-
-def find_dead_pixels(T: np.ndarray) -> np.ndarray:
-    """Mask (rows, columns) of pixels that differ from the median of their neighbours in most frames.
-
-    Median test: outside the range of all neighbours but one, by more than `DEAD_PIXEL_SDS` robust standard deviations
-    of these neighbours and of the whole image about its local medians.  Lines, edges, gradients and clusters of three
-    pass.
-    """
-    picked = T[np.unique(np.linspace(0, len(T) - 1, 25).astype(int))]
-    known = np.isfinite(picked).any(axis=0)
-    if not known.any():
-        return ~known
-    image = np.full(T.shape[1:], np.nan)
-    image[known] = np.nanmedian(picked[:, known], axis=0)
-    image = fill_gaps(image)
-    padded = np.pad(image, 1, mode="reflect")
-    rows, columns = T.shape[1:]
-    shifted = [padded[i : i + rows, j : j + columns] for i in range(3) for j in range(3) if (i, j) != (1, 1)]
-    around = np.sort(np.stack(shifted), axis=0)
-    off = image - 0.5 * (around[3] + around[4])
-    scatter = 1.4826 * np.median(np.abs(off - np.median(off)))
-    local = 1.4826 * np.median(np.abs(around - 0.5 * (around[3] + around[4])), axis=0)
-    beyond = np.maximum(image - around[6], around[1] - image)
-    return known & (beyond > DEAD_PIXEL_SDS * np.maximum(local, max(scatter, MIN_SCATTER_K)))
-
-
-def rectangle_mask(shape: tuple[int, int], rectangles) -> np.ndarray:
-    """Mask (rows, columns) of rectangles (column, row, column, row), with both corners."""
-    mask = np.zeros(shape, bool)
-    for c0, r0, c1, r1 in rectangles:
-        if not (0 <= c0 <= c1 < shape[1] and 0 <= r0 <= r1 < shape[0]):
-            raise BadInput(
-                f"mask-box: {(c0, r0, c1, r1)} in an image of {shape[1]} x {shape[0]} pixels;"
-                " give column, row, column, row within it, the smaller first"
-            )
-        mask[int(r0) : int(r1) + 1, int(c0) : int(c1) + 1] = True
-    return mask

@@ -18,11 +18,12 @@ from flashtemp.camera.sensors import SENSOR_KEYS, SensorPositions
 from flashtemp.errors import BadInput, shorten_text, suggest_name
 from flashtemp.physics import safe_text, units
 from flashtemp.physics.quantities import KELVIN
-from flashtemp.physics.tables import header
+from flashtemp.physics.tables import header, lvm, tdms
 from flashtemp.physics.tables.cells import is_missing
+from flashtemp.physics.tables.encoding import decode_text
 from flashtemp.physics.tables.header import TableColumn
-from flashtemp.physics.tables.logger_file import read_logger_file
 from flashtemp.physics.tables.records import TableRecord, read_records
+from flashtemp.physics.tables.table import parse_table
 from flashtemp.physics.tables.text_table import TextTable
 from flashtemp.physics.tables.time_axis import TimeAxis, read_time_axis
 
@@ -406,3 +407,19 @@ def _read_number_cell(where: str, row: int, key: str, unit: str, cell: str, reco
     if value is None or not np.isfinite(value):
         raise BadInput(f"{where}: thermocouple {row}: {key}: {cell!r}; give a number")
     return value
+
+
+def read_logger_file(
+    path: Path, where: str, comma: bool | None = None, group: str | None = None
+) -> tuple[TextTable, TimeAxis | None]:
+    """The table of a logger's file, and its times if the format states them.  Raises BadInput, beginning with `where`.
+
+    The user may state whether commas are decimal (`comma`) and the `group` of a TDMS file.
+    """
+    data = safe_text.read_bounded_bytes(path, where)
+    if data.startswith(tdms.TDMS_MAGIC):
+        return tdms.read_tdms(path, where, group)
+    text = decode_text(data, where)
+    if text.lstrip().startswith(lvm.LVM_MAGIC):
+        return lvm.parse_lvm(text.lstrip(), where)
+    return parse_table(text, where, comma, of_logger=True), None

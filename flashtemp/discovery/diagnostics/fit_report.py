@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -40,6 +41,13 @@ from flashtemp.discovery.selection.scores import CandidateScore, Separability, c
 from flashtemp.discovery.verdict import CandidateReport, Cause, FitMetrics, NormalisedDeviation, ParameterEstimate
 
 STDERR_INFLATION = 1.2  # errors scatter 1.13 times their standard errors (benchmarks/discover.py, seeds below 1000)
+CAMERA_ERROR_WORDS = {
+    Kind.OFFSET: "offset in time",
+    Kind.STATIC: "static map",
+    Kind.MAP: "gain map",
+    Kind.OPTICS: "smear and stray light",
+}
+MIN_REPORTED_ERROR_K = 5e-3  # rms below which a camera error is not reported
 
 
 def compare_all_recordings(
@@ -234,3 +242,30 @@ def assumed_priors(problem: Problem) -> dict[str, float]:
     kinds = {NUISANCE_WORDS[k].rstrip(",").removesuffix(" of").removesuffix(" in") + units.get(k, ""): sd
              for k, sd in NUISANCE_SD.items()}  # fmt: skip
     return {str(p): sd for p, sd in problem.key_priors.items()} | kinds
+
+
+def camera_error_warnings(data: WhitenedData, fit: LinearisedFit) -> tuple[str, ...]:
+    """One line for each recording in which a fit estimates camera errors, with their rms in K."""
+    out = []
+    for block in fit.blocks:
+        sizes = {kind: _family_rms(data, fit, block, kind) for kind in CAMERA_ERROR_WORDS}
+        parts = [
+            f"{CAMERA_ERROR_WORDS[kind]} {size:.2g} K" for kind, size in sizes.items() if size > MIN_REPORTED_ERROR_K
+        ]
+        if parts:
+            out.append(f"{block.label}: camera errors were calibrated (rms): {', '.join(parts)}")
+    return tuple(out)
+
+
+def _family_rms(data: WhitenedData, fit: LinearisedFit, block: DataBlock, kind: Kind) -> float:
+    """Root mean square (K) of the estimated errors of one family in a recording."""
+    keep = {p for p in fit.solution.names if p.kind is kind and p.file == block.label and _is_camera_error(p)}
+    if not keep:
+        return 0.0
+    own = tuple((p, column) for p, column in block.names if p in keep)
+    values = data.to_kelvin(block.label, predicted_change(replace(block, names=own), fit.solution))
+    return float(np.sqrt(np.mean(values[data.is_compared[block.label]] ** 2)))
+
+
+def _is_camera_error(p: ParameterId) -> bool:
+    return p.kind in CAMERA_ERROR_KINDS or is_camera_gain(p)

@@ -27,7 +27,7 @@ from flashtemp.discovery.hypotheses.candidates import (
     parameter_spec,
 )
 from flashtemp.discovery.hypotheses.discrepancy_effects import add_friction_scatter, add_pressure_mode
-from flashtemp.discovery.hypotheses.input_steps import (
+from flashtemp.discovery.hypotheses.input_kinds import (
     CAMERA_INPUTS,
     RUN_STEP_RATIO,
     has_same_mesh,

@@ -10,8 +10,7 @@ import numpy as np
 
 from flashtemp.camera.image_placement import ImagePlacement
 from flashtemp.comparison.campaign import Campaign, Condition, RecordingEntry
-from flashtemp.comparison.compare import view_overrides
-from flashtemp.comparison.screening import screen_campaign
+from flashtemp.comparison.compare import screen_campaign, view_overrides
 from flashtemp.discovery.hypotheses.candidates import CandidateEffect, ModelPoint, find_candidates, prior_sd_of_key
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction.frame_averaging import average_frames

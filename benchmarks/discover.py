@@ -136,8 +136,9 @@ def make_realistic(plan: dict, folder: Path) -> tuple[dict, dict]:
 
     hidden = {n: a * REALISTIC[n][1] if n in REALISTIC else FOREIGN[n] for n, a in plan["size"].items()}
     pitch = {"sidewall": 4e-4, "wake": 1e-3}
-    test = laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5, pitch=pitch, behind=0.02, **laboratory.film(20, 3))
-    drawn = laboratory.campaign(folder, hidden, plan["seed"], test=test, uncooled=True)
+    frames = laboratory.continuous_frames(20, 3)
+    test = laboratory.MeasurementProgramme(0.4, wait=4.0, columns=50, mesh=0.5, pitch=pitch, wake_length=0.02, **frames)
+    drawn = laboratory.write_campaign(folder, hidden, plan["seed"], test=test, uncooled=True)
     file = folder / "campaign.toml"
     candidates = f"candidates = {json.dumps(list(REALISTIC))}\n"  # effects of the generator
     file.write_text(re.sub(r"(?m)^case = .*\n", rf"\g<0>{candidates}", file.read_text(), count=1))

@@ -68,8 +68,8 @@ def hold_out_some(campaign, seed: int):
 
 def draw_programme(seed: int):
     """A block on a road, a schedule and cameras as drawn from the seed; half of all have thermocouples."""
-    from reference.laboratory import Programme
-    from reference.sliding import Pair
+    from reference.laboratory import MeasurementProgramme
+    from reference.sliding import SlidingPair
 
     rng = np.random.default_rng([seed, 181])
 
@@ -77,7 +77,7 @@ def draw_programme(seed: int):
         return float(f"{np.exp(rng.uniform(np.log(low), np.log(high))):.{digits}g}")
 
     length, height = draw_within(0.012, 0.05), draw_within(0.005, 0.015)
-    pair = Pair(
+    pair = SlidingPair(
         length=length, height=height, width=draw_within(0.03, 0.09), diameter=draw_within(1.5e-3, 5e-3),
         k=draw_within(0.2, 0.45), rc=1700.0 * draw_within(1050.0, 1250.0), road_k=draw_within(0.8, 2.5),
         road_rc=950.0 * draw_within(1900.0, 2600.0),
@@ -88,15 +88,15 @@ def draw_programme(seed: int):
         conditions.append((conditions[1][0], speed))
     beads = [(rng.uniform(0.1, 0.9), rng.uniform(0.1, 0.6)) for _ in range(rng.integers(2, 6))]
     taken = np.linspace(draw_within(0.15, 0.3), 0.9, int(rng.integers(2, 6)))
-    return Programme(
+    return MeasurementProgramme(
         distance=max(draw_within(0.3, 1.0), 12.0 * length), repetitions=int(rng.integers(1, 5)),
         wait=draw_within(3.0, 20.0),
         columns=int(np.clip(round(length / 2.5e-4), 60, 140)), convection=draw_within(6.0, 25.0, 2),
         conditions=tuple(conditions), pair=pair, mu=draw_within(0.5, 1.3, 2), fraction=draw_within(0.08, 0.4, 2),
-        netd=draw_within(0.03, 0.1, 2), taken=tuple(taken),
+        netd=draw_within(0.03, 0.1, 2), frame_fractions=tuple(taken),
         pitch={"sidewall": draw_within(1.5e-4, 5e-4, 2), "wake": draw_within(3e-4, 1e-3, 2)},
-        behind=draw_within(0.015, 0.05, 2),
-        beads=tuple(beads) if rng.uniform() < 0.5 else (), lag=draw_within(0.1, 1.0, 2),
+        wake_length=draw_within(0.015, 0.05, 2),
+        sensors=tuple(beads) if rng.uniform() < 0.5 else (), lag=draw_within(0.1, 1.0, 2),
     )  # fmt: skip
 
 
@@ -111,11 +111,15 @@ def run_seed(seed: int, small: bool = False, held: bool = False, varied: bool = 
     name, kind = plan["hidden"], plan["kind"]
     hidden = {name: plan["size"] * TYPICAL[name][1]} if kind == "single" else {}
     hidden |= {name: FOREIGN[name]} if kind == "foreign" else {}
-    beyond = {name: LABORATORY[name]} if kind == "laboratory" else {}
+    setup_errors = {name: LABORATORY[name]} if kind == "laboratory" else {}
     with tempfile.TemporaryDirectory() as folder:
-        usual = laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5) if small else laboratory.Programme()
+        usual = (
+            laboratory.MeasurementProgramme(0.4, wait=4.0, columns=50, mesh=0.5)
+            if small
+            else laboratory.MeasurementProgramme()
+        )
         test = draw_programme(seed) if varied else usual
-        truth = laboratory.campaign(folder, hidden, seed, test=test, beyond=beyond)
+        truth = laboratory.write_campaign(folder, hidden, seed, test=test, setup_errors=setup_errors)
         made = time.process_time() - began
         loaded = replace(campaign.load(folder), candidates=FEW if small else tuple(TYPICAL))
         loaded = hold_out_some(loaded, seed) if held else loaded

@@ -86,7 +86,9 @@ def run_seed(seed: int) -> dict:
 
     began = time.process_time()
     with tempfile.TemporaryDirectory() as folder, open_worker_pool(predict_condition, 1) as run:
-        laboratory.campaign(folder, {}, seed, test=laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5))
+        laboratory.write_campaign(
+            folder, {}, seed, test=laboratory.MeasurementProgramme(0.4, wait=4.0, columns=50, mesh=0.5)
+        )
         problem = prepare_problem(replace(campaign.load(folder), candidates=TRIED), run)
         problem, _, first = engine.correct_measurements(problem, print)
         problem, data, base = engine.calibrate_base(problem, first, print)

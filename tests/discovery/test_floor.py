@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from reference import laboratory
-from reference.laboratory import Errors, Programme
+from reference.laboratory import MeasurementErrors, MeasurementProgramme
 
 from flashtemp.camera.recording import Recording
 from flashtemp.camera.recording import load as recording
@@ -19,15 +19,15 @@ from flashtemp.discovery.estimation import model_discrepancy
 from flashtemp.discovery.prediction.prediction import Observable
 
 TRIED = ("friction_softening", "interface_resistance")
-SMALL = Programme(0.4, wait=4.0, columns=50, mesh=0.5)
+SMALL = MeasurementProgramme(0.4, wait=4.0, columns=50, mesh=0.5)
 
 
 def seen(view, frames=6, nv=20, nu=30):
     """A recording of 20 K over 20 degC, the same everywhere, and its prediction."""
-    T = np.full((frames, nv, nu), laboratory.AIR + 20.0)
+    T = np.full((frames, nv, nu), laboratory.AIR_DEGC + 20.0)
     made = Recording(
         view, T, np.arange(frames, dtype=float), 1 + np.arange(frames) // 3, np.linspace(0.0, 0.02, nu),
-        np.linspace(0.0, 5e-3, nv), reflected_degC=laboratory.AIR,
+        np.linspace(0.0, 5e-3, nv), reflected_degC=laboratory.AIR_DEGC,
     )  # fmt: skip
     return RecordingEntry("a.nc", made), Observable(T, np.full((nv, nu), True), {})
 
@@ -61,7 +61,7 @@ def test_a_cause_that_only_the_load_cell_shows_is_seen(friction, kind):
 def null(tmp_path_factory):
     """A laboratory without errors; the wake's frames at the start of a repetition are off by 30 mK of 4 K."""
     folder = tmp_path_factory.mktemp("null")
-    laboratory.campaign(folder, {}, 1, Errors(size=0.0), SMALL)
+    laboratory.write_campaign(folder, {}, 1, MeasurementErrors(size=0.0), SMALL)
     for file in folder.glob("*wake.nc"):
         r = recording(file)
         off = 0.03 * np.linspace(1.0, 0.0, len(r.u)) * (np.abs(r.v) < 0.025)[:, None]
@@ -79,7 +79,7 @@ def test_a_smooth_error_of_thirty_millikelvin_is_no_cause(null):
 
 @pytest.mark.long
 def test_a_cause_above_the_floor_is_named_and_its_interval_holds(tmp_path):
-    laboratory.campaign(tmp_path, {"friction_softening": 0.006}, 7, Errors(size=0.0), SMALL)
+    laboratory.write_campaign(tmp_path, {"friction_softening": 0.006}, 7, MeasurementErrors(size=0.0), SMALL)
     found, _ = discover(replace(campaign.load(tmp_path), candidates=TRIED), workers=1)
     assert found.kind == "named", str(found)
     [cause] = found.causes

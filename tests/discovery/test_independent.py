@@ -91,7 +91,7 @@ def test_campaigns_of_other_worlds_end_as_they_are(benchmark, seed):
 
 
 @pytest.mark.parametrize(
-    ("hidden", "beyond", "is_registered"),
+    ("hidden", "setup_errors", "is_registered"),
     [
         ({}, {"turned": 0.035, "fixed": (1.0, 1.0)}, True),  # its marked corner is off by 4 px
         pytest.param({}, {"turned": -0.035, "fixed": (0.0, 1.0)}, True, marks=pytest.mark.long),
@@ -103,7 +103,7 @@ def test_campaigns_of_other_worlds_end_as_they_are(benchmark, seed):
         ({"pressure_tilt": 1.2}, {}, False),
     ],
 )
-def test_images_are_moved_far_where_nothing_else_is_wrong(tmp_path, calibrate, hidden, beyond, is_registered):
+def test_images_are_moved_far_where_nothing_else_is_wrong(tmp_path, calibrate, hidden, setup_errors, is_registered):
     from reference import laboratory
 
     from flashtemp.comparison import campaign
@@ -112,8 +112,8 @@ def test_images_are_moved_far_where_nothing_else_is_wrong(tmp_path, calibrate, h
     from flashtemp.discovery.prediction.prediction import predict_condition
     from flashtemp.discovery.prediction.problem import prepare_problem
 
-    test = laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5, conditions=((2e5, 0.2),))
-    laboratory.campaign(tmp_path, hidden, 908, test=test, beyond=beyond, views=("sidewall",))
+    test = laboratory.MeasurementProgramme(0.4, wait=4.0, columns=50, mesh=0.5, conditions=((2e5, 0.2),))
+    laboratory.write_campaign(tmp_path, hidden, 908, test=test, setup_errors=setup_errors, views=("sidewall",))
     stated = campaign.load(tmp_path)
     if is_registered:  # dead frames, and pixels that fail now and then, say nothing of where it lies
         [view] = stated.views
@@ -128,7 +128,7 @@ def test_images_are_moved_far_where_nothing_else_is_wrong(tmp_path, calibrate, h
         base = calibrate(replace(stated, candidates=())).base
         for view in stated.views:
             turn = base.model.image_placement(view.file).turn
-            assert turn == pytest.approx(beyond["turned"], abs=2e-3)
+            assert turn == pytest.approx(setup_errors["turned"], abs=2e-3)
     else:
         assert found.stated_model.placements == {}
     held = replace(problem, conditions=tuple(_held_out(c) for c in problem.conditions))
@@ -143,23 +143,23 @@ TURNED = ("condition2_sidewall.nc", {}, {"turned": 0.035})
 
 
 @pytest.mark.parametrize(
-    ("held", "hidden", "beyond"),
+    ("held", "hidden", "setup_errors"),
     [
         TURNED,
         pytest.param("condition1", {}, {}, marks=pytest.mark.long),
         pytest.param("condition1_sidewall.nc", {"pressure_tilt": 0.4}, {}, marks=pytest.mark.long),
     ],
 )
-def test_recordings_that_are_held_out_have_cameras_of_their_own(benchmark, tmp_path, held, hidden, beyond):
+def test_recordings_that_are_held_out_have_cameras_of_their_own(benchmark, tmp_path, held, hidden, setup_errors):
     """Images that lie a usual way off, or are turned by two degrees, left any model unexplained."""
-    verdict = _without(benchmark, tmp_path, held, hidden, beyond)
-    assert [c.effect for c in verdict.causes] == (["image_turn"] if beyond else [*hidden]), verdict.says
+    verdict = _without(benchmark, tmp_path, held, hidden, setup_errors)
+    assert [c.effect for c in verdict.causes] == (["image_turn"] if setup_errors else [*hidden]), verdict.says
     assert all(value <= limit for value, limit in verdict.gates.values())
     assert (verdict.extended or verdict.base).held_out_z == pytest.approx(1.0, abs=0.1)
-    if beyond:
+    if setup_errors:
         [turn] = verdict.causes[0].parameters
         assert turn.name == f"image_turn.{held}"
-        assert turn.value == pytest.approx(np.degrees(beyond["turned"]), abs=0.1)
+        assert turn.value == pytest.approx(np.degrees(setup_errors["turned"]), abs=0.1)
 
 
 @pytest.mark.long
@@ -180,8 +180,8 @@ def test_cameras_of_which_nothing_is_said_do_for_a_verdict(benchmark, tmp_path, 
     from flashtemp.comparison import campaign
     from flashtemp.discovery.engine import discover
 
-    test = laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5)
-    laboratory.campaign(tmp_path, hidden, 84, test=test)
+    test = laboratory.MeasurementProgramme(0.4, wait=4.0, columns=50, mesh=0.5)
+    laboratory.write_campaign(tmp_path, hidden, 84, test=test)
     told = replace(campaign.load(tmp_path), candidates=benchmark.FEW)
     facts = ("netd_K", "fixed_pattern_K", "psf_sigma_px", "registration_sigma_px", "emissivity", "reflected_degC")
     nothing = dict.fromkeys(facts)
@@ -198,17 +198,17 @@ def test_what_only_data_show_that_are_held_out_is_not_explained(benchmark, tmp_p
     assert verdict.kind in ("unexplained", "learned", "weak"), verdict.says
 
 
-def _without(benchmark, folder, held, hidden, beyond, early=0.0):
-    """The verdict on a campaign, files whose names begin with `held` being held out; `beyond` for its images alone,
+def _without(benchmark, folder, held, hidden, setup_errors, early=0.0):
+    """The verdict on a campaign, files whose names begin with `held` being held out; `setup_errors` for its images alone,
     whose frames are stamped `early` (s)."""
     from reference import laboratory
 
     from flashtemp.comparison import campaign
     from flashtemp.discovery.engine import discover
 
-    test = laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5)
-    laboratory.campaign(folder / "told", hidden, 71, test=test)
-    laboratory.campaign(folder / "other", hidden, 71, test=test, beyond=beyond)
+    test = laboratory.MeasurementProgramme(0.4, wait=4.0, columns=50, mesh=0.5)
+    laboratory.write_campaign(folder / "told", hidden, 71, test=test)
+    laboratory.write_campaign(folder / "other", hidden, 71, test=test, setup_errors=setup_errors)
     told, other = (replace(campaign.load(folder / name), candidates=benchmark.FEW) for name in ("told", "other"))
     views = []
     for plain, odd in zip(told.views, other.views, strict=True):
@@ -248,8 +248,8 @@ def test_a_tilt_that_no_candidate_knows_is_learned(benchmark, tmp_path):
     from flashtemp.comparison import campaign
     from flashtemp.discovery.engine import discover
 
-    test = laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5, conditions=((2e5, 0.2), (1e5, 0.3)))
-    laboratory.campaign(tmp_path, {"pressure_tilt": 0.45}, 11, test=test, views=("sidewall", "wake"))
+    test = laboratory.MeasurementProgramme(0.4, wait=4.0, columns=50, mesh=0.5, conditions=((2e5, 0.2), (1e5, 0.3)))
+    laboratory.write_campaign(tmp_path, {"pressure_tilt": 0.45}, 11, test=test, views=("sidewall", "wake"))
     names = tuple(n for n in benchmark.FEW if n not in ("pressure_tilt", "edge_pressure"))
     verdict, _ = discover(replace(campaign.load(tmp_path), candidates=names), workers=1)
     assert verdict.kind == "learned", verdict.says
@@ -275,8 +275,10 @@ def test_a_clock_that_all_side_walls_share_is_named(tmp_path, benchmark):
     from flashtemp.comparison import campaign
     from flashtemp.discovery.engine import discover
 
-    test = laboratory.Programme(0.4, wait=4.0, columns=50, mesh=0.5, conditions=((1.5e5, 0.1), (0.75e5, 0.2)))
-    laboratory.campaign(tmp_path, {}, 8801, test=test)
+    test = laboratory.MeasurementProgramme(
+        0.4, wait=4.0, columns=50, mesh=0.5, conditions=((1.5e5, 0.1), (0.75e5, 0.2))
+    )
+    laboratory.write_campaign(tmp_path, {}, 8801, test=test)
     told = replace(campaign.load(tmp_path), candidates=benchmark.FEW)
     views = [replace(v, recording=replace(v.recording, time=v.recording.time - early(v))) for v in told.views]
     verdict, search = discover(replace(told, views=tuple(views)), workers=1)
@@ -307,7 +309,9 @@ def test_a_length_that_is_held_by_the_wrong_end_is_found(tmp_path, calibrate):
     from flashtemp.comparison import campaign
     from flashtemp.discovery.parameters import Kind, ParameterId
 
-    truth = laboratory.campaign(tmp_path, {}, 7635, test=laboratory.Programme(), beyond={"length": 6e-4})
+    truth = laboratory.write_campaign(
+        tmp_path, {}, 7635, test=laboratory.MeasurementProgramme(), setup_errors={"length": 6e-4}
+    )
     base = calibrate(campaign.load(tmp_path)).base
     p = ParameterId(Kind.SIZE, name="block.length")
     found = base.model.sizes[p.name] + base.solution[p]

@@ -29,8 +29,14 @@ CAMPAIGNS = {  # seed: what is hidden, and outcomes that are honest: z of it at 
     112: ({"third_body": 2.9e-5}, SEEN),
     115: ({"edge_pressure": 0.6}, SEEN),
 }
-PROGRAMME = laboratory.Programme(
-    0.4, wait=4.0, columns=50, mesh=0.5, pitch={"sidewall": 4e-4, "wake": 1e-3}, behind=0.02, **laboratory.film(20, 3)
+PROGRAMME = laboratory.MeasurementProgramme(
+    0.4,
+    wait=4.0,
+    columns=50,
+    mesh=0.5,
+    pitch={"sidewall": 4e-4, "wake": 1e-3},
+    wake_length=0.02,
+    **laboratory.continuous_frames(20, 3),
 )
 
 
@@ -39,7 +45,7 @@ PROGRAMME = laboratory.Programme(
 def test_real_cameras_hide_nothing_strong_and_add_nothing(discovery_benchmark, tmp_path, seed):
     """Its evidence, stored as numbers, gives the same verdict again: `criteria_replay` rests on that."""
     hidden, honest = CAMPAIGNS[seed]
-    laboratory.campaign(tmp_path, hidden, seed, test=PROGRAMME, uncooled=True)
+    laboratory.write_campaign(tmp_path, hidden, seed, test=PROGRAMME, uncooled=True)
     loaded = replace(campaign.load(tmp_path), candidates=CANDIDATES)
     with discovery_benchmark.stored.Recorder().record_calls() as recorder:
         verdict, _ = engine.discover(loaded, workers=1)

@@ -237,7 +237,7 @@ def test_lag_and_stray_light_agree_with_the_independent_laboratory(length):
     """Two programs, one law: a first-order response, and a share of the light in a Gaussian."""
     T = np.random.default_rng(1).normal(25.0, 3.0, (2, 30, 70))
     lagged = np.array([camera_errors._apply_pixel_lag(image, length) for image in T])
-    np.testing.assert_allclose(lagged, uncooled_camera.smear(T, length), atol=1e-12)
+    np.testing.assert_allclose(lagged, uncooled_camera.smear_motion(T, length), atol=1e-12)
     own = camera_with(vignetting=0.0, stray_light=0.02, stray_sigma_px=6.0, untracked_speed=0.0)
     other = replace(uncooled_camera.IDEAL, halo=0.02, halo_width=6.0)
     np.testing.assert_allclose(own.distort(T, np.zeros(2)), uncooled_camera.spread_halo(T, other), atol=1e-9)

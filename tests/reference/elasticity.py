@@ -88,7 +88,7 @@ def simpson_weights(lines: np.ndarray) -> np.ndarray:
     return np.diff(lines)[:, None] * np.array([1.0, 4.0, 1.0]) / 6.0
 
 
-def gauss(lines: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray]:
+def gauss_points(lines: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray]:
     """Gauss-Legendre points and weights in every interval between the `lines`."""
     at, weight = np.polynomial.legendre.leggauss(points)
     half = 0.5 * np.diff(lines)[:, None]
@@ -97,7 +97,7 @@ def gauss(lines: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray]:
 
 def triangle_points() -> tuple[np.ndarray, np.ndarray]:
     """Points (q, 2) and weights (q,) exact to degree 6 on the triangle (0,0), (1,0), (0,1): Gauss, collapsed."""
-    at, weight = gauss(np.array([0.0, 1.0]), 4)
+    at, weight = gauss_points(np.array([0.0, 1.0]), 4)
     r, s = np.meshgrid(at, at, indexing="ij")
     return np.stack([r, s * (1.0 - r)], -1).reshape(-1, 2), (np.outer(weight, weight) * (1.0 - r)).ravel()
 
@@ -127,7 +127,7 @@ class ElasticBlock:
     sides: str = "free"
 
     @classmethod
-    def meshed(
+    def with_graded_mesh(
         cls, length: float, height: float, ratio: float = 1.5, largest: float = 0.018, **options
     ) -> ElasticBlock:
         """Block of `length` and `height`, m, with elements that grow by `ratio` from all edges, the bond's included.
@@ -138,7 +138,7 @@ class ElasticBlock:
         x_lines = grow_from_ends(length, 1e-4 * length, ratio, largest * length)
         return cls(x_lines, grow_from_ends(height, 2e-4 * height, ratio**2, 6.0 * largest * height), **options)
 
-    def refined_at_ends(self, contact: Contact) -> ElasticBlock:
+    def refine_at_ends(self, contact: Contact) -> ElasticBlock:
         """The same block with elements a quarter as long about every place inside the face where `contact` ends."""
         ends = np.flatnonzero(np.diff((contact.nodal_pressure > 0.0).astype(int))) // 2
         near = np.unique([k + d for k in ends for d in (-1, 0, 1)])
@@ -262,7 +262,7 @@ class ElasticBlock:
 
     def displace_face(self, pressure: Profile, traction: Profile | None = None, expansion=None) -> np.ndarray:
         """Motion (n, 2), m, of the face's nodes along x and z by given tractions, Pa, and thermal strain."""
-        x, weight = gauss(self.x_lines, 8)
+        x, weight = gauss_points(self.x_lines, 8)
         functions = self.interpolation(x) * weight[:, None]
         force = np.zeros(2 * functions.shape[1]) if expansion is None else self.face_forces(expansion)
         force[1::2] += pressure(x) @ functions
@@ -270,11 +270,11 @@ class ElasticBlock:
             force[0::2] += traction(x) @ functions
         return np.linalg.solve(self._condensed[0], force).reshape(-1, 2)
 
-    def press(
+    def solve_contact(
         self,
         load: float,
         friction: float | Profile = 0.0,
-        worn: Profile | None = None,
+        worn_depth: Profile | None = None,
         expansion: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
         arm: float = 0.0,
         turning_stiffness: float = np.inf,
@@ -282,7 +282,7 @@ class ElasticBlock:
     ) -> Contact:
         """Contact under `load` P, N/m.
 
-        `friction` mu, number or function of x; `worn` depth w(x), m; `expansion` alpha T(x, z); `arm` h, m, of the
+        `friction` mu, number or function of x; `worn_depth` w(x), m; `expansion` alpha T(x, z); `arm` h, m, of the
         pivot and `turning_stiffness` k, N m/rad per m of width.  `epsilon` in lengths of the block per modulus.
         """
         stiffness, nodes = self._condensed[0], self._nodes[0]
@@ -290,42 +290,42 @@ class ElasticBlock:
         weight = np.zeros(n)
         np.add.at(weight, element_nodes(len(self.x_lines) - 1), simpson_weights(self.x_lines))
         mu = friction(nodes) if callable(friction) else np.full(n, float(friction))
-        depth = np.zeros(n) if worn is None else worn(nodes)
+        depth = np.zeros(n) if worn_depth is None else worn_depth(nodes)
         heat = np.zeros(2 * n) if expansion is None else self.face_forces(expansion)
         lever = 0.5 * self.length - nodes
-        penetrate = np.zeros((n, 2 * n + 2))  # penetration by displacements, approach and tilt
-        penetrate[:, 1 : 2 * n : 2], penetrate[:, 2 * n], penetrate[:, 2 * n + 1] = -np.eye(n), 1.0, lever
-        answer = np.zeros((2 * n + 2, n))  # what the pressures at the nodes do in the equations
-        answer[0 : 2 * n : 2], answer[1 : 2 * n : 2] = np.diag(weight * mu), np.diag(weight)
-        answer[2 * n] = -weight
+        penetration = np.zeros((n, 2 * n + 2))  # penetration by displacements, approach and tilt
+        penetration[:, 1 : 2 * n : 2], penetration[:, 2 * n], penetration[:, 2 * n + 1] = -np.eye(n), 1.0, lever
+        response = np.zeros((2 * n + 2, n))  # what the pressures at the nodes do in the equations
+        response[0 : 2 * n : 2], response[1 : 2 * n : 2] = np.diag(weight * mu), np.diag(weight)
+        response[2 * n] = -weight
         guided = np.isinf(turning_stiffness)
         if not guided:
-            answer[2 * n + 1] = weight * (arm * mu - lever)
+            response[2 * n + 1] = weight * (arm * mu - lever)
         linear = np.zeros((2 * n + 2, 2 * n + 2))
         linear[: 2 * n, : 2 * n] = stiffness
         linear[2 * n + 1, 2 * n + 1] = 1.0 if guided else turning_stiffness
-        known = np.concatenate([heat, [load, 0.0]])
+        forces = np.concatenate([heat, [load, 0.0]])
         state = np.zeros(2 * n + 2)
         state[2 * n] = depth.min() + load / self.modulus
         for softness in np.geomspace(1e-1, epsilon, 6) * self.length / self.modulus:
-            state = solve_penalty(linear, answer, penetrate, depth, known, softness, state)
-        pressure = np.maximum(0.0, penetrate @ state - depth) / softness
+            state = solve_penalty(linear, response, penetration, depth, forces, softness, state)
+        pressure = np.maximum(0.0, penetration @ state - depth) / softness
         return Contact(float(state[2 * n]), float(state[2 * n + 1]), nodes, pressure, weight * pressure)
 
 
-def solve_penalty(linear, answer, penetrate, depth, known, softness, state):
-    """Newton's method on linear y - answer p = known with p = max(0, penetrate y - depth) / softness.
+def solve_penalty(linear, response, penetration, depth, forces, softness, state):
+    """Newton's method on linear y - response p = forces with p = max(0, penetration y - depth) / softness.
 
     Raises ArithmeticError where it does not converge.
     """
 
     def residual(y):
-        over = penetrate @ y - depth
-        return linear @ y - answer @ (np.maximum(0.0, over) / softness) - known, over > 0
+        over = penetration @ y - depth
+        return linear @ y - response @ (np.maximum(0.0, over) / softness) - forces, over > 0
 
     rest, on = residual(state)
     for _ in range(100):
-        tangent = linear - (answer[:, on] / softness) @ penetrate[on]
+        tangent = linear - (response[:, on] / softness) @ penetration[on]
         step = np.linalg.solve(tangent, -rest)
         for shrink in 0.5 ** np.arange(8):
             after, now_on = residual(state + shrink * step)

@@ -12,20 +12,24 @@ import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
 from reference import thermocouples
-from reference.asperities import kept
-from reference.camera import Geometry, Optics, look
+from reference.asperities import retained_fraction
+from reference.camera import Geometry, Optics, simulate_image
 from reference.setup_errors import SetupErrors
-from reference.sliding import Pair, Sliding, firmness, impulse
-from reference.uncooled_camera import CameraErrors, draw_errors, record
-from reference.wall import Wall
+from reference.sliding import SlidingBlock, SlidingPair, impulse_rise, road_conductance
+from reference.uncooled_camera import CameraErrors, draw_errors, record_frames
+from reference.wall import WallDeficit
 
-AIR, CELL = 20.0, 0.005
+AIR_DEGC, LOAD_CELL_NOISE = 20.0, 0.005
 CONDITIONS = ((1.5e5, 0.1), (0.75e5, 0.3))  # Pa, m/s
-TAKEN = (0.2, 0.55, 0.94)  # shares of a repetition at which frames are taken, the last before the block meets its start
+FRAME_FRACTIONS = (
+    0.2,
+    0.55,
+    0.94,
+)  # shares of a repetition at which frames are taken, the last before the block meets its start
 
 
 @dataclass(frozen=True)
-class Hidden:
+class HiddenEffects:
     """What the believed case does not know: sizes of effects by name (catalogue's own where it has them)."""
 
     sizes: dict[str, float] = field(default_factory=dict)
@@ -35,7 +39,7 @@ class Hidden:
 
 
 @dataclass(frozen=True)
-class Errors:
+class MeasurementErrors:
     """Errors of a laboratory in their usual size, all drawn: standard deviations, `size` scales them."""
 
     size: float = 1.0
@@ -61,7 +65,7 @@ class Errors:
 
 
 @dataclass(frozen=True)
-class Programme:
+class MeasurementProgramme:
     """How the tester runs: repetitions of a distance (m) with waits (s) between, block lifted."""
 
     distance: float = 0.6
@@ -71,24 +75,27 @@ class Programme:
     mesh: float = 0.6
     convection: float = 10.0
     conditions: tuple[tuple[float, float], ...] = CONDITIONS
-    pair: Pair = field(default_factory=Pair)
+    pair: SlidingPair = field(default_factory=SlidingPair)
     mu: float = 1.0
     fraction: float = 0.2
     netd: float = 0.05  # K
     pitch: dict[str, float] = field(default_factory=lambda: {"sidewall": 2.5e-4, "wake": 5e-4})  # m
-    behind: float = 0.03  # m of road that is seen
-    taken: tuple[float, ...] = TAKEN
-    resting: tuple[float, ...] = (0.6,)  # shares of a wait at which frames are taken
-    beads: tuple[tuple[float, float], ...] = ()  # thermocouples: shares of length and height
+    wake_length: float = 0.03  # m of road that is seen
+    frame_fractions: tuple[float, ...] = FRAME_FRACTIONS
+    wait_fractions: tuple[float, ...] = (0.6,)  # shares of a wait at which frames are taken
+    sensors: tuple[tuple[float, float], ...] = ()  # thermocouples: shares of length and height
     lag: float = 0.3  # s, their time constant
 
 
-def film(frames=30, resting=6):
-    """Options of a Programme whose cameras run all the time: `frames` in every repetition and `resting` in every wait."""
-    return {"taken": tuple(np.linspace(0.1, 0.94, frames)), "resting": tuple(np.linspace(0.1, 0.9, resting))}
+def continuous_frames(frames=30, wait_frames=6):
+    """Options of a programme whose cameras run all the time: `frames` per repetition and `wait_frames` per wait."""
+    return {
+        "frame_fractions": tuple(np.linspace(0.1, 0.94, frames)),
+        "wait_fractions": tuple(np.linspace(0.1, 0.9, wait_frames)),
+    }
 
 
-def believed(test, more=""):
+def stated_case(test, more=""):
     """The case that a laboratory believes."""
     pair = test.pair
     return f"""title = "independent laboratory"
@@ -127,12 +134,12 @@ mesh = {test.mesh}
 
 
 @dataclass(frozen=True)
-class World:
+class TrueCondition:
     """One condition as it really is."""
 
-    pair: Pair
-    test: Programme
-    hidden: Hidden
+    pair: SlidingPair
+    test: MeasurementProgramme
+    hidden: HiddenEffects
     pressure: float
     speed: float
     mu: float
@@ -171,7 +178,7 @@ class World:
 
 
 @dataclass(frozen=True)
-class Moment:
+class Snapshot:
     """What the cameras may see at a time `t` (s): the section's modes and what the wall lacks against it, the wake's
     places and rise, and what it lacks (y, x) off the middle."""
 
@@ -180,133 +187,153 @@ class Moment:
     sliding: bool
     state: np.ndarray
     wake: tuple[np.ndarray, np.ndarray]
-    lacks: np.ndarray | None = None
-    beside: np.ndarray | None = None
-    looked: bool = True  # by cameras; thermocouples are asked more often
+    wall_deficit: np.ndarray | None = None
+    wake_deficit: np.ndarray | None = None
+    has_frame: bool = True  # by cameras; thermocouples are asked more often
 
 
-def live(world, asked):
-    """Run one condition; `asked` (repetition, sliding) -> shares of the stretch at which moments are kept.
+def simulate_condition(condition, requests):
+    """Run one condition; `requests` (repetition, sliding) -> shares of the stretch at which moments are kept.
 
     Moments, and the load cell's times (s) and friction.
     """
-    p, test, h = world.pair, world.test, world.hidden
+    p, test, h = condition.pair, condition.test, condition.hidden
     flash = 1.0
-    s = Sliding(p, world.fraction, True, flash, h("conductivity_slope"), behind=round((test.behind + 3e-3) / p.dx))
+    s = SlidingBlock(
+        p,
+        condition.fraction,
+        True,
+        flash,
+        h("conductivity_slope"),
+        wake_columns=round((test.wake_length + 3e-3) / p.dx),
+    )
     history = []
-    dt, steps = p.dx / world.speed, round(test.distance / p.dx)
+    dt, steps = p.dx / condition.speed, round(test.distance / p.dx)
     t, moments, times, cell, passes = 0.0, [], [], [], []
-    films, shape = (world.convection + world.sides, world.sides), None
-    load, columns = world.shape * world.pressure, np.arange(p.columns)
+    films, shape = (condition.convection + condition.sides, condition.sides), None
+    load, columns = condition.shape * condition.pressure, np.arange(p.columns)
     for r in range(1, test.repetitions + 1):
-        s.lift()
-        begin, spot, left = t, s.face + AIR, np.zeros((2, steps + 1 - p.columns))
-        at = {round(share * steps) for share in asked[r, True]}
-        beads = {round(share * steps) for share in thermocouples.SLIDING if test.beads}
+        s.lift_block()
+        begin, spot, left = t, s.face + AIR_DEGC, np.zeros((2, steps + 1 - p.columns))
+        at = {round(share * steps) for share in requests[r, True]}
+        sensors = {round(share * steps) for share in thermocouples.SLIDING if test.sensors}
         for k in range(1, steps + 1):
             slid = (r - 1) * test.distance + k * p.dx
-            mu = world.friction(spot, slid) * (1.0 + world.scatter[r - 1])
+            mu = condition.friction(spot, slid) * (1.0 + condition.scatter[r - 1])
             t = begin + k * dt
-            warm = world.air(t) + _carried(world, passes, k - columns, t, spots=True)
-            heat = mu * load * world.speed / world.fraction
-            _, _, rise = s.slide(dt, heat, world.resistance(slid), warm, films, world.air(t))
-            spot = rise + AIR
+            warm = condition.air(t) + _track_rise(condition, passes, k - columns, t, spots=True)
+            heat = mu * load * condition.speed / condition.fraction
+            _, _, rise = s.advance_sliding(dt, heat, condition.resistance(slid), warm, films, condition.air(t))
+            spot = rise + AIR_DEGC
             if k > p.columns:
-                left[:, k - p.columns] = s.left(), t
+                left[:, k - p.columns] = s.departed_heat(), t
             if k % max(steps // 100, 1) == 0:
                 times.append(t)
                 cell.append(float(mu @ load / load.sum()))
             if k in at or k == steps or k % max(steps // 60, 1) == 0:
-                history.append((t, *films, True, s.amplitude.copy(), world.air(t)))
+                history.append((t, *films, True, s.amplitude.copy(), condition.air(t)))
             if k in at:
-                places, wake = s.wake(world.convection)
-                before = _carried(world, passes, k - p.columns - np.arange(s.behind), t)
-                moments.append(Moment(t, r, True, s.amplitude.copy(), (places, wake + before + world.air(t))))
-            elif k in beads:
-                moments.append(Moment(t, r, True, s.amplitude.copy(), (np.zeros(1), np.zeros(1)), looked=False))
+                places, wake = s.wake_profile(condition.convection)
+                before = _track_rise(condition, passes, k - p.columns - np.arange(s.wake_columns), t)
+                moments.append(Snapshot(t, r, True, s.amplitude.copy(), (places, wake + before + condition.air(t))))
+            elif k in sensors:
+                moments.append(Snapshot(t, r, True, s.amplitude.copy(), (np.zeros(1), np.zeros(1)), has_frame=False))
         passes.append(left)
-        shape = s.face - world.air(t) if r == 1 else shape
+        shape = s.face - condition.air(t) if r == 1 else shape
         if r < test.repetitions:
-            moments += _rest(world, s, history, t, r, asked.get((r, False), ()))
+            moments += _simulate_wait(condition, s, history, t, r, requests.get((r, False), ()))
             t += test.wait
-    held = firmness(p, world.fraction, world.speed, shape, Wall.places(p))
-    wall = Wall(p, held, world.convection, t, h("conductivity_slope"))
-    wakes, lacks, beside = {m.t: m.wake[0] + p.length for m in moments if m.sliding and m.looked}, {}, {}
+    held = road_conductance(p, condition.fraction, condition.speed, shape, WallDeficit.contact_places(p))
+    wall = WallDeficit(p, held, condition.convection, t, h("conductivity_slope"))
+    wakes, wall_deficit, wake_deficit = (
+        {m.t: m.wake[0] + p.length for m in moments if m.sliding and m.has_frame},
+        {},
+        {},
+    )
     for t, *now in history:
-        lacks[t] = wall.step(t, *now)
+        wall_deficit[t] = wall.advance(t, *now)
         if t in wakes:
-            beside[t] = wall.missing(world.speed, wakes[t], _beside(p))
-    moments = [replace(m, lacks=lacks.get(m.t), beside=beside.get(m.t)) for m in moments]
+            wake_deficit[t] = wall.road_deficit(condition.speed, wakes[t], _lateral_places(p))
+    moments = [replace(m, wall_deficit=wall_deficit.get(m.t), wake_deficit=wake_deficit.get(m.t)) for m in moments]
     return s, moments, np.array(times), np.array(cell)
 
 
-def _beside(pair):
+def _lateral_places(pair):
     """Places y (m) across the road at which one may look."""
     return 0.5 * pair.width * np.linspace(-1.0, 1.0, 201)
 
 
-def _rest(world, s, history, begin, r, shares):
+def _simulate_wait(condition, s, history, begin, r, shares):
     """Moments of a wait."""
     count, out = 200, []
-    dt = world.test.wait / count
+    dt = condition.test.wait / count
     for k in range(1, count + 1):
         t = begin + k * dt
-        s.rest(dt, (world.convection, 0.0), world.convection, world.air(t))
-        asked = k in [round(a * count) for a in shares]
-        if asked or k in (1, 2, 4) or k % 8 == 0:
-            history.append((t, world.convection, 0.0, False, s.amplitude.copy(), world.air(t)))
-        if asked or (world.test.beads and k % thermocouples.RESTING == 0):
-            out.append(Moment(t, r, False, s.amplitude.copy(), (np.zeros(1), np.zeros(1)), looked=asked))
+        s.advance_rest(dt, (condition.convection, 0.0), condition.convection, condition.air(t))
+        is_frame = k in [round(a * count) for a in shares]
+        if is_frame or k in (1, 2, 4) or k % 8 == 0:
+            history.append((t, condition.convection, 0.0, False, s.amplitude.copy(), condition.air(t)))
+        if is_frame or (condition.test.sensors and k % thermocouples.RESTING == 0):
+            out.append(Snapshot(t, r, False, s.amplitude.copy(), (np.zeros(1), np.zeros(1)), has_frame=is_frame))
     return out
 
 
-def _carried(world, passes, place, t, spots=False):
+def _track_rise(condition, passes, place, t, spots=False):
     """Rise (places,) K of road `place` columns along the track that earlier repetitions have warmed: `passes` of each,
     by place the heat that it left (J/m2 of lane) and when.  Across the road, or of the `spots` that have left it."""
-    share, out = world.hidden("track_memory"), np.zeros(len(place))
+    share, out = condition.hidden("track_memory"), np.zeros(len(place))
     if not share:
         return out
     for heat, then in passes:  # road that was under the block when it was lifted is what passed it last
         at = np.where((place >= 1) & (place < len(heat)), place, len(heat) - 1)
-        pair, age = world.pair, t - then[at]
-        part = kept(world.fraction, pair.diameter, pair.road_k / pair.road_rc, age) if spots else world.fraction
-        out += share * part * impulse(heat[at], age, pair, world.convection)
+        pair, age = condition.pair, t - then[at]
+        part = (
+            retained_fraction(condition.fraction, pair.diameter, pair.road_k / pair.road_rc, age)
+            if spots
+            else condition.fraction
+        )
+        out += share * part * impulse_rise(heat[at], age, pair, condition.convection)
     return out
 
 
 # --- what is handed over -------------------------------------------------------------------------------
-def campaign(
-    folder, hidden=None, seed=0, errors=None, test=None, views=("sidewall", "wake"), flaw=0.0, free=None, beyond=None,
+def write_campaign(
+    folder, hidden=None, seed=0, errors=None, test=None, views=("sidewall", "wake"), wake_error=0.0, free=None, setup_errors=None,
     uncooled=False,
 ):  # fmt: skip
     """Write campaign.toml, case.toml, recordings and load-cell traces into `folder`; what was drawn.
 
-    `beyond` gives fields of `SetupErrors`.  `flaw` (K) is a smooth error in the wake's frames, such as a solver makes.
+    `setup_errors` gives fields of `SetupErrors`.  `wake_error` (K) is a smooth error in the wake's frames, as of a solver.
     `uncooled`: cameras with the errors of `uncooled_camera`, one drawn for each view; or errors that both have.
     """
-    folder, hidden, errors, test = Path(folder), Hidden(hidden or {}), errors or Errors(), test or Programme()
+    folder, hidden, errors, test = (
+        Path(folder),
+        HiddenEffects(hidden or {}),
+        errors or MeasurementErrors(),
+        test or MeasurementProgramme(),
+    )
     folder.mkdir(parents=True, exist_ok=True)
-    rng, setup = np.random.default_rng([seed, 5]), SetupErrors(**(beyond or {}))
-    drawn = _Draw(rng, errors, np.random.default_rng([seed, 6]))
-    length = test.pair.length + drawn(errors.length) + setup.length
+    rng, setup = np.random.default_rng([seed, 5]), SetupErrors(**(setup_errors or {}))
+    draw = _NormalDraw(rng, errors, np.random.default_rng([seed, 6]))
+    length = test.pair.length + draw(errors.length) + setup.length
     pair = replace(test.pair, columns=test.columns, length=length, rc=test.pair.rc * setup.density)
-    common = {k: float(np.exp(drawn(getattr(errors, k)))) for k in ("mu", "fraction", "convection")}
+    common = {k: float(np.exp(draw(getattr(errors, k)))) for k in ("mu", "fraction", "convection")}
     truth = {
         "hidden": hidden.sizes,
         "seed": seed,
         "length": length,
         "drawn": common,
         "recordings": {},
-        "beyond": dict(beyond or {}),
+        "setup_errors": dict(setup_errors or {}),
     }
     lines = [f'title = "independent laboratory {seed}"', 'case = "case.toml"']
     free = ["friction.mu", "contact.spot_fraction", "ambient.convection"] if free is None else free
     lines.append(f"free = {free!r}".replace("'", '"'))
-    wired = thermocouples.Wired.drawn(test, drawn)
+    wired = thermocouples.ThermocoupleSet.draw(test, draw)
     for number, (pressure, speed) in enumerate(test.conditions, 1):
-        scatter = tuple(drawn(errors.jitter) for _ in range(test.repetitions))
-        mu = test.mu * common["mu"] * (1.0 + drawn(errors.level))
-        world = World(
+        scatter = tuple(draw(errors.jitter) for _ in range(test.repetitions))
+        mu = test.mu * common["mu"] * (1.0 + draw(errors.level))
+        condition = TrueCondition(
             pair,
             test,
             hidden,
@@ -318,52 +345,54 @@ def campaign(
             scatter,
         )
         given = f'with = {{ "contact.pressure" = {pressure}, "schedule.speed" = {speed} }}'
-        asked = {(r, True): test.taken for r in range(1, test.repetitions + 1)}
-        asked |= {(r, False): test.resting for r in range(1, test.repetitions)}
-        sliding, moments, times, cell = live(world, asked)
-        late = _clock(drawn, errors)
+        requests = {(r, True): test.frame_fractions for r in range(1, test.repetitions + 1)}
+        requests |= {(r, False): test.wait_fractions for r in range(1, test.repetitions)}
+        sliding, moments, times, cell = simulate_condition(condition, requests)
+        camera_clock = _draw_clock(draw, errors)
         for view in views:
             name = f"condition{number}_{view}.nc"
-            seen = [m for m in moments if m.looked]
+            seen = [m for m in moments if m.has_frame]
             seeds = (seed, views.index(view), number)
-            camera = _Uncooled.drawn(seeds, uncooled) if uncooled else None
-            truth["recordings"][name] = _record(
-                folder / name, view, world, sliding, seen, drawn, late, setup, flaw, camera
+            camera = _UncooledCamera.draw(seeds, uncooled) if uncooled else None
+            truth["recordings"][name] = _write_recording(
+                folder / name, view, condition, sliding, seen, draw, camera_clock, setup, wake_error, camera
             )
             lines += ["", "[[recording]]", f'file = "{name}"', given, f"sigma_K = {max(test.netd, 1e-3)}"]
-        if test.beads:
+        if test.sensors:
             name = f"condition{number}_beads.csv"
-            np.savetxt(folder / name, wired.table(world, moments, drawn, late, AIR), delimiter=",", fmt="%.6g")
-            lines += wired.told(name, given, test.netd)
-        mu_read = cell * (1.0 + drawn(errors.cell)) + CELL * drawn.rng.normal(size=len(cell))
+            np.savetxt(
+                folder / name, wired.table(condition, moments, draw, camera_clock, AIR_DEGC), delimiter=",", fmt="%.6g"
+            )
+            lines += wired.campaign_lines(name, given, test.netd)
+        mu_read = cell * (1.0 + draw(errors.cell)) + LOAD_CELL_NOISE * draw.rng.normal(size=len(cell))
         name = f"condition{number}_mu.csv"
         rows = np.column_stack([times, mu_read])
         np.savetxt(folder / name, rows, delimiter=",", header="time_s,mu", comments="", fmt="%.9g")
-        lines += ["", "[[force]]", f'file = "{name}"', given, f"sigma = {CELL}"]
+        lines += ["", "[[force]]", f'file = "{name}"', given, f"sigma = {LOAD_CELL_NOISE}"]
     setup.exchange_recordings(folder)
-    (folder / "case.toml").write_text(believed(test))
+    (folder / "case.toml").write_text(stated_case(test))
     (folder / "campaign.toml").write_text("\n".join(lines) + "\n")
     return truth
 
 
 @dataclass(frozen=True)
-class _Draw:
+class _NormalDraw:
     """Normal numbers of a given width, times the size of all errors."""
 
     rng: np.random.Generator
-    errors: Errors
+    errors: MeasurementErrors
     places: np.random.Generator
 
     def __call__(self, width):
         return float(self.errors.size * width * self.rng.normal())
 
-    def fixed(self):
+    def draw_centre(self):
         """About which point of an image (shares of its extent) it turns and grows."""
         return tuple(self.places.uniform(size=2))
 
 
 @dataclass(frozen=True)
-class _Uncooled:
+class _UncooledCamera:
     """One uncooled camera: its errors, what draws whatever stays with it, and what is new in this recording."""
 
     errors: CameraErrors
@@ -371,87 +400,87 @@ class _Uncooled:
     rng: np.random.Generator
 
     @classmethod
-    def drawn(cls, seeds, errors):
+    def draw(cls, seeds, errors):
         """The camera of a view by its `seeds` (campaign, view, condition), with random errors where they are True."""
         seed, view, condition = seeds
         own = draw_errors(np.random.default_rng([seed, 7, view])) if errors is True else errors
         return cls(own, np.random.default_rng([seed, 8, view]), np.random.default_rng([seed, 9, view, condition]))
 
 
-def _clock(drawn, errors):
-    offset, rate = abs(drawn(errors.clock)), drawn(errors.drift)
+def _draw_clock(draw, errors):
+    offset, rate = abs(draw(errors.clock)), draw(errors.drift)
     return lambda t, r: t + offset + rate * t * (1.0 if r > 1 else 0.5)
 
 
-def _record(file, view, world, sliding, moments, drawn, late, setup, flaw, camera=None):
+def _write_recording(file, view, condition, sliding, moments, draw, camera_clock, setup, wake_error, camera=None):
     """Write one recording; its own errors."""
-    errors, pair, test = drawn.errors, world.pair, world.test
+    errors, pair, test = draw.errors, condition.pair, condition.test
     pitch, length, side = test.pitch[view], test.pair.length, round(0.5 * pair.width + 5e-3, 9)
     if view == "sidewall":
         u = np.arange(-1e-3 + 0.5 * pitch, length + 1e-3, pitch)
         v = np.arange(-1e-3 + 0.5 * pitch, pair.height + 1e-3, pitch)
     else:
-        u = np.arange(length + 0.5 * pitch, length + test.behind, pitch)
+        u = np.arange(length + 0.5 * pitch, length + test.wake_length, pitch)
         v = np.arange(-side + 0.5 * pitch, side, pitch)
         moments = [m for m in moments if m.sliding]
     geometry = Geometry(
-        (drawn(errors.shift), drawn(errors.shift)), drawn(errors.larger), np.deg2rad(drawn(errors.turned)),
-        fixed=drawn.fixed(),
+        (draw(errors.shift), draw(errors.shift)), draw(errors.larger), np.deg2rad(draw(errors.turned)),
+        fixed=draw.draw_centre(),
     )  # fmt: skip
-    concerned = setup.concerns(file.name)
+    concerned = setup.is_affected(file.name)
     geometry = setup.place_image(geometry) if concerned else geometry
-    waves = [(m, n, drawn(errors.map)) for m, n in ((1, 0), (0, 1), (1, 1), (2, 1))]
+    waves = [(m, n, draw(errors.map)) for m, n in ((1, 0), (0, 1), (1, 1), (2, 1))]
     a, b = np.linspace(0.0, 1.0, len(u)), np.linspace(0.0, 1.0, len(v))[:, None]
     gain = 1.0 + sum(k * np.sin(np.pi * m * (a - 0.4)) * np.cos(np.pi * n * (b - 0.3)) for m, n, k in waves)
-    psf, emissivity = 0.7 * (1.0 + drawn(errors.spread)), min(0.95 + drawn(errors.emissivity), 1.0)
+    psf, emissivity = 0.7 * (1.0 + draw(errors.spread)), min(0.95 + draw(errors.emissivity), 1.0)
     optics = Optics(psf, emissivity - (setup.emissivity if concerned else 0.0), gain=gain)
-    box = _box(view, pair, test.behind)
-    T = np.array([look(_seen(view, world, sliding, m), box, AIR + world.air(m.t), u, v, optics, geometry)
+    box = _view_box(view, pair, test.wake_length)
+    T = np.array([simulate_image(_view_field(view, condition, sliding, m), box, AIR_DEGC + condition.air(m.t), u, v, optics, geometry)
                   for m in moments])  # fmt: skip
-    if view == "wake" and flaw:
+    if view == "wake" and wake_error:
         road = (np.abs(v) < 0.5 * pair.width)[:, None]
-        T = T + flaw * np.exp(-a / 0.4) * np.cos(1.3 * np.arange(len(T)))[:, None, None] * road
-    pattern = drawn.rng.uniform(*errors.pattern)
-    fixed, noise = pattern * drawn.rng.normal(size=T.shape[1:]), test.netd * drawn.rng.normal(size=T.shape)
+        T = T + wake_error * np.exp(-a / 0.4) * np.cos(1.3 * np.arange(len(T)))[:, None, None] * road
+    pattern = draw.rng.uniform(*errors.pattern)
+    fixed, noise = pattern * draw.rng.normal(size=T.shape[1:]), test.netd * draw.rng.normal(size=T.shape)
     time = np.array([m.t for m in moments])
     if camera:
-        motion = np.array([m.sliding * world.speed / pitch for m in moments])
-        T = record(T, time, camera.errors, camera.device, camera.rng, fixed + noise, motion)
+        motion = np.array([m.sliding * condition.speed / pitch for m in moments])
+        T = record_frames(T, time, camera.errors, camera.device, camera.rng, fixed + noise, motion)
     else:
         T = T + fixed + noise
-    lag = world.hidden("time_lag") + (setup.clock if concerned else 0.0)
-    time = np.array([late(m.t, m.repetition) + lag for m in moments])
-    _write(file, view, T, time, [m.repetition for m in moments], u, v, test.netd)
+    lag = condition.hidden("time_lag") + (setup.clock if concerned else 0.0)
+    time = np.array([camera_clock(m.t, m.repetition) + lag for m in moments])
+    _write_netcdf(file, view, T, time, [m.repetition for m in moments], u, v, test.netd)
     out = {"geometry": asdict(geometry), "emissivity": optics.emissivity, "psf": optics.psf, "pattern": pattern}
     return out | ({"camera": asdict(camera.errors)} if camera else {})
 
 
-def _box(view, pair, behind):
+def _view_box(view, pair, wake_length):
     if view == "sidewall":
         return (0.0, pair.length), (0.0, pair.height)
-    return (pair.length, pair.length + behind + 2.5e-3), (-0.5 * pair.width, 0.5 * pair.width)
+    return (pair.length, pair.length + wake_length + 2.5e-3), (-0.5 * pair.width, 0.5 * pair.width)
 
 
-def _seen(view, world, sliding, m):
+def _view_field(view, condition, sliding, m):
     """The field (z, x) degC of a view at a moment."""
     if view == "wake":
         places, rise = m.wake
-        less = RectBivariateSpline(_beside(world.pair), places, m.beside, kx=1, ky=1)
+        less = RectBivariateSpline(_lateral_places(condition.pair), places, m.wake_deficit, kx=1, ky=1)
 
         def road(x, y):
-            behind = x - world.pair.length
-            return AIR + np.interp(behind, places, rise) - less(y, behind)
+            distance = x - condition.pair.length
+            return AIR_DEGC + np.interp(distance, places, rise) - less(y, distance)
 
         return road
 
     def wall(x, z):
-        rise = world.pair.above(z) @ m.state.T @ world.pair.along(x).T
-        return AIR + rise - RectBivariateSpline(*Wall.grid(world.pair), m.lacks)(z, x)
+        rise = condition.pair.evaluate_height_modes(z) @ m.state.T @ condition.pair.evaluate_length_modes(x).T
+        return AIR_DEGC + rise - RectBivariateSpline(*WallDeficit.evaluation_grid(condition.pair), m.wall_deficit)(z, x)
 
     return wall
 
 
-def _write(file, view, T, time, repetition, u, v, netd):
+def _write_netcdf(file, view, T, time, repetition, u, v, netd):
     import xarray as xr
 
     coords = {
@@ -460,7 +489,7 @@ def _write(file, view, T, time, repetition, u, v, netd):
     }  # fmt: skip
     known = {
         "view": view, "source": "independent laboratory", "Conventions": "CF-1.11", "emissivity": 0.95,
-        "reflected_degC": AIR, "netd_K": max(netd, 1e-3), "psf_sigma_px": 0.7, "registration_sigma_px": 0.2,
+        "reflected_degC": AIR_DEGC, "netd_K": max(netd, 1e-3), "psf_sigma_px": 0.7, "registration_sigma_px": 0.2,
     }  # fmt: skip
     ds = xr.Dataset({"temperature": (("frame", "v", "u"), T, {"units": "degC"})}, coords=coords, attrs=known)
     ds.to_netcdf(file, engine="h5netcdf")

@@ -17,7 +17,7 @@ from scipy.special import i0e, i1e
 
 
 @dataclass(frozen=True)
-class Set:
+class SlidingPair:
     """Block and road: sizes, conductivities `k`, heat capacities `rc` of a volume, the spots' `diameter`, `columns` along
     the block, `cells` up it."""
 
@@ -46,66 +46,68 @@ class Set:
 
 
 @dataclass(frozen=True)
-class Classes:
-    """Lanes by the fraction from which they touch: `width` (classes,), and where they `touch` (classes, columns)."""
+class LaneClasses:
+    """Lanes by the fraction from which they touch: `width` (classes,), and where each `touches` (classes, columns)."""
 
     width: np.ndarray
-    touch: np.ndarray
+    touches: np.ndarray
 
     @classmethod
-    def nested(cls, fraction: np.ndarray) -> Classes:
+    def from_fractions(cls, fraction: np.ndarray) -> LaneClasses:
         """Classes that end at every fraction (columns,) that there is."""
         levels = np.unique(fraction)
         return cls(np.diff(levels, prepend=0.0), fraction[None] >= levels[:, None])
 
 
-def kept(s: Set, age: np.ndarray, floor: float) -> np.ndarray:
+def retained_fraction(s: SlidingPair, age: np.ndarray, floor: float) -> np.ndarray:
     """Share of heat that a disc received an `age` ago which is still under it, never less than `floor`."""
     X = (s.diameter / 2) ** 2 / (2.0 * s.road_k / s.road_rc * age)
     return np.maximum(1.0 - i0e(X) - i1e(X), floor)
 
 
-def slide(s: Set, speed: float, distance: float, pressure, fraction, mu=1.0, widening=True, flash=True):
+def simulate_sliding(
+    s: SlidingPair, speed: float, distance: float, pressure, fraction, mu=1.0, widening=True, flash=True
+):
     """Rises (columns,) of the block's face and in the spots after a slide under `pressure` (columns,) Pa.
 
     The flash is eqs. (12) and (13) after more than a diameter.
     """
     n, dt = s.columns, s.length / s.columns / speed
     fraction = np.broadcast_to(fraction, n).astype(float)
-    lanes = Classes.nested(fraction)
-    share = lanes.touch * lanes.width[:, None] / fraction  # of what touches in a column
+    lanes = LaneClasses.from_fractions(fraction)
+    share = lanes.touches * lanes.width[:, None] / fraction  # of what touches in a column
     floor = fraction.mean()
     edge = (np.arange(n + 1) - 0.5) * dt
     edge[0] = 0.0
     memory = np.diff(np.sqrt(edge)) * 2.0 / np.sqrt(np.pi * s.road_k * s.road_rc)
     if widening:
-        memory = memory * kept(s, (np.sqrt(edge[1:]) + np.sqrt(edge[:-1])) ** 2 / 4.0, floor)
+        memory = memory * retained_fraction(s, (np.sqrt(edge[1:]) + np.sqrt(edge[:-1])) ** 2 / 4.0, floor)
     i, c = np.indices((n, n))
     weight = np.where(c < i, memory[np.abs(i - c)], 0.0)
     theta = 0.688545781 * np.sqrt(s.diameter / speed) / np.sqrt(s.k * s.rc) if flash else 0.0
     spot = (1.0 - fraction) * theta
     heat = mu * np.asarray(pressure) * speed / fraction
-    block = Block(s, dt)
-    received = np.zeros((n, *lanes.touch.shape))  # by stretch of road, class and the column under which it was
+    block = ImplicitBlock(s, dt)
+    received = np.zeros((n, *lanes.touches.shape))  # by stretch of road, class and the column under which it was
     for step in range(round(distance / speed / dt)):
         rows = (step - np.arange(n)) % n
         received[rows[0]] = 0.0
         past = (received[rows] @ weight[:, :, None])[:, :, 0].T
-        known, answer = block.before()
+        known, answer = block.advance_unheated()
         mean = (share * past).sum(axis=0)
         beside = spot + memory[0]
         into = (memory[0] * heat + mean - known) / (beside + answer * fraction)  # mean of all that touch
         face = known + answer * fraction * into
         each = (memory[0] * heat + past - face) / beside
-        received[rows, :, np.arange(n)] = np.where(lanes.touch, heat - each, 0.0).T
-        block.go(fraction * into)
+        received[rows, :, np.arange(n)] = np.where(lanes.touches, heat - each, 0.0).T
+        block.add_flux(fraction * into)
     return face, face + spot * into
 
 
-class Block:
+class ImplicitBlock:
     """Rises (cells, columns) of a block by implicit steps up and explicit ones along, its outer sides insulated."""
 
-    def __init__(self, s: Set, dt: float):
+    def __init__(self, s: SlidingPair, dt: float):
         self.s, self.dt, self.T = s, dt, np.zeros((s.cells, s.columns))
         self.dz = dz = s.dz
         g = s.k * dt / (0.5 * (dz[1:] + dz[:-1])) / s.rc
@@ -119,7 +121,7 @@ class Block:
         unit[0] = dt / (s.rc * dz[0])
         self.unit = solve_banded((1, 1), self.banded, unit)
 
-    def before(self) -> tuple[np.ndarray, float]:
+    def advance_unheated(self) -> tuple[np.ndarray, float]:
         """The face (columns,) after the next step without heat, and the answer of the face to a flux of 1."""
         s = self.s
         dx = s.length / s.columns
@@ -129,6 +131,6 @@ class Block:
         half = self.dz[0] / (2.0 * s.k)
         return self.T[0], self.unit[0] + half
 
-    def go(self, flux: np.ndarray) -> None:
+    def add_flux(self, flux: np.ndarray) -> None:
         """Add what a flux (columns,) W/m2 brought in the step."""
         self.T = self.T + self.unit[:, None] * flux

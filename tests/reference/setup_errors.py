@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 @dataclass(frozen=True)
 class SetupErrors:
-    """One mistake of the setup, far beyond the usual `Errors`: the case states one thing, the test was another.
+    """One mistake of the setup, far beyond the usual `MeasurementErrors`: the case states one thing, the test was another.
 
     `load`, `speed` and `density` are ratios of the real value to the stated one; the load cell measures both forces.
     What concerns images is made in `recordings` (file names), or in every side wall where these are None.
@@ -26,7 +26,7 @@ class SetupErrors:
     recordings: tuple[str, ...] | None = None
     exchanged: tuple[str, ...] = ()  # two recordings, each of which bears the name of the other
 
-    def concerns(self, file):
+    def is_affected(self, file):
         """Whether errors of images are made in a recording."""
         return "_sidewall" in file if self.recordings is None else file in self.recordings
 

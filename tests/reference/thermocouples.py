@@ -12,47 +12,49 @@ AGES, WEIGHTS = np.polynomial.legendre.leggauss(24)
 
 
 @dataclass(frozen=True)
-class Wired:
-    """Beads (n, 3): x, z (m) and time constant (s), as said and as they are; their `gains`; and how well that is known."""
+class ThermocoupleSet:
+    """Beads (n, 3): x, z (m) and time constant (s), `stated` and `actual`; their `gains`; and their `stated_errors`."""
 
-    said: np.ndarray
-    are: np.ndarray
+    stated: np.ndarray
+    actual: np.ndarray
     gains: np.ndarray
-    known: str
+    stated_errors: str
 
     @classmethod
-    def drawn(cls, test, drawn):
+    def draw(cls, test, draw):
         """Of the beads of a programme; every one keeps its faults in all conditions."""
-        e = drawn.errors
-        said = np.array([(a * test.pair.length, b * test.pair.height, test.lag) for a, b in test.beads]).reshape(-1, 3)
-        off = np.array([[drawn(e.place), drawn(e.place), drawn(e.lag)] for _ in test.beads]).reshape(-1, 3)
-        known = f"place_sigma_m = {e.place}, lag_sigma_s = {e.lag}, gain_sigma = {e.sensor}"
-        return cls(said, said + off, np.array([1.0 + drawn(e.sensor) for _ in test.beads]), known)
+        e = draw.errors
+        stated = np.array([(a * test.pair.length, b * test.pair.height, test.lag) for a, b in test.sensors]).reshape(
+            -1, 3
+        )
+        off = np.array([[draw(e.place), draw(e.place), draw(e.lag)] for _ in test.sensors]).reshape(-1, 3)
+        stated_errors = f"place_sigma_m = {e.place}, lag_sigma_s = {e.lag}, gain_sigma = {e.sensor}"
+        return cls(stated, stated + off, np.array([1.0 + draw(e.sensor) for _ in test.sensors]), stated_errors)
 
-    def told(self, file, given, sigma):
+    def campaign_lines(self, file, given, sigma):
         """Lines of campaign.toml."""
         points = [
-            f'    {{ name = "bead {"abcdefgh"[n]}", x = {x:.6g}, z = {z:.6g}, lag_s = {lag:.6g}, {self.known} }},'
-            for n, (x, z, lag) in enumerate(self.said)
+            f'    {{ name = "bead {"abcdefgh"[n]}", x = {x:.6g}, z = {z:.6g}, lag_s = {lag:.6g}, {self.stated_errors} }},'
+            for n, (x, z, lag) in enumerate(self.stated)
         ]
         head = ["", "[[recording]]", 'view = "points"', f'file = "{file}"', given, f"sigma_K = {sigma}", "points = ["]
         return [*head, *points, "]"]
 
-    def table(self, world, moments, drawn, late, air, interval=0.5):
+    def table(self, condition, moments, draw, camera_clock, air, interval=0.5):
         """Rows (readings, 1 + n): the clock's time (s), then degC."""
-        pair, t = world.pair, np.array([0.0, *(m.t for m in moments)])
-        read = np.arange(interval, t[-1], interval)
-        rows = [[late(s, 1) for s in read]]
-        for (x, z, slow), gain in zip(self.are, self.gains, strict=True):
-            up, along = pair.above([z])[0], pair.along(np.array([x]))[0]
+        pair, t = condition.pair, np.array([0.0, *(m.t for m in moments)])
+        reading_times = np.arange(interval, t[-1], interval)
+        rows = [[camera_clock(s, 1) for s in reading_times]]
+        for (x, z, time_constant), gain in zip(self.actual, self.gains, strict=True):
+            up, along = pair.evaluate_height_modes([z])[0], pair.evaluate_length_modes(np.array([x]))[0]
             rise = np.array([0.0, *(up @ m.state.T @ along for m in moments)])
-            rows.append(air + gain * _slow(t, rise, read, max(slow, 1e-3)))
-        noise = world.test.netd * drawn.rng.normal(size=(len(read), len(self.are)))
-        return np.column_stack(rows) + np.column_stack([np.zeros(len(read)), noise])
+            rows.append(air + gain * _lagged_rise(t, rise, reading_times, max(time_constant, 1e-3)))
+        noise = condition.test.netd * draw.rng.normal(size=(len(reading_times), len(self.actual)))
+        return np.column_stack(rows) + np.column_stack([np.zeros(len(reading_times)), noise])
 
 
-def _slow(t, rise, read, slow):
-    """Mean of what has been, weighed by exp(-age / slow), at the times `read`."""
-    ages = 6.0 * slow * (AGES + 1.0)
-    weight = WEIGHTS * np.exp(-ages / slow)
-    return np.interp(read[:, None] - ages, t, rise, left=0.0) @ (weight / weight.sum())
+def _lagged_rise(t, rise, reading_times, time_constant):
+    """Mean of what has been, weighed by exp(-age / time_constant), at the times `reading_times`."""
+    ages = 6.0 * time_constant * (AGES + 1.0)
+    weight = WEIGHTS * np.exp(-ages / time_constant)
+    return np.interp(reading_times[:, None] - ages, t, rise, left=0.0) @ (weight / weight.sum())

@@ -96,22 +96,29 @@ def draw_errors(rng):
     )  # fmt: skip
 
 
-def record(ideal, time, errors, device, rng, noise=0.0, motion=None):
+def record_frames(ideal, time, errors, device, rng, noise=0.0, motion=None):
     """What the camera writes (frames, nv, nu), degC, instead of `ideal` at `time` (frames,) s.
 
     `device` draws what stays with the camera in all its recordings, `rng` what is new in each.  `noise` (frames, nv, nu)
     K is that of single pixels, behind the lens; `motion` (frames,) of the scene along u in px per second.
     """
     ideal, time = np.asarray(ideal, float), np.asarray(time, float)
-    shape, events = ideal.shape[1:], shutter_events(time, errors, rng)
+    shape, events = ideal.shape[1:], draw_shutter_events(time, errors, rng)
     T = spread_halo(ideal, errors)
     if motion is not None:
-        T = np.array([smear(image, errors.unfollowed * m * errors.tau) for image, m in zip(T, motion, strict=True)])
-    T = errors.housing + vignetting(shape, errors, device) * (T - errors.housing)
-    T = T + static_map(shape, errors, device) + noise + readout_noise(time, shape, events, errors, device, rng)
-    T = T + drift(time, shape, errors, device) + offset(time, events, errors, rng)[:, None, None]
-    T = np.clip(quantise(spoil_pixels(T, errors, device, rng), errors.step), errors.low, errors.high)
-    return freeze(T, time, events, errors.frozen)
+        T = np.array(
+            [smear_motion(image, errors.unfollowed * m * errors.tau) for image, m in zip(T, motion, strict=True)]
+        )
+    T = errors.housing + draw_vignetting(shape, errors, device) * (T - errors.housing)
+    T = (
+        T
+        + draw_static_map(shape, errors, device)
+        + noise
+        + draw_readout_noise(time, shape, events, errors, device, rng)
+    )
+    T = T + draw_drift(time, shape, errors, device) + draw_offset(time, events, errors, rng)[:, None, None]
+    T = np.clip(quantise_temperatures(spoil_pixels(T, errors, device, rng), errors.step), errors.low, errors.high)
+    return freeze_frames(T, time, events, errors.frozen)
 
 
 # --- lens ---------------------------------------------------------------------------------------------------
@@ -134,14 +141,14 @@ def halo_kernel(width):
     return weights / weights.sum()
 
 
-def vignetting(shape, errors, rng):
+def draw_vignetting(shape, errors, rng):
     """Contrast (nv, nu) against the housing by the law of cos^4 about an axis near the middle of the image."""
     away = _distance(shape, rng.uniform(0.4, 0.6, 2))
     tangent = np.tan(np.arccos((1.0 - errors.vignetting) ** 0.25)) * away / away.max()
     return np.cos(np.arctan(tangent)) ** 4
 
 
-def static_map(shape, errors, rng):
+def draw_static_map(shape, errors, rng):
     """What stays on all images (nv, nu), K: the reflection of a lamp somewhere, and a ring of narcissus."""
     lamp, axis = rng.uniform(0.1, 0.9, 2), rng.uniform(0.4, 0.6, 2)
     radius, width = rng.uniform(0.15, 0.4), rng.uniform(0.05, 0.15)
@@ -159,7 +166,7 @@ def _distance(shape, middle):
 
 
 # --- bolometers ---------------------------------------------------------------------------------------------
-def smear(T, length):
+def smear_motion(T, length):
     """Images of a scene that moves by `length` (px, along u) during the time constant of the bolometers.
 
     What a pixel shows is the mean of what it saw, weighed by exp(-age / tau): of a scene that moves to larger u it shows
@@ -180,7 +187,7 @@ def smear(T, length):
 
 
 # --- readout ------------------------------------------------------------------------------------------------
-def readout_noise(time, shape, events, errors, device, rng):
+def draw_readout_noise(time, shape, events, errors, device, rng):
     """Noise (frames, nv, nu) K of frames, rows and columns; a part of what is fixed is new after every shutter event."""
     frames, (nv, nu) = len(time), shape
     interval = np.searchsorted(events, time, side="right")
@@ -195,7 +202,7 @@ def readout_noise(time, shape, events, errors, device, rng):
     return out
 
 
-def dead_pixels(shape, errors, rng):
+def draw_dead_pixels(shape, errors, rng):
     """Which pixels (nv, nu) do not measure: single ones, and blocks of two by two."""
     where, total = np.zeros(shape, bool), round(errors.dead * shape[0] * shape[1])
     blocks = round(total * errors.clustered / 4.0)
@@ -210,7 +217,7 @@ def dead_pixels(shape, errors, rng):
 def spoil_pixels(T, errors, device, rng):
     """Images with dead pixels, rows and columns: stuck near the temperature of the housing, or now and then off."""
     out, shape = T.copy(), T.shape[1:]
-    groups = [np.array([[i], [j]]) for i, j in np.argwhere(dead_pixels(shape, errors, device))]
+    groups = [np.array([[i], [j]]) for i, j in np.argwhere(draw_dead_pixels(shape, errors, device))]
     for axis, count in ((0, errors.dead_rows), (1, errors.dead_columns)):
         for line in device.choice(shape[axis], size=min(count, shape[axis]), replace=False):
             along = np.arange(shape[1 - axis])
@@ -226,7 +233,7 @@ def spoil_pixels(T, errors, device, rng):
 
 
 # --- offset and output --------------------------------------------------------------------------------------
-def shutter_events(time, errors, rng):
+def draw_shutter_events(time, errors, rng):
     """Times (s) within the recording at which the shutter closes: every `period`, from a random moment on."""
     if not np.isfinite(errors.period):
         return np.zeros(0)
@@ -234,7 +241,7 @@ def shutter_events(time, errors, rng):
     return np.arange(first, time[-1], errors.period)
 
 
-def offset(time, events, errors, rng):
+def draw_offset(time, events, errors, rng):
     """Offset (frames,) K: a random walk that every shutter event ends; what is left after it is drawn anew."""
     interval = np.searchsorted(events, time, side="right")
     begins = np.concatenate([time[:1], events])
@@ -250,7 +257,7 @@ def offset(time, events, errors, rng):
     return out
 
 
-def drift(time, shape, errors, rng):
+def draw_drift(time, shape, errors, rng):
     """What the warming lens adds (frames, nv, nu), K: 0 at first, `drift` at the end, uneven along one direction."""
     share = (time - time[0]) / max(np.ptp(time), 1e-9)
     if np.isfinite(errors.drift_time):
@@ -262,12 +269,12 @@ def drift(time, shape, errors, rng):
     return errors.drift * share[:, None, None] * uneven
 
 
-def quantise(T, step):
+def quantise_temperatures(T, step):
     """Temperatures in whole counts of `step` (K)."""
     return np.round(T / step) * step if step else T
 
 
-def freeze(T, time, events, count):
+def freeze_frames(T, time, events, count):
     """Images of which `count` repeat the last one before each shutter event."""
     out = T.copy()
     for event in events:

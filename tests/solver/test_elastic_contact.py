@@ -9,7 +9,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from reference.elasticity import ElasticBlock, column_values, crowd_at_ends, gauss
+from reference.elasticity import ElasticBlock, column_values, crowd_at_ends, gauss_points
 
 from flashtemp.physics.elastic_block import face_compliance, foundation_stiffness
 from flashtemp.solver.elastic_foundation import ElasticFoundation, HolderSupport
@@ -20,7 +20,7 @@ COLUMNS = np.linspace(0.0, L, 41)
 
 @cache
 def block(height=H, **options) -> ElasticBlock:
-    return ElasticBlock.meshed(L, height, **options)
+    return ElasticBlock.with_graded_mesh(L, height, **options)
 
 
 @cache
@@ -62,7 +62,7 @@ def test_reference_carries_load_like_a_thin_nearly_incompressible_layer():
     """
     thin, poisson = L / 40, 0.499
     G, K = E / 2 / (1 + poisson), E / 3 / (1 - 2 * poisson)
-    contact = block(thin, poisson=poisson).press(MEAN * L)
+    contact = block(thin, poisson=poisson).solve_contact(MEAN * L)
     x, strain, rate = 0.5 * (COLUMNS[1:] + COLUMNS[:-1]) - L / 2, contact.approach / thin, np.sqrt(3 * G / K) / thin
     p = K * strain + (4 * G - K) * strain * np.cosh(rate * x) / np.cosh(rate * L / 2)
     np.testing.assert_allclose(contact.column_means(COLUMNS)[4:-4], p[4:-4], atol=0.03 * MEAN)
@@ -75,7 +75,9 @@ def test_reference_presses_like_a_sliding_flat_punch(poisson, mu):
     The face sinks ahead of a traction along +x (Cerruti), so that the leading edge is pressed harder.
     """
     a, load = 2e-3, 1e-5
-    contact = half_plane(a, poisson).press(load, mu, worn=lambda x: np.where(abs(x - 0.5) < a * (1 + 1e-9), 0.0, 1.0))
+    contact = half_plane(a, poisson).solve_contact(
+        load, mu, worn_depth=lambda x: np.where(abs(x - 0.5) < a * (1 + 1e-9), 0.0, 1.0)
+    )
     edges = np.linspace(-1.0, 1.0, 21)
     g = np.arctan(mu * (1 - 2 * poisson) / (2 - 2 * poisson)) / np.pi
     angle = np.linspace(0.0, np.pi, 200001)
@@ -91,7 +93,7 @@ def test_reference_touches_like_a_hertzian_cylinder():
     """a^2 = 4 P R/(pi E*), p_max = 2 P/(pi a), E* = E/(1 - nu^2)."""
     a, radius = 2e-3, 1.0
     load = np.pi * a**2 / (1 - 0.49**2) / 4 / radius
-    contact = half_plane(a, 0.49).press(load, worn=lambda x: (x - 0.5) ** 2 / 2 / radius)
+    contact = half_plane(a, 0.49).solve_contact(load, worn_depth=lambda x: (x - 0.5) ** 2 / 2 / radius)
     edges = np.linspace(-1.2, 1.2, 25)
     inside = np.clip(edges, -1, 1)
     share = (inside * np.sqrt(1 - inside**2) + np.arcsin(inside)) / np.pi
@@ -102,13 +104,15 @@ def test_reference_touches_like_a_hertzian_cylinder():
 
 def test_reference_shares_the_friction_moment_of_a_tall_block_between_its_ends():
     """A beam held at one end and guided at the other, M = F H/2 less a length at the ends: the rise with H is F/2."""
-    low, high = (block(height, ratio=2.0, largest=0.04).press(MEAN * L, 0.01).moment() for height in (3 * L, 4 * L))
+    low, high = (
+        block(height, ratio=2.0, largest=0.04).solve_contact(MEAN * L, 0.01).moment() for height in (3 * L, 4 * L)
+    )
     assert high - low == pytest.approx(0.01 * MEAN * L * L / 2, rel=0.005)
     assert high == pytest.approx(0.01 * MEAN * L * 2 * L, rel=0.02)
 
 
 def test_reference_holder_that_turns_freely_leaves_the_whole_moment_to_the_pressure():
-    contact = block(ratio=2.0, largest=0.04).press(MEAN * L, 0.2, arm=H, turning_stiffness=0.0)
+    contact = block(ratio=2.0, largest=0.04).solve_contact(MEAN * L, 0.2, arm=H, turning_stiffness=0.0)
     assert contact.moment() == pytest.approx(0.2 * MEAN * L * H, rel=1e-6)
     assert contact.tilt > 0.0
 
@@ -118,7 +122,7 @@ def test_reference_holder_that_turns_freely_leaves_the_whole_moment_to_the_press
     [
         {},
         {"friction": 0.9},
-        {"worn": lambda x: 5e-5 * (2.0 * x / L - 1.0) ** 2},
+        {"worn_depth": lambda x: 5e-5 * (2.0 * x / L - 1.0) ** 2},
         {"expansion": lambda x, z: 1.6e-4 * (20 + 40 * x / L) * np.exp(-z / 1e-3)},
     ],
     ids=["flat", "sheared", "crowned", "heated"],
@@ -126,7 +130,7 @@ def test_reference_holder_that_turns_freely_leaves_the_whole_moment_to_the_press
 def test_reference_has_converged(acting):
     """Twice the elements change no column by 3 % of the mean: what the finer mesh errs is less than half of that."""
     coarse, fine = (
-        block(**mesh).press(MEAN * L, **acting).column_means(COLUMNS) / MEAN
+        block(**mesh).solve_contact(MEAN * L, **acting).column_means(COLUMNS) / MEAN
         for mesh in ({"ratio": 2.0, "largest": 0.036}, {})
     )
     np.testing.assert_allclose(coarse, fine, atol=0.03)
@@ -169,7 +173,7 @@ def face_motion(levels, pressure=None, traction=None, strain=None, poisson=0.49)
 
 def reference_motion(reference, **acting):
     """Mean motion of every column of the face, m."""
-    x, weight = gauss(GRADED, 12)
+    x, weight = gauss_points(GRADED, 12)
     motion = reference.interpolation(x) @ reference.displace_face(**acting)[:, 1]
     return (weight * motion).reshape(len(WIDTH), -1).sum(axis=1) / WIDTH
 
@@ -194,12 +198,12 @@ def test_compliance_agrees_with_the_reference(height, poisson):
     np.testing.assert_allclose(ours, expected, atol=0.01 * abs(expected).max(), err_msg="heat")
 
 
-def settle_columns(height, friction=0.0, worn=None, expansion=None, arm=0.0, turning_stiffness=np.inf):
+def settle_columns(height, friction=0.0, worn_depth=None, expansion=None, arm=0.0, turning_stiffness=np.inf):
     """Pressure of the columns (Pa), approach (m) and tilt (rad) by the package."""
     levels = LEVELS * height / H
     stiffness = foundation_stiffness(L, height, E)
     bed = ElasticFoundation(CENTRE, WIDTH, L, E, stiffness, face_compliance(GRADED, levels, 0.49))
-    gap = (0.0 * CENTRE if worn is None else worn(CENTRE)) + face_motion(levels, strain=expansion)
+    gap = (0.0 * CENTRE if worn_depth is None else worn_depth(CENTRE)) + face_motion(levels, strain=expansion)
     guided = np.isinf(turning_stiffness)
     holder = HolderSupport(1.0) if guided else HolderSupport(1.0, arm, 2.0 * turning_stiffness / L)
     settled = bed.solve_equilibrium(gap, MEAN, holder, lambda p: friction + 0.0 * p, None)
@@ -209,21 +213,21 @@ def settle_columns(height, friction=0.0, worn=None, expansion=None, arm=0.0, tur
 ACTING = {
     "flat": {},
     "sheared": {"friction": 0.9},
-    "worn": {"worn": worn_edge},
-    "worn and sheared": {"worn": worn_edge, "friction": 0.9},
-    "crowned": {"worn": crown},
+    "worn": {"worn_depth": worn_edge},
+    "worn and sheared": {"worn_depth": worn_edge, "friction": 0.9},
+    "crowned": {"worn_depth": crown},
     "heated": {"expansion": heat},
     "turning": {"friction": 0.3, **TURNING},
-    "all": {"friction": 0.9, "worn": worn_edge, "expansion": heat, **TURNING},
+    "all": {"friction": 0.9, "worn_depth": worn_edge, "expansion": heat, **TURNING},
 }
 
 
 def press_refined(height, **acting):
     """The reference, once more with finer elements where contact ends."""
-    contact = block(height).press(MEAN * L, **acting)
+    contact = block(height).solve_contact(MEAN * L, **acting)
     if contact.nodal_pressure.min() > 0.0:
         return contact
-    return block(height).refined_at_ends(contact).press(MEAN * L, **acting)
+    return block(height).refine_at_ends(contact).solve_contact(MEAN * L, **acting)
 
 
 @pytest.mark.parametrize("case", ACTING)

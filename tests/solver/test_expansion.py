@@ -74,11 +74,11 @@ def test_pressure_is_that_of_an_elastic_block_that_is_hot(lab):
     rise = np.concatenate([face[:, None], rise, rise[:, -1:]], axis=1)
     x = np.concatenate([[0.0], run.x, [L]])
     field = RegularGridInterpolator((x, z), rise[[0, *range(len(rise)), -1]])
-    block = ElasticBlock.meshed(L, height)
+    block = ElasticBlock.with_graded_mesh(L, height)
     even = block.displace_face(lambda x: 1.5e5 + 0.0 * x)[:, 1]  # a new block has the profile that is pressed evenly
-    contact = block.press(
+    contact = block.solve_contact(
         1.5e5 * L,
-        worn=lambda x: -(block.interpolation(x) @ even),
+        worn_depth=lambda x: -(block.interpolation(x) @ even),
         expansion=lambda x, z: 5e-4 * field(np.stack([np.clip(x, 0, L), np.clip(z, 0, height)], axis=-1)),
     )
     edges = mesh.x[mesh.first : mesh.last + 1]

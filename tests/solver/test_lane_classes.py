@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from reference.lane_classes import Set, slide
+from reference.lane_classes import SlidingPair, simulate_sliding
 
 from flashtemp import load
 from flashtemp.solver.heat_balance import HeatBalance
@@ -56,10 +56,12 @@ def test_lanes_in_contact_are_as_warm_as_their_classes(tmp_path, given, shape, e
     given = BARE | given | {"contact.spot_exponent": exponent} | other
     case = made(tmp_path, given)
     run = march(case.scene, case.settings)
-    s = Set()
+    s = SlidingPair()
     fraction = np.minimum(0.2 * shape(s.x) ** exponent, 1.0)
     flash = "contact.flash_factor" not in other
-    found = slide(s, given["schedule.speed"], given["schedule.distance"], P * shape(s.x), fraction, flash=flash)
+    found = simulate_sliding(
+        s, given["schedule.speed"], given["schedule.distance"], P * shape(s.x), fraction, flash=flash
+    )
     for name, rise, most in zip(("T_block", "T_spot"), found, bound, strict=True):
         error = np.abs(np.interp(s.x, run.x, getattr(run, name)[run.last_sliding_index] - 20.0) - rise)
         worst = error[s.x > 1e-3].max() / rise.max()

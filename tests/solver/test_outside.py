@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from reference.sliding import Pair, slide
+from reference.sliding import SlidingPair, simulate_sliding
 
 from flashtemp import load
 from flashtemp.solver.march import march
@@ -41,8 +41,8 @@ def check_face(tmp_path, given, shape, speeds, bound, other=None, exponent=0.0):
     given = given | {"schedule.speed": speed, "schedule.distance": distance, "contact.spot_exponent": exponent}
     made = load(tmp_path / "case.toml", BARE | given)
     run = march(made.scene, made.settings)
-    other = other or Pair()
-    rise, _ = slide(other, speeds, P * shape(other.x), fraction=0.2 * shape(other.x) ** exponent)
+    other = other or SlidingPair()
+    rise, _ = simulate_sliding(other, speeds, P * shape(other.x), fraction=0.2 * shape(other.x) ** exponent)
     error = np.interp(other.x, run.x, run.T_block[run.last_sliding_index] - 20.0) - rise
     worst = np.abs(error[other.x > 1e-3]).max() / rise.max()
     print(f"largest difference {100 * worst:.3f} % of {rise.max():.2f} K")
@@ -82,7 +82,7 @@ def test_lanes_begin_and_end_where_the_contact_fraction_varies(tmp_path, given, 
 @pytest.mark.sample("faster")
 def test_lanes_widen_after_a_step_of_the_speed(tmp_path, speeds):
     """Road that lies half under the old speed and half under the new one."""
-    check_face(tmp_path, *tilted(-0.6), speeds, 2.5e-3, Pair(columns=200))
+    check_face(tmp_path, *tilted(-0.6), speeds, 2.5e-3, SlidingPair(columns=200))
 
 
 @pytest.mark.parametrize("speed", [1.0, 30.0, 300.0])
@@ -90,4 +90,4 @@ def test_lanes_widen_after_a_step_of_the_speed(tmp_path, speeds):
 def test_the_default_mesh_follows_the_speed(tmp_path, speed):
     """The layers that are heated grow thinner with speed; the mesh that nobody asked for still resolves them."""
     given = {"numerics.mesh": 1.0, "limits.temperature": 2000.0}
-    check_face(tmp_path, given, np.ones_like, [(speed, 0.5)], 5e-3, Pair(degree=200))
+    check_face(tmp_path, given, np.ones_like, [(speed, 0.5)], 5e-3, SlidingPair(degree=200))

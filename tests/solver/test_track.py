@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from reference.asperities import kept
+from reference.asperities import retained_fraction
 
 from flashtemp.meshes.grading import geometric
 from flashtemp.model.case import load_case
@@ -91,7 +91,7 @@ def test_lanes_mix_with_their_surroundings(fraction):
         mesh.planes(T)[mesh.road] = road[0].reshape(mesh.n_road, 1)
         found = contact_lanes.lane_rises(b, state, T, road)
         at_depth = contact_lanes.incoming_lane_rises(b, asked.interface.spreading_loss_at_depth(state, now), road)
-        share, rise = kept(fraction, diameter, D, age + young), road[1, -1]
+        share, rise = retained_fraction(fraction, diameter, D, age + young), road[1, -1]
         print(
             f"{age:g} s: {found[0] / rise:.4f}, of discs {share:.4f}; at half the first cell {at_depth[-1, 0] / rise:.4f}"
         )

@@ -89,7 +89,7 @@ class PictureRequest(NamedTuple):
 def requested_pictures(formats=("png",), animated=True) -> list[PictureRequest]:
     """Requests for all pictures and then, if `animated`, for all animations."""
     still = [PictureRequest(module, tuple(formats)) for module in list_pictures()]
-    return still + [PictureRequest(module, ("gif",)) for module in list_animations() if animated]
+    return still + ([PictureRequest(module, ("gif",)) for module in list_animations()] if animated else [])
 
 
 def draw_picture(run, folder, picture: PictureRequest) -> tuple[list[Path], dict[str, str]]:

@@ -103,7 +103,7 @@ def import_recording(
         raise BadInput("places: belong to thermocouples; give --view points with them")
     if facts.time_column is not None:
         raise BadInput("time_column: belongs to thermocouples; give --view points with it")
-    return _import_images(_thin_files(names, facts), facts, report_progress, folder)
+    return _import_images(thin_files(names, facts), facts, report_progress, folder)
 
 
 def missing_options(names: list[Path], facts: ImportOptions) -> tuple[str, ...]:
@@ -211,7 +211,7 @@ def _iter_frames(path: Path, facts: ImportOptions) -> Iterator[tuple[RawFrames, 
         piece = following
 
 
-def _thin_files(names: list[Path], facts: ImportOptions) -> list[Path]:
+def thin_files(names: list[Path], facts: ImportOptions) -> list[Path]:
     """Every n-th file (`every`), if each holds one frame."""
     if (facts.every or 1) == 1 or len(names) == 1:
         return names

@@ -157,7 +157,11 @@ def judge_with_law(verdict: Verdict, search: EffectSearch, watch: ProgressCallba
 
 def predict_coarser_meshes(problem: Problem) -> list[list[Prediction]]:
     """Predictions of the stated model on each of the coarser meshes, simulated in one batch."""
-    tasks = [task for c in coarser_mesh_factors(problem.case) for task in problem.make_tasks(problem.stated_model, DerivativeRequest(), c)]
+    tasks = [
+        task
+        for c in coarser_mesh_factors(problem.case)
+        for task in problem.make_tasks(problem.stated_model, DerivativeRequest(), c)
+    ]
     answers, count = problem.predict(tasks), len(problem.conditions)
     return [answers[k : k + count] for k in range(0, len(answers), count)]
 

@@ -1,4 +1,4 @@
-"""Predictions that are kept while frames arrive: a condition is simulated once for all frames that it is likely to have.
+"""Predictions kept while frames arrive: a condition is simulated once for all frames that it is likely to have.
 
 The frames to come follow from the table of times of a recording, from its frame rate, or from the times of the frames
 in earlier repetitions.  A condition is simulated again only if frames come that none of this foretold.
@@ -173,9 +173,7 @@ def predict_foreseen(
     return out
 
 
-def _blank_entry(
-    view: RecordingEntry, schedule: Schedule, stated: Array | None, max_frames: int
-) -> RecordingEntry:
+def _blank_entry(view: RecordingEntry, schedule: Schedule, stated: Array | None, max_frames: int) -> RecordingEntry:
     """A recording with its foreseen frames, whose temperatures mean nothing."""
     r = view.recording
     times = foresee_times(r, schedule, stated, max_frames)

@@ -7,7 +7,7 @@ The thresholds are those of `criteria.Criteria`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,7 +30,7 @@ from flashtemp.discovery.prediction.problem import (
     prepare_problem,
     replace_views,
 )
-from flashtemp.discovery.selection.scores import score_candidates
+from flashtemp.discovery.selection.scores import CandidateScore, score_candidates
 
 STATED_MODEL = "stated model"  # name of the hypothesis without any candidate effect
 FRAMES_TO_PREPARE = 2  # frames with which a problem is prepared: enough for all but the temperatures
@@ -118,26 +118,32 @@ def expected_ln_bayes(z: float) -> float:
     return 0.5 * (z * z - float(np.log1p(z * z)))
 
 
-def decide_leader(hypotheses: tuple[HypothesisEvidence, ...], criteria: Criteria = CRITERIA) -> LiveDecision:
+def decide_leader(
+    hypotheses: tuple[HypothesisEvidence, ...], ln_bayes_discrepancy: float, criteria: Criteria = CRITERIA
+) -> LiveDecision:
     """The leading hypothesis, and whether the data suffice to tell it from the others.
 
-    An effect must exceed the stated model by `ln_bayes_named` and every other effect by `ln_bayes_distinct`.  The
-    stated model leads where no effect explains more.  It is told from those effects that would exceed it by
-    `ln_bayes_named` in the end, once they would do so with the data so far.
+    An effect must exceed the stated model by `ln_bayes_named`, also with the model discrepancy as large as it may be
+    (`ln_bayes_discrepancy` of the best effect), and every other effect by `ln_bayes_distinct`.  The stated model leads
+    where no effect reaches `ln_bayes_hint`: it is then at least as probable as any of them.  It is told from the effects
+    that would exceed it by `ln_bayes_named` in the end, once they would do so with the data so far.
     """
     ranked = sorted(hypotheses, key=lambda h: -h.ln_bayes)
     best = ranked[0] if ranked else None
-    if best is None or best.ln_bayes <= 0.0:
+    if best is None or best.ln_bayes < criteria.ln_bayes_hint:
         return _decide_for_stated_model(ranked, criteria)
-    others = ranked[1:]
-    rival = others[0] if others and others[0].ln_bayes > 0.0 else None
+    rival = next((h for h in ranked[1:] if h.ln_bayes > 0.0), None)
     margin = best.ln_bayes - (rival.ln_bayes if rival else 0.0)
-    is_named, is_distinct = best.ln_bayes >= criteria.ln_bayes_named, margin >= criteria.ln_bayes_distinct
+    secured = min(best.ln_bayes, ln_bayes_discrepancy)
+    is_named, is_distinct = secured >= criteria.ln_bayes_named, margin >= criteria.ln_bayes_distinct
     runner_up = rival.effect if rival else STATED_MODEL
     if is_named and is_distinct:
         words = f"the data suffice: {best.effect} explains them better than the stated model and every other effect"
     elif not is_named:
-        words = f"not yet: {best.effect} needs a ln Bayes factor of {criteria.ln_bayes_named:g} to be told from chance"
+        words = (
+            f"not yet: the ln Bayes factor of {best.effect} must reach {criteria.ln_bayes_named:g}; it is {secured:.1f}"
+            f"{' with a smooth error of the model' if secured < best.ln_bayes else ''}"
+        )
     else:
         words = f"not yet: {best.effect} must exceed {runner_up} by {criteria.ln_bayes_distinct:g} of ln Bayes factor"
     return LiveDecision(best.effect, best.ln_bayes, runner_up, margin, is_named and is_distinct, words)
@@ -145,8 +151,8 @@ def decide_leader(hypotheses: tuple[HypothesisEvidence, ...], criteria: Criteria
 
 def _decide_for_stated_model(ranked: list[HypothesisEvidence], criteria: Criteria) -> LiveDecision:
     testable = [h for h in ranked if h.expected_in_the_end >= criteria.ln_bayes_named]
+    rival = next((h for h in ranked if not h.reason), None)
     hidden = [h.effect for h in testable if h.expected_now < criteria.ln_bayes_named]
-    rival = ranked[0] if ranked else None
     if not testable:
         words = "not yet: these recordings show none of the candidate effects clearly enough, even in the end"
     elif hidden:
@@ -154,7 +160,10 @@ def _decide_for_stated_model(ranked: list[HypothesisEvidence], criteria: Criteri
         words = f"not yet: the data so far would not show {', '.join(hidden[:3])}{more}"
     else:
         words = f"the data suffice: none of {len(testable)} effects acts with its typical strength; all would show"
-    is_decided = bool(testable) and not hidden
+    is_open = rival is not None and rival.ln_bayes > 0.0
+    if is_open and testable and not hidden:
+        words = f"not yet: {rival.effect} explains the data a little better, ln Bayes factor {rival.ln_bayes:.1f}"
+    is_decided = bool(testable) and not hidden and not is_open
     runner_up, margin = (rival.effect, -rival.ln_bayes) if rival else ("none", 0.0)
     return LiveDecision(STATED_MODEL, 0.0, runner_up, margin, is_decided, words)
 
@@ -241,14 +250,16 @@ class LiveEvidence:
         if self._expected is None:
             self._expected = self._expected_in_the_end(problem, data)
         end = self._expected
+        scores = score_candidates(problem, fit, problem.candidates)
         hypotheses = tuple(
             HypothesisEvidence(
                 s.effect, s.ln_bayes, now.get(s.effect, 0.0), max(end.get(s.effect, 0.0), now.get(s.effect, 0.0)),
                 s.reason,
             )
-            for s in score_candidates(problem, fit, problem.candidates)
+            for s in scores
         )  # fmt: skip
-        return LiveAssessment(hypotheses, decide_leader(hypotheses), _compare_recordings(problem, data, fit))
+        decision = decide_leader(hypotheses, _ln_bayes_with_discrepancy(problem, fit, scores))
+        return LiveAssessment(hypotheses, decision, _compare_recordings(problem, data, fit))
 
     def _expected_in_the_end(self, problem: Problem, data: WhitenedData) -> dict[str, float]:
         """Expected ln Bayes factors for all foreseen frames, with the noise of the data so far."""
@@ -259,6 +270,14 @@ class LiveEvidence:
         coarser = [list(mesh) for mesh in zip(*(k.coarser for k in kept), strict=True)]
         blank = WhitenedData.from_predictions(whole, fine, coarser, noises)
         return _expected_factors(whole, LinearSystem(blank.make_blocks(fine)))
+
+
+def _ln_bayes_with_discrepancy(problem: Problem, fit: LinearisedFit, scores: Sequence[CandidateScore]) -> float:
+    """The ln Bayes factor of the best effect with the model discrepancy as large as it may be; 0 without one."""
+    if not scores or scores[0].ln_bayes <= 0.0:
+        return 0.0
+    priors = {p: (0.0, abs(a)) for p, a in scores[0].typical_strengths.items()}
+    return fit.evidence_at_max_discrepancy(problem, priors) - fit.evidence_at_max_discrepancy(problem, {})
 
 
 def _expected_factors(problem: Problem, system: LinearSystem) -> dict[str, float]:
@@ -291,7 +310,9 @@ def _compare_recordings(problem: Problem, data: WhitenedData, fit: LinearisedFit
 
 
 def _given_key(given: Mapping[str, Any]) -> str:
-    return repr(sorted((k, float(v) if isinstance(v, int) and not isinstance(v, bool) else v) for k, v in given.items()))
+    return repr(
+        sorted((k, float(v) if isinstance(v, int) and not isinstance(v, bool) else v) for k, v in given.items())
+    )
 
 
 def _view_key(view: RecordingEntry) -> str:
@@ -299,7 +320,9 @@ def _view_key(view: RecordingEntry) -> str:
     r = view.recording
     facts = (r.emissivity, r.reflected_degC, r.netd_K, r.fixed_pattern_K, r.psf_sigma_px, r.exposure_s,
              r.registration_sigma_px, r.camera, r.places)  # fmt: skip
-    return repr((view.file, _given_key(view.given), view.sigma_K, view.held_out, r.view, r.u.tolist(), r.v.tolist(), facts))
+    return repr(
+        (view.file, _given_key(view.given), view.sigma_K, view.held_out, r.view, r.u.tolist(), r.v.tolist(), facts)
+    )
 
 
 def _condition_key(condition: Condition) -> str:

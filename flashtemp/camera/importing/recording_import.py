@@ -38,7 +38,8 @@ CAMERA_ATTRIBUTES = {  # option: attribute of the recording
 class ImportResult(DisplayMixin):
     """An imported recording with `notes` on what was recognised and done, its files, and the block (m) if known.
 
-    `saved` is the file of the recording, `picture` the file that shows its registration.
+    `saved` is the file of the recording, `picture` the file that shows its registration.  `file_numbers` (frames,):
+    index in `files` of the file that each frame is from; None for tables of thermocouples.
     """
 
     recording: Recording
@@ -47,6 +48,7 @@ class ImportResult(DisplayMixin):
     block: tuple[float, float] | None = None
     saved: Path | None = None
     picture: Path | None = None
+    file_numbers: np.ndarray | None = None
 
     def as_dict(self) -> dict:
         """Plain numbers and text for JSON."""
@@ -198,7 +200,8 @@ class ImageImport:
             **_camera_attributes(first[1], facts),
         )  # fmt: skip
         check_block_in_view(recording, block := facts.block_outline)
-        return ImportResult(recording, tuple(notes), tuple(names), block)
+        origin = np.repeat(np.arange(len(seen)), [stamps.count for _, stamps in seen])[order]
+        return ImportResult(recording, tuple(notes), tuple(names), block, file_numbers=origin)
 
 
 def _iter_frames(path: Path, facts: ImportOptions) -> Iterator[tuple[RawFrames, bool]]:

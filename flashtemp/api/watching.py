@@ -57,8 +57,8 @@ def watch(
         raise BadInput("once: does not go with until_decided; give one of them")
     if workers is not None and workers < 1:
         raise BadInput(f"--workers: {workers}; give at least 1")
-    target = None if out is None else _prepare_folder(Path(out))
     test = WatchedTest(Path(folder), Path(campaign), trust=trust, limit=limit, overwrite=overwrite)
+    target = None if out is None else _prepare_folder(Path(out))
     return CampaignWatch(test, target, interval, patience, once, until_decided, workers, say)
 
 

@@ -125,8 +125,8 @@ def decide_leader(
 
     An effect must exceed the stated model by `ln_bayes_named`, also with the model discrepancy as large as it may be
     (`ln_bayes_discrepancy` of the best effect), and every other effect by `ln_bayes_distinct`.  The stated model leads
-    where no effect reaches `ln_bayes_hint`: it is then at least as probable as any of them.  It is told from the effects
-    that would exceed it by `ln_bayes_named` in the end, once they would do so with the data so far.
+    where no effect reaches `ln_bayes_hint`: it is then at least as probable as any of them.  It is told from the
+    effects that would exceed it by `ln_bayes_named` in the end, once they would do so with the data so far.
     """
     ranked = sorted(hypotheses, key=lambda h: -h.ln_bayes)
     best = ranked[0] if ranked else None

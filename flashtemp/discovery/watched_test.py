@@ -23,13 +23,14 @@ from flashtemp.discovery.live_evidence import ComparedRecording, LiveAssessment,
 from flashtemp.errors import BadInput, FlashtempError, describe_exception
 
 TIME_ROUNDING_S = 1e-6  # s, to which times of frames are equal
-DECIDED, UNDECIDED, PROBLEM = "decided", "undecided", "problem"  # kinds of events, besides the states of a camera file
+# kinds of events, besides the states of a camera file
+DECIDED, UNDECIDED, RESUMED, PROBLEM = "decided", "undecided", "resumed", "problem"
 
 
 @dataclass(frozen=True)
 class WatchEvent:
     """What happened at a `time` (local, ISO 8601): `kind` is imported, waiting, refused or repeated for a camera
-    `file`, decided or undecided for the evidence, or problem.
+    `file`, decided or undecided for the evidence, resumed for recordings that existed before the watch, or problem.
 
     For an imported file: its `frames`, their `rmse_K` against the stated model and `calibrated_rmse_K` with all
     nuisances estimated, and the `leader` of the hypotheses with its `ln_bayes` against the stated model; None where not
@@ -55,8 +56,9 @@ class WatchEvent:
         place = f"{self.file} -> {self.recording}" if self.recording else self.file
         if self.kind == growing_recording.IMPORTED:
             parts = [f"{place}: {self.frames} frame{'' if self.frames == 1 else 's'}"]
-            if self.rmse_K is not None and self.calibrated_rmse_K is not None:
-                parts.append(f"{self.rmse_K:.3f} K rms, {self.calibrated_rmse_K:.3f} K calibrated")
+            if self.rmse_K is not None:
+                fitted = "" if self.calibrated_rmse_K is None else f", {self.calibrated_rmse_K:.3f} K calibrated"
+                parts.append(f"{self.rmse_K:.3f} K rms{fitted}")
             if self.ln_bayes is not None:
                 parts.append(f"{self.leader} leads, ln Bayes factor {self.ln_bayes:.1f}")
             text = "; ".join(parts)
@@ -125,8 +127,10 @@ class WatchedTest:
     events: list[WatchEvent] = field(default_factory=list)
     simulations: int = 0
     on_recording: Callable[[ImportResult, Path], Any] = lambda result, path: None
+    _saved: set[str] = field(default_factory=set)
     _complete: dict[Path, FileState] = field(default_factory=dict)
     _unfinished: dict[Path, FileState] = field(default_factory=dict)
+    _is_begun: bool = False
 
     def __post_init__(self) -> None:
         self.campaign = campaigns.load(self.path, trust=self.trust, limit=self.limit, may_miss=True)
@@ -162,9 +166,13 @@ class WatchedTest:
                 events.append(_make_event(PROBLEM, recording=name, words=fault))
             elif imported:
                 changed[name] = imported
-        before = self.assessment
-        if changed:
-            self.latest = list(changed)[-1]
+        before, is_first = self.assessment, not self._is_begun
+        self._is_begun = True
+        if is_first and self.campaign.views and not changed:
+            count = len(self.campaign.views)
+            events.append(_make_event(RESUMED, words=f"{count} recording{'s' * (count > 1)} from before this watch"))
+        if changed or (is_first and self.campaign.views):
+            self.latest = [*(v.file for v in self.campaign.views), *changed][-1]
             events += self._assess(evidence)
         events = [*self._describe_files(news, changed, self.assessment is not before), *events]
         self.events += events
@@ -176,17 +184,23 @@ class WatchedTest:
         assert result is not None
         try:
             is_new = not path.exists()
-            if not is_new and not self.overwrite and _loses_frames(recording.load(path, self.limit), result.recording):
+            if not is_new and not self.overwrite and self._loses_frames(name, path, result.recording):
                 return (
-                    f"{path} has frames whose camera files are not in {self.folder}; not replaced: move it away, or"
-                    " give --overwrite"
+                    f"{path} has frames that the camera files in {self.folder} lack; it stays: move it away, or give"
+                    " --overwrite"
                 )
             result.recording.save(path)
+            self._saved.add(name)
         except (BadInput, OSError) as fault:
             return describe_exception(fault)
         if is_new:
             self.on_recording(result, path)
         return None
+
+    def _loses_frames(self, name: str, path: Path, new: Recording) -> bool:
+        """Whether the file of a recording has frames that the new one lacks; of an own one only the number counts."""
+        old = recording.load(path, self.limit)
+        return new.frames < old.frames if name in self._saved else not bool(np.all(_are_among(old.time, new.time)))
 
     def _assess(self, evidence: LiveEvidence) -> list[WatchEvent]:
         """Assess the campaign as it is now; events where that fails or where the decision changes."""
@@ -199,7 +213,7 @@ class WatchedTest:
                 if (times := read_stated_times(growing.template.facts)) is not None
             }
             self.assessment = evidence.assess(self.campaign, stated)
-        except FlashtempError as fault:
+        except (FlashtempError, ArithmeticError, np.linalg.LinAlgError) as fault:  # the test goes on
             return [_make_event(PROBLEM, words=describe_exception(fault).splitlines()[0])]
         finally:
             self.simulations = evidence.simulations
@@ -267,20 +281,14 @@ def _file_residuals(compared: ComparedRecording, times: np.ndarray) -> dict[str,
     own = _are_among(compared.entry.recording.time, times)
     if not own.any():
         return {}
-    return {
-        "rmse_K": root_mean_square(compared.residual[own]),
-        "calibrated_rmse_K": root_mean_square(compared.calibrated_residual[own]),
-    }
+    plain, fitted = (root_mean_square(r[own]) for r in (compared.residual, compared.calibrated_residual))
+    # frames of a wake near a start of sliding are not fitted
+    return {"rmse_K": None if np.isnan(plain) else plain, "calibrated_rmse_K": None if np.isnan(fitted) else fitted}
 
 
 def _are_among(time: np.ndarray, others: np.ndarray) -> np.ndarray:
     """Whether each time (s) is one of the others."""
     return np.isin(np.round(time / TIME_ROUNDING_S), np.round(others / TIME_ROUNDING_S))
-
-
-def _loses_frames(old: Recording, new: Recording) -> bool:
-    """Whether the old recording has frames at times that the new one lacks."""
-    return not bool(np.all(_are_among(old.time, new.time)))
 
 
 def as_names(files: Sequence[Path], folder: Path) -> list[str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import textwrap
+
 import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -14,6 +16,7 @@ from flashtemp.viz.measurement.comparison import KELVIN_MAP, MASKED_COLOUR, UPWA
 from flashtemp.viz.measurement.residual_plots import COMPUTED_COLOUR, MEASURED_COLOUR, VIEW_LABELS, pixel_edges
 
 FIGURE_SIZE_IN = (9.6, 6.4)
+TITLE_LETTERS = 105  # in one line of the title
 MAX_EFFECTS_DRAWN = 4
 EFFECT_COLOURS = ("#C8420B", "#0072B2", "#1FA37A", "#E69F00")
 LEAST_DIFFERENCE_K = 0.1  # half width of the colour scale of differences, at least
@@ -27,8 +30,8 @@ def draw(test) -> Figure:
     """
     decision = test.assessment.decision
     fig = Figure(figsize=FIGURE_SIZE_IN, layout="constrained", facecolor="white")
-    title = f"{test.campaign.title}: {decision.words}"
-    fig.suptitle(escape_mathematics(title)[:150], x=0.01, ha="left")
+    lines = textwrap.wrap(f"{test.campaign.title}: {decision.words}", TITLE_LETTERS, max_lines=2)
+    fig.suptitle(escape_mathematics("\n".join(lines)), x=0.01, ha="left")
     above, below = fig.subfigures(2, 1, height_ratios=[1.15, 1.0])
     name = test.latest if test.latest in test.assessment.recordings else next(iter(test.assessment.recordings))
     compared = test.assessment.recordings[name]
@@ -76,8 +79,10 @@ def _draw_images(fig, compared) -> None:
         ax.set_title(label, weight="bold")
         ax.set_xlabel("x (mm)")
     axes[0].set_ylabel(f"{UPWARD_AXES[r.view][0]} (mm)")
-    fig.colorbar(axes[0].images[0], ax=axes[:2], label=f"temperature ({theme.CELSIUS})", location="bottom", aspect=40)
-    fig.colorbar(axes[2].images[0], ax=axes[2], label="difference (K)", location="bottom", aspect=20)
+    fig.colorbar(
+        axes[0].images[0], ax=axes[:2], label=f"temperature ({theme.CELSIUS})", location="bottom", aspect=50, shrink=0.7
+    )
+    fig.colorbar(axes[2].images[0], ax=axes[2], label="difference (K)", location="bottom", aspect=25, shrink=0.7)
 
 
 def _draw_row(fig, compared) -> None:

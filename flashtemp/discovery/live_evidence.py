@@ -151,19 +151,19 @@ def decide_leader(
 
 def _decide_for_stated_model(ranked: list[HypothesisEvidence], criteria: Criteria) -> LiveDecision:
     testable = [h for h in ranked if h.expected_in_the_end >= criteria.ln_bayes_named]
-    rival = next((h for h in ranked if not h.reason), None)
     hidden = [h.effect for h in testable if h.expected_now < criteria.ln_bayes_named]
+    rival = next((h for h in ranked if not h.reason), None)
+    is_decided = False
     if not testable:
         words = "not yet: these recordings show none of the candidate effects clearly enough, even in the end"
     elif hidden:
         more = f" and {len(hidden) - 3} more" if len(hidden) > 3 else ""
         words = f"not yet: the data so far would not show {', '.join(hidden[:3])}{more}"
+    elif rival is not None and rival.ln_bayes > 0.0:
+        words = f"not yet: {rival.effect} explains the data a little better, ln Bayes factor {rival.ln_bayes:.1f}"
     else:
         words = f"the data suffice: none of {len(testable)} effects acts with its typical strength; all would show"
-    is_open = rival is not None and rival.ln_bayes > 0.0
-    if is_open and testable and not hidden:
-        words = f"not yet: {rival.effect} explains the data a little better, ln Bayes factor {rival.ln_bayes:.1f}"
-    is_decided = bool(testable) and not hidden and not is_open
+        is_decided = True
     runner_up, margin = (rival.effect, -rival.ln_bayes) if rival else ("none", 0.0)
     return LiveDecision(STATED_MODEL, 0.0, runner_up, margin, is_decided, words)
 

@@ -58,9 +58,12 @@ def foresee_times(recording: Recording, schedule: Schedule, stated: Array | None
 
 
 def _frame_interval(recording: Recording) -> float | None:
-    """Time between frames (s) from the frame rate or from evenly spaced frames; None where they are not."""
-    if recording.fps:
-        return 1.0 / recording.fps
+    """Time between frames (s), of a single one by its frame rate; None where they are not evenly spaced.
+
+    Snapshots state the rate of the camera too, so the times of frames count more than the rate.
+    """
+    if recording.frames == 1:
+        return 1.0 / recording.fps if recording.fps else None
     steps = np.diff(recording.time)
     usual = float(np.median(steps)) if len(steps) else 0.0
     is_even = usual > 0.0 and np.all(np.abs(steps - usual) <= MAX_STEP_SCATTER * usual)

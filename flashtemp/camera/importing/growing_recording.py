@@ -134,7 +134,9 @@ class GrowingRecording:
                 self._images, self.taken = None, {}
                 if fault.file in complete:  # else it has left the folder: go on without it
                     news += self._hold_file(fault.file, complete[fault.file], fault.reason, now)
-        return [*news, *self._refuse_files(now, patience), *self._report_stalled(now, patience)]
+        news += [*self._refuse_files(now, patience), *self._report_stalled(now, patience)]
+        order = {path: n for n, path in enumerate(sort_files(n.file for n in news))}
+        return sorted(news, key=lambda item: order[item.file])
 
     @property
     def waiting(self) -> dict[Path, str]:

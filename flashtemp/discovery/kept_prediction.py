@@ -34,10 +34,11 @@ MIN_MATCHED_FRACTION = 0.5  # of the frames that thinning leaves, below which a 
 CLOCK = ParameterId(Kind.CLOCK)
 
 
-def foresee_times(recording: Recording, schedule: Schedule, stated: Array | None, max_frames: int) -> Array:
+def foresee_times(recording: Recording, schedule: Schedule, stated: Array | None, max_frames: int) -> tuple[Array, int]:
     """Times (s) of the frames that a recording has and of those that it is likely to have in the end, increasing.
 
-    `stated`: times of all frames, if a table states them.  If there are more than `max_frames`, every n-th is left.
+    `stated`: times of all frames, if a table states them.  If there are more than `max_frames`, every n-th is left;
+    n is the second value.
     """
     known, end = recording.time, schedule.end_time
     if stated is not None:
@@ -54,7 +55,8 @@ def foresee_times(recording: Recording, schedule: Schedule, stated: Array | None
         coming = np.concatenate([np.zeros(0), *later])
     is_new = np.min(np.abs(coming[:, None] - known), axis=1, initial=np.inf) > 0.5 * CLOCK_STEP_S
     times = np.sort(np.concatenate([known, coming[is_new & (coming <= end)]]))
-    return times[:: -(-len(times) // max(max_frames, 2))]
+    every = -(-len(times) // max(max_frames, 2))
+    return times[::every], every
 
 
 def _frame_interval(recording: Recording) -> float | None:
@@ -91,22 +93,22 @@ def match_frames(time: Array, predicted: Array) -> tuple[Indices, Indices]:
 
 @dataclass(frozen=True)
 class KeptCondition:
-    """The prediction of a condition for the foreseen frames of `views`, on its mesh and on `coarser` ones."""
+    """The prediction of a condition for the foreseen frames of `views`, on its mesh and on `coarser` ones.
+
+    `every` {recording: n}: one frame of n is predicted.
+    """
 
     views: dict[str, RecordingEntry]
+    every: dict[str, int]
     fine: Prediction
     coarser: tuple[Prediction, ...]
 
     def covers(self, views: tuple[RecordingEntry, ...]) -> bool:
         """Whether it has the frames of some recordings: all of them, or half of those that thinning leaves."""
         for view in views:
-            kept, recording = self.views[view.file].recording, view.recording
-            frames, _ = match_frames(recording.time, kept.time)
-            due = np.count_nonzero(kept.time <= recording.time[-1] + CLOCK_STEP_S)
-            is_thinned = recording.frames > due
-            if len(frames) < (MIN_MATCHED_FRACTION * due if is_thinned else recording.frames):
-                return False
-            if is_thinned and recording.time[-1] > kept.time[-1] + 2.0 * np.max(np.diff(kept.time), initial=0.0):
+            frames, _ = match_frames(view.recording.time, self.views[view.file].recording.time)
+            every = self.every[view.file]
+            if len(frames) < view.recording.frames * (MIN_MATCHED_FRACTION / every if every > 1 else 1.0):
                 return False
         return True
 
@@ -156,13 +158,13 @@ def predict_foreseen(
     """
     total = sum(v.recording.temperature[0].size for v in problem.campaign.views)
     max_frames = max(2, MAX_COMPARED_VALUES // total)
-    views = {
-        n: {
-            v.file: _blank_entry(v, problem.campaign.load(v.given).scene.schedule, stated_times.get(v.file), max_frames)
-            for v in problem.conditions[n].views
-        }
-        for n in numbers
-    }
+    views: dict[int, dict[str, RecordingEntry]] = {n: {} for n in numbers}
+    every: dict[str, int] = {}
+    for n in numbers:
+        schedule = problem.campaign.load(problem.conditions[n].given).scene.schedule
+        for v in problem.conditions[n].views:
+            times, every[v.file] = foresee_times(v.recording, schedule, stated_times.get(v.file), max_frames)
+            views[n][v.file] = _blank_entry(v, schedule, times)
     wanted = replace(all_derivatives(problem), candidates=problem.candidates)
     model = problem.stated_model
     meshes = [problem.make_tasks(model, wanted)]
@@ -172,14 +174,13 @@ def predict_foreseen(
     out = {}
     for n in numbers:
         fine, *coarser = (next(answers) for _ in meshes)
-        out[n] = KeptCondition(views[n], fine, tuple(coarser))
+        out[n] = KeptCondition(views[n], {file: every[file] for file in views[n]}, fine, tuple(coarser))
     return out
 
 
-def _blank_entry(view: RecordingEntry, schedule: Schedule, stated: Array | None, max_frames: int) -> RecordingEntry:
-    """A recording with its foreseen frames, whose temperatures mean nothing."""
+def _blank_entry(view: RecordingEntry, schedule: Schedule, times: Array) -> RecordingEntry:
+    """A recording with its foreseen frames at `times` (s), whose temperatures mean nothing."""
     r = view.recording
-    times = foresee_times(r, schedule, stated, max_frames)
     stated_repetition = dict(zip(r.time.tolist(), r.repetition.tolist(), strict=True))
     repetition = np.array([stated_repetition.get(t, schedule.phase_at(t).repetition) for t in times.tolist()])
     blank = np.zeros((len(times), len(r.v), len(r.u)), np.float32)

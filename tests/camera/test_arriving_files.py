@@ -229,5 +229,3 @@ def test_patterns_are_relative_to_the_template_or_to_the_arrivals(lab):
 def test_a_folder_that_is_gone_is_bad_input(tmp_path):
     with pytest.raises(BadInput, match="No such file or directory; give the folder"):
         FolderScanner(tmp_path / "none").scan_files()
-
-

@@ -92,7 +92,9 @@ def test_files_that_arrive_one_by_one_are_compared_until_the_data_suffice(measur
             if process.poll() is not None:
                 break
             put(measured, lab, k)
-            wait_for(lambda k=k: process.poll() is not None or len(state(out)["history"]) > k if out.is_dir() else False)
+            wait_for(
+                lambda k=k: process.poll() is not None or len(state(out)["history"]) > k if out.is_dir() else False
+            )
         output, messages = process.communicate(timeout=LONGEST_S)
     assert process.returncode == 0, messages
     found, lines = state(out), output.splitlines()

@@ -40,7 +40,7 @@ def draw(test) -> Figure:
     else:
         _draw_images(above, compared)
     left, right = below.subplots(1, 2, width_ratios=[1.5, 1.0])
-    _draw_evidence(left, test.history)
+    _draw_evidence(left, test)
     _draw_residuals(right, test.history)
     return fig
 
@@ -104,17 +104,17 @@ def _draw_row(fig, compared) -> None:
     below.set(xlabel=label, ylabel="difference (K)")
 
 
-def _draw_evidence(ax, history) -> None:
+def _draw_evidence(ax, test) -> None:
     """ln Bayes factors of the leading effects against the stated model, over the number of frames."""
+    history = test.history
     frames = [entry.frames for entry in history]
-    latest = history[-1].ln_bayes
-    names = sorted(latest, key=lambda name: -latest[name])[:MAX_EFFECTS_DRAWN]
+    names = [h.effect for h in test.assessment.hypotheses if not h.reason][:MAX_EFFECTS_DRAWN]
     for name, colour in zip(names, EFFECT_COLOURS, strict=False):
         ax.plot(frames, [e.ln_bayes.get(name, np.nan) for e in history], "o-", ms=2.5, color=colour, label=name)
     ax.axhline(0.0, color=theme.AMBIENT_COLOUR, lw=0.8)
     ax.axhline(CRITERIA.ln_bayes_named, color=theme.AMBIENT_COLOUR, lw=0.8, ls="--", label="needed to name an effect")
     ax.set_title("evidence against the stated model", weight="bold")
-    ax.set(xlabel="frames so far", ylabel="ln Bayes factor")
+    ax.set(xlabel="frames so far", ylabel="ln Bayes factor", xlim=(0.0, 1.05 * max(frames)))
     ax.xaxis.set_major_locator(MaxNLocator(6, integer=True))
     ax.legend(loc="best")
 
@@ -126,6 +126,6 @@ def _draw_residuals(ax, history) -> None:
         ax.plot(frames, [e.rmse_K.get(name, np.nan) for e in history], "o-", ms=2.5, label=escape_mathematics(name))
     ax.set_ylim(bottom=0.0)
     ax.set_title("difference from the stated model", weight="bold")
-    ax.set(xlabel="frames so far", ylabel="rms difference (K)")
+    ax.set(xlabel="frames so far", ylabel="rms difference (K)", xlim=(0.0, 1.05 * max(frames)))
     ax.xaxis.set_major_locator(MaxNLocator(6, integer=True))
     ax.legend(loc="best")

@@ -152,7 +152,7 @@ def decide_leader(
 def _decide_for_stated_model(ranked: list[HypothesisEvidence], criteria: Criteria) -> LiveDecision:
     testable = [h for h in ranked if h.expected_in_the_end >= criteria.ln_bayes_named]
     hidden = [h.effect for h in testable if h.expected_now < criteria.ln_bayes_named]
-    rival = next((h for h in ranked if not h.reason), None)
+    rival = next((h for h in testable or ranked if not h.reason), None)
     is_decided = False
     if not testable:
         words = "not yet: these recordings show none of the candidate effects clearly enough, even in the end"
@@ -164,7 +164,7 @@ def _decide_for_stated_model(ranked: list[HypothesisEvidence], criteria: Criteri
     else:
         words = f"the data suffice: none of {len(testable)} effects acts with its typical strength; all would show"
         is_decided = True
-    runner_up, margin = (rival.effect, -rival.ln_bayes) if rival else ("none", 0.0)
+    runner_up, margin = (rival.effect, 0.0 - rival.ln_bayes) if rival else ("none", 0.0)
     return LiveDecision(STATED_MODEL, 0.0, runner_up, margin, is_decided, words)
 
 

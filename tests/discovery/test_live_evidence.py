@@ -179,6 +179,7 @@ def shown(effect, ln_bayes, now=50.0, end=50.0, reason=""):
         ([shown("a", -1.0), shown("b", -2.0)], 0.0, STATED_MODEL, True, "none of 2 effects"),
         ([shown("a", CRITERIA.ln_bayes_hint - 0.1)], 99.0, STATED_MODEL, False, "a explains the data a little better"),
         ([shown("a", -1.0), shown("b", -2.0, NAMED - 0.1)], 0.0, STATED_MODEL, False, "would not show b"),
+        ([shown("a", -1.0), shown("b", 4.0, 1.0, 1.0)], 0.0, STATED_MODEL, True, "none of 1 effects"),
         ([shown("a", -1.0), shown("b", 0.0, 0.0, 0.0, "no effect")], 0.0, STATED_MODEL, True, "none of 1 effects"),
         ([shown("a", -1.0, 1.0, NAMED - 0.1)], 0.0, STATED_MODEL, False, "even in the end"),
         ([], 0.0, STATED_MODEL, False, "even in the end"),

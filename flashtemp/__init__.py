@@ -15,6 +15,7 @@ _PUBLIC = {
     "api.studies": ["sweep", "converge", "repetitions", "wait", "sensitivity"],
     "api.camera": ["import_recording", "inspect_files", "recording_template"],
     "api.campaigns": ["open_campaign", "compare", "discover", "plan", "twin"],
+    "api.watching": ["watch"],
     "api.friction": ["compute_contact_area", "friction", "loads", "tread", "tyre", "spots", "spectrum"],
     "api.effects": ["effects", "check_effect"],
     "api.templates": ["new"],
@@ -30,7 +31,7 @@ __all__ = [
     "compute_contact_area", "converge", "discover", "draw", "effects", "friction", "import_recording",
     "inspect_files", "load", "loads", "new", "open_campaign", "open_fields", "physics", "plan", "recording_template",
     "repetitions", "resume", "sensitivity", "simulate", "spectrum", "spots", "sweep", "tread", "twin", "tyre", "view",
-    "wait",
+    "wait", "watch",
 ]  # fmt: skip
 
 if TYPE_CHECKING:  # editors and type checkers do not run `__getattr__` below
@@ -44,6 +45,7 @@ if TYPE_CHECKING:  # editors and type checkers do not run `__getattr__` below
     from flashtemp.api.simulation import check, open_fields, resume, simulate, view
     from flashtemp.api.studies import converge, repetitions, sensitivity, sweep, wait
     from flashtemp.api.templates import new
+    from flashtemp.api.watching import watch
     from flashtemp.comparison.campaign import Campaign
     from flashtemp.discovery.verdict import Verdict
     from flashtemp.errors import BadInput, SolverFailure

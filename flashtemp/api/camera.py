@@ -50,7 +50,7 @@ def import_recording(
     with report_drawing_faults(
         saved, target.parent, target.with_suffix(".png").name, "the same command with --overwrite"
     ):
-        return replace(saved, picture=_draw_registration(result, target))
+        return replace(saved, picture=draw_registration(result, target))
 
 
 def inspect_files(
@@ -107,7 +107,7 @@ def _make_facts(given: dict[str, Any]) -> ImportOptions:
     return ImportOptions(**given)
 
 
-def _draw_registration(result: ImportResult, target: Path) -> Path | None:
+def draw_registration(result: ImportResult, target: Path) -> Path | None:
     """Draw the registration next to the recording; None for a profile or a single row of pixels."""
     recording = result.recording
     if recording.places is None and (recording.view == "profile" or min(len(recording.u), len(recording.v)) < 2):

@@ -1,4 +1,4 @@
-"""Commands for measurements: import, compare, discover, plan, and twin, which makes a synthetic campaign."""
+"""Commands for measurements: import, compare, watch, discover, plan, and twin, which makes a synthetic campaign."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ from cyclopts import Parameter
 from flashtemp.camera.importing.import_options import ImportOptions
 from flashtemp.camera.importing.import_request import ImportRequest
 from flashtemp.cli.terminal import (
+    EXIT_BAD_INPUT,
     EXIT_DONE,
     Json,
     Limit,
     Switch,
     Trust,
+    escape_controls,
     message_printer,
     print_message,
     print_result,
@@ -91,6 +93,62 @@ def compare(
     result, code = run_and_report(lambda: campaigns.compare(loaded, out=folder, say=message_printer(json)))
     print_result(result.as_dict() | {"out": str(folder)}, json, f"{result}\n  report in {folder}/report.html")
     return code
+
+
+def watch(
+    folder: Path,
+    campaign: Path,
+    /,
+    *,
+    out: Path | None = None,
+    interval: float = 2.0,
+    patience: float = 60.0,
+    once: Annotated[bool, Switch] = False,
+    until_decided: Annotated[bool, Switch] = False,
+    overwrite: Annotated[bool, Switch] = False,
+    workers: int | None = None,
+    limit: Limit = None,
+    trust: Trust = False,
+    json: Json = False,
+) -> int:
+    """Import and compare camera files as they arrive, and say when the data suffice to tell the hypotheses apart.
+
+    Parameters
+    ----------
+    folder
+        The folder in which camera files arrive.
+    campaign
+        A folder with a campaign.toml, or a .toml file; its recordings need not exist yet, but their templates.
+    out
+        Folder for watch.json and watch.png, rewritten after every file; results/NAME-watch when not given.
+    interval
+        Seconds between two looks into the folder.
+    patience
+        Seconds for which a file that cannot be read is tried again, before it is refused.
+    once
+        Process the files that are there and end; a refused file then gives exit code 2.
+    until_decided
+        End when the data suffice.
+    overwrite
+        Replace recordings even if they have frames whose camera files are not in the folder.
+    workers
+        Number of processes; one per core when not given.
+    """
+    from flashtemp.api import watching
+
+    target = result_folder(out, f"{(campaign if campaign.is_dir() else campaign.parent).resolve().name}-watch")
+    watched = watching.watch(
+        folder, campaign, out=target, interval=interval, patience=patience, once=once, until_decided=until_decided,
+        overwrite=overwrite, workers=workers, trust=trust, limit=limit, say=message_printer(json),
+    )  # fmt: skip
+    try:
+        for event in watched:
+            if not json:
+                print(escape_controls(str(event)), flush=True)
+    except KeyboardInterrupt:  # between two events
+        raise watched.interrupt() from None
+    print_result(watched.as_dict() | {"out": str(target)}, json, f"{watched}\n  state in {target}")
+    return EXIT_BAD_INPUT if once and watched.has_faults else EXIT_DONE
 
 
 def discover(

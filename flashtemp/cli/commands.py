@@ -30,7 +30,7 @@ COMMAND_GROUPS: dict[str, tuple[Any, ...]] = {  # groups and order of the help: 
         studies.sweep, studies.converge, studies.sensitivity, studies.repetitions, studies.wait, studies.effects,
     ),
     "Compare with measurements": (
-        campaigns.import_, campaigns.compare, campaigns.discover, campaigns.plan, campaigns.twin,
+        campaigns.import_, campaigns.compare, campaigns.watch, campaigns.discover, campaigns.plan, campaigns.twin,
     ),
     "Rubber and road": (
         friction.friction, friction.loads, friction.spots, friction.spectrum, friction.tread, friction.tyre,
@@ -47,6 +47,7 @@ SECOND_SPELLINGS = {  # an alias with the standard term of the field
 OPTION_UNITS: dict[str, Mapping[str, str]] = {  # units of the options of a command
     "import": import_options.IMPORT_OPTION_UNITS,
     "view": {"time": "s"},
+    "watch": {"interval": "s", "patience": "s"},
     "wait": {"below": "degC"},
     "repetitions": {"distance": "m"},
     "friction": {"slowest": "m/s", "fastest": "m/s"},

@@ -89,6 +89,7 @@ class Campaign(DisplayMixin):
 
     `candidates`: effects that may be missing.  `trust`: effect files of the case run whoever owns them.  `priors`
     {free key: relative standard deviation} and `known` {other key: standard deviation} as the campaign states them.
+    `awaited`: files of entries that do not exist yet, where they may be missing.
     """
 
     title: str
@@ -101,6 +102,7 @@ class Campaign(DisplayMixin):
     trust: bool = False
     priors: dict[str, float] = field(default_factory=dict)
     known: dict[str, StatedUncertainty] = field(default_factory=dict)
+    awaited: tuple[str, ...] = ()
 
     @property
     def entries(self) -> tuple[RecordingEntry | LoadCellEntry, ...]:
@@ -146,12 +148,15 @@ def describe_overrides(given: dict[str, Any]) -> str:
     return ", ".join(f"{k} = {v:g}" if isinstance(v, float) else f"{k} = {v}" for k, v in given.items()) or "the case"
 
 
-def load(path: str | Path, planned: bool = False, trust: bool = False, limit: float | None = None) -> Campaign:
+def load(
+    path: str | Path, planned: bool = False, trust: bool = False, limit: float | None = None, may_miss: bool = False
+) -> Campaign:
     """Read campaign.toml (or a folder that contains it) and all files that it refers to.
 
     With `planned`, a recording may state a `view` instead of a file; it is then empty, with the pixels and frames of a
     typical camera.  `trust` lets effect files of the case run whoever owns them; `limit`: GB of memory for reading one
-    recording.  Raises BadInput with all faults at once, one line each.
+    recording.  With `may_miss`, entries whose files do not exist yet are `awaited`.  Raises BadInput with all faults at
+    once, one line each.
     """
     path = Path(path)
     file = path / "campaign.toml" if path.is_dir() else path
@@ -159,7 +164,7 @@ def load(path: str | Path, planned: bool = False, trust: bool = False, limit: fl
         raise BadInput(case_file.describe_missing_file(path, file_kinds.CAMPAIGN_KIND))
     text, raw = case_file.read_toml(file)
     file_kinds.require_kind(file_kinds.CAMPAIGN_KIND, raw, file, file.name)
-    reader = _CampaignReader(case_file.KeyLocations(str(file), text), file.parent, planned, limit)
+    reader = _CampaignReader(case_file.KeyLocations(str(file), text), file.parent, planned, limit, may_miss)
     for key in raw.keys() - TOP_KEYS:
         reader.add_fault(key, f"unknown key{suggest_name(key, sorted(TOP_KEYS))}")
     case = reader.read_case(raw)
@@ -170,7 +175,7 @@ def load(path: str | Path, planned: bool = False, trust: bool = False, limit: fl
     forces = {n: f for n, e in enumerate(entries["force"], 1) if (f := reader.read_load_cell(e, n, load_case_with))}
     reader.refuse_repeated("recording", {n: v for n, v in views.items() if "file" in entries["recording"][n - 1]})
     reader.refuse_repeated("force", forces)
-    if not reader.faults and not views and not forces:
+    if not reader.faults and not views and not forces and not reader.awaited:
         reader.faults.append(f"{file}: holds no [[recording]] and no [[force]]; add at least one")
     priors = reader.read_priors(raw)
     free = reader.read_free_keys(tuple(priors) if priors is not None else reader.read_names(raw, "free"), stated_case)
@@ -182,7 +187,8 @@ def load(path: str | Path, planned: bool = False, trust: bool = False, limit: fl
         raise BadInput(*reader.faults)
     title = raw.get("title", file.resolve().parent.name)
     entered = tuple(views.values()), tuple(forces.values())
-    return Campaign(title, case, free, *entered, file.parent, candidates, trust, priors or {}, known)
+    awaited = tuple(dict.fromkeys(reader.awaited))
+    return Campaign(title, case, free, *entered, file.parent, candidates, trust, priors or {}, known, awaited)
 
 
 @dataclass(frozen=True)
@@ -193,7 +199,9 @@ class _CampaignReader:
     folder: Path
     planned: bool
     limit: float | None
+    may_miss: bool = False
     faults: list[str] = field(default_factory=list)
+    awaited: list[str] = field(default_factory=list)
 
     def add_fault(self, key: str, text: str, nth: int = 1) -> None:
         """Add a fault of a key, or of the `nth` table of that name."""
@@ -322,6 +330,8 @@ class _CampaignReader:
         sound = self._has_file(entry, "recording", number) if not is_planned else True
         if not (self._has_valid_keys(entry, "recording", number, load_case_with) and sound):
             return None
+        if not is_planned and self._is_awaited(entry):
+            return None
         given, sigma, held = _read_overrides(entry, load_case_with), entry.get("sigma_K"), entry.get("held_out", False)
         if is_planned:
             if load_case_with is None:
@@ -357,7 +367,7 @@ class _CampaignReader:
     ) -> LoadCellEntry | None:
         """A [[force]]; None, with a fault, where it cannot be used."""
         sound = self._has_file(entry, "force", number)
-        if not (self._has_valid_keys(entry, "force", number, load_case_with) and sound):
+        if not (self._has_valid_keys(entry, "force", number, load_case_with) and sound) or self._is_awaited(entry):
             return None
         try:
             time, mu = read_xy_pairs(entry["file"], self.folder, "file", columns=(TIME, FRICTION))
@@ -374,10 +384,17 @@ class _CampaignReader:
             more = "; a view without a file is for flashtemp plan" if "view" in entry else ""
             self.add_fault(kind, f"{kind} {number}: file: {file!r}; give the name of a file in quotes{more}", number)
             return False
+        if self._is_awaited(entry):
+            self.awaited.append(file)
+            return True
         if not _path_exists(self.folder / file) or not (self.folder / file).is_file():
             self.add_fault(kind, f"{kind} {number}: file: no file '{file}' in {self.folder}", number)
             return False
         return True
+
+    def _is_awaited(self, entry: dict[str, Any]) -> bool:
+        """Whether the file of an entry may be missing and does not exist."""
+        return self.may_miss and not _path_exists(self.folder / entry["file"])
 
     def _has_valid_keys(self, entry: dict[str, Any], kind: str, number: int, load_case_with: CaseLoader | None) -> bool:
         """Whether the keys that recordings and forces share are valid; if not, faults are added."""

@@ -26,8 +26,8 @@ from flashtemp.discovery.diagnostics.adequacy_tests import run_adequacy_tests
 from flashtemp.discovery.diagnostics.effect_size import LargestChange
 from flashtemp.discovery.diagnostics.extended_case import write_extended_case
 from flashtemp.discovery.diagnostics.mesh_resolution import (
-    COARSER_ACROSS_FACTORS,
     COARSER_CELL_FACTORS,
+    coarser_mesh_factors,
     lateral_resolution_warnings,
 )
 from flashtemp.discovery.diagnostics.setup_errors import SetupError, find_setup_errors
@@ -157,10 +157,11 @@ def judge_with_law(verdict: Verdict, search: EffectSearch, watch: ProgressCallba
 
 def predict_coarser_meshes(problem: Problem) -> list[list[Prediction]]:
     """Predictions of the stated model on each of the coarser meshes, simulated in one batch."""
-    cells = (
-        (*COARSER_CELL_FACTORS, COARSER_ACROSS_FACTORS) if problem.case["numerics.across"] > 1 else COARSER_CELL_FACTORS
-    )
-    tasks = [task for c in cells for task in problem.make_tasks(problem.stated_model, DerivativeRequest(), c)]
+    tasks = [
+        task
+        for c in coarser_mesh_factors(problem.case)
+        for task in problem.make_tasks(problem.stated_model, DerivativeRequest(), c)
+    ]
     answers, count = problem.predict(tasks), len(problem.conditions)
     return [answers[k : k + count] for k in range(0, len(answers), count)]
 

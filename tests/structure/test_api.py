@@ -123,7 +123,14 @@ CALLS = {  # every public call on something small
     "spots": lambda lab: flashtemp.spots(cutoff=2e-3, length=0.01, width=0.01, pixel=2e-4, out=lab / "road.npz"),
     "spectrum": lambda lab: flashtemp.spectrum(ROOT / "tests" / "data" / "captif_profile.dat", profile=True),
 }  # fmt: skip
-SLOW = {"loads", "discover", "view", "resume", "check_effect"}  # their commands make the calls in tests of their own
+SLOW = {
+    "loads",
+    "discover",
+    "view",
+    "resume",
+    "check_effect",
+    "watch",
+}  # their commands make the calls in tests of their own
 TYPES = {name for name in flashtemp.__all__ if isinstance(getattr(flashtemp, name), type)}
 
 

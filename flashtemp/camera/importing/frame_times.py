@@ -146,6 +146,13 @@ def _read_rows(path: Path) -> list[dict[str, str]]:
     ]
 
 
+def read_stated_times(facts: ImportOptions) -> np.ndarray | None:
+    """Times of all frames that the table `times` states, s, increasing; None without one.  Raises BadInput."""
+    if facts.times is None:
+        return None
+    return np.sort(np.array([float(row["time"]) for row in _read_rows(Path(facts.times))]))
+
+
 def _times_key(label: str, where: str) -> tuple[str, float]:
     """Key of a column, and for times the factor from its unit to s."""
     name, unit = header.split_label(label, "s")

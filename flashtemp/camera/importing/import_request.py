@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -75,7 +75,12 @@ def expand_patterns(names: Sequence[str], folder: Path = Path()) -> list[Path]:
         groups.append([path] if some is None else some)
     if not groups:
         raise BadInput("no camera files; give files, a folder or a recording template (.toml)")
-    return [path for group in groups for path in sorted(group, key=_sort_key)]
+    return [path for group in groups for path in sort_files(group)]
+
+
+def sort_files(paths: Iterable[Path]) -> list[Path]:
+    """Files in the order of their names: numbers by value, a copy after its original."""
+    return sorted(paths, key=_sort_key)
 
 
 def _matching_files(path: Path) -> list[Path] | None:

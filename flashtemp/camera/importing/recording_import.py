@@ -38,7 +38,8 @@ CAMERA_ATTRIBUTES = {  # option: attribute of the recording
 class ImportResult(DisplayMixin):
     """An imported recording with `notes` on what was recognised and done, its files, and the block (m) if known.
 
-    `saved` is the file of the recording, `picture` the file that shows its registration.
+    `saved` is the file of the recording, `picture` the file that shows its registration.  `file_numbers` (frames,):
+    index in `files` of the file that each frame is from; None for tables of thermocouples.
     """
 
     recording: Recording
@@ -47,6 +48,7 @@ class ImportResult(DisplayMixin):
     block: tuple[float, float] | None = None
     saved: Path | None = None
     picture: Path | None = None
+    file_numbers: np.ndarray | None = None
 
     def as_dict(self) -> dict:
         """Plain numbers and text for JSON."""
@@ -103,7 +105,7 @@ def import_recording(
         raise BadInput("places: belong to thermocouples; give --view points with them")
     if facts.time_column is not None:
         raise BadInput("time_column: belongs to thermocouples; give --view points with it")
-    return _import_images(_thin_files(names, facts), facts, report_progress, folder)
+    return _import_images(thin_files(names, facts), facts, report_progress, folder)
 
 
 def missing_options(names: list[Path], facts: ImportOptions) -> tuple[str, ...]:
@@ -122,56 +124,84 @@ def missing_options(names: list[Path], facts: ImportOptions) -> tuple[str, ...]:
 def _import_images(
     names: list[Path], facts: ImportOptions, report_progress: Callable[[str], Any], folder: Path | None
 ) -> ImportResult:
-    seen: list[tuple[Path, frame_times.FrameTimestamps]] = []
-    stack, notes, outside = FrameBuffer(folder), [], 0
-    first: tuple[Path, RawFrames] | None = None
-    place: FrameRectifier | None = None
+    images = ImageImport(facts, folder)
     for number, path in enumerate(names, 1):
-        stamps: list[frame_times.FrameTimestamps] = []
-        for frames, last in _iter_frames(path, facts):
-            if first is not None:
-                readers.check_same_kind(*first, path, frames)
-            else:
-                first = path, replace(frames, temperature=frames.temperature[:1], counts=None)
-                _check_options(path, frames, facts, last)
-            try:
-                T, radiometry_notes = apply_radiometry(frames, facts)
-            except BadInput as fault:
-                raise BadInput(*(f"{path}: {t}" for t in fault.lines)) from fault
-            if place is None:
-                notes += [f"{path}: {frames}", *frames.notes, *radiometry_notes]
-                place = FrameRectifier(frames, facts, T)
-                notes += place.notes
-            elif number == 1:
-                notes += [note for note in frames.notes if note not in notes]
-            grid = place(T)
-            stack.add(grid.temperature)
-            outside += frames.outside
-            stamps.append(frame_times.FrameTimestamps.from_pieces([frames]))
-        seen.append((path, frame_times.FrameTimestamps.from_pieces(stamps)))
+        images.add_file(path)
         if number % 50 == 0:
             report_progress(f"{number} of {len(names)} files read")
-    assert first is not None  # at least one file has been read
-    assert place is not None
-    if len(names) > 1:
-        notes[0] = f"{len(names)} files, the first: {notes[0]}"
-        notes += describe_order(names)
-    elif seen[0][1].count > len(first[1].temperature):
-        notes.append(f"{seen[0][1].count} frames in all")
-    if outside:
-        notes.append(f"{outside} values beyond the camera's range are left out; they are no dead pixels")
-    time = frame_times.resolve_times(seen, facts)
-    repetition = frame_times.resolve_repetitions(seen, time, facts)
-    order = np.argsort(time, kind="stable")
-    if np.any(np.diff(order) < 0):
-        notes.append("frames put in order of time")
-    recording = Recording(
-        place.view, stack.ordered_images(order), time[order], repetition[order], grid.u, grid.v,
-        source=f"{names[0].name} and {len(names) - 1} more" if len(names) > 1 else names[0].name,
-        **_camera_attributes(first[1], facts),
-    )  # fmt: skip
-    check_block_in_view(recording, block := facts.block_outline)
-    return ImportResult(recording, tuple(notes), tuple(names), block)
+    return images.make_recording()
+
+
+class ImageImport:
+    """The import of image files one after the other; the recording of the files so far can be made at any time.
+
+    Place and masked pixels follow from the first file.  Many images are buffered in a file in `folder`.  After an error
+    the import must not be continued, because frames before the damage may have been added already.
+    """
+
+    def __init__(self, facts: ImportOptions, folder: Path | None = None):
+        self.facts = facts
+        self._stack, self._notes, self._outside = FrameBuffer(folder), list[str](), 0
+        self._seen: list[tuple[Path, frame_times.FrameTimestamps]] = []
+        self._first: tuple[Path, RawFrames] | None = None
+        self._place: FrameRectifier | None = None
+        self._grid: rectification.RectifiedFrames | None = None
+
+    def add_file(self, path: Path) -> None:
+        """Read the frames of the next file.  BadInput names the file or option and the remedy."""
+        stamps: list[frame_times.FrameTimestamps] = []
+        for frames, last in _iter_frames(path, self.facts):
+            self._add_frames(path, frames, last)
+            stamps.append(frame_times.FrameTimestamps.from_pieces([frames]))
+        self._seen.append((path, frame_times.FrameTimestamps.from_pieces(stamps)))
+
+    def _add_frames(self, path: Path, frames: RawFrames, last: bool) -> None:
+        if self._first is not None:
+            readers.check_same_kind(*self._first, path, frames)
+        else:
+            _check_options(path, frames, self.facts, last)
+            self._first = path, replace(frames, temperature=frames.temperature[:1], counts=None)
+        try:
+            T, radiometry_notes = apply_radiometry(frames, self.facts)
+        except BadInput as fault:
+            raise BadInput(*(f"{path}: {t}" for t in fault.lines)) from fault
+        if self._place is None:
+            self._place = FrameRectifier(frames, self.facts, T)
+            self._notes += [f"{path}: {frames}", *frames.notes, *radiometry_notes, *self._place.notes]
+        elif not self._seen:
+            self._notes += [note for note in frames.notes if note not in self._notes]
+        self._grid = self._place(T)
+        self._stack.add(self._grid.temperature)
+        self._outside += frames.outside
+
+    def make_recording(self) -> ImportResult:
+        """The recording of all files so far, at least one.  Raises BadInput."""
+        seen, facts, notes = self._seen, self.facts, list(self._notes)
+        first, place, grid = self._first, self._place, self._grid
+        assert first is not None  # at least one file has been read
+        assert place is not None
+        assert grid is not None
+        names = [path for path, _ in seen]
+        if len(names) > 1:
+            notes[0] = f"{len(names)} files, the first: {notes[0]}"
+            notes += describe_order(names)
+        elif seen[0][1].count > len(first[1].temperature):
+            notes.append(f"{seen[0][1].count} frames in all")
+        if self._outside:
+            notes.append(f"{self._outside} values beyond the camera's range are left out; they are no dead pixels")
+        time = frame_times.resolve_times(seen, facts)
+        repetition = frame_times.resolve_repetitions(seen, time, facts)
+        order = np.argsort(time, kind="stable")
+        if np.any(np.diff(order) < 0):
+            notes.append("frames put in order of time")
+        recording = Recording(
+            place.view, self._stack.ordered_images(order), time[order], repetition[order], grid.u, grid.v,
+            source=f"{names[0].name} and {len(names) - 1} more" if len(names) > 1 else names[0].name,
+            **_camera_attributes(first[1], facts),
+        )  # fmt: skip
+        check_block_in_view(recording, block := facts.block_outline)
+        origin = np.repeat(np.arange(len(seen)), [stamps.count for _, stamps in seen])[order]
+        return ImportResult(recording, tuple(notes), tuple(names), block, file_numbers=origin)
 
 
 def _iter_frames(path: Path, facts: ImportOptions) -> Iterator[tuple[RawFrames, bool]]:
@@ -184,7 +214,7 @@ def _iter_frames(path: Path, facts: ImportOptions) -> Iterator[tuple[RawFrames, 
         piece = following
 
 
-def _thin_files(names: list[Path], facts: ImportOptions) -> list[Path]:
+def thin_files(names: list[Path], facts: ImportOptions) -> list[Path]:
     """Every n-th file (`every`), if each holds one frame."""
     if (facts.every or 1) == 1 or len(names) == 1:
         return names

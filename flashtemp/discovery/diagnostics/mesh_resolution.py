@@ -14,10 +14,16 @@ from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD
 from flashtemp.discovery.estimation.whitening import WhitenedData
 from flashtemp.discovery.parameters import Kind
 from flashtemp.discovery.prediction.prediction import Prediction
+from flashtemp.model.case import Case
 
 # cell factors of the runs that estimate the mesh error: along, up and down, and across in 3D
 COARSER_CELL_FACTORS = ((0.6, 1, 1), (1, 0.6, 1), (1, 1, 0.6), (0.5, 0.5, 0.5))
 COARSER_ACROSS_FACTORS = (1, 1, 1, 0.5)
+
+
+def coarser_mesh_factors(case: Case) -> tuple[tuple[float, ...], ...]:
+    """Cell factors of the meshes that estimate the mesh error of a case."""
+    return (*COARSER_CELL_FACTORS, COARSER_ACROSS_FACTORS) if case["numerics.across"] > 1 else COARSER_CELL_FACTORS
 
 
 def lateral_resolution_warnings(

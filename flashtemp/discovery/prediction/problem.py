@@ -107,7 +107,7 @@ def prepare_problem(campaign: Campaign, run: TaskRunner) -> Problem:
         raise BadInput("campaign: held_out = true for all recordings and load cells; leave at least one to be fitted")
     assumed = {v.file: missing for v in campaign.views if (missing := _unstated_facts(v))}
     campaign, screening = screen_campaign(campaign)
-    campaign = average_frames(replace(campaign, views=tuple(map(_assume_facts, campaign.views))))
+    campaign = average_frames(replace(campaign, views=tuple(map(assume_camera_facts, campaign.views))))
     case = campaign.load({})
     for key in campaign.free:
         value = case[key]
@@ -132,7 +132,7 @@ def _unstated_facts(view: RecordingEntry) -> tuple[str, ...]:
     return tuple(name for name in ASSUMED_CAMERA_VALUES if getattr(view.recording, name) is None)
 
 
-def _assume_facts(view: RecordingEntry) -> RecordingEntry:
+def assume_camera_facts(view: RecordingEntry) -> RecordingEntry:
     """A view with usual values for those that it does not state."""
     usual: dict[str, Any] = {name: ASSUMED_CAMERA_VALUES[name] for name in _unstated_facts(view)}
     return replace(view, recording=replace(view.recording, **usual)) if usual else view

@@ -130,7 +130,7 @@ class RollingStudy(DisplayMixin):
         """Write the complete case, curves and numbers to `folder`, later renamed to `out`."""
         case, table = self.setup.case, self.setup.table
         (folder / "case.toml").write_text(case.toml(case.copy_files(folder)), encoding="utf-8")
-        (folder / f"{table}.csv").write_text("\n".join(self.result.rows()) + "\n", encoding="utf-8")
+        (folder / f"{table}.csv").write_text("\n".join(self.result.csv_rows()) + "\n", encoding="utf-8")
         write_json(self.as_dict() | {"out": str(out)}, folder / f"{table}.json")
 
     @abstractmethod

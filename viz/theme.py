@@ -11,6 +11,7 @@ from collections.abc import Callable
 from functools import wraps
 from importlib import import_module
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.colors import ListedColormap, Normalize
@@ -32,6 +33,9 @@ TEMPERATURE_MAP_NAME = "inferno"
 REPETITION_MAP_NAME = "viridis"
 CELSIUS = "°C"
 FIGURE_DPI = 160
+TITLE_LETTERS_PER_IN, CAPTION_LETTERS_PER_IN = 11, 17.5  # letters of a title or caption in an inch
+TICK_STEPS = (1, 2, 5, 10)  # times a power of ten: the steps between ticks
+FigureLayout = Literal["constrained", "compressed", "tight"]
 WIDE_FIGURE_IN, NARROW_FIGURE_IN = 7.2, 5.2  # inches
 MATPLOTLIB_STYLE = {
     "font.size": 8.0,
@@ -58,7 +62,7 @@ MATPLOTLIB_STYLE = {
 def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
     """Decorator: `draw` runs under this theme, and matplotlib's settings are restored afterwards.
 
-    Titles and labels of the figure are shown as plain text, never as mathematics.
+    Titles and labels of the figure are shown as plain text, never as mathematics, and ticks are round numbers.
     """
 
     @wraps(draw)
@@ -67,17 +71,89 @@ def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
             result = draw(*args, **kwargs)
             if isinstance(result, Figure):  # a writer of animations returns a path
                 show_as_text(result)
+                round_ticks(result)
             return result
 
     return wrapped
 
 
-def make_figure(title: str, width: float, height: float) -> Figure:
-    """An empty figure of `width` x `height` inches with a title and constrained layout."""
-    fig = Figure(figsize=(width, height), layout="constrained", facecolor="white")
-    short = textwrap.shorten(title, round(11 * width), placeholder=" ...")
-    fig.suptitle(short, x=0.01, ha="left", parse_math=False)
+def make_figure(
+    shown: str, subject: str, width: float, height: float, layout: FigureLayout | None = "constrained"
+) -> Figure:
+    """An empty figure of `width` x `height` inches; its title says what is `shown` and of which `subject`."""
+    fig = Figure(figsize=(width, height), layout=layout, facecolor="white")
+    fig.suptitle(compose_title(shown, subject, width), x=0.01, ha="left", parse_math=False)
     return fig
+
+
+def compose_title(shown: str, subject: str, width: float) -> str:
+    """The title of a picture `width` inches wide, in one or two lines; a long subject is shortened.
+
+    >>> compose_title("Heat budget", "run-in", 7.2), compose_title("Heat budget", "a block that slides", 2.0)
+    ('Heat budget, run-in', 'Heat budget, a block\\nthat slides')
+    """
+    text = f"{shown}, {subject}" if subject.strip() else shown
+    lines = textwrap.wrap(text, round(TITLE_LETTERS_PER_IN * width), max_lines=2, placeholder=" ...")
+    return "\n".join(lines)
+
+
+def add_caption(figure: Figure, text: str) -> None:
+    """Small text below a figure, wrapped to its width; line ends stay."""
+    width = round(CAPTION_LETTERS_PER_IN * figure.get_figwidth())
+    lines = [textwrap.fill(line, width) for line in text.splitlines()]
+    figure.supxlabel("\n".join(lines), x=0.01, ha="left", fontsize=7.0)
+
+
+def round_ticks(figure: Figure) -> None:
+    """Ticks of all linear axes and colour bars in steps of 1, 2 or 5, where matplotlib chose them."""
+    from matplotlib.ticker import AutoLocator
+
+    for ax in figure.axes:
+        for axis in (ax.xaxis, ax.yaxis):
+            locator = axis.get_major_locator()
+            if type(locator) is AutoLocator:
+                locator.set_params(steps=list(TICK_STEPS))
+
+
+def round_values(low: float, high: float, max_steps: int = 6) -> np.ndarray:
+    """Values in steps of 1, 2 or 5 from the last one below `low` to the first one above `high`.
+
+    >>> round_values(20.0, 47.6).tolist(), round_values(-1.0, 1.0, 4).tolist()
+    ([20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0], [-1.0, -0.5, 0.0, 0.5, 1.0])
+    """
+    from matplotlib.ticker import MaxNLocator
+
+    return np.asarray(MaxNLocator(max_steps, steps=list(TICK_STEPS)).tick_values(low, high))
+
+
+def add_colour_bar(figure: Any, picture: Any, axes: Any, label: str, **how: Any) -> Any:
+    """A colour bar with a thin outline; around zero, it is labelled at its ends, at zero and between them."""
+    bar = figure.colorbar(picture, ax=axes, label=label, **how)
+    bar.outline.set_linewidth(0.4)
+    if bar.norm.vmin == -bar.norm.vmax:
+        bar.set_ticks(symmetric_ticks(bar.norm.vmax))
+    return bar
+
+
+def symmetric_ticks(limit: float) -> np.ndarray:
+    """Round ticks from -limit to limit, where that is a limit of `symmetric_limit`.
+
+    >>> symmetric_ticks(0.4).tolist(), symmetric_ticks(6.0).tolist()
+    ([-0.4, -0.2, 0.0, 0.2, 0.4], [-6.0, -4.0, -2.0, 0.0, 2.0, 4.0, 6.0])
+    """
+    ticks = round_values(-limit, limit)
+    return ticks[np.abs(ticks) <= limit * (1 + 1e-9)]
+
+
+def symmetric_limit(value: float) -> float:
+    """The smallest 1, 2, 4, 6 or 10 times a power of ten that is at least `value` (> 0): its half is a round number.
+
+    >>> symmetric_limit(0.23), symmetric_limit(1.7), symmetric_limit(6.1)
+    (0.4, 2.0, 10.0)
+    """
+    power = 10.0 ** np.floor(np.log10(value))
+    step = next(s for s in (1, 2, 4, 6, 10) if s * power >= value * (1 - 1e-9))
+    return float(f"{step * power:.6g}")
 
 
 def save_figure(figure: Figure, path: Path, dpi: int = FIGURE_DPI) -> Path:

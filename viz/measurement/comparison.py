@@ -32,7 +32,7 @@ from flashtemp.viz.time_axis import repetition_axis
 COMPARISON_WIDTH_IN = 9.6  # four images side by side
 MASKED_COLOUR = "#A9A9A9"
 KELVIN_MAP, SIGMA_MAP = "RdBu_r", "PuOr_r"
-MAX_COLOUR_SIGMA = 5.0  # sigma at the ends of the colour bar
+MAX_COLOUR_SIGMA = 6.0  # sigma at the ends of the colour bar
 MARGIN_PX = 2  # pixels drawn around the compared ones
 STRUCTURE_SIZE_PX = 5  # side of the square that counts as one structure
 MAX_DOTS_DRAWN = 1500  # readings of a load cell
@@ -92,8 +92,9 @@ def draw_images(result, run=None, only: bool = False) -> Figure:
     u, v = pixel_edges(r.u), pixel_edges(r.v)
     across, up = _compared_limits(result, u, 1), _compared_limits(result, v, 0)
     tall = np.clip((up[1] - up[0]) / (across[1] - across[0]), 0.2, 1.3)
+    height = 1.3 + len(shown) * (0.16 + 1.8 * max(tall, 0.28))
     fig = make_recording_figure(
-        result.view, COMPARISON_WIDTH_IN, 1.3 + len(shown) * (0.16 + 1.8 * max(tall, 0.28)), layout="compressed"
+        "Measured and computed temperature", result.view, COMPARISON_WIDTH_IN, height, layout="compressed"
     )
     axes = fig.subplots(len(shown), 4, sharex=True, sharey=True, squeeze=False)
     stacks, norms = _image_columns(result, shown), _colour_norms(result, shown)
@@ -112,7 +113,7 @@ def draw_images(result, run=None, only: bool = False) -> Figure:
         if result.largest is not None and k == _largest_residual_frame(result):
             _mark_largest(axes[row, 2:], result)
     axes[0, 0].set(xlim=across, ylim=up)
-    axes[0, 0].xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
+    axes[0, 0].xaxis.set_major_locator(MaxNLocator(4, steps=list(theme.TICK_STEPS)))
     for ax, title in zip(axes[0], IMAGE_TITLES, strict=True):
         ax.set_title(title, weight="bold")
     for ax in axes[-1]:
@@ -152,7 +153,7 @@ def _colour_norms(result, shown: list[int]) -> list:
     largest = max(3.0 * result.noise.white, np.nanpercentile(np.abs(off), 99.5))
     if result.largest is not None:
         largest = max(largest, abs(result.largest.K))
-    limit = theme.nice_ceil(largest)
+    limit = theme.symmetric_limit(largest)
     return [heat, heat, Normalize(-limit, limit), Normalize(-MAX_COLOUR_SIGMA, MAX_COLOUR_SIGMA)]
 
 
@@ -170,12 +171,10 @@ def _add_colour_bars(fig, axes) -> None:
         below = any((i.get_array() < norm.vmin).any() for i in shown)
         above = any((i.get_array() > norm.vmax).any() for i in shown)
         extend = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[below, above]
-        bar = fig.colorbar(
-            shown[0], ax=columns, label=label, aspect=aspect, extend=extend, location="bottom", pad=pad,
+        theme.add_colour_bar(
+            fig, shown[0], columns, label, aspect=aspect, extend=extend, location="bottom", pad=pad,
             fraction=min(0.12, 0.17 / len(axes)),
         )  # fmt: skip
-        bar.outline.set_linewidth(0.4)
-        bar.set_ticks(np.linspace(-1.0, 1.0, 5) * norm.vmax if norm.vmin == -norm.vmax else MaxNLocator(9))
 
 
 def _mark_largest(axes, result) -> None:
@@ -195,7 +194,7 @@ def draw_mean_residuals(result, run=None) -> Figure:
     """
     r, level = result.view.recording, result.noise
     up, where = UPWARD_AXES.get(r.view, ("", ""))
-    fig = make_recording_figure(result.view, COMPARISON_WIDTH_IN, 5.0)
+    fig = make_recording_figure("Mean of measured minus computed", result.view, COMPARISON_WIDTH_IN, 5.0)
     grid = fig.add_gridspec(2, 2)
     first = fig.add_subplot(grid[0, 0] if up else grid[0, :])
     _draw_curve(first, 1e3 * r.u, mean_residual(result.residual, level, 2), "along x", theme.x_axis_label(run))
@@ -207,8 +206,7 @@ def draw_mean_residuals(result, run=None) -> Figure:
     if several:
         _draw_per_repetition(fig.add_subplot(grid[1, 1]), result)
     fig.supylabel("mean of measured − computed (K)", fontsize=8.0)
-    note = "blue band: two standard errors of the mean due to noise alone; red: outside"
-    fig.supxlabel(note, fontsize=7.5)
+    theme.add_caption(fig, "Blue band: two standard errors of the mean due to noise alone. Red: outside.")
     return fig
 
 
@@ -253,7 +251,7 @@ def draw_friction(force_result) -> Figure:
     """Friction coefficient (1) measured and computed over the sliding time (s), and their difference."""
     s, on, starts = sliding_time(force_result)
     mu, computed, off = np.array(force_result.force.mu)[on], force_result.predicted[on], force_result.residual[on]
-    fig = make_recording_figure(force_result.force, COMPARISON_WIDTH_IN, 4.2)
+    fig = make_recording_figure("Measured and computed friction", force_result.force, COMPARISON_WIDTH_IN, 4.2)
     above, below = fig.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
     part, half = slice(None, None, max(1, -(-len(s) // MAX_DOTS_DRAWN))), BAND_SIGMA * force_result.sigma
     above.plot(s[part], mu[part], "o", color=MEASURED_COLOUR, ms=2.2, mew=0, label="measured")
@@ -273,8 +271,8 @@ def draw_friction(force_result) -> Figure:
         for k in starts:
             ax.axvline(0.5 * (s[k - 1] + s[k]), color=theme.WAITING_COLOUR, lw=1.2, zorder=0)
         ax.set_xlim(0.0, s[-1] if len(s) and s[-1] > 0 else 1.0)
-    note = "blue band: two standard deviations of the noise of one reading; red: outside"
-    fig.supxlabel(note + ("; grey lines: waits" if len(starts) else ""), fontsize=7.5)
+    note = "Blue band: two standard deviations of the noise of one reading. Red: outside."
+    theme.add_caption(fig, note + (" Grey lines: waits." if len(starts) else ""))
     return fig
 
 
@@ -297,12 +295,8 @@ def draw_summary(comparison) -> Figure:
     blocks = [(comparison.recordings, "recordings", "K"), (comparison.forces, "friction", "–")]
     blocks = [b for b in blocks if b[0]]
     rows = [max(len(results), 2) for results, _, _ in blocks]
-    fig = Figure(
-        figsize=(COMPARISON_WIDTH_IN, 0.6 + 0.75 * len(blocks) + 0.26 * sum(rows)),
-        layout="constrained",
-        facecolor="white",
-    )
-    fig.suptitle(escape_mathematics(comparison.campaign.title)[:110], x=0.01, ha="left")
+    height = 0.6 + 0.75 * len(blocks) + 0.26 * sum(rows)
+    fig = theme.make_figure("Size of all differences", comparison.campaign.title, COMPARISON_WIDTH_IN, height)
     axes = fig.subplots(len(blocks), 2, squeeze=False, height_ratios=rows, width_ratios=[1.3, 1.0])
     for (left, right), (results, title, unit) in zip(axes, blocks, strict=True):
         _draw_sizes(left, results, title, unit)

@@ -25,7 +25,7 @@ MAX_POINTS_DRAWN = 12
 @theme.styled
 def draw_points(result) -> Figure:
     """Temperatures (degC) of up to twelve points over time (s), measured as dots and computed as lines; below, K."""
-    r, fig = result.view.recording, make_recording_figure(result.view, POINT_FIGURE_WIDTH_IN, 4.6)
+    r, fig = result.view.recording, _measured_and_computed(result, POINT_FIGURE_WIDTH_IN, 4.6)
     above, below = fig.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
     for j, name in enumerate(r.places.names[:MAX_POINTS_DRAWN]):
         colour = POINT_COLOURS[j % len(POINT_COLOURS)]
@@ -36,8 +36,12 @@ def draw_points(result) -> Figure:
     above.set_ylabel(f"temperature ({theme.CELSIUS})")
     above.legend(title="dots measured, lines computed", ncols=3)
     below.set(xlabel="time (s)", ylabel="measured −\ncomputed (K)")
-    fig.supxlabel("blue band: two standard deviations of the noise of one reading", fontsize=7.5)
+    theme.add_caption(fig, "Blue band: two standard deviations of the noise of one reading.")
     return fig
+
+
+def _measured_and_computed(result, width: float, height: float) -> Figure:
+    return make_recording_figure("Measured and computed temperature", result.view, width, height)
 
 
 @theme.styled
@@ -46,8 +50,9 @@ def draw_recording(recording, block=None) -> Figure:
 
     `block` (length, height in m) is outlined if given.
     """
-    fig = Figure(figsize=(POINT_FIGURE_WIDTH_IN, 3.6), layout="constrained", facecolor="white")
-    fig.suptitle(escape_mathematics(recording.source or "thermocouples"), x=0.01, ha="left")
+    fig = theme.make_figure(
+        "Temperature of the points", recording.source or "thermocouples", POINT_FIGURE_WIDTH_IN, 3.6
+    )
     left, right = fig.subplots(1, 2, width_ratios=[1.6, 1.0])
     places, many = recording.places, range(min(len(recording.places), MAX_POINTS_DRAWN))
     for j in many:
@@ -110,7 +115,7 @@ def draw_profile(result, chosen: dict[int, str]) -> Figure:
     """A profile over x (mm): curves (degC), and below their difference (K) with the noise band of one pixel."""
     r, shown = result.view.recording, list(chosen)
     x, noise = 1e3 * r.u, np.hypot(result.noise.white, result.noise.pattern)
-    fig = make_recording_figure(result.view, POINT_FIGURE_WIDTH_IN if len(shown) > 1 else theme.NARROW_FIGURE_IN, 4.4)
+    fig = _measured_and_computed(result, POINT_FIGURE_WIDTH_IN if len(shown) > 1 else theme.NARROW_FIGURE_IN, 4.4)
     axes = fig.subplots(2, len(shown), sharex=True, sharey="row", squeeze=False, height_ratios=[1.6, 1.0])
     for k, above, below in zip(shown, *axes, strict=True):
         measured = np.where(np.isfinite(result.residual[k, 0]), r.temperature[k, 0], np.nan)
@@ -125,5 +130,5 @@ def draw_profile(result, chosen: dict[int, str]) -> Figure:
     axes[0, 0].set_ylabel(f"temperature ({theme.CELSIUS})")
     axes[0, 0].legend()
     axes[1, 0].set_ylabel("measured −\ncomputed (K)")
-    fig.supxlabel("blue band: two standard deviations of the noise of one pixel; red: outside", fontsize=7.5)
+    theme.add_caption(fig, "Blue band: two standard deviations of the noise of one pixel. Red: outside.")
     return fig

@@ -7,7 +7,6 @@ from matplotlib.colors import ListedColormap, Normalize, to_rgba
 from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
-from flashtemp.viz.literal_text import escape_mathematics
 
 IMAGES_PER_ROW, CHARTS_HEIGHT_IN = 3, 2.1
 OUT_OF_RANGE_COLOUR = "#D0D0D0"  # pixels outside the camera's range
@@ -20,14 +19,14 @@ def draw(look) -> Figure:
     n, (high, wide) = len(look.images), look.images.shape[1:]
     columns, rows = min(n, IMAGES_PER_ROW), -(-n // IMAGES_PER_ROW)
     tall = rows * (np.clip(high / wide, 0.2, 1.4) * theme.WIDE_FIGURE_IN / max(columns, 1.6) + 0.35) + 0.3
-    fig = Figure(figsize=(theme.WIDE_FIGURE_IN, 0.4 + tall + CHARTS_HEIGHT_IN), layout="constrained", facecolor="white")
-    fig.suptitle(escape_mathematics(str(look).splitlines()[0]), x=0.01, ha="left")
+    height = 0.4 + tall + CHARTS_HEIGHT_IN
+    fig = theme.make_figure("Images as recorded", str(look).splitlines()[0], theme.WIDE_FIGURE_IN, height)
     above, below = fig.subfigures(2, 1, height_ratios=[tall, CHARTS_HEIGHT_IN], squeeze=False)[:, 0]
     plain_range = look.difference or look.counted
     norm = Normalize(*theme.padded_limits(look.images, least=1e-3, margin=0.0)) if plain_range else None
     norm = norm or theme.temperature_norm(look.images)
-    words = {"K": "difference of temperatures, K", "counts": "counts of the camera"}
-    label = words.get(look.unit, f"temperature, {theme.CELSIUS}")
+    words = {"K": "difference of temperatures (K)", "counts": "counts of the camera"}
+    label = words.get(look.unit, f"temperature ({theme.CELSIUS})")
     axes = above.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
     for ax, image, number in zip(axes, look.images, look.shown, strict=False):
         shown = ax.imshow(image, cmap=theme.temperature_map(), norm=norm, interpolation="nearest")
@@ -36,10 +35,10 @@ def draw(look) -> Figure:
         ax.set_title(_describe_time(look, int(number)))
     for ax in axes[n:]:
         ax.remove()
-    axes[0].set_ylabel("row, px")
+    axes[0].set_ylabel("row (px)")
     for ax in axes[max(0, n - columns) : n]:
-        ax.set_xlabel("column, px")
-    above.colorbar(shown, ax=list(axes[:n]), label=label, fraction=0.04)
+        ax.set_xlabel("column (px)")
+    theme.add_colour_bar(above, shown, list(axes[:n]), label, fraction=0.04)
     *left, right = below.subplots(1, 2, width_ratios=[1.5, 1.0]) if len(look.mean) > 1 else [below.subplots()]
     for ax in left:  # one value makes no curve
         _draw_mean_course(ax, look)
@@ -63,11 +62,11 @@ def _draw_mean_course(ax, look) -> None:
     """Mean of every frame over the time in the file, or over the frame number."""
     x, label = np.arange(len(look.mean)), "frame"
     if look.time is not None:
-        x, label = look.time, "time, s"
+        x, label = look.time, "time (s)"
     elif look.clock is not None:
-        x, label = look.clock - look.clock[0], "time after the first frame, s"
+        x, label = look.clock - look.clock[0], "time after the first frame (s)"
     ax.plot(x, look.mean, "o" if len(x) < 60 else "-", ms=3, color="#2B2B2B")
-    ax.set(xlabel=label, ylabel=f"mean of the image, {theme.CELSIUS if look.unit == 'degC' else look.unit}")
+    ax.set(xlabel=label, ylabel=f"mean of the image ({theme.CELSIUS if look.unit == 'degC' else look.unit})")
 
 
 def encode_png(image: np.ndarray, low: float, high: float, zoom: int = 1, dead: np.ndarray | None = None) -> bytes:

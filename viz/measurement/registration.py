@@ -6,12 +6,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from flashtemp.viz.theme import CELSIUS, WIDE_FIGURE_IN, styled, temperature_map, temperature_norm
+from flashtemp.viz import theme
 
 OUTLINE_COLOUR, ORIGIN_COLOUR = "#56B4E9", "white"
 
 
-@styled
+@theme.styled
 def draw(recording, block=None) -> Figure:
     """The middle frame (mm) with the expected outline of the `block` (length, height in m), if given.
 
@@ -22,19 +22,20 @@ def draw(recording, block=None) -> Figure:
     edges = (u[0] - du / 2, u[-1] + du / 2, v[0] - dv / 2, v[-1] + dv / 2)
     image = recording.temperature[recording.frames // 2]
     tall = np.clip((edges[3] - edges[2]) / (edges[1] - edges[0]), 0.15, 1.2)
-    fig = Figure(figsize=(WIDE_FIGURE_IN, 1.1 + 0.85 * WIDE_FIGURE_IN * tall), layout="constrained", facecolor="white")
-    fig.suptitle(f"Registration of {recording.source or 'the recording'}", x=0.01, ha="left", parse_math=False)
+    height = 1.1 + 0.85 * theme.WIDE_FIGURE_IN * tall
+    fig = theme.make_figure("Registration", recording.source or "the recording", theme.WIDE_FIGURE_IN, height)
     ax = fig.subplots()
     shown = ax.imshow(
         image,
         origin="lower",
         extent=edges,
-        cmap=temperature_map(),
-        norm=temperature_norm(image),
+        cmap=theme.temperature_map(),
+        norm=theme.temperature_norm(image),
         interpolation="nearest",
     )
     ax.set_facecolor("#D0D0D0")  # dead pixels
-    fig.colorbar(shown, cax=ax.inset_axes((1.02, 0, 0.025, 1)), label=f"temperature, {CELSIUS}")
+    label = f"temperature ({theme.CELSIUS})"
+    theme.add_colour_bar(fig, shown, None, label, cax=ax.inset_axes((1.02, 0, 0.025, 1)))
     _draw_outline(ax, recording.view, block)
     low, high = (edges[0], edges[2]), (edges[1], edges[3])
     if block is not None and recording.view == "sidewall":
@@ -42,9 +43,9 @@ def draw(recording, block=None) -> Figure:
         high = max(high[0], 1e3 * block[0] + 1.0), high[1]
     ax.set_xlim(low[0], high[0])
     ax.set_ylim(low[1], high[1])
-    ax.set_xlabel("u = x from the leading edge, mm")
+    ax.set_xlabel("u = x from the leading edge (mm)")
     ax.set_ylabel(
-        {"sidewall": "v = z above the interface, mm", "wake": "v = y from the centre line, mm"}[recording.view]
+        {"sidewall": "v = z above the interface (mm)", "wake": "v = y from the centre line (mm)"}[recording.view]
     )
     return fig
 

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import textwrap
-from typing import Literal
-
 import numpy as np
 from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
 from flashtemp.viz.key_labels import describe_condition
-from flashtemp.viz.literal_text import escape_mathematics
 
-FigureLayout = Literal["constrained", "compressed", "tight"]
 MEASURED_COLOUR, COMPUTED_COLOUR = "#2B2B2B", "#0072B2"
 BAND_COLOUR, BEYOND_COLOUR = "#C3D8E8", "#C8420B"
 BAND_SIGMA = 2.0  # standard errors: half the width of the bands
@@ -25,14 +20,11 @@ VIEW_LABELS = {
 
 
 def make_recording_figure(
-    entry, width: float, height: float, layout: Literal["constrained", "compressed", "tight"] = "constrained"
+    shown: str, entry, width: float, height: float, layout: theme.FigureLayout = "constrained"
 ) -> Figure:
-    """An empty figure (inches) titled by a recording or load-cell file and its condition."""
-    fig = Figure(figsize=(width, height), layout=layout, facecolor="white")
-    what = VIEW_LABELS[entry.recording.view] if hasattr(entry, "recording") else "friction"
-    lines = textwrap.wrap(f"{entry.file}: {what}, {describe_condition(entry.given)}", round(11 * width), max_lines=2)
-    fig.suptitle(escape_mathematics("\n".join(lines)), x=0.01, ha="left")
-    return fig
+    """An empty figure (inches) titled by what is `shown` of a recording or load-cell file, and by its condition."""
+    view = f" ({VIEW_LABELS[entry.recording.view]})" if hasattr(entry, "recording") else ""
+    return theme.make_figure(shown, f"{entry.file}{view}: {describe_condition(entry.given)}", width, height, layout)
 
 
 # --- numbers ----------------------------------------------------------------------------------------

@@ -34,7 +34,7 @@ class AnimationFigure:
     """The figure of a run for the frames `kept` (indices into run.field)."""
 
     def __init__(self, run, kept: list[int]):
-        self.fig = theme.make_figure(run.title, *ANIMATION_SIZE_IN)
+        self.fig = theme.make_figure("Temperature, friction and pressure", run.title, *ANIMATION_SIZE_IN)
         self.fig.set_dpi(ANIMATION_DPI)
         self.fig.get_layout_engine().set(wspace=0.03, hspace=0.04)
         axes = self.fig.subplots(2, 2, width_ratios=[1.5, 1.0], height_ratios=[1.0, 0.95])
@@ -82,8 +82,7 @@ def _add_block(ax, run, kept) -> MovingPanel:
     """Side wall, contact and wake; a lifted block is drawn above the road."""
     norm = theme.temperature_norm(run_views.temperature_extremes(run, kept))
     images = run_views.draw_views(ax, run, kept[0], norm, reduced_temperature_map())
-    bar = ax.figure.colorbar(images[0], ax=ax, label=f"temperature ({theme.CELSIUS})", pad=0.01, aspect=18)
-    bar.outline.set_linewidth(0.4)
+    theme.add_colour_bar(ax.figure, images[0], ax, f"temperature ({theme.CELSIUS})", pad=0.01, aspect=18)
     height = 1e3 * run.mesh.height[-1]
     ax.set(
         xlabel=theme.x_axis_label(run),

@@ -24,14 +24,14 @@ def draw(run) -> Figure:
 
     The black line is the friction heat; the areas add up to it except for the printed imbalance.
     """
-    fig = theme.make_figure(run.title, theme.WIDE_FIGURE_IN, 3.4)
+    fig = theme.make_figure("Heat budget", run.title, theme.WIDE_FIGURE_IN, 3.4)
     over, last = fig.subplots(1, 2, width_ratios=[1.6, 1.0])
     size = max(abs(v).max() for v in (*heat_parts(run).values(), run.width * run.energy["friction"]))
     unit, scale = ("kJ", 1e-3) if size > 2e3 else ("J", 1.0)
     _draw_over_time(over, run, unit, scale)
     _draw_fractions(last, run, unit, scale)
     words = f"Energy imbalance of the whole run: {run.energy_imbalance:.1e} of the heat exchanged."
-    fig.supxlabel(words, x=0.01, ha="left", fontsize=7.0)
+    theme.add_caption(fig, words)
     return fig
 
 

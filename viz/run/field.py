@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -32,7 +30,7 @@ def draw(run) -> Figure:
     width = theme.WIDE_FIGURE_IN if len(frames) > 1 else theme.NARROW_FIGURE_IN
     ratio = (run.mesh.height[-1] + shown) / float(np.ptp(run.mesh.x))
     tall = float(np.clip(1.1 * (width - 1.1) / len(frames) * ratio, 0.4, 4.0))
-    fig = theme.make_figure(run.title, width, 3.1 + tall)
+    fig = theme.make_figure("Temperature of block and road", run.title, width, 3.1 + tall)
     axes = fig.subplots(2, len(frames), squeeze=False, sharex=True, sharey="row", height_ratios=[tall, 1.7])
     norm = theme.temperature_norm(*cells.values(), run.ambient_degC)
     for (above, below), (frame, words) in zip(axes.T, frames.items(), strict=True):
@@ -46,9 +44,8 @@ def draw(run) -> Figure:
     for ax in axes[1]:
         _stretch_axis(ax, *(1e3 * np.array(near)))
     axes[1, 0].set_ylabel("z (mm), stretched")
-    bar = fig.colorbar(picture, ax=axes, label=f"temperature ({theme.CELSIUS})", pad=0.01, aspect=25)
-    bar.outline.set_linewidth(0.4)
-    fig.supxlabel(textwrap.fill(_field_caption(run, shown), round(20 * width)), x=0.01, ha="left", fontsize=7.0)
+    theme.add_colour_bar(fig, picture, axes, f"temperature ({theme.CELSIUS})", pad=0.01, aspect=25)
+    theme.add_caption(fig, _field_caption(run, shown))
     return fig
 
 

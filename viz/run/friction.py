@@ -27,7 +27,8 @@ def draw(run) -> Figure:
     """
     numbers = np.unique(run.repetition[run.sliding])
     several = len(numbers) > 1
-    fig = theme.make_figure(run.title, theme.WIDE_FIGURE_IN if several else theme.NARROW_FIGURE_IN, 3.1)
+    width = theme.WIDE_FIGURE_IN if several else theme.NARROW_FIGURE_IN
+    fig = theme.make_figure("Friction coefficient", run.title, width, 3.1)
     axes = fig.subplots(1, 2, width_ratios=[1.5, 1.0]) if several else [fig.add_subplot()]
     fig.get_layout_engine().set(wspace=0.04)
     colours = theme.repetition_colours(len(numbers))
@@ -67,11 +68,10 @@ def _add_colour_bar(fig, ax, numbers, colours) -> None:
 
     norm = BoundaryNorm(np.append(numbers, numbers[-1] + 1) - 0.5, len(numbers))
     labelled = numbers[theme.spread_indices(len(numbers), 10)]
-    bar = fig.colorbar(ScalarMappable(norm, ListedColormap(colours)), ax=ax, ticks=labelled, pad=0.01, aspect=25)
-    bar.set_label("repetition (–)")
+    picture = ScalarMappable(norm, ListedColormap(colours))
+    bar = theme.add_colour_bar(fig, picture, ax, "repetition (–)", ticks=labelled, pad=0.01, aspect=25)
     bar.ax.tick_params(length=0)
     bar.ax.minorticks_off()
-    bar.outline.set_linewidth(0.4)
 
 
 def _draw_means(ax, run, numbers, colours) -> None:

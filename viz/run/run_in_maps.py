@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -33,7 +31,8 @@ def draw(run) -> Figure:
     frames = list(run_views.last_frames(run).items())
     frames = [frames[i] for i in theme.spread_indices(len(frames), MAX_PANELS)]
     rows = -(-len(frames) // PANEL_COLUMNS)
-    fig = theme.make_figure(run.title, theme.WIDE_FIGURE_IN, 1.15 + rows * (0.24 + _panel_height(run)))
+    height = 1.15 + rows * (0.24 + _panel_height(run))
+    fig = theme.make_figure("Temperature at the end of each repetition", run.title, theme.WIDE_FIGURE_IN, height)
     axes = fig.subplots(rows, PANEL_COLUMNS, squeeze=False, sharex=True, sharey=True)
     fig.get_layout_engine().set(hspace=0.03, wspace=0.04)
     norm = theme.temperature_norm(run_views.temperature_extremes(run, [i for _, i in frames]))
@@ -44,9 +43,8 @@ def draw(run) -> Figure:
     for ax in panels[len(frames) :]:
         ax.set_axis_off()
     _label_axes(axes, run, len(frames))
-    bar = fig.colorbar(picture, ax=axes, label=f"temperature ({theme.CELSIUS})", pad=0.015, aspect=9 * rows)
-    bar.outline.set_linewidth(0.4)
-    fig.supxlabel(textwrap.fill(_run_in_caption(run, [i for _, i in frames]), 134), x=0.01, ha="left", fontsize=7.0)
+    theme.add_colour_bar(fig, picture, axes, f"temperature ({theme.CELSIUS})", pad=0.015, aspect=9 * rows)
+    theme.add_caption(fig, _run_in_caption(run, [i for _, i in frames]))
     return fig
 
 

@@ -23,7 +23,9 @@ def draw(run) -> Figure:
     """
     axis = repetition_axis(run)
     strip = len(axis.start) > 1 or bool(axis.waits)
-    fig = theme.make_figure(run.title, theme.WIDE_FIGURE_IN, 4.9 if strip else 4.6)
+    fig = theme.make_figure(
+        "Surface temperature of the block over time", run.title, theme.WIDE_FIGURE_IN, 4.9 if strip else 4.6
+    )
     rows = fig.add_gridspec(3 if strip else 2, 1, height_ratios=[0.09, 1.35, 1.0][0 if strip else 1 :])
     lines = fig.add_subplot(rows[-1])
     map_axes = fig.add_subplot(rows[-2])
@@ -47,8 +49,7 @@ def _draw_map(fig, ax, run, axis: RepetitionAxis) -> None:
     axis.set_axis(ax)
     ax.set(xlabel="", ylim=(0.0, 1e3 * x[-1]), ylabel=theme.x_axis_label(run))
     ax.tick_params(labelbottom=False)
-    bar = fig.colorbar(image, ax=ax, label=f"block surface, mean across y ({theme.CELSIUS})", pad=0.01, aspect=14)
-    bar.outline.set_linewidth(0.4)
+    theme.add_colour_bar(fig, image, ax, f"mean across y ({theme.CELSIUS})", pad=0.01, aspect=14)
 
 
 def _draw_lines(ax, run, axis: RepetitionAxis) -> None:

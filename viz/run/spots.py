@@ -27,7 +27,7 @@ def draw(run, frame: int = -1) -> Figure:
     mesh, k = run.mesh, range(len(run.frames))[frame]
     face, cover = run.maps["T_block"][k].astype(float), run.maps["cover"][k]
     L, y = 1e3 * mesh.x[mesh.last], 1e3 * mesh.y[[0, -1]]
-    fig = theme.make_figure(run.title, theme.WIDE_FIGURE_IN, 3.9)
+    fig = theme.make_figure("Temperature in the contact spots", run.title, theme.WIDE_FIGURE_IN, 3.9)
     fig.set_dpi(100)
     left, right = fig.subplots(1, 2, width_ratios=[1.25, 1.0])
     norm = theme.temperature_norm(run.maps["T_block"][-1], np.where(cover > 0.5, face, np.nan), run.ambient_degC)
@@ -44,8 +44,7 @@ def draw(run, frame: int = -1) -> Figure:
     )
     left.set_aspect("equal")
     left.spines[:].set_visible(False)
-    bar = fig.colorbar(image, ax=left, label=f"temperature ({theme.CELSIUS})", pad=0.02, shrink=0.8)
-    bar.outline.set_linewidth(0.4)
+    theme.add_colour_bar(fig, image, left, f"temperature ({theme.CELSIUS})", pad=0.02, shrink=0.8)
     covered = run.maps["cover"]
     best = covered.max(axis=(1, 2), keepdims=True)  # coarse cells may be covered only in part
     inside = (covered >= 0.9 * best) & (covered > 0.0)
@@ -58,7 +57,7 @@ def draw(run, frame: int = -1) -> Figure:
               ylabel=f"temperature ({theme.CELSIUS})", title="along the contact")  # fmt: skip
     right.legend(loc="upper left", markerscale=4)
     slid = 1e3 * run.slid[run.frames[k]]
-    fig.supxlabel(f"t = {run.time[run.frames[k]]:.3f} s, slid {slid:.0f} mm", x=0.01, ha="left", fontsize=7.5)
+    theme.add_caption(fig, f"t = {run.time[run.frames[k]]:.3f} s, slid {slid:.0f} mm")
     return fig
 
 

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from flashtemp.viz import theme
 from flashtemp.viz.literal_text import escape_mathematics, replace_unprintable
 
+VIEW_TITLE = "Temperature of block and road"
 ROAD_SHOWN_MM = 3.0  # mm
 WINDOW_SIZE_PX = (1500, 900)
 PAPER_COLOUR, INK_COLOUR, EDGE_COLOUR = "white", "#222222", "#5A5A5A"
@@ -53,9 +54,7 @@ def colour_bar_ticks(low: float, high: float) -> tuple[np.ndarray, str]:
     >>> colour_bar_ticks(20.0, 47.6)[0].tolist(), colour_bar_ticks(20.0, 21.0)[1]
     ([20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0], '%.1f')
     """
-    from matplotlib.ticker import MaxNLocator
-
-    marks = np.asarray(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high))
+    marks = theme.round_values(low, high)
     digits = next(d for d in range(9) if np.allclose(marks, np.round(marks, d), rtol=0.0, atol=1e-9))
     return marks, f"%.{digits}f"
 
@@ -126,7 +125,10 @@ def _add_labels(plot, fields, bodies, t: float) -> None:
     x, y, z, _ = bodies["block"]
     moment = fields.times[int(np.argmin(np.abs(fields.times - t)))]
     plot.add_text(
-        escape_mathematics(replace_unprintable(fields.title)), position="upper_left", font_size=15, color=INK_COLOUR
+        escape_mathematics(replace_unprintable(f"{VIEW_TITLE}, {fields.title}")),
+        position="upper_left",
+        font_size=15,
+        color=INK_COLOUR,
     )
     plot.add_text(_time_label(float(moment)), position="lower_left", font_size=11, color=INK_COLOUR, name="time")
     under, far = -ROAD_SHOWN_MM - 2.0, bodies["road"][0][-1]
@@ -214,7 +216,7 @@ def draw_without_vtk(fields, t: float) -> Figure:
     ticks, _ = colour_bar_ticks(*temperature_limits(fields, t))
     bodies, norm = read_bodies(fields, t), theme.temperature_norm(ticks)
     colour = theme.temperature_map()
-    fig = Figure(figsize=(7.2, 4.6), facecolor="white")
+    fig = theme.make_figure(VIEW_TITLE, fields.title, theme.WIDE_FIGURE_IN, 4.6, layout=None)
     ax = fig.add_subplot(projection="3d", computed_zorder=False)
     x, y, z, T = bodies["road"]
     surface = T[:, :, -1]
@@ -228,7 +230,7 @@ def draw_without_vtk(fields, t: float) -> Figure:
     ax.plot_surface(0 * Y + x[0], Y, Z, facecolors=colour(norm(T[0])), **kind)
     X, Y = np.meshgrid(x, y, indexing="ij")
     ax.plot_surface(X, Y, 0 * X + z[-1], facecolors=colour(norm(T[:, :, -1])), **kind)
-    ax.set(xlabel="x (mm)", ylabel="y (mm)", zlabel="z (mm)", title=fields.title)
+    ax.set(xlabel="x (mm)", ylabel="y (mm)", zlabel="z (mm)")
     ax.set_box_aspect((np.ptp(bodies["road"][0]), np.ptp(bodies["road"][1]), z[-1]), zoom=1.25)
     ax.view_init(32, -70)
     moment = fields.times[int(np.argmin(np.abs(fields.times - t)))]

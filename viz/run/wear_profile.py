@@ -29,7 +29,7 @@ def draw(run) -> Figure:
     Black, dashed: before, and at the start of sliding.  Coloured as in the friction picture: at the ends of at most
     MAX_WEAR_CURVES repetitions.
     """
-    fig = theme.make_figure(run.title, theme.NARROW_FIGURE_IN, 5.2)
+    fig = theme.make_figure("Wear and contact pressure", run.title, theme.NARROW_FIGURE_IN, 5.2)
     fig.get_layout_engine().set(hspace=0.05)
     face, press = fig.subplots(2, 1, sharex=True, height_ratios=[1.2, 1.0])
     last = sliding_ends(run)

@@ -43,7 +43,8 @@ def draw(run) -> Figure:
         run.maps["pressure"][frame], run.x, mesh.y_centre, (0.0, mesh.x[mesh.last]), mesh.y[[0, -1]]
     )
     wide, deep = float(np.clip(4.2 * np.ptp(y) / far, 0.9, 3.2)), float(np.clip(4.2 * z[1] / far, 0.6, 1.6))
-    fig = theme.make_figure(run.title, theme.WIDE_FIGURE_IN, 1.9 + wide + 2 * deep)
+    shown = "Temperature and pressure across the width"
+    fig = theme.make_figure(shown, run.title, theme.WIDE_FIGURE_IN, 1.9 + wide + 2 * deep)
     grid = fig.add_gridspec(3, 2, height_ratios=[wide, deep, deep], width_ratios=[far / L, 0.75])
     norm = theme.temperature_norm(top, *behind, *sides)
     style = {"cmap": theme.temperature_map(), "norm": norm, "origin": "lower", "aspect": "auto"}
@@ -74,11 +75,10 @@ def draw(run) -> Figure:
         ax.spines[:].set_visible(False)
     temperature = f"temperature ({theme.CELSIUS})"
     for image, axes, label in ((picture, [above, *walls], temperature), (force, [pressed], "pressure (kPa)")):
-        bar = fig.colorbar(image, ax=axes, label=label, pad=0.02, aspect=25)
-        bar.outline.set_linewidth(0.4)
+        theme.add_colour_bar(fig, image, axes, label, pad=0.02, aspect=25)
     t = theme.format_decimal(run.time[run.frames[frame]])
     averaged = " Wake: road surface, averaged over heated tracks and gaps." if behind else ""
-    fig.supxlabel(f"At the end of sliding, t = {t} s.{averaged}", x=0.01, ha="left", fontsize=7.0)
+    theme.add_caption(fig, f"At the end of sliding, t = {t} s.{averaged}")
     return fig
 
 

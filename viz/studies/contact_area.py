@@ -10,7 +10,7 @@ from flashtemp.viz import theme
 @theme.styled
 def draw(study) -> Figure:
     """A/A0 (1) over p/E (1), both logarithmic; `study` is an AreaStudy."""
-    fig = theme.make_figure(study.case.title, theme.NARROW_FIGURE_IN, 3.4)
+    fig = theme.make_figure("Area in contact over pressure", study.case.title, theme.NARROW_FIGURE_IN, 3.4)
     ax = fig.add_subplot()
     ax.axvspan(study.linear_up_to, study.ratio[-1], color=theme.WAITING_COLOUR, alpha=0.45, lw=0)
     ax.plot(study.ratio, study.linear, color=theme.AMBIENT_COLOUR, lw=1.0, ls=(0, (4, 3)), label="linear law")

@@ -24,7 +24,8 @@ def draw(result) -> Figure:
     Next to them: first-order and total fraction of the variance, in per cent.
     """
     shown = result.ranked_inputs[:MAX_INPUTS_DRAWN][::-1]
-    fig = theme.make_figure(f"Sensitivity of {result.case.title}", theme.WIDE_FIGURE_IN, 1.3 + 0.24 * len(shown))
+    title, height = "Change of the prediction by each input", 1.3 + 0.24 * len(shown)
+    fig = theme.make_figure(title, result.case.title, theme.WIDE_FIGURE_IN, height)
     axes = fig.subplots(1, len(OUTPUT_PANELS), sharey=True)
     at = np.arange(len(shown))
     for ax, (name, (words, colour)) in zip(axes, OUTPUT_PANELS.items(), strict=True):
@@ -43,5 +44,6 @@ def draw(result) -> Figure:
         band = f"{theme.format_decimal(number.low)} to {theme.format_decimal(number.high)}"
         ax.set_title(f"95 %: {band}")
     axes[0].set_yticks(at, [describe_key(result.inputs[k].key).words for k in shown])
-    fig.supxlabel("Change by +1.96 sd of the input; first-order/total fraction of the variance.", fontsize=7.0)
+    words = "Bars: change by +1.96 sd of the input. Numbers: first-order and total fraction of the variance."
+    theme.add_caption(fig, words)
     return fig

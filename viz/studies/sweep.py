@@ -21,7 +21,9 @@ def draw(dataset) -> Figure:
     """
     keys = [d for d in dataset.T_max_degC.dims]
     first = dataset.isel({k: 0 for k in keys[1:]})
-    fig = theme.make_figure(dataset.attrs["title"], theme.WIDE_FIGURE_IN, 5.6 if len(keys) > 1 else 3.0)
+    words = " and ".join(_coordinate_label(dataset[k]).words for k in keys[:2])
+    height = 5.6 if len(keys) > 1 else 3.0
+    fig = theme.make_figure(f"Sweep of {words}", dataset.attrs["title"], theme.WIDE_FIGURE_IN, height)
     axes = fig.subplots(2 if len(keys) > 1 else 1, 2, squeeze=False)
     _draw_profiles(axes[0, 0], first, keys[0])
     _draw_rises(axes[0, 1], first, keys[0])
@@ -31,7 +33,7 @@ def draw(dataset) -> Figure:
         _draw_map(axes[1, 1], both.friction.isel(repetition=-1), keys, "friction, last repetition")
     fixed = describe_condition({k: dataset[k].values[0] for k in keys[1:]}) if keys[1:] else ""
     if fixed:
-        fig.supxlabel(f"Above: {fixed}.", x=0.01, ha="left", fontsize=7.0)
+        theme.add_caption(fig, f"Above: {fixed}.")
     return fig
 
 
@@ -93,8 +95,7 @@ def _draw_map(ax, values, keys: list[str], words: str) -> None:
     if not known.size or np.ptp(known) <= EQUAL_VALUES_FRACTION * np.abs(known).max():
         ax.set_title(words)  # uniform: a colour bar would suggest a range
         return
-    bar = ax.figure.colorbar(image, ax=ax, label=words, pad=0.02, aspect=25)
-    bar.outline.set_linewidth(0.4)
+    theme.add_colour_bar(ax.figure, image, ax, words, pad=0.02, aspect=25)
 
 
 def _axis_positions(coordinate) -> tuple[np.ndarray, list[str]]:

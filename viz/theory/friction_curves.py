@@ -26,14 +26,14 @@ def draw(curves, title: str) -> Figure:
 
     `curves` is a FrictionCurves.  Dashed: falling friction, where a tester that sets the force is unstable.
     """
-    fig = theme.make_figure(title, theme.WIDE_FIGURE_IN, 5.8)
+    fig = theme.make_figure("Friction of the rubber on the road", title, theme.WIDE_FIGURE_IN, 5.8)
     fig.get_layout_engine().set(wspace=0.06, hspace=0.07)
     grid = fig.add_gridspec(2, 2, height_ratios=[1.3, 1.0], width_ratios=[1.15, 1.0])
     _draw_branches(fig.add_subplot(grid[0, 0]), curves)
     _draw_map(fig.add_subplot(grid[0, 1]), curves)
     _draw_contact(fig.add_subplot(grid[1, 0]), curves)
     _draw_depths(fig.add_subplot(grid[1, 1]), curves)
-    fig.supxlabel(_describe_conditions(curves), x=0.01, ha="left", fontsize=7.0)
+    theme.add_caption(fig, _describe_conditions(curves))
     return fig
 
 
@@ -111,8 +111,7 @@ def _draw_map(ax, curves) -> None:
     _set_speed_axis(ax, curves)
     ax.set(ylabel=f"temperature ({theme.CELSIUS})", title="friction against speed and temperature")
     ax.set_ylim(curves.T[0] - KELVIN, curves.T[-1] - KELVIN)
-    bar = ax.figure.colorbar(image, ax=ax, label=FRICTION_LABEL, pad=0.02, aspect=25)
-    bar.outline.set_linewidth(0.4)
+    theme.add_colour_bar(ax.figure, image, ax, FRICTION_LABEL, pad=0.02, aspect=25)
 
 
 def _friction_ridge(curves) -> tuple[np.ndarray, np.ndarray]:

@@ -12,7 +12,7 @@ from flashtemp.viz import theme
 @theme.styled
 def draw(points: MeasuredSpectrum, law: SelfAffineLaw, title: str) -> Figure:
     """C (m^4) over q (1/m), both logarithmic, wavelengths in mm above."""
-    fig = theme.make_figure(title, theme.NARROW_FIGURE_IN, 3.8)
+    fig = theme.make_figure("Power spectrum of the road", title, theme.NARROW_FIGURE_IN, 3.8)
     ax = fig.subplots()
     q = np.geomspace(*points.valid_range, 200)
     ax.loglog(points.q, points.C, "o-", color=theme.ROAD_COLOUR, ms=2.5, lw=0.8, label="measured")

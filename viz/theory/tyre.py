@@ -21,7 +21,7 @@ def draw(cornering, title: str) -> Figure:
 
     `cornering` is a CorneringResult.  Colours are loads; grey are the controls with two equal branches.
     """
-    fig = theme.make_figure(title, theme.WIDE_FIGURE_IN, 5.4)
+    fig = theme.make_figure("Side force of the tyre", title, theme.WIDE_FIGURE_IN, 5.4)
     fig.get_layout_engine().set(wspace=0.05, hspace=0.06)
     axes = fig.subplots(2, 2, height_ratios=[1.45, 1.0], sharey="row")
     colours = theme.repetition_colours(len(cornering.loads))
@@ -35,7 +35,7 @@ def draw(cornering, title: str) -> Figure:
     axes[0, 0].set_ylim(0.0, 1.1 * max(values.max() for values in cornering.curves.values()))
     for ax, handles in zip(axes[0], _legend_handles(cornering, colours), strict=True):
         ax.legend(handles=handles, loc="upper left")
-    fig.supxlabel(_describe_conditions(cornering), x=0.01, ha="left", fontsize=7.0)
+    theme.add_caption(fig, _describe_conditions(cornering))
     return fig
 
 

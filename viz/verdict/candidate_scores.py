@@ -171,8 +171,7 @@ def _draw_correlations(fig, ax, verdict) -> None:
                 if abs(matrix[i][j]) >= MIN_PRINTED_CORRELATION:
                     ax.text(j, i, f"{matrix[i][j]:.1f}".replace("-", "−"), ha="center", va="center", fontsize=5.5)
     ax.set_title("similarity of two effects after calibration")
-    bar = fig.colorbar(picture, ax=ax, label="correlation (–)", aspect=30, pad=0.01, fraction=0.03)
-    bar.outline.set_linewidth(0.4)
+    theme.add_colour_bar(fig, picture, ax, "correlation (–)", aspect=30, pad=0.01, fraction=0.03)
 
 
 def _draw_deviations(ax, pulls: list, total: int) -> None:

@@ -62,10 +62,7 @@ def draw(verdict) -> Figure:
     for ax in axes[0]:
         if ax.get_legend_handles_labels()[0]:
             ax.legend(loc="best")
-    fig.supxlabel(
-        f"bands: 95 %; grey: the data resolve less than {MIN_RESOLUTION:g} of a local change",
-        fontsize=7.5,
-    )
+    theme.add_caption(fig, f"Bands: 95 %. Grey: the data resolve less than {MIN_RESOLUTION:g} of a local change.")
     return fig
 
 

@@ -22,11 +22,11 @@ STRUCTURE_P = 0.001  # probability of so many rare tests in noise, below which s
 MAX_NOISE_SIGMA = 6.0  # sigma of the largest difference that may be noise: among so many places noise reaches 5
 PROFILE_ROWS_M = 1e-3  # m from the contact, or from the centre line, over which T(x) is averaged
 PICTURE_HEADINGS = {
-    "what_is_wrong": "Measured against computed",
+    "what_is_wrong": "Measured minus computed temperature",
     "not_noise": "Structure in the residuals",
     "missing": "Missing heat flux",
     "why": "Evidence for each candidate",
-    "else": "Alternative explanations",
+    "else": "Similarity of the candidates and calibrated values",
     "gained": "Differences before and after the extension",
 }
 SOUND_HEADINGS = {"not_noise": "Residuals against noise", "missing": "Test for missing heat flux"}
@@ -128,11 +128,8 @@ def count_rare_tests(tests: list) -> tuple[int, bool]:
 
 
 def make_verdict_figure(verdict, words: str, width: float, height: float) -> Figure:
-    """An empty figure (inches) titled by the campaign and by what is shown."""
-    fig = Figure(figsize=(width, height), layout="constrained", facecolor="white")
-    text = textwrap.shorten(f"{verdict.title}: {words[0].lower()}{words[1:]}", round(11 * width), placeholder=" ...")
-    fig.suptitle(escape_mathematics(text), x=0.01, ha="left")
-    return fig
+    """An empty figure (inches) titled by what is shown (`words`) and by the campaign."""
+    return theme.make_figure(words, verdict.title, width, height)
 
 
 def reword_condition(text: str) -> str:

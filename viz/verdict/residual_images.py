@@ -83,9 +83,8 @@ def _draw_images(part, view: str, pairs: list) -> None:
         (axes[:, 2], axes[0, 2].images[0], "difference (K)"),
     ):
         extend = _colour_bar_arrows([ax.images[0] for ax in np.ravel(columns)])
-        bar = part.colorbar(picture, ax=columns, label=label, location="bottom", aspect=25, pad=0.02, extend=extend)
-        bar.set_ticks(_inner_ticks(picture.norm))
-        bar.outline.set_linewidth(0.4)
+        how = {"location": "bottom", "aspect": 25, "pad": 0.02, "extend": extend}
+        theme.add_colour_bar(part, picture, columns, label, **how).set_ticks(_inner_ticks(picture.norm))
     add_profile_legend(axes[-1, 3], pairs).set_in_layout(False)  # it is next to the colour bars
 
 
@@ -126,7 +125,7 @@ def _colour_norms(pairs: list, frames: list[int]) -> tuple[Normalize, Normalize]
             # percentiles: a single bad pixel must not stretch the colours
             temperatures += [np.percentile(measured, (0.5, 99.5)), pair.before.predicted[k][good]]
             largest = max(largest, 3.0 * pair.before.noise.white, float(np.percentile(np.abs(off[good]), 99.5)))
-    limit = theme.nice_ceil(largest) if largest > 0 else 1.0
+    limit = theme.symmetric_limit(largest) if largest > 0 else 1.0
     ends = _round_ticks(theme.temperature_norm(*temperatures))
     return Normalize(ends[0], ends[-1]), Normalize(-limit, limit)
 
@@ -134,8 +133,8 @@ def _colour_norms(pairs: list, frames: list[int]) -> tuple[Normalize, Normalize]
 def _round_ticks(norm) -> np.ndarray:
     """Round numbers from one end of a colour bar to the other, or a little beyond it."""
     if norm.vmin == -norm.vmax:
-        return np.linspace(norm.vmin, norm.vmax, 5)
-    ticks = np.asarray(MaxNLocator(COLOUR_BAR_STEPS, steps=[1, 2, 2.5, 5, 10]).tick_values(norm.vmin, norm.vmax))
+        return theme.symmetric_ticks(norm.vmax)
+    ticks = theme.round_values(norm.vmin, norm.vmax, COLOUR_BAR_STEPS)
     slack = TICK_SLACK_STEPS * (ticks[1] - ticks[0])
     return ticks[int(ticks[1] - norm.vmin < slack) : len(ticks) - int(norm.vmax - ticks[-2] < slack)]
 
@@ -164,8 +163,8 @@ def draw_image(ax, result, values: np.ndarray, norm, cmap) -> None:
     across, up = np.flatnonzero(compared.any(axis=0)), np.flatnonzero(compared.any(axis=1))
     if len(across):
         ax.set(xlim=(u[across[0]], u[across[-1] + 1]), ylim=(v[up[0]], v[up[-1] + 1]))
-    ax.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
-    ax.yaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
+    ax.xaxis.set_major_locator(MaxNLocator(4, steps=list(theme.TICK_STEPS)))
+    ax.yaxis.set_major_locator(MaxNLocator(3, steps=list(theme.TICK_STEPS)))
 
 
 def _draw_contour(ax, result, k: int) -> None:
@@ -213,8 +212,8 @@ def draw_profile_curves(ax, pair) -> None:
             ax.plot(x, plot_helpers.row_mean_profile(pair.before, pair.after.predicted, k), "-", color=colour, lw=1.0)
     ax.set_ylabel(f"T ({theme.CELSIUS})")
     ax.set_title(f"T(x), {plot_helpers.describe_rows(pair.before)}", fontsize=7.0, pad=3)
-    ax.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
-    ax.yaxis.set_major_locator(MaxNLocator(4))
+    ax.xaxis.set_major_locator(MaxNLocator(4, steps=list(theme.TICK_STEPS)))
+    ax.yaxis.set_major_locator(MaxNLocator(4, steps=list(theme.TICK_STEPS)))
     ax.grid(lw=0.3, color=theme.WAITING_COLOUR)
 
 

@@ -19,14 +19,13 @@ def draw(report) -> Figure:
     at = [report.separability.names.index(n) for n in names]
     rho = report.separability.rho[np.ix_(at, at)]
     size = 1.6 + 0.2 * len(names)
-    fig = Figure(figsize=(size + 4.2, size + 0.6), layout="constrained", facecolor="white")
-    fig.suptitle(f"{report.title}: effects that can be distinguished", x=0.01, ha="left", parse_math=False)
+    fig = theme.make_figure("Effects that can be distinguished", report.title, size + 4.2, size + 0.6)
     left, right = fig.subplots(1, 2, width_ratios=[size, 2.4])
     shown = left.imshow(rho, cmap="RdBu_r", vmin=-1, vmax=1, interpolation="nearest")
     left.set_xticks(range(len(names)), [_effect_label(n) for n in names], rotation=90)
     left.set_yticks(range(len(names)), [_effect_label(n) for n in names])
     left.set_title("correlation of signatures after calibration")
-    fig.colorbar(shown, ax=left, location="bottom", shrink=0.5, aspect=30)
+    theme.add_colour_bar(fig, shown, left, "correlation (–)", location="bottom", shrink=0.5, aspect=30)
     z = [max(p.z_left, 1e-2) for p in prospects]
     right.barh(
         range(len(names)), z, color=[SEPARABLE_COLOUR if p.is_separable else theme.WAITING_COLOUR for p in prospects]
@@ -36,8 +35,9 @@ def draw(report) -> Figure:
     right.set_xlim(0.1, 2.0 * max([*z, MIN_SEPARABLE_SIGMA]))
     right.set_ylim(len(names) - 0.5, -0.5)
     right.set_yticks([])
-    right.set_title("remaining signal-to-noise ratio (sigma)")
-    right.set_xlabel("typical strength; distinguishable from 5")
+    right.set_title("signal that no other effect imitates")
+    words = f"signal-to-noise ratio at typical strength (–)\ngreen: distinguishable, above {MIN_SEPARABLE_SIGMA:g}"
+    right.set_xlabel(words)
     return fig
 
 

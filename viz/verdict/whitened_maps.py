@@ -13,7 +13,7 @@ from flashtemp.viz.verdict.plot_helpers import OUTLIER_SIGMA
 from flashtemp.viz.verdict.residual_images import UPWARD_LABELS, draw_image
 
 SIGMA_MAP = "PuOr_r"
-MAX_COLOUR_SIGMA = 5.0  # sigma at the ends of the colour bar
+MAX_COLOUR_SIGMA = 6.0  # sigma at the ends of the colour bar
 SHORT_VIEW_LABELS = {"sidewall": "side wall", "wake": "wake", "profile": "profile"}
 MAP_ROW_IN = 1.15  # inches
 
@@ -58,10 +58,8 @@ def draw(verdict) -> Figure:
     pictures = [ax.images[0] for ax in axes.ravel() if ax.images]
     if pictures:
         label = f"mean over frames in sigma, colours end at ±{MAX_COLOUR_SIGMA:g} (–)"
-        bar = fig.colorbar(
-            pictures[0], ax=axes, label=label, location="bottom", aspect=60, extend="both", pad=0.02, fraction=0.04
-        )
-        bar.outline.set_linewidth(0.4)
+        how = {"location": "bottom", "aspect": 60, "extend": "both", "pad": 0.02, "fraction": 0.04}
+        theme.add_colour_bar(fig, pictures[0], axes, label, **how)
     return fig
 
 

@@ -18,6 +18,7 @@ _PUBLIC = {
     "api.watching": ["watch"],
     "api.friction": ["compute_contact_area", "friction", "loads", "tread", "tyre", "spots", "spectrum"],
     "api.effects": ["effects", "check_effect"],
+    "api.reports": ["report"],
     "api.templates": ["new"],
     "model.case": ["Case"],
     "solver.run": ["Run"],
@@ -30,8 +31,8 @@ __all__ = [
     "BadInput", "Campaign", "Case", "Run", "SolverFailure", "Verdict", "check", "check_effect", "compare",
     "compute_contact_area", "converge", "discover", "draw", "effects", "friction", "import_recording",
     "inspect_files", "load", "loads", "new", "open_campaign", "open_fields", "physics", "plan", "recording_template",
-    "repetitions", "resume", "sensitivity", "simulate", "spectrum", "spots", "sweep", "tread", "twin", "tyre", "view",
-    "wait", "watch",
+    "repetitions", "report", "resume", "sensitivity", "simulate", "spectrum", "spots", "sweep", "tread", "twin",
+    "tyre", "view", "wait", "watch",
 ]  # fmt: skip
 
 if TYPE_CHECKING:  # editors and type checkers do not run `__getattr__` below
@@ -42,6 +43,7 @@ if TYPE_CHECKING:  # editors and type checkers do not run `__getattr__` below
     from flashtemp.api.effects import check_effect, effects
     from flashtemp.api.friction import compute_contact_area, friction, loads, spectrum, spots, tread, tyre
     from flashtemp.api.inputs import load
+    from flashtemp.api.reports import report
     from flashtemp.api.simulation import check, open_fields, resume, simulate, view
     from flashtemp.api.studies import converge, repetitions, sensitivity, sweep, wait
     from flashtemp.api.templates import new

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from flashtemp.api import reports
 from flashtemp.api.inputs import Overrides, Say, ignore_message, resolve_case
 from flashtemp.api.picture_faults import RERUN_ELSEWHERE_HINT, report_drawing_faults
 from flashtemp.comparison import campaign as reading
@@ -20,6 +21,7 @@ from flashtemp.discovery.prediction.prediction import predict_condition
 from flashtemp.discovery.prediction.problem import prepare_problem
 from flashtemp.discovery.verdict import Verdict
 from flashtemp.display import DisplayMixin, write_json
+from flashtemp.errors import BadInput
 from flashtemp.model.case import Case
 from flashtemp.runs.results.result_folder import optional_folder
 from flashtemp.runs.results.worker_pool import open_worker_pool
@@ -42,11 +44,14 @@ def resolve_campaign(campaign: str | Path | Campaign, planned: bool = False) -> 
     return campaign if isinstance(campaign, Campaign) else open_campaign(campaign, planned)
 
 
-def compare(campaign: str | Path | Campaign, *, out: str | Path | None = None, say: Say = ignore_message) -> Comparison:
+def compare(
+    campaign: str | Path | Campaign, *, out: str | Path | None = None, pdf: bool = False, say: Say = ignore_message
+) -> Comparison:
     """Simulate every recording of a campaign and compute the residuals, measured minus simulated.
 
-    `out`: folder for compare.json and report.html.  Raises BadInput, SolverFailure.
+    `out`: folder for compare.json and report.html; `pdf` adds report.pdf.  Raises BadInput, SolverFailure.
     """
+    _check_pdf_request(pdf, out)
     loaded = resolve_campaign(campaign)
     with optional_folder(out) as work:
         result = comparing.compare(loaded, say)
@@ -56,23 +61,45 @@ def compare(campaign: str | Path | Campaign, *, out: str | Path | None = None, s
             with report_drawing_faults(result, out or work, "report.html", RERUN_ELSEWHERE_HINT):
                 from flashtemp.viz.html import comparison_report
 
-                comparison_report.write_report(result, work / "report.html")
+                command = reports.format_command("compare", loaded.folder)
+                subject = comparison_report.describe_method(result, command)
+                comparison_report.write_report(result, work / "report.html", subject)
+            _write_pdf_report(result, pdf, work, out)
     return result
+
+
+def _check_pdf_request(pdf: bool, out: str | Path | None) -> None:
+    """Raise BadInput where a PDF is wanted and cannot be written."""
+    if pdf and out is None:
+        raise BadInput("pdf: there is no folder for report.pdf; give out as well")
+    if pdf:
+        reports.check_pdf_library()
+
+
+def _write_pdf_report(result: Any, pdf: bool, work: Path, out: str | Path | None) -> None:
+    """Write report.pdf next to report.html if it is wanted.  Raises IncompleteResult where that fails."""
+    if pdf:
+        again = f"flashtemp report {out} --pdf"
+        with report_drawing_faults(result, out or work, reports.PDF_FILE, again):
+            reports.write_pdf(work)
 
 
 def discover(
     campaign: str | Path | Campaign,
     *,
     out: str | Path | None = None,
+    pdf: bool = False,
     workers: int | None = None,
     scheduler: str | None = None,
     say: Say = ignore_message,
 ) -> Verdict:
     """Find which effect the model of a campaign lacks, extend the model by it and measure the improvement.
 
-    `out`: folder for verdict.json, report.html, pictures and the extended case.  `workers`: number of processes, one
-    per core when not given; `scheduler`: address of a Dask scheduler to use instead.  Raises BadInput, SolverFailure.
+    `out`: folder for verdict.json, report.html, pictures and the extended case; `pdf` adds report.pdf.  `workers`:
+    number of processes, one per core when not given; `scheduler`: address of a Dask scheduler to use instead.  Raises
+    BadInput, SolverFailure.
     """
+    _check_pdf_request(pdf, out)
     loaded = resolve_campaign(campaign)
     with optional_folder(out) as work:
         verdict, search = engine.discover(loaded, say, workers, scheduler)
@@ -84,8 +111,10 @@ def discover(
                 from flashtemp.viz.html import verdict_report
                 from flashtemp.viz.verdict import verdict_figures
 
-                verdict_report.write_report(verdict, work / "report.html")
+                subject = verdict_report.describe_method(loaded, reports.format_command("discover", loaded.folder))
+                verdict_report.write_report(verdict, work / "report.html", subject)
                 verdict_figures.draw_all(verdict, work)
+            _write_pdf_report(verdict, pdf, work, out)
     return verdict
 
 

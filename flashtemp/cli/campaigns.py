@@ -14,6 +14,7 @@ from flashtemp.cli.terminal import (
     EXIT_DONE,
     Json,
     Limit,
+    Pdf,
     Switch,
     Trust,
     escape_controls,
@@ -75,7 +76,14 @@ def import_(
 
 
 def compare(
-    campaign: Path, /, *, out: Path | None = None, limit: Limit = None, trust: Trust = False, json: Json = False
+    campaign: Path,
+    /,
+    *,
+    out: Path | None = None,
+    pdf: Pdf = False,
+    limit: Limit = None,
+    trust: Trust = False,
+    json: Json = False,
 ) -> int:
     """Simulate the recordings of a campaign and report the residuals, as one HTML report and one JSON file.
 
@@ -86,11 +94,13 @@ def compare(
     out
         Result folder; results/NAME-compare when not given.
     """
-    from flashtemp.api import campaigns
+    from flashtemp.api import campaigns, reports
 
+    if pdf:
+        reports.check_pdf_library()
     loaded = campaigns.open_campaign(campaign, trust=trust, limit=limit)
     folder = result_folder(out, f"{loaded.folder.resolve().name}-compare")
-    result, code = run_and_report(lambda: campaigns.compare(loaded, out=folder, say=message_printer(json)))
+    result, code = run_and_report(lambda: campaigns.compare(loaded, out=folder, pdf=pdf, say=message_printer(json)))
     print_result(result.as_dict() | {"out": str(folder)}, json, f"{result}\n  report in {folder}/report.html")
     return code
 
@@ -156,6 +166,7 @@ def discover(
     /,
     *,
     out: Path | None = None,
+    pdf: Pdf = False,
     workers: int | None = None,
     scheduler: str | None = None,
     limit: Limit = None,
@@ -175,12 +186,14 @@ def discover(
     scheduler
         Address of a running Dask scheduler, whose workers run the simulations instead.
     """
-    from flashtemp.api import campaigns
+    from flashtemp.api import campaigns, reports
 
+    if pdf:
+        reports.check_pdf_library()
     loaded = campaigns.open_campaign(campaign, trust=trust, limit=limit)
     folder = result_folder(out, f"{loaded.folder.resolve().name}-discover")
-    how: dict[str, Any] = {"out": folder, "workers": workers, "scheduler": scheduler, "say": message_printer(json)}
-    verdict, code = run_and_report(lambda: campaigns.discover(loaded, **how))
+    how: dict[str, Any] = {"out": folder, "pdf": pdf, "workers": workers, "scheduler": scheduler}
+    verdict, code = run_and_report(lambda: campaigns.discover(loaded, **how, say=message_printer(json)))
     print_result(verdict.as_dict() | {"out": str(folder)}, json, f"{verdict}\n  report in {folder}/report.html")
     return code
 

@@ -25,7 +25,9 @@ app = App(
     suppress_keyboard_interrupt=False,  # `__main__` handles Ctrl-C
 )
 COMMAND_GROUPS: dict[str, tuple[Any, ...]] = {  # groups and order of the help: by task, in the order of use
-    "Simulate": (simulate.new, simulate.check, simulate.run, simulate.view, simulate.draw, simulate.lab),
+    "Simulate": (
+        simulate.new, simulate.check, simulate.run, simulate.view, simulate.draw, simulate.report, simulate.lab,
+    ),
     "Study a case": (
         studies.sweep, studies.converge, studies.sensitivity, studies.repetitions, studies.wait, studies.effects,
     ),

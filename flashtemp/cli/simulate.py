@@ -1,4 +1,4 @@
-"""Commands for one case: new, check, run, view, draw; and lab, the web app."""
+"""Commands for one case: new, check, run, view, draw, report; and lab, the web app."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from cyclopts import Parameter
 from flashtemp.cli.terminal import (
     EXIT_DONE,
     Json,
+    Pdf,
     Switch,
     Trust,
     message_printer,
@@ -133,6 +134,21 @@ def draw(
     )
     print_result(drawn.as_dict(), json, str(drawn))
     return code
+
+
+def report(folder: Path, /, *, pdf: Pdf = False, trust: Trust = False, json: Json = False) -> int:
+    """Write the report of a finished run, or the report of any result as PDF, into its folder.
+
+    Parameters
+    ----------
+    folder
+        A result folder of run, compare or discover.
+    """
+    from flashtemp.api import reports
+
+    written = reports.report(folder, pdf=pdf, trust=trust, say=message_printer(json))
+    print_result(written.as_dict(), json, str(written))
+    return EXIT_DONE
 
 
 def check(file: Path, /, *overrides: str, trust: Trust = False, json: Json = False) -> int:

@@ -29,6 +29,9 @@ Json = Annotated[
     bool, Parameter(name="--json", negative=(), help="Print the result as JSON on stdout, and nothing else there.")
 ]
 Switch = Parameter(negative=())
+Pdf = Annotated[
+    bool, Parameter(name="--pdf", negative=(), help="Also write the report as report.pdf; needs flashtemp[report].")
+]
 Limit = Annotated[float | None, Parameter(help="Memory limit for reading one recording, GB; 1 when not given.")]
 Trust = Annotated[
     bool,

@@ -17,12 +17,19 @@ from flashtemp.comparison.compare import (
 from flashtemp.comparison.noise import ResidualPeak
 from flashtemp.display import atomic_write, format_count
 from flashtemp.solver.run import Run
-from flashtemp.viz.html import page
+from flashtemp.viz.html import page, title_page
+from flashtemp.viz.html.title_page import ReportSubject
 
 MAX_FILES_IN_ALT_TEXT = 6  # files listed in the alternative text of the overview
 CHI2_NEAR_NOISE = 1.5  # chi2/dof up to which a residual counts as about as large as the noise
 UPWARD_NAMES = {"sidewall": "z", "wake": "y", "profile": "", "points": ""}
 BODY_NAMES = {"sidewall": "the block", "wake": "the road", "profile": "the block", "points": "the place"}
+COMPARISON_METHOD = (
+    "Each condition is simulated with the stated case, without any fit to these data. The computed temperatures are "
+    "what the camera would report: imaged by its own pixels, optics, exposure and arithmetic. The difference is "
+    "measured minus computed, in kelvin and in units of the noise of one pixel. An image is shifted only as far as "
+    "the stated uncertainty of its position allows."
+)
 COMPARISON_TERMS = (
     (
         "Computed",
@@ -65,60 +72,66 @@ COMPARISON_TERMS = (
 )
 
 
-def write_report(comparison: Comparison, path) -> Path:
+def write_report(comparison: Comparison, path, subject: ReportSubject | None = None) -> Path:
     """Write the report of a comparison as one HTML file with embedded pictures; returns its path."""
     path = Path(path)
     with atomic_write(path) as unfinished:
-        unfinished.write_text(render_report(comparison), encoding="utf-8")
+        unfinished.write_text(render_report(comparison, subject), encoding="utf-8")
     return path
 
 
-def render_report(comparison: Comparison) -> str:
-    """The whole text of the HTML file."""
+def render_report(comparison: Comparison, subject: ReportSubject | None = None) -> str:
+    """The whole text of the HTML file; with a `subject` it has a title page and a section on reproducibility."""
     from flashtemp.viz.measurement.comparison import draw_summary
 
     title = f"{comparison.campaign.title}: measured against computed"
     sizes = [f"{s.view.file} {s.rmse_K:.2g} K" for s in comparison.recordings[:MAX_FILES_IN_ALT_TEXT]]
     sizes += [f"{p.force.file} {p.rmse:.2g}" for p in comparison.forces[:MAX_FILES_IN_ALT_TEXT]]
     overview = f"Root mean square, mean and chi2/dof of all differences: {'; '.join(sizes)}"
-    more = [
-        ("files", "Result for each file", _list_findings(comparison)),
-        ("numbers", "Numbers", _make_tables(comparison)),
-        ("pictures", "Pictures", _make_pictures(comparison)),
-        ("reading", "Terms", [page.term_list(COMPARISON_TERMS)]),
-    ]
-    body = [
-        f"<h1>{escape(title)}</h1>",
+    findings, figures = _worst_recording(comparison)
+    answer = [
         f'<p class="small">Case {escape(str(comparison.campaign.case.name))}; {_count_files(comparison)}.</p>',
         page.heading("Main result", "found"),
-        *_worst_recording(comparison),
-        page.embed_figure(draw_summary(comparison), overview, "Size of the differences, compared with the noise."),
-        page.contents_list([(anchor, head) for anchor, head, _ in more] + _file_anchors(comparison)),
-        *(line for anchor, head, parts in more for line in (page.heading(head, anchor), *parts)),
+        *findings,
     ]
-    return page.render_page(title, body)
+    opening = [
+        *title_page.title_block(answer, subject),
+        *figures,
+        page.embed_figure(draw_summary(comparison), overview, "Size of the differences, compared with the noise."),
+    ]
+    sections = [
+        page.Section("files", "Result for each file", _list_findings(comparison)),
+        page.Section("numbers", "Numbers", _make_tables(comparison)),
+        page.Section("pictures", "Pictures", []),
+        *_picture_sections(comparison),
+        page.Section("reading", "Terms", [page.term_list(COMPARISON_TERMS)]),
+        *title_page.reproduction_section(subject),
+    ]
+    return page.render_report(title, opening, sections)
 
 
-def _worst_recording(comparison: Comparison) -> list[str]:
+def describe_method(comparison: Comparison, command: str) -> ReportSubject:
+    """The subject of the report: what was compared, and how the prediction was computed."""
+    campaign = comparison.campaign
+    return title_page.describe_campaign(campaign, campaign.load({}), command, COMPARISON_METHOD)
+
+
+def _worst_recording(comparison: Comparison) -> tuple[list[str], list[str]]:
     """The recording with the largest chi2/dof: a sentence, and the frame with its largest difference."""
     from flashtemp.viz.measurement.comparison import draw_images
 
     if not comparison.recordings:
-        return [_finding_paragraph(p.force.file, *judge_friction(p)) for p in comparison.forces]
+        return [_finding_paragraph(p.force.file, *judge_friction(p)) for p in comparison.forces], []
     s = max(comparison.recordings, key=lambda s: s.chi2_per_dof if s.pixels else np.inf)
-    finding = _finding_paragraph(s.view.file, *judge_recording(s))
+    finding = [_finding_paragraph(s.view.file, *judge_recording(s))]
     if not s.pixels:
-        return [finding]
+        return finding, []
     others = len(comparison.recordings) - 1
     caption = "Frame with the largest difference" + (
         f"; the other {others} recordings differ less." if others > 1 else ""
     )
-    return [
-        finding,
-        page.embed_figure(
-            draw_images(s, _runs_by_view(comparison).get(id(s.view)), only=True), judge_recording(s)[0], caption
-        ),
-    ]
+    picture = draw_images(s, _runs_by_view(comparison).get(id(s.view)), only=True)
+    return finding, [page.embed_figure(picture, judge_recording(s)[0], caption)]
 
 
 def _list_findings(comparison: Comparison) -> list[str]:
@@ -278,41 +291,36 @@ def _format_pair(values) -> str:
 
 
 # --- pictures ---------------------------------------------------------------------------------------
-def _file_anchors(comparison: Comparison) -> list[tuple[str, str]]:
-    """Anchor and label of every file whose pictures are shown."""
-    entries = [s.view for s in comparison.recordings] + [p.force for p in comparison.forces]
-    return [(f"file-{i}", _file_label(entry)) for i, entry in enumerate(entries, 1)]
+def _picture_sections(comparison: Comparison) -> list[page.Section]:
+    """The pictures of every file with their captions, in a subsection for each file."""
+    runs = _runs_by_view(comparison)
+    pictures = [(s.view, _recording_pictures(s, runs.get(id(s.view)))) for s in comparison.recordings]
+    pictures += [(p.force, _friction_pictures(p)) for p in comparison.forces]
+    return [
+        page.Section(f"file-{i}", _file_label(entry), parts, level=3) for i, (entry, parts) in enumerate(pictures, 1)
+    ]
 
 
-def _make_pictures(comparison: Comparison) -> list[str]:
-    """All pictures with their captions, grouped by file."""
+def _recording_pictures(s: RecordingComparison, run: Run | None) -> list[str]:
+    """The frames of a recording, and its mean differences."""
     from flashtemp.viz.measurement import comparison as draw
 
-    runs, anchors = _runs_by_view(comparison), iter(_file_anchors(comparison))
-    out = []
-    for s in comparison.recordings:
-        run, (anchor, name) = runs.get(id(s.view)), next(anchors)
-        caption = "Measured, computed and their difference in K" + (
-            ""
-            if s.view.recording.is_single_row
-            else " and in sigma; grey: dead pixels and pixels that are not compared"
-        )
-        mean = f"Mean differences of {s.view.file} along its axes and in time: {s.bias_K:+.2g} K on average"
-        out += [
-            page.heading(name, anchor, level=3),
-            page.embed_figure(
-                draw.draw_images(s, run), f"Frames of {s.view.file}. {judge_recording(s)[0]}", f"{caption}."
-            ),
-            page.embed_figure(draw.draw_mean_residuals(s, run), mean, "Mean differences by position and time."),
-        ]
-    for p in comparison.forces:
-        caption = "Friction coefficient measured and computed, and the difference."
-        anchor, name = next(anchors)
-        out.append(page.heading(name, anchor, level=3))
-        out.append(
-            page.embed_figure(draw.draw_friction(p), f"Friction of {p.force.file}. {judge_friction(p)[0]}", caption)
-        )
-    return out
+    more = "" if s.view.recording.is_single_row else " and in sigma; grey: dead pixels and pixels that are not compared"
+    caption = f"Measured, computed and their difference in K{more}."
+    frames = f"Frames of {s.view.file}. {judge_recording(s)[0]}"
+    mean = f"Mean differences of {s.view.file} along its axes and in time: {s.bias_K:+.2g} K on average"
+    return [
+        page.embed_figure(draw.draw_images(s, run), frames, caption),
+        page.embed_figure(draw.draw_mean_residuals(s, run), mean, "Mean differences by position and time."),
+    ]
+
+
+def _friction_pictures(p: ForceComparison) -> list[str]:
+    """The friction coefficient of a load-cell file."""
+    from flashtemp.viz.measurement import comparison as draw
+
+    caption = "Friction coefficient measured and computed, and the difference."
+    return [page.embed_figure(draw.draw_friction(p), f"Friction of {p.force.file}. {judge_friction(p)[0]}", caption)]
 
 
 def _runs_by_view(comparison: Comparison) -> dict[int, Run]:

@@ -4,11 +4,41 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from html import escape
+from typing import NamedTuple
 
+PRINT_STYLE = """
+@page { size: A4; margin: 18mm 16mm 20mm; }
+@page {
+  @bottom-left { content: string(title); font: 8pt sans-serif; color: #444; }
+  @bottom-right { content: "page " counter(page) " of " counter(pages); font: 8pt sans-serif; color: #444; }
+}
+@media print {
+  body { max-width: none; margin: 0; padding: 0; font-size: 9.5pt; line-height: 1.4; color: #000; background: #fff; }
+  h1 { font-size: 16pt; margin-top: 0; string-set: title content(); }
+  h2 { font-size: 12pt; margin: 14pt 0 4pt; } h3 { font-size: 10pt; margin: 10pt 0 3pt; }
+  h1, h2, h3, summary, caption { break-after: avoid; break-inside: avoid; }
+  p, dd, li { orphans: 3; widows: 3; max-width: none; }
+  dt { break-after: avoid; }
+  figure, .verdict, tr, dd { break-inside: avoid; }
+  figure { margin: 6pt 0; text-align: center; } img { width: auto; max-width: 100%; max-height: 205mm; }
+  figcaption { text-align: left; }
+  .title-page { break-after: page; }
+  .wide { overflow: visible; } thead { display: table-header-group; }
+  table { width: 100%; font-size: 7.5pt; } th, td { padding: 1.5pt 3pt; overflow-wrap: anywhere; }
+  .dense table { font-size: 6pt; } .facts { font-size: 8.5pt; }
+  td.text { min-width: 0; max-width: none; } .digest { font-size: 6pt; }
+  nav { break-inside: avoid; } nav ul { columns: 1; } nav a { color: #000; text-decoration: none; }
+  nav a::after { content: leader(".") target-counter(attr(href), page); }
+  a[href^="http"]::after { content: " (" attr(href) ")"; overflow-wrap: anywhere; }
+  details { border: 0; } summary { color: #000; font-weight: 600; list-style: none; display: block; }
+  summary::marker, summary::-webkit-details-marker { content: ""; display: none; }
+  details::details-content { content-visibility: visible; block-size: auto; }
+}
+"""
 PAGE_STYLE = """
-body { font: 16px/1.5 system-ui, "Segoe UI", Helvetica, Arial, sans-serif; color: #1a1a1a; background: #fff;
+body { font: 16px/1.5 "Segoe UI", Helvetica, Arial, sans-serif; color: #1a1a1a; background: #fff;
   max-width: 66rem; margin: 2rem auto; padding: 0 1.2rem; }
 h1 { font-size: 1.6rem; line-height: 1.25; margin-bottom: .2rem; }
 h2 { font-size: 1.2rem; margin: 2.2rem 0 .5rem; padding-bottom: .2rem; border-bottom: 1px solid #bbb; }
@@ -21,20 +51,39 @@ p, dd { max-width: 46rem; }
 .wide { overflow-x: auto; }
 table { border-collapse: collapse; font-size: .8rem; line-height: 1.35; font-variant-numeric: tabular-nums; }
 th, td { text-align: right; vertical-align: top; padding: .3rem .55rem; border-bottom: 1px solid #ddd; }
-th { border-bottom: 1px solid #555; vertical-align: bottom; font-weight: 600; }
+thead th { border-bottom: 1px solid #555; vertical-align: bottom; font-weight: 600; }
 th:first-child, td:first-child, .text { text-align: left; }
+.facts { font-size: .9rem; } .facts td { text-align: left; }
+.facts th { font-weight: 400; color: #444; padding-left: 0; white-space: nowrap; }
+.digest { font-family: monospace; font-size: .75rem; }
 nav ul { list-style: none; padding: 0; margin: .3rem 0; columns: 2; font-size: .9rem; max-width: 46rem; }
+nav .sub { padding-left: 1.2rem; }
 a { color: #0b5c8a; } details { margin: .6rem 0; } summary { cursor: pointer; font-size: .9rem; color: #0b5c8a; }
 figure { margin: 1rem 0; } img { width: 100%; height: auto; }
 figcaption { font-size: .85rem; color: #444; }
 dt { font-weight: 600; margin-top: .6rem; } dd { margin-left: 1.2rem; }
-@media print {
-  body { max-width: none; margin: 0; padding: 0; font-size: 10pt; }
-  table { font-size: 7pt; } th, td { padding: 1pt 3pt; } .wide { overflow: visible; }
-  details::details-content { content-visibility: visible; block-size: auto; }
-  figure, .verdict, tr { break-inside: avoid; } h2, h3 { break-after: avoid; }
-}
 """
+DENSE_COLUMNS = 9  # a table with more is printed smaller
+
+
+class Section(NamedTuple):
+    """A section of a report: the `anchor` of its link, its `heading` and HTML `parts`; a subsection has `level` 3."""
+
+    anchor: str
+    heading: str
+    parts: list[str]
+    level: int = 2
+
+
+def render_report(title: str, opening: list[str], sections: Sequence[Section], extra_style: str = "") -> str:
+    """A self-contained HTML file: title, `opening`, the list of contents, and the sections in its order."""
+    body = [f"<h1>{escape(title)}</h1>", *opening, contents_list(sections), *join_sections(sections)]
+    return render_page(title, body, extra_style)
+
+
+def join_sections(sections: Iterable[Section]) -> list[str]:
+    """The HTML lines of sections with their headings."""
+    return [line for s in sections for line in (heading(s.heading, s.anchor, s.level), *s.parts)]
 
 
 def render_page(title: str, body: list[str], extra_style: str = "") -> str:
@@ -46,11 +95,14 @@ def render_page(title: str, body: list[str], extra_style: str = "") -> str:
             "<head>",
             '<meta charset="utf-8" />',
             '<meta name="viewport" content="width=device-width, initial-scale=1" />',
+            '<meta name="generator" content="flashtemp" />',
             f"<title>{escape(title)}</title>",
-            f"<style>{PAGE_STYLE}{extra_style}</style>",
+            f"<style>{PAGE_STYLE}{extra_style}{PRINT_STYLE}</style>",
             "</head>",
             "<body>",
+            "<main>",
             *body,
+            "</main>",
             "</body>",
             "</html>",
             "",
@@ -73,10 +125,11 @@ def heading(text: str, anchor: str, level: int = 2) -> str:
     return f'<h{level} id="{escape(anchor)}">{escape(text)}</h{level}>'
 
 
-def contents_list(sections: Iterable[tuple[str, str]]) -> str:
-    """A list of links to `sections` (anchor, heading)."""
-    items = (f'<li><a href="#{escape(anchor)}">{escape(text)}</a></li>' for anchor, text in sections)
-    return "\n".join(['<nav aria-label="contents">', "<ul>", *items, "</ul>", "</nav>"])
+def contents_list(sections: Iterable[Section]) -> str:
+    """A list of links to sections and subsections."""
+    kinds = {2: "", 3: ' class="sub"'}
+    items = (f'<li{kinds[s.level]}><a href="#{escape(s.anchor)}">{escape(s.heading)}</a></li>' for s in sections)
+    return "\n".join(['<nav aria-label="Contents">', "<ul>", *items, "</ul>", "</nav>"])
 
 
 def fold_section(title: str, parts: Iterable[str]) -> str:
@@ -87,15 +140,21 @@ def fold_section(title: str, parts: Iterable[str]) -> str:
 def table(head: list[str], rows: list[list[str]]) -> str:
     """An HTML table of text; columns with more than numbers are aligned left, with their heads."""
     words = {k for row in rows for k, text in enumerate(row) if len(text) > 24}
-
-    def line(tag: str, texts: list[str]) -> str:
-        kinds = (' class="text"' if k in words else "" for k in range(len(texts)))
-        return "".join(f"<{tag}{kind}>{escape(text)}</{tag}>" for kind, text in zip(kinds, texts, strict=True))
-
-    lines = [line("td", row) for row in rows]
+    kinds = [' class="text"' if k in words else "" for k in range(len(head))]
+    top = "".join(f'<th scope="col"{kind}>{escape(text)}</th>' for kind, text in zip(kinds, head, strict=True))
+    lines = ("".join(f"<td{kind}>{escape(text)}</td>" for kind, text in zip(kinds, row, strict=True)) for row in rows)
     body = "\n".join(f"<tr>{cells}</tr>" for cells in lines)
-    top = line("th", head)
-    return f'<div class="wide">\n<table>\n<thead><tr>{top}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table>\n</div>'
+    dense = " dense" if len(head) > DENSE_COLUMNS else ""
+    whole = f"<thead><tr>{top}</tr></thead>\n<tbody>\n{body}\n</tbody>"
+    return f'<div class="wide{dense}">\n<table>\n{whole}\n</table>\n</div>'
+
+
+def fact_table(pairs: Iterable[tuple[str, str]], kind: str = "") -> str:
+    """A table of two columns: a name and what is true of it; `kind` is a class of the second column."""
+    cell = f'<td class="{kind}">' if kind else "<td>"
+    rows = [f'<tr><th scope="row">{escape(name)}</th>{cell}{escape(text)}</td></tr>' for name, text in pairs]
+    body = "\n".join(rows)
+    return f'<div class="wide">\n<table class="facts">\n<tbody>\n{body}\n</tbody>\n</table>\n</div>'
 
 
 def embed_figure(fig, alt: str, caption: str) -> str:

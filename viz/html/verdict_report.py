@@ -6,11 +6,14 @@ import math
 from html import escape
 from pathlib import Path
 
+from flashtemp.comparison.campaign import Campaign
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.diagnostics.verdict_sentences import is_within_noise
 from flashtemp.discovery.verdict import Cause, Verdict
 from flashtemp.display import atomic_write
-from flashtemp.viz.html import page, verdict_tables
+from flashtemp.viz import key_labels
+from flashtemp.viz.html import page, title_page, verdict_tables
+from flashtemp.viz.html.title_page import ReportSubject
 from flashtemp.viz.number_format import effect_label, format_number, format_ratio, needed_amplitude
 
 MIN_VISIBLE_GAIN = 0.005  # fraction of the root mean square difference; a smaller gain is invisible in three digits
@@ -29,6 +32,14 @@ SETUP_ANSWERS_BY_KIND = {  # where no effect is missing
     "group": "The set-up differs from what is stated; these data cannot distinguish how",
 }
 ODDS_NAMED = float(f"{math.exp(CRITERIA.ln_bayes_named):.1g}")
+VERDICT_METHOD = (
+    "The model as stated, the base, is calibrated to all recordings that are not held out. Free are: {free}. All other "
+    "stated numbers, and the place, scale and gain of every image, move within what was known of them. Each effect of "
+    "the catalogue is then added to the base, scored by its sensitivities, and simulated in full if it is likely. "
+    f"An effect is named as a cause from a ln Bayes factor of {CRITERIA.ln_bayes_named:g}, if data that no fit has "
+    "used confirm it and no other effect explains them as well. Tests for structure in the residuals and the rules "
+    "below decide whether the verdict is certain."
+)
 VERDICT_TERMS = (
     ("Base", "The model as stated, with its uncertain parameters calibrated to these data."),
     ("Extended", "The base with the accepted causes, calibrated again."),
@@ -65,29 +76,36 @@ VERDICT_STYLE = """
 .answer { font-size: 1.25rem; font-weight: 600; } .verdict .says { margin: .5rem 0; }
 .key { font-size: .95rem; } .key table { font-size: .9rem; margin: .3rem 0 .8rem; }
 td.text { min-width: 11rem; max-width: 30rem; }
-@media print { td.text { min-width: 0; } .answer { font-size: 13pt; } .key table { font-size: 8pt; } }
+@media print { .answer { font-size: 12pt; } .key table { font-size: 8pt; } }
 """
 
 
-def write_report(verdict: Verdict, path) -> Path:
+def write_report(verdict: Verdict, path, subject: ReportSubject | None = None) -> Path:
     """Write the report of a verdict as one HTML file with embedded pictures; returns its path."""
     path = Path(path)
     with atomic_write(path) as unfinished:
-        unfinished.write_text(render_report(verdict), encoding="utf-8")
+        unfinished.write_text(render_report(verdict, subject), encoding="utf-8")
     return path
 
 
-def render_report(verdict: Verdict) -> str:
-    """The whole text of the HTML file."""
+def render_report(verdict: Verdict, subject: ReportSubject | None = None) -> str:
+    """The whole text of the HTML file; with a `subject` it has a title page and a section on reproducibility."""
     title = f"{verdict.title}: search for missing effects"
     pictures = _picture_sections(verdict) if _is_calibrated(verdict) else []
-    first, more = pictures[:1], [*_reason_sections(verdict), *pictures[1:], *_detail_sections(verdict)]
-    body = [f"<h1>{escape(title)}</h1>", *_answer_section(verdict), *_join_sections(first)]
-    body.append(page.contents_list([(anchor, head) for anchor, head, _ in more]))
-    return page.render_page(title, [*body, *_join_sections(more)], VERDICT_STYLE)
+    opening = [
+        *title_page.title_block(_answer_box(verdict), subject),
+        *_answer_details(verdict),
+        *page.join_sections(pictures[:1]),
+    ]
+    details = [*_detail_sections(verdict), *title_page.reproduction_section(subject)]
+    return page.render_report(title, opening, [*_reason_sections(verdict), *pictures[1:], *details], VERDICT_STYLE)
 
 
-Section = tuple[str, str, list[str]]  # anchor, heading, parts
+def describe_method(campaign: Campaign, command: str) -> ReportSubject:
+    """The subject of the report: the campaign, and how causes are named."""
+    free = ", ".join(key_labels.describe_key(k).words for k in campaign.free)
+    method = VERDICT_METHOD.format(free=free or "none")
+    return title_page.describe_campaign(campaign, campaign.load({}), command, method)
 
 
 def _is_calibrated(v: Verdict) -> bool:
@@ -95,21 +113,20 @@ def _is_calibrated(v: Verdict) -> bool:
     return v.kind != "no_verdict" or v.base is not None
 
 
-def _join_sections(sections: list[Section]) -> list[str]:
-    """The HTML lines of sections with their headings."""
-    return [line for anchor, head, parts in sections for line in (page.heading(head, anchor), *parts)]
-
-
 # --- the answer -------------------------------------------------------------------------------------
-def _answer_section(v: Verdict) -> list[str]:
-    """The first screen: answer, causes with their parameters, and the gain of the extension."""
+def _answer_box(v: Verdict) -> list[str]:
+    """The answer in a sentence, and what the verdict says."""
     words, grade = _grade_answer(v)
     says = "\n".join(f'<p class="says">{escape(line)}</p>' for line in v.says)
-    out = [f'<div class="verdict {grade}">\n<p class="answer">{escape(words)}</p>\n{says}\n</div>']
+    return [f'<div class="verdict {grade}">\n<p class="answer">{escape(words)}</p>\n{says}\n</div>']
+
+
+def _answer_details(v: Verdict) -> list[str]:
+    """Causes with their parameters, and the gain of the extension."""
     if v.kind == "no_verdict":
         known = "There are no results to show." if v.base is None else "The sections below show the results so far."
-        return [*out, page.paragraph(f"No cause can be identified until the calibration converges. {known}")]
-    out.append('<div class="key">')
+        return [page.paragraph(f"No cause can be identified until the calibration converges. {known}")]
+    out = ['<div class="key">']
     for cause in v.causes:
         out += _describe_cause(cause)
     if v.group:
@@ -201,16 +218,16 @@ def _describe_extension(v: Verdict) -> list[str]:
 
 
 # --- sections ---------------------------------------------------------------------------------------
-def _reason_sections(v: Verdict) -> list[Section]:
+def _reason_sections(v: Verdict) -> list[page.Section]:
     """The rules behind the verdict, and the check of the stated inputs."""
-    sections: list[Section] = [
-        ("rules", "Why this verdict", verdict_tables.rule_table(v)),
-        ("inputs", "Stated inputs against the data", verdict_tables.input_tables(v)),
+    sections = [
+        page.Section("rules", "Why this verdict", verdict_tables.rule_table(v)),
+        page.Section("inputs", "Stated inputs against the data", verdict_tables.input_tables(v)),
     ]
-    return [section for section in sections if section[2]]
+    return [section for section in sections if section.parts]
 
 
-def _picture_sections(v: Verdict) -> list[Section]:
+def _picture_sections(v: Verdict) -> list[page.Section]:
     """A section per picture, with the picture or the reason for its absence and tables; a learned law first."""
     from flashtemp.viz.html import alt_text
     from flashtemp.viz.verdict import plot_helpers, verdict_figures
@@ -222,18 +239,19 @@ def _picture_sections(v: Verdict) -> list[Section]:
         "else": verdict_tables.rival_tables,
         "gained": verdict_tables.gain_tables,
     }
-    out: list[Section] = _law_section(v, figures)
+    out = _law_section(v, figures)
     for count, name in enumerate(verdict_figures.PICTURE_CAPTIONS, 1):
         parts = [page.paragraph(verdict_figures.ABSENCE_REASONS[name])]
         if name in figures:
             alt, caption = alt_text.describe_picture(v, name), verdict_figures.PICTURE_CAPTIONS[name]
             parts = [page.embed_figure(figures[name], alt, caption)]
         parts += tables[name](v) if name in tables else []
-        out.append((name.replace("_", "-"), f"{count}. {plot_helpers.picture_heading(v, name)}", parts))
+        heading = f"{count}. {plot_helpers.picture_heading(v, name)}"
+        out.append(page.Section(name.replace("_", "-"), heading, parts))
     return out
 
 
-def _law_section(v: Verdict, figures) -> list[Section]:
+def _law_section(v: Verdict, figures) -> list[page.Section]:
     """The section of a learned law; none where no law was learned."""
     law = v.law
     if law is None or "law" not in figures:
@@ -246,7 +264,7 @@ def _law_section(v: Verdict, figures) -> list[Section]:
 
     first, last = describe(0), describe(-1)
     picture = page.embed_figure(figures["law"], f"{law.words}: {first}, {last}", LAW_CAPTION)
-    return [("law", f"{law.words[0].upper()}{law.words[1:]}", [picture])]
+    return [page.Section("law", f"{law.words[0].upper()}{law.words[1:]}", [picture])]
 
 
 def _selection_note(v: Verdict) -> list[str]:
@@ -256,20 +274,23 @@ def _selection_note(v: Verdict) -> list[str]:
     return [page.paragraph(words, "small") for words in [plot_helpers.describe_selection(v)] if words]
 
 
-def _detail_sections(v: Verdict) -> list[Section]:
+def _detail_sections(v: Verdict) -> list[page.Section]:
     """The next experiment, and the details behind the verdict."""
     calibrated = _is_calibrated(v)
     warnings = [page.paragraph("None.")]
     if v.warnings:
         warnings = ["<ul>", *(f"<li>{escape(w)}</li>" for w in v.warnings), "</ul>"]
     time_spent = [page.paragraph(f"Computed in {format_number(v.seconds)} s.", "small")] if v.seconds else []
-    sections: list[Section] = [
-        ("next", "What to measure next", [page.paragraph(v.next_experiment)] if v.next_experiment else []),
-        ("warnings", "Warnings", warnings),
-        ("checked", "Adequacy tests", verdict_tables.adequacy_table(v)),
-        ("known", "Prior knowledge and calibrated values", verdict_tables.prior_tables(v) if calibrated else []),
-        ("unseen", "Detection limits", verdict_tables.detection_limits(v) if calibrated else []),
-        ("certificate", "Convergence of the calibration", [*verdict_tables.convergence_section(v), *time_spent]),
-        ("reading", "Terms", [page.term_list(VERDICT_TERMS)] if calibrated else []),
+    known = verdict_tables.prior_tables(v) if calibrated else []
+    sections = [
+        page.Section("next", "What to measure next", [page.paragraph(v.next_experiment)] if v.next_experiment else []),
+        page.Section("warnings", "Warnings", warnings),
+        page.Section("checked", "Adequacy tests", verdict_tables.adequacy_table(v)),
+        page.Section("known", "Prior knowledge and calibrated values", known),
+        page.Section("unseen", "Detection limits", verdict_tables.detection_limits(v) if calibrated else []),
+        page.Section(
+            "certificate", "Convergence of the calibration", [*verdict_tables.convergence_section(v), *time_spent]
+        ),
+        page.Section("reading", "Terms", [page.term_list(VERDICT_TERMS)] if calibrated else []),
     ]
-    return [section for section in sections if section[2]]
+    return [section for section in sections if section.parts]

@@ -204,7 +204,7 @@ def gain_tables(v: Verdict) -> list[str]:
             for key, words in FIT_METRICS
         ]
         rows = [r for r in rows if any(cell != "–" for cell in r[1:])]
-        out.append(page.table(["", "base", "extended"][: 1 + len(models)], rows))
+        out.append(page.table(["measure", "base", "extended"][: 1 + len(models)], rows))
     for c in v.causes:
         gain = f"{effect_label(c.effect)}: left-out data become more probable by {format_number(c.held_out_gain)} (ln)"
         out.append(page.paragraph(f"{gain}; chi2 lower by {format_number(c.delta_chi2)}.", "small"))
@@ -272,7 +272,7 @@ def convergence_section(v: Verdict) -> list[str]:
     if not v.certificate:
         return [page.paragraph("The convergence of the calibration was not recorded.")]
     rows = [[effect_label(k), format_value(value)] for k, value in flatten_dict(v.certificate)]
-    table = page.table(["calibration", ""], rows)
+    table = page.table(["calibration", "value"], rows)
     converged = v.certificate.get("converged")
     if converged is None:
         return [table]

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
+from flashtemp.viz.number_format import unit_suffix
 
 
 @theme.styled
@@ -21,7 +22,7 @@ def draw(verdict) -> Figure:
     ax.plot(
         nodes, np.interp(nodes, law.at, law.curve), "o", color=theme.SPOT_COLOUR, ms=5, mec="white", mew=0.8, zorder=4
     )
-    argument_unit, unit = ("–" if u == "1" else u for u in (law.argument_unit, law.unit))
+    argument_unit, unit = (unit_suffix(u).strip() or "–" for u in (law.argument_unit, law.unit))
     ax.set(
         xlabel=f"{law.argument} ({argument_unit})",
         ylabel=f"{'factor on ' if law.unit == '1' else ''}{law.quantity} ({unit})",

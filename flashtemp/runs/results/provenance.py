@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import platform
 import re
 import subprocess
@@ -35,3 +36,9 @@ def _describe_checkout() -> str | None:
     except (OSError, subprocess.SubprocessError):
         return None
     return commit or None
+
+
+def digest_file(path: Path) -> str:
+    """SHA-256 digest of a file, in hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

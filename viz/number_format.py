@@ -26,8 +26,8 @@ def unit_suffix(unit: str) -> str:
 def format_number(value: float) -> str:
     """A number with three digits and superscript powers of ten; a dash for NaN.
 
-    >>> format_number(1.2345e-10), format_number(-0.5), format_number(3140.0), format_number(float("nan"))
-    ('1.23 × 10⁻¹⁰', '−0.5', '3140', '–')
+    >>> format_number(1.2345e-10), format_number(-0.5), format_number(999.99), format_number(float("nan"))
+    ('1.23 × 10⁻¹⁰', '−0.5', '1000', '–')
     """
     value = float(value)
     if not math.isfinite(value):
@@ -36,7 +36,7 @@ def format_number(value: float) -> str:
         digits, power = f"{value:.2e}".split("e")
         digits = digits.rstrip("0").rstrip(".")
         return f"{digits} × 10{str(int(power)).translate(SUPERSCRIPTS)}".replace("-", "−")
-    text = f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+    text = f"{value:.3g}" if abs(value) < 999.5 else f"{value:.0f}"  # 999.9 with three digits is 1e+03
     return text.replace("-", "−")
 
 

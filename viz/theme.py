@@ -87,14 +87,15 @@ def make_figure(
 
 
 def compose_title(shown: str, subject: str, width: float) -> str:
-    """The title of a picture `width` inches wide, in one or two lines; a long subject is shortened.
+    """The title of a picture `width` inches wide, in one or two lines; what is longer is cut.
 
     >>> compose_title("Heat budget", "run-in", 7.2), compose_title("Heat budget", "a block that slides", 2.0)
     ('Heat budget, run-in', 'Heat budget, a block\\nthat slides')
     """
-    text = f"{shown}, {subject}" if subject.strip() else shown
-    lines = textwrap.wrap(text, round(TITLE_LETTERS_PER_IN * width), max_lines=2, placeholder=" ...")
-    return "\n".join(lines)
+    text, letters = f"{shown}, {subject}" if subject.strip() else shown, round(TITLE_LETTERS_PER_IN * width)
+    lines = text.splitlines()
+    rest = 1 if len(lines) > 1 else 2  # a subject in two lines keeps them
+    return "\n".join(textwrap.fill(line, letters, max_lines=rest, placeholder=" ...") for line in lines[:2])
 
 
 def add_caption(figure: Figure, text: str) -> None:

@@ -28,7 +28,7 @@ ODD = (
 def test_any_text_can_be_drawn_anywhere_in_a_picture(text, tmp_path):
     @theme.styled
     def draw() -> Figure:
-        fig = theme.make_figure(text, 4.0, 3.0)
+        fig = theme.make_figure(text, text, 4.0, 3.0)
         left, right = fig.subplots(1, 2)
         left.plot([1, 2], [1e-3, 1e3], label=text)
         left.set(yscale="log", title=text, xlabel=text, ylabel=text)
@@ -54,7 +54,7 @@ def test_letters_are_kept_and_control_characters_marked():
 def test_mathematics_of_users_is_no_mathematics(tmp_path):
     @theme.styled
     def draw() -> Figure:
-        fig = theme.make_figure("$a$", 4.0, 3.0)
+        fig = theme.make_figure("$a$", "", 4.0, 3.0)
         fig.subplots().set_title("$a$ and $b$")
         return fig
 
@@ -74,7 +74,7 @@ def test_a_title_with_control_characters_is_refused_before_anything_is_computed(
 def test_frames_of_one_moment_are_drawn_without_a_warning(x, tmp_path):
     @theme.styled
     def draw() -> Figure:
-        fig = theme.make_figure("", 4.0, 3.0)
+        fig = theme.make_figure("", "", 4.0, 3.0)
         draw_residuals(fig.subplots(), np.array(x), np.zeros(len(x)), np.ones(len(x)))
         return fig
 

@@ -18,7 +18,7 @@ from flashtemp.comparison.noise import ResidualPeak
 from flashtemp.display import atomic_write, format_count
 from flashtemp.solver.run import Run
 from flashtemp.viz.html import page, title_page
-from flashtemp.viz.html.title_page import ReportSubject
+from flashtemp.viz.html.page import ReportSubject
 
 MAX_FILES_IN_ALT_TEXT = 6  # files listed in the alternative text of the overview
 CHI2_NEAR_NOISE = 1.5  # chi2/dof up to which a residual counts as about as large as the noise
@@ -92,22 +92,19 @@ def render_report(comparison: Comparison, subject: ReportSubject | None = None) 
     answer = [
         f'<p class="small">Case {escape(str(comparison.campaign.case.name))}; {_count_files(comparison)}.</p>',
         page.heading("Main result", "found"),
-        *findings,
     ]
-    opening = [
-        *title_page.title_block(answer, subject),
-        *figures,
-        page.embed_figure(draw_summary(comparison), overview, "Size of the differences, compared with the noise."),
-    ]
+    figures.append(
+        page.embed_figure(draw_summary(comparison), overview, "Size of the differences, compared with the noise.")
+    )
     sections = [
+        page.Section("largest", "Largest difference", figures),
         page.Section("files", "Result for each file", _list_findings(comparison)),
         page.Section("numbers", "Numbers", _make_tables(comparison)),
         page.Section("pictures", "Pictures", []),
         *_picture_sections(comparison),
         page.Section("reading", "Terms", [page.term_list(COMPARISON_TERMS)]),
-        *title_page.reproduction_section(subject),
     ]
-    return page.render_report(title, opening, sections)
+    return page.render_report(title, [*answer, *findings], subject, sections)
 
 
 def describe_method(comparison: Comparison, command: str) -> ReportSubject:
@@ -224,7 +221,7 @@ def _finding_paragraph(
 ) -> str:
     """A finding as a paragraph with an edge in the colour of its grade; numbers and cautions are folded."""
     more = [page.paragraph(line, "small") for line in (numbers, *(cautions or [])) if line]
-    fold = "\n" + page.fold_section("numbers", more) if more else ""
+    fold = "\n" + page.fold_section("Numbers and remarks", more) if more else ""
     return f'<div class="verdict {grade}">\n<p><b>{escape(file)}</b>: {escape(sentence)}</p>{fold}\n</div>'
 
 

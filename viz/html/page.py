@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from html import escape
 from typing import NamedTuple
 
@@ -15,21 +16,23 @@ PRINT_STYLE = """
   @bottom-right { content: "page " counter(page) " of " counter(pages); font: 8pt sans-serif; color: #444; }
 }
 @media print {
-  body { max-width: none; margin: 0; padding: 0; font-size: 9.5pt; line-height: 1.4; color: #000; background: #fff; }
+  html { font-size: 9.5pt; }
+  body { max-width: none; margin: 0; padding: 0; font-size: 1rem; line-height: 1.4; color: #000; background: #fff; }
   h1 { font-size: 16pt; margin-top: 0; string-set: title content(); }
   h2 { font-size: 12pt; margin: 14pt 0 4pt; } h3 { font-size: 10pt; margin: 10pt 0 3pt; }
   h1, h2, h3, summary, caption { break-after: avoid; break-inside: avoid; }
   p, dd, li { orphans: 3; widows: 3; max-width: none; }
-  dt { break-after: avoid; }
+  dt, h2 + p, h3 + p { break-after: avoid; }
   figure, .verdict, tr, dd { break-inside: avoid; }
   figure { margin: 6pt 0; text-align: center; } img { width: auto; max-width: 100%; max-height: 205mm; }
-  figcaption { text-align: left; }
+  .narrow img { max-width: 125mm; } figcaption { text-align: left; }
   .title-page { break-after: page; }
   .wide { overflow: visible; } thead { display: table-header-group; }
-  table { width: 100%; font-size: 7.5pt; } th, td { padding: 1.5pt 3pt; overflow-wrap: anywhere; }
-  .dense table { font-size: 6pt; } .facts { font-size: 8.5pt; }
-  td.text { min-width: 0; max-width: none; } .digest { font-size: 6pt; }
-  nav { break-inside: avoid; } nav ul { columns: 1; } nav a { color: #000; text-decoration: none; }
+  table { width: 100%; font-size: 7.5pt; } th, td { padding: 1.5pt 3pt; } td.text { overflow-wrap: anywhere; }
+  .dense table { font-size: 6pt; } .dense th, .dense td { padding: 1pt 2pt; } table.facts { font-size: 8.5pt; }
+  td.text { min-width: 0; max-width: none; } .facts .digest { font-size: 6.5pt; }
+  nav { break-inside: avoid; font-size: 8.5pt; } nav ul { columns: 1; font-size: 8.5pt; line-height: 1.3; }
+  nav a { color: #000; text-decoration: none; }
   nav a::after { content: leader(".") target-counter(attr(href), page); }
   a[href^="http"]::after { content: " (" attr(href) ")"; overflow-wrap: anywhere; }
   details { border: 0; } summary { color: #000; font-weight: 600; list-style: none; display: block; }
@@ -60,9 +63,11 @@ nav ul { list-style: none; padding: 0; margin: .3rem 0; columns: 2; font-size: .
 nav .sub { padding-left: 1.2rem; }
 a { color: #0b5c8a; } details { margin: .6rem 0; } summary { cursor: pointer; font-size: .9rem; color: #0b5c8a; }
 figure { margin: 1rem 0; } img { width: 100%; height: auto; }
+.narrow img { max-width: 46rem; }
 figcaption { font-size: .85rem; color: #444; }
 dt { font-weight: 600; margin-top: .6rem; } dd { margin-left: 1.2rem; }
 """
+MAX_NARROW_WIDTH_IN = 6.0  # inches; a narrower picture is not stretched to the width of the page
 DENSE_COLUMNS = 9  # a table with more is printed smaller
 
 
@@ -75,15 +80,61 @@ class Section(NamedTuple):
     level: int = 2
 
 
-def render_report(title: str, opening: list[str], sections: Sequence[Section], extra_style: str = "") -> str:
-    """A self-contained HTML file: title, `opening`, the list of contents, and the sections in its order."""
-    body = [f"<h1>{escape(title)}</h1>", *opening, contents_list(sections), *join_sections(sections)]
+@dataclass(frozen=True)
+class ReportSubject:
+    """What a report is about, as pairs of name and text: `facts` of the work and `conditions` of the test.
+
+    `method`: how the result was computed, in a paragraph.  `files`: SHA-256 digests of all inputs.  `programs`:
+    versions.
+    """
+
+    facts: tuple[tuple[str, str], ...]
+    conditions: tuple[tuple[str, str], ...]
+    method: str
+    files: tuple[tuple[str, str], ...]
+    programs: tuple[tuple[str, str], ...]
+
+
+def render_report(
+    title: str, answer: list[str], subject: ReportSubject | None, sections: Sequence[Section], extra_style: str = ""
+) -> str:
+    """A self-contained HTML file: title page with the `answer` and the list of contents, then the sections.
+
+    With a `subject` the title page says what was run, the conditions and the method, and the last section what
+    reproduces the result.
+    """
+    every = [*sections, *(_reproduction_section(subject) if subject else [])]
+    body = [
+        '<section class="title-page">' if subject else "<section>",
+        f"<h1>{escape(title)}</h1>",
+        *answer,
+        *(_subject_lines(subject) if subject else []),
+        contents_list(every),
+        "</section>",
+        *(line for s in every for line in (heading(s.heading, s.anchor, s.level), *s.parts)),
+    ]
     return render_page(title, body, extra_style)
 
 
-def join_sections(sections: Iterable[Section]) -> list[str]:
-    """The HTML lines of sections with their headings."""
-    return [line for s in sections for line in (heading(s.heading, s.anchor, s.level), *s.parts)]
+def _subject_lines(subject: ReportSubject) -> list[str]:
+    """What was run, the conditions of the test and the method."""
+    return [
+        fact_table(subject.facts),
+        heading("Conditions", "conditions"),
+        fact_table(subject.conditions),
+        heading("Method", "method"),
+        paragraph(subject.method),
+    ]
+
+
+def _reproduction_section(subject: ReportSubject) -> list[Section]:
+    """Digests of the inputs and versions of the programs."""
+    parts = [
+        paragraph("The same inputs and programs give the same numbers. Digests are SHA-256."),
+        fact_table(subject.files, "digest"),
+        fact_table(subject.programs),
+    ]
+    return [Section("reproduction", "Reproducibility", parts)]
 
 
 def render_page(title: str, body: list[str], extra_style: str = "") -> str:
@@ -164,5 +215,6 @@ def embed_figure(fig, alt: str, caption: str) -> str:
     buffer = io.BytesIO()
     fig.savefig(buffer, format="png", dpi=FIGURE_DPI)
     data = base64.b64encode(buffer.getvalue()).decode("ascii")
+    kind = ' class="narrow"' if fig.get_figwidth() < MAX_NARROW_WIDTH_IN else ""
     source = f'<img src="data:image/png;base64,{data}" alt="{escape(alt)}" />'
-    return f"<figure>\n{source}\n<figcaption>{escape(caption)}</figcaption>\n</figure>"
+    return f"<figure{kind}>\n{source}\n<figcaption>{escape(caption)}</figcaption>\n</figure>"

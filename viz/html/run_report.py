@@ -14,9 +14,8 @@ from flashtemp import viz
 from flashtemp.display import atomic_write
 from flashtemp.viz.html import page, title_page
 from flashtemp.viz.html.title_page import ReportSubject
-from flashtemp.viz.number_format import format_number, format_value
+from flashtemp.viz.number_format import flatten_dict, format_number, format_value
 
-FIRST_PICTURE = "profile"
 PICTURE_ORDER = ("profile", "space_time", "field", "friction", "budget")  # others follow by name
 RUN_TERMS = (
     ("Temperature rise", "Temperature above that of the surroundings, on the block's surface averaged across y."),
@@ -61,16 +60,15 @@ def write_report(run: Any, path: Path, subject: ReportSubject) -> Path:
 def render_report(run: Any, subject: ReportSubject) -> str:
     """The whole text of the HTML file."""
     answer = [f'<div class="verdict">\n<p>{escape(summarise_run(run))}</p>\n</div>']
-    pictures = _draw_pictures(run)
     remarks = [page.paragraph(text) for text in run.statistics.get("remarks", ())]
-    opening = [*title_page.title_block(answer, subject), *remarks, *page.join_sections(pictures[:1])]
     sections = [
-        *pictures[1:],
+        *([page.Section("remarks", "Remarks", remarks)] if remarks else []),
+        *_draw_pictures(run),
         page.Section("numbers", "Numbers", [page.table(["quantity", "value"], _summary_rows(run))]),
         page.Section("reading", "Terms", [page.term_list(RUN_TERMS)]),
         *title_page.reproduction_section(subject),
     ]
-    return page.render_report(f"{run.title}: simulated temperatures", opening, sections)
+    return page.render_report(f"{run.title}: simulated temperatures", answer, subject, sections)
 
 
 def summarise_run(run: Any) -> str:
@@ -86,8 +84,9 @@ def summarise_run(run: Any) -> str:
     if heat["friction"] > 0:
         words += f" {number(100 * heat['road'] / heat['friction'])} % of the friction heat enters the road."
     if friction:
-        words += f" The friction coefficient is {number(friction[0])} in the first repetition"
-        words += f" and {number(friction[-1])} in the last." if len(friction) > 1 else "."
+        first, last = number(friction[0]), number(friction[-1])
+        words += f" The friction coefficient is {first}"
+        words += "." if first == last else f" in the first repetition and {last} in the last."
     return words
 
 

@@ -1,9 +1,8 @@
-"""Title page of a report: what was run, the conditions of the test, the method, and what reproduces the result."""
+"""Content of the title page: what was run, the conditions of the test, the method, and what reproduces the result."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ from flashtemp.model.case import Case
 from flashtemp.model.schema import refinement_factor
 from flashtemp.runs.checks import mesh_error
 from flashtemp.runs.results.provenance import digest_file, package_versions, source_commit
-from flashtemp.viz.html import page
+from flashtemp.viz.html.page import ReportSubject
 from flashtemp.viz.key_labels import describe_key
 from flashtemp.viz.number_format import effect_label, format_number, unit_suffix
 
@@ -28,51 +27,6 @@ MATERIAL_UNITS = {"conductivity": "W/m/K", "density": "kg/m3", "heat_capacity": 
 MAX_VALUES_LISTED = 6  # different values of a key; more are given as a range
 
 
-@dataclass(frozen=True)
-class ReportSubject:
-    """What a report is about, as pairs of name and text: `facts` of the work and `conditions` of the test.
-
-    `method`: how the result was computed, in a paragraph.  `files`: SHA-256 digests of all inputs.  `programs`:
-    versions.
-    """
-
-    facts: tuple[tuple[str, str], ...]
-    conditions: tuple[tuple[str, str], ...]
-    method: str
-    files: tuple[tuple[str, str], ...]
-    programs: tuple[tuple[str, str], ...]
-
-
-# --- HTML -------------------------------------------------------------------------------------------
-def title_block(answer: list[str], subject: ReportSubject | None) -> list[str]:
-    """The first page in print: the answer, what was run, the conditions and the method; the answer alone without it."""
-    if subject is None:
-        return answer
-    return [
-        '<section class="title-page">',
-        *answer,
-        page.fact_table(subject.facts),
-        page.heading("Conditions", "conditions"),
-        page.fact_table(subject.conditions),
-        page.heading("Method", "method"),
-        page.paragraph(subject.method),
-        "</section>",
-    ]
-
-
-def reproduction_section(subject: ReportSubject | None) -> list[page.Section]:
-    """The section with digests of the inputs and versions of the programs; none without a subject."""
-    if subject is None:
-        return []
-    parts = [
-        page.paragraph("The same inputs and programs give the same numbers. Digests are SHA-256."),
-        page.fact_table(subject.files, "digest"),
-        page.fact_table(subject.programs),
-    ]
-    return [page.Section("reproduction", "Reproducibility", parts)]
-
-
-# --- content ----------------------------------------------------------------------------------------
 def describe_campaign(campaign: Campaign, case: Case, command: str, method: str) -> ReportSubject:
     """The subject of a report on a campaign, with its stated case; `method` precedes that of the simulations."""
     held_out = sum(entry.held_out for entry in campaign.entries)

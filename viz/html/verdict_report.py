@@ -13,7 +13,7 @@ from flashtemp.discovery.verdict import Cause, Verdict
 from flashtemp.display import atomic_write
 from flashtemp.viz import key_labels
 from flashtemp.viz.html import page, title_page, verdict_tables
-from flashtemp.viz.html.title_page import ReportSubject
+from flashtemp.viz.html.page import ReportSubject
 from flashtemp.viz.number_format import effect_label, format_number, format_ratio, needed_amplitude
 
 MIN_VISIBLE_GAIN = 0.005  # fraction of the root mean square difference; a smaller gain is invisible in three digits
@@ -92,13 +92,15 @@ def render_report(verdict: Verdict, subject: ReportSubject | None = None) -> str
     """The whole text of the HTML file; with a `subject` it has a title page and a section on reproducibility."""
     title = f"{verdict.title}: search for missing effects"
     pictures = _picture_sections(verdict) if _is_calibrated(verdict) else []
-    opening = [
-        *title_page.title_block(_answer_box(verdict), subject),
-        *_answer_details(verdict),
-        *page.join_sections(pictures[:1]),
+    result = _result_parts(verdict)
+    sections = [
+        *([page.Section("result", "Result", result)] if result else []),
+        *pictures[:1],
+        *_reason_sections(verdict),
+        *pictures[1:],
+        *_detail_sections(verdict),
     ]
-    details = [*_detail_sections(verdict), *title_page.reproduction_section(subject)]
-    return page.render_report(title, opening, [*_reason_sections(verdict), *pictures[1:], *details], VERDICT_STYLE)
+    return page.render_report(title, _answer_box(verdict), subject, sections, VERDICT_STYLE)
 
 
 def describe_method(campaign: Campaign, command: str) -> ReportSubject:
@@ -121,12 +123,12 @@ def _answer_box(v: Verdict) -> list[str]:
     return [f'<div class="verdict {grade}">\n<p class="answer">{escape(words)}</p>\n{says}\n</div>']
 
 
-def _answer_details(v: Verdict) -> list[str]:
+def _result_parts(v: Verdict) -> list[str]:
     """Causes with their parameters, and the gain of the extension."""
     if v.kind == "no_verdict":
         known = "There are no results to show." if v.base is None else "The sections below show the results so far."
         return [page.paragraph(f"No cause can be identified until the calibration converges. {known}")]
-    out = ['<div class="key">']
+    out: list[str] = []
     for cause in v.causes:
         out += _describe_cause(cause)
     if v.group:
@@ -139,7 +141,7 @@ def _answer_details(v: Verdict) -> list[str]:
         head = ["effect", "required amplitude", "ln Bayes factor", "distinctness"]
         out += [page.table(head, rows)] if rows else []
     out += [f"<p>{escape(line)}</p>" for line in _describe_gain(v)]
-    return [*out, "</div>"]
+    return ['<div class="key">', *out, "</div>"] if out else []
 
 
 def _grade_answer(v: Verdict) -> tuple[str, str]:

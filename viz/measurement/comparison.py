@@ -29,7 +29,7 @@ from flashtemp.viz.measurement.residual_plots import (
 )
 from flashtemp.viz.time_axis import repetition_axis
 
-COMPARISON_WIDTH_IN = 9.6  # four images side by side
+COMPARISON_WIDTH_IN = 8.4  # four images side by side
 MASKED_COLOUR = "#A9A9A9"
 KELVIN_MAP, SIGMA_MAP = "RdBu_r", "PuOr_r"
 MAX_COLOUR_SIGMA = 6.0  # sigma at the ends of the colour bar

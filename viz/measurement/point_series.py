@@ -18,7 +18,7 @@ from flashtemp.viz.measurement.residual_plots import (
 )
 
 POINT_COLOURS = ("#2B2B2B", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")
-POINT_FIGURE_WIDTH_IN = 9.6  # inches
+POINT_FIGURE_WIDTH_IN = 8.4  # inches
 MAX_POINTS_DRAWN = 12
 
 

@@ -24,7 +24,7 @@ def make_recording_figure(
 ) -> Figure:
     """An empty figure (inches) titled by what is `shown` of a recording or load-cell file, and by its condition."""
     view = f" ({VIEW_LABELS[entry.recording.view]})" if hasattr(entry, "recording") else ""
-    return theme.make_figure(shown, f"{entry.file}{view}: {describe_condition(entry.given)}", width, height, layout)
+    return theme.make_figure(shown, f"{entry.file}{view}\n{describe_condition(entry.given)}", width, height, layout)
 
 
 # --- numbers ----------------------------------------------------------------------------------------

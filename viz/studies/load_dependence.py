@@ -23,7 +23,7 @@ def draw(study) -> Figure:
     axes = upper.subplots(1, len(shown), sharey=True, squeeze=False)[0]
     for ax, i in zip(axes, shown, strict=True):
         _draw_curves(ax, study, int(i))
-    axes[0].set_ylabel("friction coefficient")
+    axes[0].set_ylabel("friction coefficient (–)")
     handles, labels = axes[0].get_legend_handles_labels()
     upper.legend(
         handles,
@@ -82,7 +82,7 @@ def _draw_local_slopes(ax, study) -> None:
         style = "o-" if name in study.acting else "o:"
         ax.plot(middle, share[-1] / np.diff(np.log(study.pressure)), style, ms=3, color=PROCESS_COLOURS[name])
     ax.axhline(0.0, color="black", lw=0.6)
-    ax.set(xscale="log", xlabel="nominal contact pressure (MPa)", ylabel="d ln μ / d ln p")
+    ax.set(xscale="log", xlabel="nominal contact pressure (MPa)", ylabel="d ln μ / d ln p (–)")
     ax.set_title(f"between loads at {study.speed[-1]:g} m/s")
     ax.set_xticks(middle, [theme.format_decimal(v, 2) for v in middle])
     ax.minorticks_off()

@@ -11,9 +11,9 @@ from flashtemp.viz.key_labels import describe_key
 MAX_INPUTS_DRAWN = 10
 SIGMA_95 = 1.96
 OUTPUT_PANELS = {
-    "T_spot_L": ("T_spot at the trailing edge (K)", theme.SPOT_COLOUR),
-    "T_block_L": ("T(L), block (K)", theme.BLOCK_COLOUR),
-    "mu": ("friction (1)", theme.ROAD_COLOUR),
+    "T_spot_L": ("spots, trailing edge (K)", theme.SPOT_COLOUR, f" {theme.CELSIUS}"),
+    "T_block_L": ("block, trailing edge (K)", theme.BLOCK_COLOUR, f" {theme.CELSIUS}"),
+    "mu": ("friction coefficient (–)", theme.ROAD_COLOUR, ""),
 }
 
 
@@ -28,7 +28,7 @@ def draw(result) -> Figure:
     fig = theme.make_figure(title, result.case.title, theme.WIDE_FIGURE_IN, height)
     axes = fig.subplots(1, len(OUTPUT_PANELS), sharey=True)
     at = np.arange(len(shown))
-    for ax, (name, (words, colour)) in zip(axes, OUTPUT_PANELS.items(), strict=True):
+    for ax, (name, (words, colour, unit)) in zip(axes, OUTPUT_PANELS.items(), strict=True):
         number = result.numbers[name]
         change = SIGMA_95 * number.slopes[shown]
         ax.barh(at, change, color=colour, height=0.62)
@@ -42,7 +42,7 @@ def draw(result) -> Figure:
                     ha="left" if c >= 0 else "right", va="center", fontsize=6.5,
                 )  # fmt: skip
         band = f"{theme.format_decimal(number.low)} to {theme.format_decimal(number.high)}"
-        ax.set_title(f"95 %: {band}")
+        ax.set_title(f"95 %: {band}{unit}")
     axes[0].set_yticks(at, [describe_key(result.inputs[k].key).words for k in shown])
     words = "Bars: change by +1.96 sd of the input. Numbers: first-order and total fraction of the variance."
     theme.add_caption(fig, words)

@@ -188,6 +188,6 @@ def _draw_deviations(ax, pulls: list, total: int) -> None:
     ax.set_ylim(len(pulls) - 0.4, -0.6)
     reach = 1.1 * max(3.6, float(np.abs(values).max()))
     ax.set_xlim(-reach, reach)
-    ax.set_xlabel("deviation from the prior (sigma)")
+    ax.set_xlabel("deviation from\nthe prior (sigma)")
     ax.xaxis.set_major_locator(MaxNLocator(7, integer=True))
     ax.set_title(f"nuisance parameters{f', {len(pulls)} of {total}' if total > len(pulls) else ''}")

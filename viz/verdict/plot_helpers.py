@@ -13,7 +13,7 @@ from flashtemp.viz import theme
 from flashtemp.viz.key_labels import describe_condition
 from flashtemp.viz.literal_text import escape_mathematics
 
-VERDICT_WIDTH_IN = 9.6  # inches
+VERDICT_WIDTH_IN = 8.4  # inches
 MAX_CONDITIONS_DRAWN = 4
 OUTLIER_SIGMA = 3.0  # sigma
 MAX_NOISE_OUTLIER_FRACTION = 0.01  # of pixels beyond OUTLIER_SIGMA; with noise alone the fraction is 0.003

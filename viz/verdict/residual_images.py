@@ -211,7 +211,7 @@ def draw_profile_curves(ax, pair) -> None:
         if pair.after is not None:
             ax.plot(x, plot_helpers.row_mean_profile(pair.before, pair.after.predicted, k), "-", color=colour, lw=1.0)
     ax.set_ylabel(f"T ({theme.CELSIUS})")
-    ax.set_title(f"T(x), {plot_helpers.describe_rows(pair.before)}", fontsize=7.0, pad=3)
+    ax.set_title(plot_helpers.describe_rows(pair.before), fontsize=7.0, pad=3)
     ax.xaxis.set_major_locator(MaxNLocator(4, steps=list(theme.TICK_STEPS)))
     ax.yaxis.set_major_locator(MaxNLocator(4, steps=list(theme.TICK_STEPS)))
     ax.grid(lw=0.3, color=theme.WAITING_COLOUR)

@@ -15,7 +15,7 @@ from flashtemp.viz.verdict.residual_images import UPWARD_LABELS, draw_image
 SIGMA_MAP = "PuOr_r"
 MAX_COLOUR_SIGMA = 6.0  # sigma at the ends of the colour bar
 SHORT_VIEW_LABELS = {"sidewall": "side wall", "wake": "wake", "profile": "profile"}
-MAP_ROW_IN = 1.15  # inches
+MAP_ROW_IN = 1.3  # inches
 
 
 def select_imaged(verdict) -> list:
@@ -68,7 +68,7 @@ def _draw_map(ax, result, stage: str) -> None:
     r, values = result.view.recording, plot_helpers.whitened_means(result)
     fraction = plot_helpers.outlier_fraction(result)
     ax.set_title(
-        f"{SHORT_VIEW_LABELS[r.view]}, {stage}: {100 * fraction:.2g} % beyond ±{OUTLIER_SIGMA:g}", fontsize=7.0, pad=3
+        f"{SHORT_VIEW_LABELS[r.view]}, {stage}\n{100 * fraction:.2g} % beyond ±{OUTLIER_SIGMA:g}", fontsize=7.0, pad=3
     )
     if r.view == "profile":
         draw_residuals(ax, 1e3 * r.u, values[0], np.full(len(r.u), OUTLIER_SIGMA))

@@ -12,8 +12,8 @@ import numpy as np
 
 from flashtemp import viz
 from flashtemp.display import atomic_write
-from flashtemp.viz.html import page, title_page
-from flashtemp.viz.html.title_page import ReportSubject
+from flashtemp.viz.html import page
+from flashtemp.viz.html.page import ReportSubject
 from flashtemp.viz.number_format import flatten_dict, format_number, format_value
 
 PICTURE_ORDER = ("profile", "space_time", "field", "friction", "budget")  # others follow by name
@@ -66,7 +66,6 @@ def render_report(run: Any, subject: ReportSubject) -> str:
         *_draw_pictures(run),
         page.Section("numbers", "Numbers", [page.table(["quantity", "value"], _summary_rows(run))]),
         page.Section("reading", "Terms", [page.term_list(RUN_TERMS)]),
-        *title_page.reproduction_section(subject),
     ]
     return page.render_report(f"{run.title}: simulated temperatures", answer, subject, sections)
 

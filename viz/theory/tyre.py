@@ -21,22 +21,31 @@ def draw(cornering, title: str) -> Figure:
 
     `cornering` is a CorneringResult.  Colours are loads; grey are the controls with two equal branches.
     """
-    fig = theme.make_figure("Side force of the tyre", title, theme.WIDE_FIGURE_IN, 5.4)
+    with_maxima = any(cornering.has_inner_peaks(m, n) for m in MODEL_LABELS for n in (*CONTROL_COLOURS, "law"))
+    fig = theme.make_figure("Side force of the tyre", title, theme.WIDE_FIGURE_IN, 5.4 if with_maxima else 3.6)
     fig.get_layout_engine().set(wspace=0.05, hspace=0.06)
-    axes = fig.subplots(2, 2, height_ratios=[1.45, 1.0], sharey="row")
+    ratios = [1.45, 1.0] if with_maxima else [1.0]
+    axes = fig.subplots(len(ratios), 2, squeeze=False, height_ratios=ratios, sharey="row")
     colours = theme.repetition_colours(len(cornering.loads))
     for column, model in enumerate(MODEL_LABELS):
         _draw_angles(axes[0, column], cornering, model, colours)
-        _draw_maxima(axes[1, column], cornering, model, colours)
+        if with_maxima:
+            _draw_maxima(axes[1, column], cornering, model, colours)
     axes[0, 0].set_ylabel("side force / load (–)")
-    axes[1, 0].set_ylabel("change of its maximum (%)")
-    low, high = axes[1, 0].get_ylim()
-    axes[1, 0].set_ylim(min(low, -MIN_CHANGE_PERCENT), max(high, MIN_CHANGE_PERCENT))
     axes[0, 0].set_ylim(0.0, 1.1 * max(values.max() for values in cornering.curves.values()))
+    if with_maxima:
+        axes[1, 0].set_ylabel("change of its maximum (%)")
+        low, high = axes[1, 0].get_ylim()
+        axes[1, 0].set_ylim(min(low, -MIN_CHANGE_PERCENT), max(high, MIN_CHANGE_PERCENT))
     for ax, handles in zip(axes[0], _legend_handles(cornering, colours), strict=True):
         ax.legend(handles=handles, loc="upper left")
-    theme.add_caption(fig, _describe_conditions(cornering))
+    none = "" if with_maxima else f"  No side force has a maximum up to {_last_angle(cornering)} deg."
+    theme.add_caption(fig, _describe_conditions(cornering) + none)
     return fig
+
+
+def _last_angle(cornering) -> str:
+    return theme.format_decimal(cornering.angles[-1], 3)
 
 
 def _describe_conditions(cornering) -> str:
@@ -107,11 +116,7 @@ def _draw_maxima(ax, cornering, model: str, colours) -> None:
     """Maximum side force over load, relative to the lowest load, where it is inside the range of angles."""
     kN = cornering.loads / 1e3
     if not cornering.has_inner_peaks(model):
-        words = (
-            f"no maximum up to {theme.format_decimal(cornering.angles[-1], 3)} deg"
-            if cornering.rising_up_to_deg(model)
-            else "no maximum"
-        )
+        words = f"no maximum up to {_last_angle(cornering)} deg" if cornering.rising_up_to_deg(model) else "no maximum"
         ax.annotate(words, (0.5, 0.5), xycoords="axes fraction", ha="center", va="center", color=theme.SPOT_COLOUR)
         if not any(cornering.has_inner_peaks(model, n) for n in (*CONTROL_COLOURS, "law")):  # nothing to draw: no axes
             ax.set_axis_off()

@@ -103,7 +103,7 @@ ODD = (
     "file.txt", "file.txt/x", "none/there.toml", "a\nb", "\x1b[31mred", "caf\udce9", "\u009b2J", "a\rb",
 )  # fmt: skip
 READS = {  # commands with @ where a name of something to be read stands
-    "check": "check @", "run": "run @", "view": "view @", "draw": "draw @", "sweep": "sweep @ friction.mu=0.5,0.6",
+    "check": "check @", "run": "run @", "view": "view @", "draw": "draw @", "report": "report @", "paged": "report @ --pdf", "sweep": "sweep @ friction.mu=0.5,0.6",
     "converge": "converge @", "sensitivity": "sensitivity @", "import": "import @ --out r.nc", "look": "import @ --look",
     "second": "import table.csv @ --out r.nc", "compare": "compare @", "discover": "discover @", "plan": "plan @",
     "twin": "twin @ --hide wear --seed 1 --out t", "repetitions": "repetitions @", "wait": "wait @",

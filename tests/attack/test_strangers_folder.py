@@ -143,6 +143,7 @@ def test_commands_on_campaigns_open_nothing_else_either(folder):
         folder,
         "run case --out out-drawn",
         "draw out-drawn",
+        "report out-drawn --pdf",
         "twin case --hide none --seed 1 --conditions 2 --views profile --out out-campaign",
         "compare out-campaign --out out-compare",
         "import image.csv --look --out out-drawn/look.png",

@@ -98,6 +98,7 @@ CALLS = {  # every public call on something small
     "check": lambda lab: flashtemp.check(lab, {"friction.mu": 0.7}),
     "simulate": lambda lab: flashtemp.simulate(lab, {"schedule.repetitions": 1}),
     "draw": lambda lab: flashtemp.draw(lab / "run"),
+    "report": lambda lab: flashtemp.report(lab / "run"),
     "open_fields": lambda lab: flashtemp.open_fields(lab / "run"),
     "sweep": lambda lab: flashtemp.sweep(lab, {"friction.mu": [0.5, 1.0]}, {"schedule.repetitions": 1}, workers=1),
     "converge": lambda lab: flashtemp.converge(lab, {"schedule.repetitions": 1}),

@@ -163,10 +163,18 @@ def test_digests_are_those_of_the_inputs(folder):
 
 
 # --- pdf ----------------------------------------------------------------------------------------------
+def pdf_reader():
+    """pypdf, where it and the writer of PDFs are installed."""
+    try:
+        pdf.import_library()
+    except BadInput as fault:
+        pytest.skip(str(fault))
+    return pytest.importorskip("pypdf")
+
+
 @pytest.mark.parametrize("name", ["run", "compared"])
 def test_the_pdf_has_the_pages_of_the_report_with_whole_pictures(folder, name):
-    pytest.importorskip("weasyprint")
-    pypdf = pytest.importorskip("pypdf")
+    pypdf = pdf_reader()
     flashtemp.report(folder / name, pdf=True)
     html = (folder / name / "report.html").read_text(encoding="utf-8")
     document = pypdf.PdfReader(folder / name / "report.pdf")
@@ -189,8 +197,7 @@ def test_the_pdf_has_the_pages_of_the_report_with_whole_pictures(folder, name):
 
 
 def test_nothing_outside_a_report_gets_into_its_pdf(tmp_path):
-    pytest.importorskip("weasyprint")
-    pypdf = pytest.importorskip("pypdf")
+    pypdf = pdf_reader()
     figure = theme.make_figure("secret", "", 2.0, 1.0)
     figure.savefig(tmp_path / "secret.png")
     (tmp_path / "report.html").write_text(f'<h1>a</h1><img src="{(tmp_path / "secret.png").as_uri()}" alt="b">')

@@ -137,23 +137,22 @@ def add_colour_bar(figure: Any, picture: Any, axes: Any, label: str, **how: Any)
 
 
 def symmetric_ticks(limit: float) -> np.ndarray:
-    """Round ticks from -limit to limit, where that is a limit of `symmetric_limit`.
+    """Round ticks from -limit to limit, which is a value of `symmetric_limit`.
 
-    >>> symmetric_ticks(0.4).tolist(), symmetric_ticks(6.0).tolist()
-    ([-0.4, -0.2, 0.0, 0.2, 0.4], [-6.0, -4.0, -2.0, 0.0, 2.0, 4.0, 6.0])
+    >>> symmetric_ticks(0.4).tolist(), symmetric_ticks(5.0).tolist()
+    ([-0.4, -0.2, 0.0, 0.2, 0.4], [-5.0, 0.0, 5.0])
     """
-    ticks = round_values(-limit, limit)
-    return ticks[np.abs(ticks) <= limit * (1 + 1e-9)]
+    return np.linspace(-limit, limit, 3 if f"{limit:e}".startswith("5") else 5)
 
 
 def symmetric_limit(value: float) -> float:
-    """The smallest 1, 2, 4, 6 or 10 times a power of ten that is at least `value` (> 0): its half is a round number.
+    """The smallest 1, 2, 4, 5 or 10 times a power of ten that is at least `value` (> 0).
 
-    >>> symmetric_limit(0.23), symmetric_limit(1.7), symmetric_limit(6.1)
+    >>> symmetric_limit(0.23), symmetric_limit(1.7), symmetric_limit(5.1)
     (0.4, 2.0, 10.0)
     """
     power = 10.0 ** np.floor(np.log10(value))
-    step = next(s for s in (1, 2, 4, 6, 10) if s * power >= value * (1 - 1e-9))
+    step = next(s for s in (1, 2, 4, 5, 10) if s * power >= value * (1 - 1e-9))
     return float(f"{step * power:.6g}")
 
 

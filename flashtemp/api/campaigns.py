@@ -61,7 +61,7 @@ def compare(
             with report_drawing_faults(result, out or work, "report.html", RERUN_ELSEWHERE_HINT):
                 from flashtemp.viz.html import comparison_report
 
-                command = reports.format_command("compare", loaded.folder)
+                command = reports.format_command("compare", loaded.path)
                 subject = comparison_report.describe_method(result, command)
                 comparison_report.write_report(result, work / "report.html", subject)
             _write_pdf_report(result, pdf, work, out)
@@ -111,7 +111,7 @@ def discover(
                 from flashtemp.viz.html import verdict_report
                 from flashtemp.viz.verdict import verdict_figures
 
-                subject = verdict_report.describe_method(loaded, reports.format_command("discover", loaded.folder))
+                subject = verdict_report.describe_method(loaded, reports.format_command("discover", loaded.path))
                 verdict_report.write_report(verdict, work / "report.html", subject)
                 verdict_figures.draw_all(verdict, work)
             _write_pdf_report(verdict, pdf, work, out)

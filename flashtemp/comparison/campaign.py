@@ -34,6 +34,7 @@ ENTRY_KEYS = {
     "recording": {"file", "view", "points", "with", "sigma_K", "held_out", "camera"},
     "force": {"file", "with", "sigma", "held_out"},
 }
+DEFAULT_CAMPAIGN_FILE = "campaign.toml"
 
 
 CaseLoader = Callable[..., cases.Case]  # loads the case with overrides
@@ -89,7 +90,8 @@ class Campaign(DisplayMixin):
 
     `candidates`: effects that may be missing.  `trust`: effect files of the case run whoever owns them.  `priors`
     {free key: relative standard deviation} and `known` {other key: standard deviation} as the campaign states them.
-    `awaited`: files of entries that do not exist yet, where they may be missing.
+    `awaited`: files of entries that do not exist yet, where they may be missing.  `file_name`: that of the campaign in
+    its folder.
     """
 
     title: str
@@ -103,6 +105,12 @@ class Campaign(DisplayMixin):
     priors: dict[str, float] = field(default_factory=dict)
     known: dict[str, StatedUncertainty] = field(default_factory=dict)
     awaited: tuple[str, ...] = ()
+    file_name: str = DEFAULT_CAMPAIGN_FILE
+
+    @property
+    def path(self) -> Path:
+        """The path to give a command: the folder, or the file where it has a name of its own."""
+        return self.folder if self.file_name == DEFAULT_CAMPAIGN_FILE else self.folder / self.file_name
 
     @property
     def entries(self) -> tuple[RecordingEntry | LoadCellEntry, ...]:
@@ -159,7 +167,7 @@ def load(
     once, one line each.
     """
     path = Path(path)
-    file = path / "campaign.toml" if path.is_dir() else path
+    file = path / DEFAULT_CAMPAIGN_FILE if path.is_dir() else path
     if not file.is_file():
         raise BadInput(case_file.describe_missing_file(path, file_kinds.CAMPAIGN_KIND))
     text, raw = case_file.read_toml(file)
@@ -188,7 +196,8 @@ def load(
     title = raw.get("title", file.resolve().parent.name)
     entered = tuple(views.values()), tuple(forces.values())
     awaited = tuple(dict.fromkeys(reader.awaited))
-    return Campaign(title, case, free, *entered, file.parent, candidates, trust, priors or {}, known, awaited)
+    stated = candidates, trust, priors or {}, known
+    return Campaign(title, case, free, *entered, file.parent, *stated, awaited, file.name)
 
 
 @dataclass(frozen=True)

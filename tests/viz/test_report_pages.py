@@ -132,7 +132,8 @@ def test_the_title_page_says_what_was_run_and_under_which_conditions(html):
     assert "|repetitions||2|" in text
     assert "|block, length × width × height||30 × 50 × " in text
     assert re.search(
-        r"\|material [^|]+\|\|conductivity [\d.]+ W/m/K, density \d+ kg/m³, heat capacity \d+ J/kg/K\|", text
+        r"\|block, tread rubber\|\|conductivity [\d.]+ W/\(m K\), density \d+ kg/m³, heat capacity \d+ J/\(kg K\)\|",
+        text,
     )
     assert re.search(r"on \d+ cells in 2 dimensions", text)
     assert "CVODE" in text
@@ -266,7 +267,7 @@ def test_a_bar_around_zero_is_labelled_at_its_ends():
         ticks = theme.symmetric_ticks(limit)
         assert ticks[[0, -1]] == pytest.approx([-limit, limit])
         assert 0.0 in ticks
-        assert len(ticks) <= 7
+        assert 3 <= len(ticks) <= 5
 
 
 def test_long_titles_keep_what_is_shown():

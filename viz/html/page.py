@@ -22,9 +22,9 @@ PRINT_STYLE = """
   h2 { font-size: 12pt; margin: 14pt 0 4pt; } h3 { font-size: 10pt; margin: 10pt 0 3pt; }
   h1, h2, h3, summary, caption { break-after: avoid; break-inside: avoid; }
   p, dd, li { orphans: 3; widows: 3; max-width: none; }
-  dt, h2 + p, h3 + p { break-after: avoid; }
+  dt, #reproduction + p { break-after: avoid; }
   figure, .verdict, tr, dd { break-inside: avoid; }
-  figure { margin: 6pt 0; text-align: center; } img { width: auto; max-width: 100%; max-height: 205mm; }
+  figure { margin: 6pt 0; text-align: center; } img { width: auto; max-width: 100%; max-height: 165mm; }
   .narrow img { max-width: 125mm; } figcaption { text-align: left; }
   .title-page { break-after: page; }
   .wide { overflow: visible; } thead { display: table-header-group; }

@@ -13,17 +13,18 @@ from flashtemp.comparison.campaign import Campaign
 from flashtemp.display import format_count
 from flashtemp.model.case import Case
 from flashtemp.model.schema import refinement_factor
+from flashtemp.physics.material import Material
 from flashtemp.runs.checks import mesh_error
 from flashtemp.runs.results.provenance import digest_file, package_versions, source_commit
 from flashtemp.viz.html.page import ReportSubject
 from flashtemp.viz.key_labels import describe_key
-from flashtemp.viz.number_format import effect_label, format_number, unit_suffix
+from flashtemp.viz.number_format import effect_label, format_number
 
 CONDITION_KEYS = (
     "contact.pressure", "schedule.speed", "schedule.distance", "schedule.repetitions", "schedule.wait",
     "ambient.temperature",
 )  # fmt: skip
-MATERIAL_UNITS = {"conductivity": "W/m/K", "density": "kg/m3", "heat_capacity": "J/kg/K"}
+MATERIAL_UNITS = {"conductivity": "W/(m K)", "density": "kg/m³", "heat_capacity": "J/(kg K)"}
 MAX_VALUES_LISTED = 6  # different values of a key; more are given as a range
 
 
@@ -38,7 +39,7 @@ def describe_campaign(campaign: Campaign, case: Case, command: str, method: str)
         ("case", f"{case.title} ({campaign.case})"),
         ("measurements", measured + (f"; {format_count(held_out, 'file')} held out" if held_out else "")),
     ]
-    inputs = {"campaign.toml": campaign.folder / "campaign.toml", "case.toml": _case_file(campaign.case)}
+    inputs = {campaign.file_name: campaign.folder / campaign.file_name, "case.toml": _case_file(campaign.case)}
     inputs |= {name: case.folder / name for name in case.named_files().values()}
     inputs |= {entry.file: campaign.folder / entry.file for entry in campaign.entries}
     versions = package_versions(case.settings.binding)
@@ -98,9 +99,12 @@ def list_conditions(case: Case, overrides: Sequence[dict[str, Any]]) -> list[tup
     rows = [(describe_key(k).words, _list_values(k, [g.get(k, _case_value(case, k)) for g in overrides])) for k in keys]
     size = " × ".join(format_number(1e3 * case[f"block.{side}"]) for side in ("length", "width", "height"))
     rows.append(("block, length × width × height", f"{size} mm"))
-    for table, values in case.values.items():
-        if table.startswith("materials."):
-            rows.append((f"material {table.split('.', 1)[1]}", _describe_material(values)))
+    scene = case.scene
+    materials = {f"layer {layer.name}": layer.material for layer in scene.layers}
+    materials = materials or {f"block, {effect_label(case['block.material'])}": scene.block}
+    if slides:
+        materials[f"road, {effect_label(case['road.material'])}"] = scene.road
+    rows += [(name, _describe_material(material)) for name, material in materials.items()]
     effects = ", ".join(effect_label(name) for name in case.effects)
     return [*rows, ("effects beyond the base model", effects or "none")]
 
@@ -123,14 +127,9 @@ def _list_values(key: str, values: list[Any]) -> str:
     return f"{', '.join(texts)} {label.unit if is_numeric else ''}".rstrip()
 
 
-def _describe_material(values: dict[str, Any]) -> str:
-    parts = []
-    for name, unit in MATERIAL_UNITS.items():
-        if isinstance(value := values.get(name), int | float):
-            parts.append(f"{name.replace('_', ' ')} {format_number(value)}{unit_suffix(unit)}")
-        elif value is not None:
-            parts.append(f"{name.replace('_', ' ')}: {value}")
-    return ", ".join(parts)
+def _describe_material(material: Material) -> str:
+    numbers = {name: format_number(getattr(material, name)) for name in MATERIAL_UNITS}
+    return ", ".join(f"{name.replace('_', ' ')} {numbers[name]} {unit}" for name, unit in MATERIAL_UNITS.items())
 
 
 def describe_simulation(case: Case, versions: dict[str, str]) -> str:

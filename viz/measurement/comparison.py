@@ -32,7 +32,7 @@ from flashtemp.viz.time_axis import repetition_axis
 COMPARISON_WIDTH_IN = 8.4  # four images side by side
 MASKED_COLOUR = "#A9A9A9"
 KELVIN_MAP, SIGMA_MAP = "RdBu_r", "PuOr_r"
-MAX_COLOUR_SIGMA = 6.0  # sigma at the ends of the colour bar
+MAX_COLOUR_SIGMA = 5.0  # sigma at the ends of the colour bar
 MARGIN_PX = 2  # pixels drawn around the compared ones
 STRUCTURE_SIZE_PX = 5  # side of the square that counts as one structure
 MAX_DOTS_DRAWN = 1500  # readings of a load cell

@@ -13,7 +13,7 @@ from flashtemp.viz.verdict.plot_helpers import OUTLIER_SIGMA
 from flashtemp.viz.verdict.residual_images import UPWARD_LABELS, draw_image
 
 SIGMA_MAP = "PuOr_r"
-MAX_COLOUR_SIGMA = 6.0  # sigma at the ends of the colour bar
+MAX_COLOUR_SIGMA = 5.0  # sigma at the ends of the colour bar
 SHORT_VIEW_LABELS = {"sidewall": "side wall", "wake": "wake", "profile": "profile"}
 MAP_ROW_IN = 1.3  # inches
 

@@ -31,7 +31,7 @@ PRINT_STYLE = """
   table { width: 100%; font-size: 7.5pt; } th, td { padding: 1.5pt 3pt; } td.text { overflow-wrap: anywhere; }
   .dense table { font-size: 6pt; } .dense th, .dense td { padding: 1pt 2pt; } table.facts { font-size: 8.5pt; }
   td.text { min-width: 0; max-width: none; } .facts .digest { font-size: 6.5pt; }
-  nav { break-inside: avoid; font-size: 8.5pt; } nav ul { columns: 1; font-size: 8.5pt; line-height: 1.3; }
+  nav ul { columns: 2; column-gap: 8mm; max-width: none; font-size: 8pt; line-height: 1.3; }
   nav a { color: #000; text-decoration: none; }
   nav a::after { content: leader(".") target-counter(attr(href), page); }
   a[href^="http"]::after { content: " (" attr(href) ")"; overflow-wrap: anywhere; }

@@ -203,10 +203,11 @@ def row_mean_profile(result, values: np.ndarray, frame: int) -> np.ndarray:
 
 
 def hottest_frame(result, frames: np.ndarray) -> int:
-    """The frame of `frames` with the highest computed sum over compared pixels."""
-    compared = np.isfinite(result.residual).any(axis=0)
-    heat = np.where(compared, result.predicted[frames], 0.0).sum(axis=(1, 2))
-    return int(frames[np.argmax(heat)])
+    """The frame of `frames` with the highest computed mean over its compared pixels."""
+    compared = np.isfinite(result.residual[frames])
+    count = compared.sum(axis=(1, 2))
+    heat = np.where(compared, result.predicted[frames], 0.0).sum(axis=(1, 2)) / np.maximum(count, 1)
+    return int(frames[np.argmax(np.where(count > 0, heat, -np.inf))])
 
 
 def repetition_frames(result) -> dict[int, int]:

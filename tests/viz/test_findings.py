@@ -438,7 +438,7 @@ def test_the_page_is_the_answer_a_list_of_contents_and_the_sections_in_its_order
 
 
 def test_what_is_long_is_folded(pages):
-    html, _ = pages("named")
+    html = pages("named")[0].replace("<wbr />", "")
     folds = "".join(re.findall(r"<details>.*?</details>", html, re.S))
     for words in ("test for structure", "prior standard deviation", "detectable at 5 sigma"):
         assert words in folds

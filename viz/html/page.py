@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -68,6 +69,7 @@ figcaption { font-size: .85rem; color: #444; }
 dt { font-weight: 600; margin-top: .6rem; } dd { margin-left: 1.2rem; }
 """
 MAX_NARROW_WIDTH_IN = 6.0  # inches; a narrower picture is not stretched to the width of the page
+LONG_NAME = re.compile(r"[\w.-]{13,}")  # a key or a file name
 DENSE_COLUMNS = 9  # a table with more is printed smaller
 
 
@@ -193,11 +195,23 @@ def table(head: list[str], rows: list[list[str]]) -> str:
     words = {k for row in rows for k, text in enumerate(row) if len(text) > 24}
     kinds = [' class="text"' if k in words else "" for k in range(len(head))]
     top = "".join(f'<th scope="col"{kind}>{escape(text)}</th>' for kind, text in zip(kinds, head, strict=True))
-    lines = ("".join(f"<td{kind}>{escape(text)}</td>" for kind, text in zip(kinds, row, strict=True)) for row in rows)
+    lines = (
+        "".join(f"<td{kind}>{_breakable(text)}</td>" for kind, text in zip(kinds, row, strict=True)) for row in rows
+    )
     body = "\n".join(f"<tr>{cells}</tr>" for cells in lines)
     dense = " dense" if len(head) > DENSE_COLUMNS else ""
     whole = f"<thead><tr>{top}</tr></thead>\n<tbody>\n{body}\n</tbody>"
     return f'<div class="wide{dense}">\n<table>\n{whole}\n</table>\n</div>'
+
+
+def _breakable(text: str) -> str:
+    """Text for a cell; a long key or file name may break after its points and underscores.
+
+    >>> _breakable("block.heat_capacity"), _breakable("1.5 mm")
+    ('block.<wbr />heat_<wbr />capacity', '1.5 mm')
+    """
+    safe = escape(text)
+    return re.sub(r"(?<=\w)([._])(?=[a-zA-Z])", r"\1<wbr />", safe) if LONG_NAME.fullmatch(text) else safe
 
 
 def fact_table(pairs: Iterable[tuple[str, str]], kind: str = "") -> str:

@@ -34,7 +34,7 @@ class AnimationFigure:
     """The figure of a run for the frames `kept` (indices into run.field)."""
 
     def __init__(self, run, kept: list[int]):
-        self.fig = theme.make_figure("Temperature, friction and pressure", run.title, *ANIMATION_SIZE_IN)
+        self.fig = theme.make_figure("Temperature and friction over time", run.title, *ANIMATION_SIZE_IN)
         self.fig.set_dpi(ANIMATION_DPI)
         self.fig.get_layout_engine().set(wspace=0.03, hspace=0.04)
         axes = self.fig.subplots(2, 2, width_ratios=[1.5, 1.0], height_ratios=[1.0, 0.95])

@@ -142,7 +142,7 @@ def symmetric_ticks(limit: float) -> np.ndarray:
     >>> symmetric_ticks(0.4).tolist(), symmetric_ticks(5.0).tolist()
     ([-0.4, -0.2, 0.0, 0.2, 0.4], [-5.0, 0.0, 5.0])
     """
-    return np.linspace(-limit, limit, 3 if f"{limit:e}".startswith("5") else 5)
+    return limit * np.linspace(-1.0, 1.0, 3 if f"{limit:e}".startswith("5") else 5)
 
 
 def symmetric_limit(value: float) -> float:

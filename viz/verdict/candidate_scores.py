@@ -11,6 +11,7 @@ from flashtemp.discovery.hypotheses.piecewise_linear_law import LEARNED_LAW_NAME
 from flashtemp.viz import theme
 from flashtemp.viz.literal_text import escape_mathematics
 from flashtemp.viz.measurement.residual_plots import BAND_COLOUR
+from flashtemp.viz.number_format import format_number
 from flashtemp.viz.verdict import plot_helpers
 
 LN_BAYES_ALARM = 8.0  # ln Bayes factor that noise alone exceeds in fewer than 1 of 200 campaigns
@@ -128,7 +129,7 @@ def _draw_amplitudes(ax, cause) -> None:
     ax.set_xlim(theme.padded_limits(values, [1.0] if is_law else [*common.ci95], least=1e-12, margin=0.08))
     unit = "–" if is_law or common.unit == "1" else escape_mathematics(common.unit)
     ax.set_xlabel(f"{'factor on the whole law' if is_law else plot_helpers.plot_label(common.name)} ({unit})")
-    ax.set_title(f"each condition alone\nprobability of such scatter: {100 * cause.consistent:.2g} %")
+    ax.set_title(f"each condition alone\nprobability of such scatter: {format_number(100 * cause.consistent)} %")
 
 
 # --- alternative explanations -----------------------------------------------------------------------

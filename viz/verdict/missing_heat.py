@@ -15,6 +15,7 @@ from flashtemp.viz.verdict.residual_images import FIRST_REPETITION_COLOUR, LAST_
 MIN_RESOLUTION = 0.2  # fraction of a local change that the data resolve; below it nothing is claimed
 SIGMA_95 = 1.96
 FLUX_ROW_IN = 2.0  # inches
+MIN_SPAN = 0.01  # kW/m2, or fraction of the pressure: smallest range of an axis
 UNRESOLVED_COLOUR = "#DDDDDD"
 
 
@@ -81,7 +82,7 @@ def _draw_bands(ax, x, values, error, repetition) -> None:
         )
         ax.plot(x, values[i], color=colour, label=label)
     resolved = [values, values - SIGMA_95 * error, values + SIGMA_95 * error]
-    ax.set_ylim(theme.padded_limits(*resolved, least=1e-6, margin=0.06))
+    ax.set_ylim(theme.padded_limits(*resolved, least=MIN_SPAN, margin=0.06))
 
 
 def _shade_unresolved(ax, x, resolution) -> None:

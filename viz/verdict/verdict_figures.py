@@ -48,6 +48,11 @@ PICTURE_CAPTIONS = {
         "parameters that were biased without the cause. Below, where data were left out: their prediction."
     ),
 }
+POINTS_CAPTION = (
+    "Measured minus computed temperature of every point over time: left with the calibrated base and right, where there "
+    "is one, with the extended model. Open dots were left out of the fit. The blue band is two standard deviations of "
+    "the noise."
+)
 ABSENCE_REASONS = {
     "what_is_wrong": "No recording was kept with this verdict, so no images are shown.",
     "not_noise": "No recording was kept with this verdict, so no maps are shown.",
@@ -56,6 +61,12 @@ ABSENCE_REASONS = {
     "else": "Neither correlations between effects nor calibrated parameters were kept.",
     "gained": "The model was not extended, so there is nothing to compare.",
 }
+
+
+def describe_picture(verdict, name: str) -> str:
+    """The caption of a picture; recordings of points have no images to explain."""
+    only_points = all(s.view.recording.places is not None for s in verdict.before)
+    return POINTS_CAPTION if name == "what_is_wrong" and only_points else PICTURE_CAPTIONS[name]
 
 
 def draw_figures(verdict) -> dict[str, Figure]:

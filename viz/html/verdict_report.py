@@ -245,7 +245,7 @@ def _picture_sections(v: Verdict) -> list[page.Section]:
     for count, name in enumerate(verdict_figures.PICTURE_CAPTIONS, 1):
         parts = [page.paragraph(verdict_figures.ABSENCE_REASONS[name])]
         if name in figures:
-            alt, caption = alt_text.describe_picture(v, name), verdict_figures.describe_picture(v, name)
+            alt, caption = alt_text.describe_picture(v, name), verdict_figures.choose_caption(v, name)
             parts = [page.embed_figure(figures[name], alt, caption)]
         parts += tables[name](v) if name in tables else []
         heading = f"{count}. {plot_helpers.picture_heading(v, name)}"

@@ -49,7 +49,7 @@ PICTURE_CAPTIONS = {
     ),
 }
 POINTS_CAPTION = (
-    "Measured minus computed temperature of every point over time: left with the calibrated base and right, where there "
+    "Measured minus computed temperature of every point over time: left with the calibrated base, right, where there "
     "is one, with the extended model. Open dots were left out of the fit. The blue band is two standard deviations of "
     "the noise."
 )
@@ -63,7 +63,7 @@ ABSENCE_REASONS = {
 }
 
 
-def describe_picture(verdict, name: str) -> str:
+def choose_caption(verdict, name: str) -> str:
     """The caption of a picture; recordings of points have no images to explain."""
     only_points = all(s.view.recording.places is not None for s in verdict.before)
     return POINTS_CAPTION if name == "what_is_wrong" and only_points else PICTURE_CAPTIONS[name]

@@ -56,7 +56,7 @@ def _write_run_report(folder: Path, trust: bool, say: Say) -> Path:
 
     case, run = open_run(folder, trust)
     say(f"writing {REPORT_FILE}")
-    return run_report.write_report(run, folder / REPORT_FILE, title_page.describe_run(case, run, folder))
+    return Path(run_report.write_report(run, folder / REPORT_FILE, title_page.describe_run(case, run, folder)))
 
 
 def check_pdf_library() -> None:
@@ -70,7 +70,7 @@ def write_pdf(folder: Path) -> Path:
     """Write report.pdf from the report.html of a folder; returns its path.  Raises BadInput."""
     from flashtemp.viz.html import pdf
 
-    return pdf.write_pdf(folder / REPORT_FILE, folder / PDF_FILE)
+    return Path(pdf.write_pdf(folder / REPORT_FILE, folder / PDF_FILE))
 
 
 def format_command(name: str, *words: str | Path) -> str:

@@ -196,8 +196,9 @@ def load(
     title = raw.get("title", file.resolve().parent.name)
     entered = tuple(views.values()), tuple(forces.values())
     awaited = tuple(dict.fromkeys(reader.awaited))
-    stated = candidates, trust, priors or {}, known
-    return Campaign(title, case, free, *entered, file.parent, *stated, awaited, file.name)
+    return Campaign(
+        title, case, free, *entered, file.parent, candidates, trust, priors or {}, known, awaited, file.name
+    )
 
 
 @dataclass(frozen=True)

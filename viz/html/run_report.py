@@ -91,7 +91,7 @@ def summarise_run(run: Any) -> str:
 
 def _draw_pictures(run: Any) -> list[page.Section]:
     """A section for every picture that applies to a run; one that cannot be drawn is left out."""
-    modules = sorted(viz.PICTURES, key=lambda m: (PICTURE_ORDER.index(m) if m in PICTURE_ORDER else 99, m))
+    modules = sorted(viz.list_pictures(), key=lambda m: (PICTURE_ORDER.index(m) if m in PICTURE_ORDER else 99, m))
     out = []
     for name in modules:
         if not viz.is_applicable(name, run):

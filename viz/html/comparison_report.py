@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from flashtemp.comparison.campaign import LoadCellEntry, RecordingEntry
 from flashtemp.comparison.compare import (
     WHITE_NOISE_LIMIT_SDS,
     Comparison,
@@ -291,7 +292,9 @@ def _format_pair(values) -> str:
 def _picture_sections(comparison: Comparison) -> list[page.Section]:
     """The pictures of every file with their captions, in a subsection for each file."""
     runs = _runs_by_view(comparison)
-    pictures = [(s.view, _recording_pictures(s, runs.get(id(s.view)))) for s in comparison.recordings]
+    pictures: list[tuple[RecordingEntry | LoadCellEntry, list[str]]] = [
+        (s.view, _recording_pictures(s, runs.get(id(s.view)))) for s in comparison.recordings
+    ]
     pictures += [(p.force, _friction_pictures(p)) for p in comparison.forces]
     return [
         page.Section(f"file-{i}", _file_label(entry), parts, level=3) for i, (entry, parts) in enumerate(pictures, 1)

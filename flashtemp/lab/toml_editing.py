@@ -67,3 +67,35 @@ def _insert_line(lines: list[str], table: str, written: str) -> None:
     while end > header + 1 and not lines[end - 1].strip():
         end -= 1
     lines.insert(end, written)
+
+
+def remove_toml_table(text: str, table: str) -> tuple[str, str]:
+    """The text without a table, and the lines of this table, which `add_toml_table` brings back.
+
+    >>> remove_toml_table("[wear]\\nrate = 1e-10\\n\\n# sliding\\n[schedule]\\nspeed = 0.1\\n", "wear")
+    ('# sliding\\n[schedule]\\nspeed = 0.1\\n', '[wear]\\nrate = 1e-10\\n')
+    """
+    lines = text.splitlines()
+    headers = [k for k, line in enumerate(lines) if re.match(r"\s*\[", line)]
+    first = next((k for k in headers if re.fullmatch(rf"\s*\[\s*{re.escape(table)}\s*\]\s*(#.*)?", lines[k])), None)
+    if first is None:
+        return text, ""
+    end = next((k for k in headers if k > first), len(lines))
+    last = end
+    while last > first + 1 and (not lines[last - 1].strip() or lines[last - 1].lstrip().startswith("#")):
+        last -= 1  # blank lines and comments before the next table belong to that one
+    while last < end and not lines[last].strip():
+        lines.pop(last)
+        end -= 1
+    removed = lines[first:last]
+    kept = [*lines[:first], *lines[last:]]
+    return "\n".join(kept).rstrip("\n") + "\n", "\n".join(removed) + "\n"
+
+
+def add_toml_table(text: str, table_lines: str) -> str:
+    """The text with the lines of a table at its end.
+
+    >>> add_toml_table("effects = []\\n", "[wear]\\nrate = 1e-10\\n")
+    'effects = []\\n\\n[wear]\\nrate = 1e-10\\n'
+    """
+    return text.rstrip("\n") + "\n\n" + table_lines if text.strip() else table_lines

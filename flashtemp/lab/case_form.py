@@ -33,7 +33,7 @@ from flashtemp.model.schema import MESH_LEVEL_FACTORS
 from flashtemp.physics.material import LIBRARY, Material
 
 Change = Callable[[CaseKey, Any], Any]  # called with a key and its new value, None for the default
-TYPING_PAUSE_MS: Final = 250  # after which what was typed is checked
+TYPING_PAUSE_MS: Final = 150  # after which what was typed is checked
 BINDINGS: Final = ("auto", "scikits-odes", "scikit-sundae")
 EXTRA_TITLES: Final = {"materials": "Material", "layers": "Layer"}
 
@@ -76,6 +76,8 @@ class KeyField:
             reset = ui.button(icon="restart_alt", on_click=lambda: self.change(self.key, None))
             reset.props("flat dense round size=sm").classes("ft-reset mt-1").tooltip("back to the default")
             reset.props["aria-label"] = f"reset {self.key.name}"
+        if self.key.name == "material":
+            self.box.classes("ft-wide")
         self._update_label()
 
     def _describe(self) -> None:
@@ -198,8 +200,12 @@ class KeyField:
     def _update_label(self) -> None:
         """Show the default as placeholder, and beside a changed value."""
         name = self.key.name.replace("_", " ")
+        if name == "material" and self.key.table in ("block", "road"):
+            name = f"{name} of the {self.key.table}"
         self.field.props["label"] = f"{name} (default {self.default_words()})" if self.is_changed else name
-        if not isinstance(self.field, ui.select):
+        if isinstance(self.field, ui.select):
+            self.box.classes(remove="ft-default", add="" if self.field.value else "ft-default")
+        else:
             self.field.props["placeholder"] = self._default_text() or "not given"
         self.box.classes(add="ft-changed") if self.is_changed else self.box.classes(remove="ft-changed")
 
@@ -256,7 +262,7 @@ class CaseForm:
                 for field in fields:
                     field.show(self.materials)
                     field.fill(stated_value(raw, field.key))
-            if any(f.key.name == "material" for f in fields):
+            if any(f.key.dotted == "block.material" for f in fields):
                 add = ui.button("Add a material of your own", icon="add", on_click=self.add_material)
                 add.props("flat dense color=primary").classes("mt-2")
         self.groups[group.title] = (box, fields, group.is_usual, group.about)

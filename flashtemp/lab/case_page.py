@@ -39,9 +39,12 @@ from flashtemp.lab.workspace import escape_control, free_name, list_folder, reso
 from flashtemp.model.case import Case
 from flashtemp.model.case_file import parse_toml
 from flashtemp.physics.material import LIBRARY
+from flashtemp.physics.units import to_unit
 
-TYPING_PAUSE_S: Final = 0.15  # after a change of the text, before it is checked
+TYPING_PAUSE_S: Final = 0.08  # after a change of the text, before it is checked
 OWN_MATERIAL: Final = "my_material"
+STALE_TEXT: Final = "The drawing shows the last case without errors."
+NO_DRAWING_TEXT: Final = "The case is drawn here as soon as it has no errors."
 
 
 class CasePage:
@@ -59,7 +62,7 @@ class CasePage:
     def show(self, name: str) -> None:
         """Show a case of the folder, or the list of cases where `name` is ""."""
         ui.add_css(read_asset("case.css"))
-        self.frame = ui.element("div").classes("flex flex-col gap-4 w-full")
+        self.frame = ui.element("div").classes("ft-stack")
         with self.frame, show_errors(self.folder):
             if not name:
                 CaseList(self.folder, self._open_new).show()
@@ -80,8 +83,8 @@ class CasePage:
         self._show_bar(name)
         self.consent = ui.column().classes("w-full gap-2")
         self._show_drawings()
-        with ui.element("div").classes("ft-split"):
-            with ui.element("div").classes("flex flex-col gap-4 min-w-0"):
+        with ui.element("div").classes("ft-split ft-case"):
+            with ui.element("div").classes("ft-stack"):
                 with card("Keys", "An empty field has the default that stands in it in grey."):
                     self.form = CaseForm(self._key_changed, self._add_material)
                     self.form.show(self.raw)
@@ -98,14 +101,14 @@ class CasePage:
         """Title, file name and the actions."""
         with ui.element("div").classes("ft-bar"):
             heading(1, "Case")
-            self.name = ui.input("file", value=name, on_change=lambda: self._name_changed()).classes("w-72")
+            self.name = ui.input("file", value=name, on_change=lambda: self._name_changed()).classes("w-60")
             self.name.props("outlined dense")
             self.state = ui.label("being checked").classes("ft-chip").props("aria-live=polite")
-            ui.space()
-            ui.link("All cases", page_address("case"))
-            action("Save", self._save, icon="save")
-            self.run = action("Run it", self._run, icon="play_arrow", main=True)
-            self.run.set_enabled(False)
+            with ui.element("div").classes("ft-actions"):
+                ui.link("All cases", page_address("case"))
+                action("Save", self._save, icon="save")
+                self.run = action("Run it", self._run, icon="play_arrow", main=True)
+                self.run.set_enabled(False)
 
     def _show_drawings(self) -> None:
         """Block and schedule, the estimate, and the keys that differ from the defaults."""
@@ -115,8 +118,8 @@ class CasePage:
                 self.block = Drawing(*case_sketch_view.BLOCK_BOX, "the block on the road")
                 self.schedule = Drawing(*case_sketch_view.SCHEDULE_BOX, "the schedule")
             with ui.element("div").classes("ft-facts"):
-                self.cost = ui.label("").classes("ft-mono ft-small")
-                self.stale = ui.label("The drawing shows the last case without errors.").classes("ft-muted ft-small")
+                self.cost = ui.label("").classes("ft-strong")
+                self.stale = ui.label(STALE_TEXT).classes("ft-muted ft-small")
                 self.stale.set_visibility(False)
             self.differences = ui.element("div").classes("ft-chips").props('role=group aria-label="changed keys"')
 
@@ -194,15 +197,10 @@ class CasePage:
         self._shown_differences = state
         self.differences.clear()
         with self.differences:
+            self._show_effect_chips(effects)
             n = len(changed)
-            text = f"{n} key{'' if n == 1 else 's'} differ{'s' if n == 1 else ''} from the defaults" if n else (
-                "Every key has its default"
-            )  # fmt: skip
-            ui.label(f"{text}{'' if effects else '; no effect is on'}{':' if n or effects else '.'}").classes(
-                "ft-small"
-            )
-            for name in effects:
-                ui.label(escape_control(name.replace("_", " "))).classes("ft-chip accent")
+            text = f"{n} key{'' if n == 1 else 's'} changed:" if n else "Every key has its default."
+            ui.label(text).classes("ft-small")
             for field, (key, value, default) in zip(changed, shown, strict=True):
                 button = ui.element("button").classes("ft-chip")
                 button.props["type"], button.props["title"] = "button", f"default {default}"
@@ -210,6 +208,14 @@ class CasePage:
                     ui.label(f"{escape_control(key)} {escape_control(value)}").classes("inline")
                     ui.label(f"(default {escape_control(default)})").classes("inline ft-muted")
                 button.on("click", lambda _, f=field: self._go_to_field(f))
+
+    def _show_effect_chips(self, effects: list[str]) -> None:
+        """The effects that are on, each as a chip."""
+        n = len(effects)
+        ui.label(f"{n} effect{'' if n == 1 else 's'} on:" if n else "No effect is on.").classes("ft-small")
+        for name in effects:
+            ui.label(escape_control(name.replace("_", " "))).classes("ft-chip accent")
+        ui.element("span").classes("ft-break")
 
     def _go_to_field(self, field: KeyField) -> None:
         """Open the group of a field and focus it."""
@@ -262,8 +268,11 @@ class CasePage:
         self.state.classes(remove="good warning error", add=kind)
         self.run.set_enabled(self.case is not None)
         is_stale = self.case is None
+        drawn = bool(self.block.props["shapes"])
         self.pictures.classes(add="ft-stale") if is_stale else self.pictures.classes(remove="ft-stale")
-        self.stale.set_visibility(is_stale and bool(self.block.props["shapes"]))
+        self.pictures.set_visibility(drawn or not is_stale)
+        self.stale.set_text(STALE_TEXT if drawn else NO_DRAWING_TEXT)
+        self.stale.set_visibility(is_stale)
 
     def _show_faults(self, faults: list[TextFault]) -> None:
         """Show errors above the text, at their lines, at their fields and on their cards."""
@@ -298,6 +307,7 @@ class CasePage:
         """Learn from the results in the folder how fast this computer is."""
 
         def measure() -> float:
+            to_unit("1 mm", "m")  # loads the library of units before the first value with a unit is typed
             results = [path for path, command in list_folder(self.folder).results.items() if command == "run"]
             return case_cost.measure_pace(case_cost.latest_summaries(self.folder, results))
 

@@ -15,7 +15,7 @@ from flashtemp.physics.quantities import KELVIN
 
 BLOCK_BOX: Final = (560.0, 290.0)  # view box of the block, px
 SCHEDULE_BOX: Final = (560.0, 290.0)
-BLOCK_AREA: Final = (300.0, 120.0)  # largest size of the block in its drawing, px
+BLOCK_AREA: Final = (380.0, 130.0)  # largest size of the block in its drawing, px
 INTERFACE_Y: Final = 208.0  # of the block's drawing, px
 MIN_BLOCK_PX: Final = 6.0  # a block thinner than this is drawn thicker, and the drawing says so
 MAX_SPOTS_DRAWN: Final = 80

@@ -26,19 +26,20 @@ def listed_effects(raw: Mapping[str, Any]) -> list[str]:
     return list(dict.fromkeys(split_names(raw.get("effects", [])) or []))
 
 
-def describe_conflicts(
-    name: str, effect: type[Effect], chosen: Sequence[str], known: EffectsByName, has_layers: bool
-) -> list[str]:
-    """Why an effect does not go together with the rest of a case, one sentence each."""
-    out = []
+def describe_conflict(effect: type[Effect], has_layers: bool) -> str:
+    """Why an effect cannot act in a case whose block `has_layers`; "" where it can."""
     if effect.uniform and has_layers:
-        out.append("It assumes a block of one material and cannot act on a block with layers.")
-    same = [n for n in chosen if n != name and n in known and effect.alike in (n, known[n].alike) and effect.alike]
-    same += [n for n in chosen if n != name and n in known and known[n].alike == name]
-    if same:
-        names = " and ".join(f"“{n.replace('_', ' ')}”" for n in dict.fromkeys(same))
-        out.append(f"It has the same signature as {names}: measured data cannot tell them apart, so use one of them.")
-    return out
+        return "It assumes a block of one material: remove the layers, or switch it off."
+    return ""
+
+
+def find_same_signature(name: str, chosen: Sequence[str], known: EffectsByName) -> list[str]:
+    """The chosen effects that change a camera image in the same way as the effect `name`."""
+    like = known[name].alike
+    return [
+        n for n in chosen
+        if n != name and n in known and (known[n].alike == name or (like and like in (n, known[n].alike)))
+    ]  # fmt: skip
 
 
 class EffectCards:
@@ -52,7 +53,7 @@ class EffectCards:
         self.known: EffectsByName = {}
         self.has_layers = False
         self.offers: dict[str, tuple[Any, type[Effect]]] = {}
-        self.place = ""
+        self.place, self.is_built = "", False
 
     def show(self, raw: Mapping[str, Any]) -> None:
         """Show the cards for the tables of a text."""
@@ -156,7 +157,7 @@ class EffectCards:
         """Show the effects and parameters of a text; `known` are the effects of a checked case, by name."""
         entries, new = listed_effects(raw), {n: e for n, e in known.items() if n not in catalogue()}
         self.has_layers = bool(raw.get("layers"))
-        if entries != self.entries or set(new) - set(self.known) or not self.offers:
+        if entries != self.entries or set(new) - set(self.known) or not self.is_built:
             self.entries, self.known = entries, new or self.known
             self._build_on(raw)
             self._filter()
@@ -164,6 +165,7 @@ class EffectCards:
             field.fill(stated_value(raw, field.key))
 
     def _build_on(self, raw: Mapping[str, Any]) -> None:
+        self.is_built = True
         self.on_box.clear()
         self.fields, self.notes = {}, {}
         with self.on_box:
@@ -182,15 +184,21 @@ class EffectCards:
             own = [line for line in lines if f"'{name}'" in line or line.startswith(f"{name}.")]
             box.clear()
             with box:
-                if effect is not None and effect.needs:
-                    ui.label(f"Needs {effect.needs}.").classes("ft-small ft-muted")
-                conflicts = [] if effect is None else describe_conflicts(
-                    name, effect, self.entries, known, self.has_layers
-                )  # fmt: skip
-                for text in conflicts:
-                    ui.label(text).classes("ft-note warning ft-small")
+                if effect is not None:
+                    self._show_notes_of(name, effect, known)
                 for text in own:
                     ui.label(escape_control(text)).classes("ft-note error ft-small")
+
+    def _show_notes_of(self, name: str, effect: type[Effect], known: EffectsByName) -> None:
+        """What an effect needs, what excludes it, and which others look alike."""
+        if effect.needs:
+            ui.label(f"Needs {effect.needs}.").classes("ft-small ft-muted")
+        if conflict := describe_conflict(effect, self.has_layers):
+            ui.label(conflict).classes("ft-note warning ft-small")
+        chosen = [Path(e).stem if e.endswith(".py") else e for e in self.entries]
+        if same := find_same_signature(name, chosen, known):
+            names = " and ".join(n.replace("_", " ") for n in same)
+            ui.label(f"A camera cannot tell it from {escape_control(names)}.").classes("ft-small ft-muted")
 
 
 class _PlainButton(ui.element):

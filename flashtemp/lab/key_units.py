@@ -41,6 +41,8 @@ def natural_unit(param: Param) -> str:
     size = abs(param.value) if isinstance(param.value, (int, float)) else 0.0
     if param.value is None and 0.0 < param.low < param.high < math.inf:
         size = math.sqrt(param.low * param.high)
+    if param.value == 0 and param.high < 1.0:  # a length that is off by default
+        size = param.high / 10.0
     for unit, (factor, offset) in unit_choices(param).items():
         if offset == 0.0 and NATURAL_RANGE[0] <= size / factor * (1 + 1e-9) < NATURAL_RANGE[1]:
             return unit
@@ -48,12 +50,12 @@ def natural_unit(param: Param) -> str:
 
 
 def unit_label(unit: str) -> str:
-    """A unit as people write it; "" for a number without a unit.
+    """A unit as people write it; "" for a number without a unit, and for the columns of a table.
 
     >>> unit_label("um"), unit_label("1"), unit_label("W/m2K")
     ('µm', '', 'W/m²K')
     """
-    return UNIT_LABELS.get(unit, "" if unit == "1" else unit.replace("m2", "m²").replace("m3", "m³"))
+    return UNIT_LABELS.get(unit, "" if unit == "1" or "," in unit else unit.replace("m2", "m²").replace("m3", "m³"))
 
 
 def show_number(value: Any, param: Param, unit: str) -> tuple[str, str]:

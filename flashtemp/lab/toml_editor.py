@@ -62,10 +62,10 @@ class TomlEditor:
         self.box = ui.element("div").classes("ft-editor")
         with self.box:
             self.editor = ui.codemirror(
-                text, language="TOML", on_change=changed, theme="basicLight", line_wrapping=True
+                text, language="TOML", on_change=changed, theme="vscodeLight", line_wrapping=True
             ).classes("w-full")  # fmt: skip
         self.editor.props["aria-label"] = name
-        self.editor.style("height: 32rem")
+        self.editor.style("height: clamp(20rem, calc(100vh - 24rem), 46rem)")
         self.box.on("scheme", lambda e: self._set_scheme(e.args is True), js_handler="e => emit(e.detail)")
         ui.timer(0.1, lambda: ui.run_javascript(f"{WATCH_SCHEME}({self.box.id})"), once=True)
 
@@ -96,4 +96,4 @@ class TomlEditor:
             self.editor.reveal_line(line)
 
     def _set_scheme(self, is_dark: bool) -> None:
-        self.editor.theme = "vscodeDark" if is_dark else "basicLight"
+        self.editor.theme = "vscodeDark" if is_dark else "vscodeLight"

@@ -18,6 +18,7 @@ from flashtemp.lab.key_groups import (
 )
 from flashtemp.lab.key_units import (
     convert_to_key_unit,
+    describe_key,
     format_value,
     is_default,
     natural_unit,
@@ -28,8 +29,7 @@ from flashtemp.lab.key_units import (
     unit_label,
 )
 from flashtemp.lab.workspace import escape_control
-from flashtemp.model.case_template import describe_param
-from flashtemp.model.schema import MESH_LEVEL_FACTORS
+from flashtemp.model.schema import MESH_LEVEL_FACTORS, named_table_kind
 from flashtemp.physics.material import LIBRARY, Material
 
 Change = Callable[[CaseKey, Any], Any]  # called with a key and its new value, None for the default
@@ -57,7 +57,9 @@ class KeyField:
     @property
     def is_changed(self) -> bool:
         """Whether the text states another value than the default."""
-        return self.stated is not None and not is_default(self.stated, self.key.param)
+        if self.stated is None or (self.key.param.value is None and named_table_kind(self.key.table)):
+            return False  # materials and layers have no defaults
+        return not is_default(self.stated, self.key.param)
 
     # --- elements ---------------------------------------------------------------------------------------------
     def show(self, materials: Mapping[str, str]) -> None:
@@ -82,12 +84,18 @@ class KeyField:
 
     def _describe(self) -> None:
         """Name and meaning of the key for the eye, the keyboard and screen readers."""
-        about = describe_param(self.key.param)
         self.field.classes("w-full").props("outlined dense stack-label hide-bottom-space hide-hint")
         self.field.props["aria-label"] = self.key.dotted
-        self.field.props["aria-description"] = about
-        self.field.props["hint"] = about
-        self.field.tooltip(f"{self.key.dotted}: {about}")
+        with self.field:
+            self.tooltip = ui.tooltip()
+        self._update_description()
+
+    def _update_description(self) -> None:
+        """Meaning and range of the key, in the unit of the field."""
+        about = describe_key(self.key.param, self.unit)
+        if about != self.field.props.get("hint"):
+            self.field.props["aria-description"] = self.field.props["hint"] = about
+            self.tooltip.text = f"{self.key.dotted}: {about}"
 
     def _show_unit(self) -> None:
         choices = unit_choices(self.key.param)
@@ -124,6 +132,8 @@ class KeyField:
     # --- value ------------------------------------------------------------------------------------------------
     def fill(self, stated: Any) -> None:
         """Show the value that the text states, None for the default; what is being typed stays as it is."""
+        if stated == self.stated and isinstance(stated, bool) == isinstance(self.stated, bool):
+            return
         self.stated = stated
         self.filling = True
         try:
@@ -199,15 +209,20 @@ class KeyField:
 
     def _update_label(self) -> None:
         """Show the default as placeholder, and beside a changed value."""
+        self._update_description()
         name = self.key.name.replace("_", " ")
         if name == "material" and self.key.table in ("block", "road"):
             name = f"{name} of the {self.key.table}"
-        self.field.props["label"] = f"{name} (default {self.default_words()})" if self.is_changed else name
+        is_changed = self.is_changed
+        _set_prop(self.field, "label", f"{name} (default {self.default_words()})" if is_changed else name)
+        marks = {"ft-changed": is_changed}
         if isinstance(self.field, ui.select):
-            self.box.classes(remove="ft-default", add="" if self.field.value else "ft-default")
+            marks["ft-default"] = not self.field.value
         else:
-            self.field.props["placeholder"] = self._default_text() or "not given"
-        self.box.classes(add="ft-changed") if self.is_changed else self.box.classes(remove="ft-changed")
+            _set_prop(self.field, "placeholder", self._default_text() or "not given")
+        for mark, is_set in marks.items():
+            if (mark in self.box.classes) != is_set:
+                self.box.classes(toggle=mark)
 
     def set_fault(self, text: str) -> None:
         """Show an error at the field, "" for none."""
@@ -229,6 +244,12 @@ def describe_materials(raw: Mapping[str, Any]) -> dict[str, str]:
 
 def _describe_material(material: Material) -> str:
     return f"{material.conductivity:g} W/mK, {material.density:g} kg/m³, {material.heat_capacity:g} J/kgK"
+
+
+def _set_prop(element: Any, name: str, value: Any) -> None:
+    """Set a property that has changed; others would be sent to the browser again."""
+    if element.props.get(name) != value:
+        element.props[name] = value
 
 
 class CaseForm:
@@ -292,11 +313,10 @@ class CaseForm:
             for field in self.fields.values():
                 field.set_materials(materials)
         for field in self.fields.values():
-            if (stated := stated_value(raw, field.key)) != field.stated or stated is None or field.stated is None:
-                field.fill(stated)
+            field.fill(stated_value(raw, field.key))
         for box, fields, _, about in self.groups.values():
             changed = sum(field.is_changed for field in fields)
-            box.props["caption"] = f"{about}; {changed} changed" if changed else about
+            _set_prop(box, "caption", f"{about}; {changed} changed" if changed else about)
 
     def _search(self) -> None:
         """Show only the fields whose key or description has all words, with their groups open."""

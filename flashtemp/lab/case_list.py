@@ -119,16 +119,16 @@ class CaseList:
         ready = find_ready_cases()
         if not ready:
             return
-        with card("Ready cases", "Cases of the documentation. A copy opens here, and is saved when you press Save."):
-            with ui.element("div").classes("ft-grid"):
-                for case in ready:
-                    with ui.element("article").classes("ft-card"):
-                        button = ui.button(case.name.replace("_", " ")).props("flat dense no-caps color=primary")
-                        button.classes("self-start").props["aria-label"] = f"open a copy of {case.name}"
-                        button.on("click", lambda _, c=case: self.open_new(c.text, f"{c.name}.toml"))
-                        if case.title:
-                            ui.label(case.title).classes("ft-muted break-words")
-                        _show_effect_chips(case.effects)
+        about = "Cases of the documentation. A copy opens here, and is saved when you press Save."
+        with card("Ready cases", about), ui.element("div").classes("ft-grid"):
+            for case in ready:
+                with ui.element("article").classes("ft-card"):
+                    button = ui.button(case.name.replace("_", " ")).props("flat dense no-caps color=primary")
+                    button.classes("self-start").props["aria-label"] = f"open a copy of {case.name}"
+                    button.on("click", lambda _, c=case: self.open_new(c.text, f"{c.name}.toml"))
+                    if case.title:
+                        ui.label(case.title).classes("ft-muted break-words")
+                    _show_effect_chips(case.effects)
 
 
 def _show_effect_chips(effects: Any) -> None:

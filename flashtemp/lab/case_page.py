@@ -33,16 +33,18 @@ from flashtemp.lab.page_layout import (
 from flashtemp.lab.programs import AllowedPrograms, programs_of_text
 from flashtemp.lab.saving import TextVersion, read_text
 from flashtemp.lab.style import read_asset
-from flashtemp.lab.toml_editing import add_toml_table, remove_toml_table, set_toml_key
+from flashtemp.lab.toml_editing import add_toml_table, remove_empty_table, remove_toml_table, set_toml_key
 from flashtemp.lab.toml_editor import TextFault, TomlEditor, read_faults
 from flashtemp.lab.workspace import escape_control, free_name, list_folder, resolve_inside
 from flashtemp.model.case import Case
 from flashtemp.model.case_file import parse_toml
+from flashtemp.model.schema import named_table_kind
 from flashtemp.physics.material import LIBRARY
 from flashtemp.physics.units import to_unit
 
 TYPING_PAUSE_S: Final = 0.08  # after a change of the text, before it is checked
 OWN_MATERIAL: Final = "my_material"
+KEYS_TEXT: Final = "An empty field has the default that stands in it in grey."
 STALE_TEXT: Final = "The drawing shows the last case without errors."
 NO_DRAWING_TEXT: Final = "The case is drawn here as soon as it has no errors."
 
@@ -84,13 +86,13 @@ class CasePage:
         self.consent = ui.column().classes("w-full gap-2")
         self._show_drawings()
         with ui.element("div").classes("ft-split ft-case"):
-            with ui.element("div").classes("ft-stack"):
-                with card("Keys", "An empty field has the default that stands in it in grey."):
-                    self.form = CaseForm(self._key_changed, self._add_material)
-                    self.form.show(self.raw)
+            with ui.element("div").classes("ft-stack"), card("Keys", KEYS_TEXT):
+                self.form = CaseForm(self._key_changed, self._add_material)
+                self.form.show(self.raw)
             with ui.element("div").classes("ft-beside"):
                 self._show_text(text)
-        with card("Effects", "What acts in addition to friction heat, conduction and cooling by the air."):
+        about = "What acts in addition to friction heat, conduction and cooling by the air."
+        with card("Effects", about) as self.effects_box:
             self.cards = EffectCards(self._effect_switched, self._key_changed)
             self.cards.show(self.raw)
         self._fill()
@@ -139,7 +141,9 @@ class CasePage:
     # --- edits ------------------------------------------------------------------------------------------------
     def _key_changed(self, key: CaseKey, value: Any) -> None:
         """Write the value of a field into the text."""
-        self.editor.set_text(set_toml_key(self.editor.text, key.table, key.name, value))
+        text = set_toml_key(self.editor.text, key.table, key.name, value)
+        is_named = value is None and named_table_kind(key.table)
+        self.editor.set_text(remove_empty_table(text, key.table) if value is None and not is_named else text)
 
     def _effect_switched(self, entry: str, is_on: bool) -> None:
         """List an effect in the text, or take it out with its table, which comes back when it is switched on again."""
@@ -215,7 +219,13 @@ class CasePage:
         ui.label(f"{n} effect{'' if n == 1 else 's'} on:" if n else "No effect is on.").classes("ft-small")
         for name in effects:
             ui.label(escape_control(name.replace("_", " "))).classes("ft-chip accent")
+        change = ui.button("Change effects", on_click=self._go_to_effects).props("flat dense size=sm color=primary")
+        change.classes("ft-noprint")
         ui.element("span").classes("ft-break")
+
+    def _go_to_effects(self) -> None:
+        ui.run_javascript(f'document.getElementById("c{self.effects_box.id}").scrollIntoView({{block: "start"}})')
+        self.cards.search.run_method("focus")
 
     def _go_to_field(self, field: KeyField) -> None:
         """Open the group of a field and focus it."""

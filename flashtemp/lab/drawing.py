@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
-from nicegui import ui
+from nicegui.element import Element
 
 from flashtemp.lab.workspace import escape_control
 
@@ -13,7 +13,7 @@ Shape = dict[str, Any]  # {"tag": name of an SVG element, attributes, and the "t
 ARROW_HEAD_PX: Final = 7.0
 
 
-class Drawing(ui.element, component="assets/drawing.js"):
+class Drawing(Element, component="assets/drawing.js"):  # type: ignore[call-arg]  # mypy skips nicegui
     """An SVG drawing with shapes in a view box of `width` by `height`; `about` is its text for screen readers."""
 
     def __init__(self, width: float, height: float, about: str, shapes: Iterable[Shape] = ()):

@@ -52,8 +52,9 @@ class EffectCards:
         self.entries: list[str] = []
         self.known: EffectsByName = {}
         self.has_layers = False
-        self.offers: dict[str, tuple[Any, type[Effect]]] = {}
+        self.offers: dict[str, tuple[Any, str, set[str]]] = {}  # card, words to search, places
         self.place, self.is_built = "", False
+        self.noted: Any = None  # what the notes on the cards show
 
     def show(self, raw: Mapping[str, Any]) -> None:
         """Show the cards for the tables of a text."""
@@ -70,11 +71,12 @@ class EffectCards:
                 ui.icon("search")
         self._show_place_filter()
         self.none_found = ui.label("No effect has these words at this place.").classes("ft-muted")
-        with ui.element("div").classes("ft-catalogue").props('tabindex=0 role=group aria-label="catalogue of effects"'):
-            with ui.element("div").classes("ft-effects"):
-                for name, effect in catalogue().items():
-                    if not effect.base:
-                        self._show_offer(name, effect)
+        self.catalogue = ui.element("div").classes("ft-catalogue").props("tabindex=0 role=group")
+        self.catalogue.props["aria-label"] = "catalogue of effects"
+        with self.catalogue, ui.element("div").classes("ft-effects"):
+            for name, effect in catalogue().items():
+                if not effect.base:
+                    self._show_offer(name, effect)
         self.fill(raw, {})
 
     def _show_place_filter(self) -> None:
@@ -101,9 +103,8 @@ class EffectCards:
         """Show the effects that are off, at the chosen place, with all words of the search."""
         wanted = (self.search.value or "").lower().split()
         found = 0
-        for name, (box, effect) in self.offers.items():
-            text = " ".join([name.replace("_", " "), name, effect.cause, *effect.tells]).lower()
-            at_place = not self.place or any(p.title == self.place for p in find_effect_places(effect))
+        for name, (box, text, places) in self.offers.items():
+            at_place = not self.place or self.place in places
             is_visible = name not in self.entries and at_place and all(word in text for word in wanted)
             found += is_visible
             if box.visible != is_visible:
@@ -114,7 +115,8 @@ class EffectCards:
     def _show_offer(self, name: str, effect: type[Effect]) -> None:
         with ui.element("article").classes("ft-effect") as box:
             self._show_head(name, name, effect, False)
-        self.offers[name] = (box, effect)
+        text = " ".join([name.replace("_", " "), name, effect.cause, *effect.tells]).lower()
+        self.offers[name] = (box, text, {place.title for place in find_effect_places(effect)})
 
     def _show_head(self, entry: str, name: str, effect: type[Effect] | None, is_on: bool) -> None:
         """Picture, name, cause and switch of an effect."""
@@ -173,11 +175,15 @@ class EffectCards:
                 self._show_on(entry, raw)
         self.none_on.set_visibility(not self.entries)
         self.on_box.set_visibility(bool(self.entries))
+        self.noted = None
         self.show_notes([])
 
     def show_notes(self, faults: Iterable[str]) -> None:
         """Show on each card what the effect needs, with what it does not go together, and its errors."""
         lines, known = list(faults), {**catalogue(), **self.known}
+        if (state := (lines, self.has_layers, self.entries, set(self.notes))) == self.noted:
+            return
+        self.noted = state
         for entry, box in self.notes.items():
             name = Path(entry).stem if entry.endswith(".py") else entry
             effect = known.get(name)

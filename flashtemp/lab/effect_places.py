@@ -7,7 +7,6 @@ import re
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cache
 from types import SimpleNamespace
 from typing import Any, Final
 
@@ -57,7 +56,6 @@ PLACES: Final = (
 OTHER_PLACE: Final = EffectPlace("other", ())
 
 
-@cache
 def find_effect_places(effect: type[Effect]) -> tuple[EffectPlace, ...]:
     """The places where an effect acts with its default parameters, or, where these yield nothing, those it names."""
     targets = set(_yielded_targets(effect)) or set(_named_targets(effect))
@@ -102,30 +100,28 @@ def draw_places(places: Iterable[EffectPlace]) -> list[Shape]:
         drawing.rectangle(18, 8, 28, 4, kind("holder", "ft-d-holder")),
         drawing.rectangle(20, 12, 24, 20, kind("block", "ft-d-block")),
     ]
-    if "side walls" in titles:
-        shapes += [drawing.rectangle(x, 12, 3, 20, "ft-d-mark") for x in (20, 41)]
-    if "interface" in titles:
-        shapes.append(drawing.rectangle(18, 30.5, 28, 3, "ft-d-mark"))
-    if "face" in titles:
-        shapes.append(drawing.rectangle(20, 28.5, 24, 3.5, "ft-d-mark"))
-    if "spots" in titles:
-        shapes += [drawing.circle(x, 32, 2.2, "ft-d-mark") for x in (24, 32, 40)]
-    if "friction" in titles:
-        teeth = [(20, 32), (24, 29), (28, 35), (32, 29), (36, 35), (40, 29), (44, 32)]
-        shapes.append(drawing.polyline(teeth, "ft-d-zigzag"))
-    if "pressure" in titles:
-        for x, top in ((24, 16), (32, 19), (40, 22)):
-            shapes += [drawing.line(x, top, x, 29, "ft-d-zigzag")]
-            shapes.append(drawing.polyline([(x - 2.5, 26), (x, 31), (x + 2.5, 26)], "ft-d-mark", closed=True))
-    if "air" in titles:
-        for y in (12, 18, 24):
-            path = [(2, y), (5, y - 2), (9, y + 2), (13, y)]
-            shapes.append(drawing.polyline(path, "ft-d-zigzag"))
-    if "camera" in titles:
-        shapes += [
-            drawing.rectangle(2, 14, 9, 9, "ft-d-mark"),
-            drawing.polyline([(11, 18.5), (16, 14), (16, 23)], "ft-d-mark", closed=True),
-        ]
-    if OTHER_PLACE.title in titles:
-        shapes.append(drawing.words(32, 26, "?", "ft-d-text"))
-    return shapes
+    marks = _draw_marks()
+    return [*shapes, *(shape for title in marks if title in titles for shape in marks[title])]
+
+
+def _draw_marks() -> dict[str, list[Shape]]:
+    """What is drawn over block and road for the places that are not a whole body, by title."""
+    teeth = [(20, 32), (24, 29), (28, 35), (32, 29), (36, 35), (40, 29), (44, 32)]
+    load = [drawing.line(x, top, x, 29, "ft-d-zigzag") for x, top in ((24, 16), (32, 19), (40, 22))]
+    heads = [drawing.polyline([(x - 2.5, 26), (x, 31), (x + 2.5, 26)], "ft-d-mark", closed=True) for x in (24, 32, 40)]
+    waves = [[(2, y), (5, y - 2), (9, y + 2), (13, y)] for y in (12, 18, 24)]
+    camera = [
+        drawing.rectangle(2, 14, 9, 9, "ft-d-mark"),
+        drawing.polyline([(11, 18.5), (16, 14), (16, 23)], "ft-d-mark", closed=True),
+    ]
+    return {
+        "side walls": [drawing.rectangle(x, 12, 3, 20, "ft-d-mark") for x in (20, 41)],
+        "interface": [drawing.rectangle(18, 30.5, 28, 3, "ft-d-mark")],
+        "face": [drawing.rectangle(20, 28.5, 24, 3.5, "ft-d-mark")],
+        "spots": [drawing.circle(x, 32, 2.2, "ft-d-mark") for x in (24, 32, 40)],
+        "friction": [drawing.polyline(teeth, "ft-d-zigzag")],
+        "pressure": [*load, *heads],
+        "air": [drawing.polyline(wave, "ft-d-zigzag") for wave in waves],
+        "camera": camera,
+        OTHER_PLACE.title: [drawing.words(32, 26, "?")],
+    }

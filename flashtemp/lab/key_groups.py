@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 from flashtemp.model.schema import CASE_TABLES, COMMAND_TABLES, NAMED_TABLES, declared_params
@@ -52,7 +53,7 @@ class CaseKey:
     def contains_words(self, words: str) -> bool:
         """Whether every word of a search occurs in the key or in its description.
 
-        >>> CaseKey("block", "length", Param(0.025, "m", "length in the direction of sliding")).contains_words("Sliding")
+        >>> CaseKey("block", "length", Param(0.025, "m", "length along the slide")).contains_words("Slide length")
         True
         """
         text = f"{self.dotted} {self.param.about}".lower()
@@ -67,9 +68,12 @@ def list_group_keys() -> dict[KeyGroup, list[CaseKey]]:
             listed = next((g for g in KEY_GROUPS if f"{table}.{name}" in g.keys), None)
             group = listed or next((g for g in KEY_GROUPS if table in g.keys), KEY_GROUPS[-1])
             out[group].append(CaseKey(table, name, param))
-    for group, keys in out.items():  # keys that a group names come first
-        keys.sort(key=lambda k, named=group.keys: named.index(k.dotted) if k.dotted in named else len(named))
-    return out
+    return {group: sorted(keys, key=partial(_rank_key, group)) for group, keys in out.items()}
+
+
+def _rank_key(group: KeyGroup, key: CaseKey) -> int:
+    """Keys that a group names come first, in its order."""
+    return group.keys.index(key.dotted) if key.dotted in group.keys else len(group.keys)
 
 
 def list_extra_tables(raw: Mapping[str, Any]) -> list[str]:

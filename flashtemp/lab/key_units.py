@@ -58,6 +58,22 @@ def unit_label(unit: str) -> str:
     return UNIT_LABELS.get(unit, "" if unit == "1" or "," in unit else unit.replace("m2", "m²").replace("m3", "m³"))
 
 
+def describe_key(param: Param, unit: str) -> str:
+    """Meaning and range of a key in words; the range is in `unit`.
+
+    >>> describe_key(Param(0.025, "m", "length of the block", low=1e-4, high=1.0), "mm")
+    'length of the block; 0.1 to 1000 mm'
+    """
+    factor, offset = unit_choices(param).get(unit, (1.0, 0.0))
+    label = unit_label(unit if unit in unit_choices(param) else param.unit)
+    if not {"number", "amount", "whole", "level"} & set(param.kinds):
+        return f"{param.about}; {param.unit}" if param.unit not in ("", "1") else param.about
+    low, high = (f"{(v - offset) / factor:.6g}" if math.isfinite(v) else "" for v in (param.low, param.high))
+    span = f"{low} to {high}" if low and high else f"from {low}" if low else f"up to {high}" if high else ""
+    more = f"{span} {label}".strip()
+    return f"{param.about}; {more}" if more else param.about
+
+
 def show_number(value: Any, param: Param, unit: str) -> tuple[str, str]:
     """The text of a field for a value of a case, and the unit it is in: the value's own, or else `unit`.
 
@@ -96,11 +112,11 @@ def convert_to_key_unit(value: Any, param: Param) -> Any:
     >>> convert_to_key_unit("30 mm", Param(0.025, "m", "length"))
     0.03
     """
-    if looks_like_quantity(value) and (found := QUANTITY_PATTERN.fullmatch(value)):
-        if found[2] in (choices := unit_choices(param)):
-            factor, offset = choices[found[2]]
-            return float(f"{float(found[1]) * factor + offset:.15g}")
-    return value
+    found = QUANTITY_PATTERN.fullmatch(value) if looks_like_quantity(value) else None
+    if found is None or found[2] not in unit_choices(param):
+        return value
+    factor, offset = unit_choices(param)[found[2]]
+    return float(f"{float(found[1]) * factor + offset:.15g}")
 
 
 def is_default(value: Any, param: Param) -> bool:

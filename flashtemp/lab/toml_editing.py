@@ -22,7 +22,10 @@ def set_toml_key(text: str, table: str, key: str, value: Any) -> str:
     <BLANKLINE>
     """
     lines = text.splitlines()
-    line_number = KeyLocations("", text).find_line(f"{table}.{key}" if table else key)
+    locations = KeyLocations("", text)
+    line_number = locations.find_line(f"{table}.{key}" if table else key)
+    if line_number is None and table:
+        line_number = locations.find_line(f"{_quote_name(table)}.{key}")
     written = None if value is None else f"{key} = {value_text(value)}"
     if line_number is not None:
         first, last = line_number - 1, _last_line(lines, line_number - 1)
@@ -31,6 +34,22 @@ def set_toml_key(text: str, table: str, key: str, value: Any) -> str:
     elif written is not None:
         _insert_line(lines, table, written)
     return "\n".join(lines) + "\n"
+
+
+def _quote_name(table: str) -> str:
+    """The name of a table as the head states it: a part after the first point in quotes where TOML requires them.
+
+    >>> _quote_name("materials.own"), _quote_name("layers.top layer")
+    ('materials.own', 'layers."top layer"')
+    """
+    kind, dot, name = table.partition(".")
+    return table if not dot or re.fullmatch(r"[A-Za-z0-9_-]+", name) else f"{kind}.{value_text(name)}"
+
+
+def _find_header(lines: list[str], table: str) -> int | None:
+    """The line with the head of a table, None where there is none."""
+    names = "|".join(re.escape(name) for name in {table, _quote_name(table)})
+    return next((k for k, line in enumerate(lines) if re.fullmatch(rf"\s*\[\s*({names})\s*\]\s*(#.*)?", line)), None)
 
 
 def _last_line(lines: list[str], first: int) -> int:
@@ -59,9 +78,9 @@ def _insert_line(lines: list[str], table: str, written: str) -> None:
             before -= 1
         lines.insert(before, written)
         return
-    header = next((k for k in headers if re.fullmatch(rf"\s*\[\s*{re.escape(table)}\s*\]\s*(#.*)?", lines[k])), None)
+    header = _find_header(lines, table)
     if header is None:
-        lines += ([""] if lines and lines[-1].strip() else []) + [f"[{table}]", written]
+        lines += ([""] if lines and lines[-1].strip() else []) + [f"[{_quote_name(table)}]", written]
         return
     end = next((k for k in headers if k > header), len(lines))
     while end > header + 1 and not lines[end - 1].strip():
@@ -77,7 +96,7 @@ def remove_toml_table(text: str, table: str) -> tuple[str, str]:
     """
     lines = text.splitlines()
     headers = [k for k, line in enumerate(lines) if re.match(r"\s*\[", line)]
-    first = next((k for k in headers if re.fullmatch(rf"\s*\[\s*{re.escape(table)}\s*\]\s*(#.*)?", lines[k])), None)
+    first = _find_header(lines, table)
     if first is None:
         return text, ""
     end = next((k for k in headers if k > first), len(lines))
@@ -90,6 +109,16 @@ def remove_toml_table(text: str, table: str) -> tuple[str, str]:
     removed = lines[first:last]
     kept = [*lines[:first], *lines[last:]]
     return "\n".join(kept).rstrip("\n") + "\n", "\n".join(removed) + "\n"
+
+
+def remove_empty_table(text: str, table: str) -> str:
+    """The text without the head of a table that holds neither keys nor comments.
+
+    >>> remove_empty_table("[block]\\n\\n[schedule]\\nspeed = 0.1\\n", "block")
+    '[schedule]\\nspeed = 0.1\\n'
+    """
+    kept, removed = remove_toml_table(text, table)
+    return kept if len(removed.splitlines()) == 1 and "#" not in removed else text
 
 
 def add_toml_table(text: str, table_lines: str) -> str:

@@ -87,8 +87,9 @@ class TomlEditor:
             if 1 <= fault.line <= n_lines:
                 more = escape_control(f"{fault.key}: {fault.text}" if fault.key else fault.text)
                 lines[fault.line] = f"{lines[fault.line]}; {more}" if fault.line in lines else more
-        self.editor.decorations = [{"kind": "line", "line": k, "class": "ft-fault-line"} for k in sorted(lines)]
-        self.editor.line_tooltips = lines
+        marks = [{"kind": "line", "line": k, "class": "ft-fault-line"} for k in sorted(lines)]
+        if marks or self.editor.decorations:
+            self.editor.decorations, self.editor.line_tooltips = marks, lines
 
     def reveal_line(self, line: int) -> None:
         """Scroll to a line."""

@@ -100,10 +100,11 @@ def remove_toml_table(text: str, table: str) -> tuple[str, str]:
     if first is None:
         return text, ""
     end = next((k for k in headers if k > first), len(lines))
-    last = end
-    while last > first + 1 and (not lines[last - 1].strip() or lines[last - 1].lstrip().startswith("#")):
-        last -= 1  # blank lines and comments before the next table belong to that one
-    while last < end and not lines[last].strip():
+    run = end  # blank lines and comments at the end of the table
+    while run > first + 1 and (not lines[run - 1].strip() or lines[run - 1].lstrip().startswith("#")):
+        run -= 1
+    last = next((k for k in range(run, end) if not lines[k].strip()), end)
+    while last < end and not lines[last].strip():  # comments after a blank line belong to the next table
         lines.pop(last)
         end -= 1
     removed = lines[first:last]

@@ -224,7 +224,7 @@ class CasePage:
         ui.element("span").classes("ft-break")
 
     def _go_to_effects(self) -> None:
-        ui.run_javascript(f'document.getElementById("c{self.effects_box.id}").scrollIntoView({{block: "start"}})')
+        ui.run_javascript(f'getHtmlElement({self.effects_box.id}).scrollIntoView({{block: "start"}})')
         self.cards.search.run_method("focus")
 
     def _go_to_field(self, field: KeyField) -> None:
@@ -233,7 +233,7 @@ class CasePage:
             if field in fields:
                 box.open()
         field.field.run_method("focus")
-        ui.run_javascript(f'document.getElementById("c{field.box.id}").scrollIntoView({{block: "center"}})')
+        ui.run_javascript(f'getHtmlElement({field.box.id}).scrollIntoView({{block: "center"}})')
 
     # --- check ------------------------------------------------------------------------------------------------
     def _check_later(self) -> None:

@@ -23,9 +23,8 @@ def set_toml_key(text: str, table: str, key: str, value: Any) -> str:
     """
     lines = text.splitlines()
     locations = KeyLocations("", text)
-    line_number = locations.find_line(f"{table}.{key}" if table else key)
-    if line_number is None and table:
-        line_number = locations.find_line(f"{_quote_name(table)}.{key}")
+    spellings = [f"{name}.{key}" for name in _table_spellings(table)] if table else [key]
+    line_number = next((n for dotted in spellings if (n := locations.find_line(dotted)) is not None), None)
     written = None if value is None else f"{key} = {value_text(value)}"
     if line_number is not None:
         first, last = line_number - 1, _last_line(lines, line_number - 1)
@@ -46,9 +45,19 @@ def _quote_name(table: str) -> str:
     return table if not dot or re.fullmatch(r"[A-Za-z0-9_-]+", name) else f"{kind}.{value_text(name)}"
 
 
+def _table_spellings(table: str) -> list[str]:
+    """The name of a table as a head may state it: bare, or a part in double or single quotes.
+
+    >>> _table_spellings("layers.disc")
+    ['layers.disc', 'layers."disc"', "layers.'disc'"]
+    """
+    kind, dot, name = table.partition(".")
+    return [table, f"{kind}.{value_text(name)}", f"{kind}.'{name}'"] if dot else [table]
+
+
 def _find_header(lines: list[str], table: str) -> int | None:
     """The line with the head of a table, None where there is none."""
-    names = "|".join(re.escape(name) for name in {table, _quote_name(table)})
+    names = "|".join(map(re.escape, _table_spellings(table)))
     return next((k for k, line in enumerate(lines) if re.fullmatch(rf"\s*\[\s*({names})\s*\]\s*(#.*)?", line)), None)
 
 

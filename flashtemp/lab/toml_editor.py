@@ -11,16 +11,8 @@ from typing import Any
 from nicegui import ui
 
 from flashtemp.errors import FlashtempError
+from flashtemp.lab.page_layout import add_script
 from flashtemp.lab.workspace import escape_control
-
-WATCH_SCHEME = """(id => {
-    const tell = () => {
-        const at = document.getElementById("c" + id);
-        if (at) at.dispatchEvent(new CustomEvent("scheme", {detail: document.body.classList.contains("body--dark")}));
-    };
-    new MutationObserver(tell).observe(document.body, {attributes: true, attributeFilter: ["class"]});
-    tell();
-})"""
 
 
 @dataclass(frozen=True)
@@ -59,6 +51,7 @@ class TomlEditor:
     """The text with its marks; `changed` is called after every change."""
 
     def __init__(self, text: str, changed: Callable[[], Any], name: str):
+        add_script("scheme_watch.js")
         self.box = ui.element("div").classes("ft-editor")
         with self.box:
             self.editor = ui.codemirror(
@@ -67,7 +60,7 @@ class TomlEditor:
         self.editor.props["aria-label"] = name
         self.editor.style("height: clamp(20rem, calc(100vh - 24rem), 46rem)")
         self.box.on("scheme", lambda e: self._set_scheme(e.args is True), js_handler="e => emit(e.detail)")
-        ui.timer(0.1, lambda: ui.run_javascript(f"{WATCH_SCHEME}({self.box.id})"), once=True)
+        ui.timer(0.1, lambda: ui.run_javascript(f"watchScheme({self.box.id})"), once=True)
 
     @property
     def text(self) -> str:

@@ -22,7 +22,7 @@ from flashtemp.physics.units import FILE_NAME_PATTERN
 
 MAX_CASES_LISTED: Final = 60
 MAX_TITLE_LETTERS: Final = 80
-MINIMAL_CASE: Final = 'title = "my case"\n'
+MINIMAL_CASE: Final = 'title = "my case"\neffects = []\n'
 Open = Callable[[str, str], Any]  # called with the text of a new case and its file name
 
 

@@ -34,7 +34,7 @@ from flashtemp.lab.programs import AllowedPrograms, programs_of_text
 from flashtemp.lab.saving import TextVersion, read_text
 from flashtemp.lab.style import read_asset
 from flashtemp.lab.toml_editing import add_toml_table, remove_empty_table, remove_toml_table, set_toml_key
-from flashtemp.lab.toml_editor import TextFault, TomlEditor, read_faults
+from flashtemp.lab.toml_editor import TextFault, TomlEditor, prepare_editor, read_faults
 from flashtemp.lab.workspace import escape_control, free_name, list_folder, resolve_inside
 from flashtemp.model.case import Case
 from flashtemp.model.case_file import parse_toml
@@ -64,6 +64,7 @@ class CasePage:
     def show(self, name: str) -> None:
         """Show a case of the folder, or the list of cases where `name` is ""."""
         ui.add_css(read_asset("case.css"))
+        prepare_editor()
         self.frame = ui.element("div").classes("ft-stack")
         with self.frame, show_errors(self.folder):
             if not name:
@@ -155,7 +156,7 @@ class CasePage:
             text, removed = remove_toml_table(text, name)
             if removed:
                 self.removed_tables[name] = removed
-        self.editor.set_text(set_toml_key(text, "", "effects", entries or None))
+        self.editor.set_text(set_toml_key(text, "", "effects", entries))
 
     def _add_material(self) -> None:
         """Add a material with the values of the block's, and give it to the block."""

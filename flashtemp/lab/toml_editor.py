@@ -47,11 +47,15 @@ def read_faults(fault: FlashtempError | OSError, file: Path) -> list[TextFault]:
     return out
 
 
+def prepare_editor() -> None:
+    """Load the script of the editor; for the building of a page, because it has no effect on one that is shown."""
+    add_script("scheme_watch.js")
+
+
 class TomlEditor:
     """The text with its marks; `changed` is called after every change."""
 
     def __init__(self, text: str, changed: Callable[[], Any], name: str):
-        add_script("scheme_watch.js")
         self.box = ui.element("div").classes("ft-editor")
         with self.box:
             self.editor = ui.codemirror(

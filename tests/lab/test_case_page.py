@@ -230,7 +230,7 @@ CASE = 'title = "mine"\n\n[contact]\npressure = 2e5\n'
 def place(tmp_path_factory):
     place = tmp_path_factory.mktemp("cases")
     (place / "mine.toml").write_text(CASE)
-    (place / "layers.toml").write_text(f'title = "{HOSTILE}"\n{LAYERED}')
+    (place / "layers.toml").write_text(f'title = "{HOSTILE}"\neffects = []\n{LAYERED}')
     return place
 
 

@@ -79,17 +79,17 @@ def show_number(value: Any, param: Param, unit: str) -> tuple[str, str]:
 
     >>> length = Param(0.025, "m", "length")
     >>> show_number(0.03, length, "mm"), show_number("3 cm", length, "mm"), show_number("20 um", length, "mm")
-    (('30', 'mm'), ('3 cm', 'm'), ('20', 'um'))
+    (('30', 'mm'), ('3 cm', 'mm'), ('20', 'um'))
     """
     if value is None:
         return "", unit
     choices = unit_choices(param)
     if looks_like_quantity(value) and (found := QUANTITY_PATTERN.fullmatch(value)):
-        return (found[1], found[2]) if found[2] in choices else (value, param.unit)
+        return (found[1], found[2]) if found[2] in choices else (value, unit)
     if unit in choices and isinstance(value, (int, float)) and not isinstance(value, bool):
         factor, offset = choices[unit]
         return f"{(value - offset) / factor:.10g}", unit
-    return format_value(value), param.unit if choices else unit
+    return format_value(value), unit
 
 
 def read_number(typed: str | None, param: Param, unit: str) -> Any:

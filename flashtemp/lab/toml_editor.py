@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -49,7 +50,7 @@ def read_faults(fault: FlashtempError | OSError, file: Path) -> list[TextFault]:
 
 def prepare_editor() -> None:
     """Load the script of the editor; for the building of a page, because it has no effect on one that is shown."""
-    add_script("scheme_watch.js")
+    add_script("editor.js")
 
 
 class TomlEditor:
@@ -61,10 +62,13 @@ class TomlEditor:
             self.editor = ui.codemirror(
                 text, language="TOML", on_change=changed, theme="vscodeLight", line_wrapping=True
             ).classes("w-full")  # fmt: skip
-        self.editor.props["aria-label"] = name
         self.editor.style("height: clamp(20rem, calc(100vh - 24rem), 46rem)")
         self.box.on("scheme", lambda e: self._set_scheme(e.args is True), js_handler="e => emit(e.detail)")
-        ui.timer(0.1, lambda: ui.run_javascript(f"watchScheme({self.box.id})"), once=True)
+        ui.timer(
+            0.1,
+            lambda: ui.run_javascript(f"watchScheme({self.box.id}); nameEditor({self.box.id}, {json.dumps(name)})"),
+            once=True,
+        )
 
     @property
     def text(self) -> str:

@@ -7,3 +7,8 @@ function watchScheme(id) {
   new MutationObserver(tell).observe(document.body, { attributes: true, attributeFilter: ["class"] });
   tell();
 }
+
+// Gives the text area of an editor its name for screen readers.
+function nameEditor(id, name) {
+  getHtmlElement(id)?.querySelector(".cm-content")?.setAttribute("aria-label", name);
+}

@@ -82,6 +82,8 @@ def test_a_default_in_another_unit_is_no_change():
 def test_every_key_of_a_case_stands_in_one_group():
     listed = [key.dotted for keys in list_group_keys().values() for key in keys]
     assert sorted(listed) == sorted(f"{t}.{k}" for t in CASE_TABLES for k in declared_params(t))
+    for group, keys in list_group_keys().items():
+        assert [key.dotted for key in keys if not {key.table, key.dotted} & set(group.keys)] == []
 
 
 # --- text ------------------------------------------------------------------------------------------------------

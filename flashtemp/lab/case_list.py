@@ -10,16 +10,19 @@ from typing import Any, Final
 
 from nicegui import ui
 
-import flashtemp
 from flashtemp.api.templates import new
 from flashtemp.errors import FlashtempError
 from flashtemp.lab.effect_cards import listed_effects
 from flashtemp.lab.page_layout import action, card, chip, empty_state, heading, note, page_address, show_command
 from flashtemp.lab.saving import read_text
+from flashtemp.lab.style import ASSETS
 from flashtemp.lab.workspace import escape_control, list_folder
 from flashtemp.model.case_file import list_effect_files, parse_toml
+from flashtemp.model.file_kinds import CASE_KIND, detect_kind
 from flashtemp.physics.units import FILE_NAME_PATTERN
 
+CASES: Final = Path(__file__).resolve().parents[2] / "cases"  # in a copy of the repository
+EXAMPLES: Final = ASSETS / "examples"
 MAX_CASES_LISTED: Final = 60
 MAX_TITLE_LETTERS: Final = 80
 MINIMAL_CASE: Final = 'title = "my case"\neffects = []\n'
@@ -38,17 +41,17 @@ class ReadyCase:
 
 @cache
 def find_ready_cases() -> tuple[ReadyCase, ...]:
-    """The cases beside the package that need no other file; none where only the package is installed."""
-    place = Path(flashtemp.__file__).resolve().parent.parent / "cases"
+    """Cases that need no other file: those beside the package, or else the examples inside it."""
+    files = {file.parent.name: file for file in sorted(CASES.glob("*/case.toml"))}
     out = []
-    for file in sorted(place.glob("*/case.toml")):
+    for name, file in (files or {file.stem: file for file in sorted(EXAMPLES.glob("*.toml"))}).items():
         try:
             text = file.read_text(encoding="utf-8")
             raw = parse_toml(text)
         except (OSError, ValueError):
             continue
-        if not _names_files(raw) and not list_effect_files(raw):
-            out.append(ReadyCase(file.parent.name, _title_of(raw), tuple(listed_effects(raw)), text))
+        if detect_kind(raw) == CASE_KIND and not _names_files(raw) and not list_effect_files(raw):
+            out.append(ReadyCase(name, _title_of(raw), tuple(listed_effects(raw)), text))
     return tuple(out)
 
 

@@ -13,8 +13,7 @@ from lab.browsing import page, served
 import flashtemp
 from flashtemp.api.inputs import parse_case
 from flashtemp.errors import BadInput
-from flashtemp.lab import case_cost, case_sketch_view
-from flashtemp.lab.case_list import find_ready_cases
+from flashtemp.lab import case_cost, case_list, case_sketch_view
 from flashtemp.lab.effect_cards import describe_conflict, find_same_signature
 from flashtemp.lab.effect_places import OTHER_PLACE, PLACES, draw_places, find_effect_places
 from flashtemp.lab.key_groups import list_group_keys
@@ -217,8 +216,11 @@ def test_the_estimate_grows_with_cells_and_repetitions_and_follows_measured_runs
 
 
 # --- ready cases -----------------------------------------------------------------------------------------------
-def test_every_ready_case_can_be_opened_in_another_folder(tmp_path):
-    ready = find_ready_cases()
+@pytest.mark.parametrize("is_installed", [False, True], ids=["repository", "package alone"])
+def test_every_ready_case_can_be_opened_in_another_folder(tmp_path, monkeypatch, is_installed):
+    if is_installed:
+        monkeypatch.setattr(case_list, "CASES", tmp_path / "none")
+    ready = case_list.find_ready_cases.__wrapped__()
     assert {"uniform_pressure", "run_in"} <= {case.name for case in ready}
     for case in ready:
         parse_case(case.text, tmp_path / f"{case.name}.toml")

@@ -1,148 +1,332 @@
-"""The case page: a form of all declared keys, the TOML text, errors while typing, and a sketch."""
+"""The case page: drawing, form, effects and TOML text of one case, checked while typing; the text alone is saved."""
 
 from __future__ import annotations
 
-from base64 import b64encode
+import asyncio
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from nicegui import ui
+from nicegui import background_tasks, run, ui
 
 from flashtemp.api.inputs import parse_case
-from flashtemp.api.templates import new
+from flashtemp.errors import FlashtempError
+from flashtemp.lab import case_cost, case_sketch_view
+from flashtemp.lab.case_form import CaseForm, KeyField
+from flashtemp.lab.case_list import CaseList
+from flashtemp.lab.drawing import Drawing
+from flashtemp.lab.effect_cards import EffectCards, listed_effects
 from flashtemp.lab.jobs import command_text
-from flashtemp.lab.page_layout import page_address, program_lines, save_text, show_command, show_error, show_errors
+from flashtemp.lab.key_groups import CaseKey
+from flashtemp.lab.page_layout import (
+    action,
+    card,
+    heading,
+    page_address,
+    program_lines,
+    relative_names,
+    save_text,
+    show_command,
+    show_error,
+    show_errors,
+)
 from flashtemp.lab.programs import AllowedPrograms, programs_of_text
 from flashtemp.lab.saving import TextVersion, read_text
-from flashtemp.lab.toml_editing import set_toml_key
-from flashtemp.lab.workspace import escape_control, free_name, resolve_inside
+from flashtemp.lab.style import read_asset
+from flashtemp.lab.toml_editing import add_toml_table, remove_empty_table, remove_toml_table, set_toml_key
+from flashtemp.lab.toml_editor import TextFault, TomlEditor, prepare_editor, read_faults
+from flashtemp.lab.workspace import escape_control, free_name, list_folder, resolve_inside
 from flashtemp.model.case import Case
 from flashtemp.model.case_file import parse_toml
-from flashtemp.model.schema import CASE_TABLES, declared_params
-from flashtemp.model.toml_format import value_text
-from flashtemp.physics.effect import Effect, Param, catalogue
+from flashtemp.model.schema import named_table_kind
+from flashtemp.physics.material import LIBRARY
+from flashtemp.physics.units import to_unit
 
-FOLDED_TABLES = ("numerics", "output", "limits")  # folded when the page opens
+TYPING_PAUSE_S: Final = 0.08  # after a change of the text, before it is checked
+OWN_MATERIAL: Final = "my_material"
+KEYS_TEXT: Final = "An empty field has the default that stands in it in grey."
+STALE_TEXT: Final = "The drawing shows the last case without errors."
+NO_DRAWING_TEXT: Final = "The case is drawn here as soon as it has no errors."
 
 
 class CasePage:
-    """One case as text; the form only edits the text, which alone is saved."""
+    """One case as text; form and cards only edit the text, which alone is saved."""
 
     def __init__(self, folder: Path, allowed: AllowedPrograms | None = None):
-        self.folder, self.file, self.allowed = folder, "", allowed or AllowedPrograms()
+        self.folder, self.allowed = folder, allowed or AllowedPrograms()
         self.opened: TextVersion | None = None
         self.case: Case | None = None
-        self.inputs: dict[tuple[str, str], Any] = {}
-        self.filling = False
+        self.saved_text: str | None = None
+        self.removed_tables: dict[str, str] = {}  # of effects that were switched off on this page
+        self.raw: dict[str, Any] = {}
+        self.pace, self.changes = 1.0, 0
 
     def show(self, name: str) -> None:
-        """Show a case of the folder, or a new case where `name` is ""."""
-        with show_errors(self.folder):
-            text, self.opened = read_text(self.folder, name) if name else (new("case").text, None)
-            self.file = name or free_name(self.folder, "case.toml")
-            with ui.row().classes("w-full items-center"):
-                self.name = ui.input("file", value=self.file).classes("w-96")
-                ui.button("Save", on_click=self._save)
-                ui.link("run it", "").bind_visibility_from(self, "case").on(
-                    "click.prevent", lambda: ui.navigate.to(page_address("runs", command="run", of=self.name.value))
-                )
+        """Show a case of the folder, or the list of cases where `name` is ""."""
+        ui.add_css(read_asset("case.css"))
+        prepare_editor()
+        self.frame = ui.element("div").classes("ft-stack")
+        with self.frame, show_errors(self.folder):
+            if not name:
+                CaseList(self.folder, self._open_new).show()
+                return
+            text, self.opened = read_text(self.folder, name)
+            self.saved_text = text
+            self._show_case(text, name)
+
+    def _open_new(self, text: str, name: str) -> None:
+        """Show a new case, which is not saved yet."""
+        self.frame.clear()
+        with self.frame:
+            self._show_case(text, free_name(self.folder, name))
+
+    # --- layout -----------------------------------------------------------------------------------------------
+    def _show_case(self, text: str, name: str) -> None:
+        self.raw = _parse_tables(text) or {}
+        self._show_bar(name)
+        self.consent = ui.column().classes("w-full gap-2")
+        self._show_drawings()
+        with ui.element("div").classes("ft-split ft-case"):
+            with ui.element("div").classes("ft-stack"), card("Keys", KEYS_TEXT):
+                self.form = CaseForm(self._key_changed, self._add_material)
+                self.form.show(self.raw)
+            with ui.element("div").classes("ft-beside"):
+                self._show_text(text)
+        about = "What acts in addition to friction heat, conduction and cooling by the air."
+        with card("Effects", about) as self.effects_box:
+            self.cards = EffectCards(self._effect_switched, self._key_changed)
+            self.cards.show(self.raw)
+        self._fill()
+        ui.timer(0.05, self._check, once=True)
+        ui.timer(0.5, self._measure_pace, once=True)
+
+    def _show_bar(self, name: str) -> None:
+        """Title, file name and the actions."""
+        with ui.element("div").classes("ft-bar"):
+            heading(1, "Case")
+            self.name = ui.input("file", value=name, on_change=lambda: self._name_changed()).classes("w-60")
+            self.name.props("outlined dense")
+            self.state = ui.label("being checked").classes("ft-chip").props("aria-live=polite")
+            with ui.element("div").classes("ft-actions"):
+                ui.link("All cases", page_address("case"))
+                action("Save", self._save, icon="save")
+                self.run = action("Run it", self._run, icon="play_arrow", main=True)
+                self.run.set_enabled(False)
+
+    def _show_drawings(self) -> None:
+        """Block and schedule, the estimate, and the keys that differ from the defaults."""
+        with card() as box:
+            box.props["aria-label"] = "geometry and schedule"
+            with ui.element("div").classes("ft-split") as self.pictures:
+                self.block = Drawing(*case_sketch_view.BLOCK_BOX, "the block on the road")
+                self.schedule = Drawing(*case_sketch_view.SCHEDULE_BOX, "the schedule")
+            with ui.element("div").classes("ft-facts"):
+                self.cost = ui.label("").classes("ft-strong")
+                self.stale = ui.label(STALE_TEXT).classes("ft-muted ft-small")
+                self.stale.set_visibility(False)
+            self.differences = ui.element("div").classes("ft-chips").props('role=group aria-label="changed keys"')
+
+    def _show_text(self, text: str) -> None:
+        with card("Text", "This is what is saved. The form and the cards write into it."):
             self.faults = ui.column().classes("w-full gap-1").props("aria-live=polite")
-            with ui.row().classes("w-full items-start no-wrap max-lg:flex-wrap"):
-                self.form = ui.column().classes("w-full lg:w-1/2 gap-1")
-                with ui.column().classes("w-full lg:w-1/2"):
-                    self.text = ui.codemirror(text, language="TOML", on_change=lambda: self._text_changed()).classes(
-                        "w-full h-96"
-                    )
-                    self.drawing = ui.element("img").props('alt="sketch of the case"').classes("w-full")
-            self._build_form()
-            self._check()
-            show_command(command_text(["check", self.file]))
+            self.editor = TomlEditor(text, self._text_changed, "TOML text of the case")
+            self.commands = ui.column().classes("w-full gap-1")
+        self._show_commands()
 
-    # --- the form -----------------------------------------------------------------------------------------
-    def _build_form(self) -> None:
-        raw = self._parse_text()
-        self.form.clear()
-        self.inputs = {}
-        with self.form:
-            names = [n for n, e in catalogue().items() if not e.base]
-            chosen = [n for n in raw.get("effects", []) if n in names] if isinstance(raw.get("effects"), list) else []
-            self.effects = ui.select(
-                names, multiple=True, value=chosen, label="effects", on_change=lambda: self._effects_chosen()
-            ).classes("w-full").props("use-chips")  # fmt: skip
-            for table in [*CASE_TABLES, *chosen]:
-                self._add_table(table, raw)
+    def _show_commands(self) -> None:
+        self.commands.clear()
+        with self.commands:
+            for command in ("check", "run"):
+                show_command(command_text([command, self.name.value or "case.toml"]))
 
-    def _add_table(self, table: str, raw: dict[str, Any]) -> None:
-        keys = declared_params(table)
-        effect = catalogue().get(table)
-        if not keys:
-            return
-        stated = raw.get(table) if isinstance(raw.get(table), dict) else {}
-        about = f"{table}: {effect.cause}" if isinstance(effect, type) and issubclass(effect, Effect) else table
-        with ui.expansion(about, value=bool(stated) and table not in FOLDED_TABLES).classes("w-full border rounded"):
-            for key, param in keys.items():
-                self._add_field(table, key, param, (stated or {}).get(key))
-
-    def _add_field(self, table: str, key: str, param: Param, stated: Any) -> None:
-        unit = "" if param.unit in ("", "1") else f" ({param.unit})"
-        default = "" if param.value is None else f"default {_format_value(param.value)}"
-        field = ui.input(f"{key}{unit}", value="" if stated is None else _format_value(stated), placeholder=default)
-        field.classes("w-full").props("dense stack-label bottom-slots")
-        field.props["aria-label"] = f"{table}.{key}"
-        with field.add_slot("hint"):
-            ui.label(f"{param.about}{_describe_range(param)}").classes("text-xs")
-        field.on("change", lambda: self._field_changed(table, key, field.value))
-        self.inputs[table, key] = field
-
-    def _field_changed(self, table: str, key: str, typed: str) -> None:
+    # --- edits ------------------------------------------------------------------------------------------------
+    def _key_changed(self, key: CaseKey, value: Any) -> None:
         """Write the value of a field into the text."""
-        self._set_text(set_toml_key(self.text.value or "", table, key, _parse_value(typed)))
+        text = set_toml_key(self.editor.text, key.table, key.name, value)
+        is_named = value is None and named_table_kind(key.table)
+        self.editor.set_text(remove_empty_table(text, key.table) if value is None and not is_named else text)
 
-    def _effects_chosen(self) -> None:
-        if not self.filling:
-            self._set_text(set_toml_key(self.text.value or "", "", "effects", list(self.effects.value)))
-            self._build_form()
+    def _effect_switched(self, entry: str, is_on: bool) -> None:
+        """List an effect in the text, or take it out with its table, which comes back when it is switched on again."""
+        entries = [e for e in listed_effects(self.raw) if e != entry] + ([entry] if is_on else [])
+        text, name = self.editor.text, Path(entry).stem if entry.endswith(".py") else entry
+        if is_on and name in self.removed_tables and name not in self.raw:
+            text = add_toml_table(text, self.removed_tables.pop(name))
+        elif not is_on:
+            text, removed = remove_toml_table(text, name)
+            if removed:
+                self.removed_tables[name] = removed
+        self.editor.set_text(set_toml_key(text, "", "effects", entries))
 
-    def _set_text(self, text: str) -> None:
-        self.text.value = text
-        self._check()
+    def _add_material(self) -> None:
+        """Add a material with the values of the block's, and give it to the block."""
+        own = self.raw.get("materials")
+        names, number = set(own) if isinstance(own, dict) else set(), 1
+        while (name := OWN_MATERIAL if number == 1 else f"{OWN_MATERIAL}_{number}") in names:
+            number += 1
+        like = self.case.scene.block if self.case is not None else next(iter(LIBRARY.values()))
+        text = self.editor.text
+        for key in ("conductivity", "density", "heat_capacity"):
+            text = set_toml_key(text, f"materials.{name}", key, float(getattr(like, key)))
+        if not self.raw.get("layers"):
+            text = set_toml_key(text, "block", "material", name)
+        self.editor.set_text(text)
 
-    # --- the text -----------------------------------------------------------------------------------------
+    def _name_changed(self) -> None:
+        self._show_commands()
+        self._check_later()
+
     def _text_changed(self) -> None:
-        """Update the fields from the text."""
-        raw = self._parse_text()
-        self.filling = True
-        for (table, key), field in self.inputs.items():
-            stated = raw.get(table) if isinstance(raw.get(table), dict) else {}
-            value = (stated or {}).get(key)
-            field.value = "" if value is None else _format_value(value)
-        effects = raw.get("effects", [])
-        if isinstance(effects, list) and set(effects) != set(self.effects.value) and set(effects) <= set(catalogue()):
-            self.effects.value = effects
-            self._build_form()
-        self.filling = False
-        self._check()
+        """Update form and cards from the text, and check it after a pause."""
+        tables = _parse_tables(self.editor.text)
+        if tables is not None:
+            self.raw = tables
+            self._fill()
+        self._check_later()
 
-    def _parse_text(self) -> dict[str, Any]:
-        try:
-            return parse_toml(self.text.value or "")
-        except (ValueError, RecursionError):
-            return {}
+    def _fill(self) -> None:
+        self.form.fill(self.raw)
+        self.cards.fill(self.raw, self.case.known_effects if self.case is not None else {})
+        self._show_differences()
+
+    def _fields(self) -> Iterable[KeyField]:
+        return [*self.form.fields.values(), *self.cards.fields.values()]
+
+    def _show_differences(self) -> None:
+        """All keys that differ from their defaults, with a way to the field of each."""
+        changed = [f for f in self._fields() if f.is_changed]
+        effects = listed_effects(self.raw)
+        shown = [(f.key.dotted, f.value_words(), f.default_words()) for f in changed]
+        if (state := (shown, effects)) == getattr(self, "_shown_differences", None):
+            return
+        self._shown_differences = state
+        self.differences.clear()
+        with self.differences:
+            self._show_effect_chips(effects)
+            n = len(changed)
+            text = f"{n} key{'' if n == 1 else 's'} changed:" if n else "Every key has its default."
+            ui.label(text).classes("ft-small")
+            for field, (key, value, default) in zip(changed, shown, strict=True):
+                button = ui.element("button").classes("ft-chip")
+                button.props["type"], button.props["title"] = "button", f"default {default}"
+                with button:
+                    ui.label(f"{escape_control(key)} {escape_control(value)}").classes("inline")
+                    ui.label(f"(default {escape_control(default)})").classes("inline ft-muted")
+                button.on("click", lambda _, f=field: self._go_to_field(f))
+
+    def _show_effect_chips(self, effects: list[str]) -> None:
+        """The effects that are on, each as a chip."""
+        n = len(effects)
+        ui.label(f"{n} effect{'' if n == 1 else 's'} on:" if n else "No effect is on.").classes("ft-small")
+        for name in effects:
+            ui.label(escape_control(name.replace("_", " "))).classes("ft-chip accent")
+        change = ui.button("Change effects", on_click=self._go_to_effects).props("flat dense size=sm color=primary")
+        change.classes("ft-noprint")
+        ui.element("span").classes("ft-break")
+
+    def _go_to_effects(self) -> None:
+        ui.run_javascript(f'getHtmlElement({self.effects_box.id}).scrollIntoView({{block: "start"}})')
+        self.cards.search.run_method("focus")
+
+    def _go_to_field(self, field: KeyField) -> None:
+        """Open the group of a field and focus it."""
+        for box, fields, _, _ in self.form.groups.values():
+            if field in fields:
+                box.open()
+        field.field.run_method("focus")
+        ui.run_javascript(f'getHtmlElement({field.box.id}).scrollIntoView({{block: "center"}})')
+
+    # --- check ------------------------------------------------------------------------------------------------
+    def _check_later(self) -> None:
+        """Check after a pause in typing."""
+        self.changes += 1
+        background_tasks.create(self._check_after_pause(self.changes))
+
+    async def _check_after_pause(self, change: int) -> None:
+        await asyncio.sleep(TYPING_PAUSE_S)
+        if change == self.changes:
+            with self.frame:
+                self._check()
 
     def _check(self) -> None:
-        """Show the errors of the text, or a sketch of the case; effect files run only with consent."""
-        self.faults.clear()
-        self.case, drawing = None, ""
-        with self.faults, show_errors(self.folder):
-            text, path = self.text.value or "", resolve_inside(self.folder, self.name.value or "case.toml")
+        """Check the text and draw the case; effect files run only with consent."""
+        self.case = None
+        faults: list[TextFault] = []
+        self.consent.clear()
+        waits = False
+        try:
+            text, path = self.editor.text, resolve_inside(self.folder, self.name.value or "case.toml")
             if programs := self.allowed.unconfirmed_files(programs_of_text(text, path.parent)):
-                self._offer_programs(programs)
+                waits = True
+                with self.consent:
+                    self._offer_programs(programs)
             else:
                 self.case = parse_case(text, path)
-                drawing = _drawing_address(self.case)
-        self.drawing.props["src"] = drawing
-        self.drawing.set_visibility(bool(drawing))
+        except (FlashtempError, OSError) as fault:
+            faults = read_faults(fault, path) if "path" in locals() else [TextFault(0, "", str(fault))]
+        self._show_state(faults, waits)
+        self._show_faults(faults)
+        if self.case is not None:
+            self.cards.fill(self.raw, self.case.known_effects)
+            self._draw(self.case)
 
+    def _show_state(self, faults: list[TextFault], waits: bool) -> None:
+        """Whether the case can run, in a word."""
+        n = len(faults)
+        word = "ready to run" if self.case is not None else f"{n} error{'s' if n > 1 else ''}" if n else "not checked"
+        self.state.set_text(word)
+        kind = "good" if self.case is not None else "warning" if waits else "error"
+        self.state.classes(remove="good warning error", add=kind)
+        self.run.set_enabled(self.case is not None)
+        is_stale = self.case is None
+        drawn = bool(self.block.props["shapes"])
+        self.pictures.classes(add="ft-stale") if is_stale else self.pictures.classes(remove="ft-stale")
+        self.pictures.set_visibility(drawn or not is_stale)
+        self.stale.set_text(STALE_TEXT if drawn else NO_DRAWING_TEXT)
+        self.stale.set_visibility(is_stale)
+
+    def _show_faults(self, faults: list[TextFault]) -> None:
+        """Show errors above the text, at their lines, at their fields and on their cards."""
+        self.faults.clear()
+        if faults:
+            with self.faults, ui.column().classes("ft-note error gap-0").props("role=alert"):
+                for fault in faults:
+                    self._show_fault(fault)
+        self.editor.mark_faults(faults)
+        at_keys: dict[str, str] = {}
+        for fault in faults:
+            at_keys.setdefault(fault.key, fault.text)
+        for field in self._fields():
+            field.set_fault(relative_names(at_keys.get(field.key.dotted, ""), self.folder))
+        self.cards.show_notes([f"{f.key}: {f.text}" if f.key else f.text for f in faults])
+
+    def _show_fault(self, fault: TextFault) -> None:
+        text = escape_control(relative_names(str(fault), self.folder))
+        if not fault.line:
+            ui.label(text).classes("ft-fault")
+            return
+        with ui.element("button").classes("ft-fault").props("type=button") as button:
+            ui.label(text).classes("inline")
+        button.on("click", lambda: self.editor.reveal_line(fault.line))
+
+    def _draw(self, case: Case) -> None:
+        self.block.draw(*case_sketch_view.draw_block(case))
+        self.schedule.draw(*case_sketch_view.draw_schedule(case))
+        self.cost.set_text(f"{case_cost.estimate_cost(case, self.pace)}".capitalize())
+
+    async def _measure_pace(self) -> None:
+        """Learn from the results in the folder how fast this computer is."""
+
+        def measure() -> float:
+            to_unit("1 mm", "m")  # loads the library of units before the first value with a unit is typed
+            results = [path for path, command in list_folder(self.folder).results.items() if command == "run"]
+            return case_cost.measure_pace(case_cost.latest_summaries(self.folder, results))
+
+        self.pace = await run.io_bound(measure) or 1.0
+        if self.case is not None:
+            self._draw(self.case)
+
+    # --- effect files and saving ------------------------------------------------------------------------------
     def _offer_programs(self, programs: list[Path]) -> None:
         """List the effect files that the check would run, with a button to allow it."""
         show_error("\n".join(["not checked yet", *program_lines(programs)]))
@@ -153,46 +337,34 @@ class CasePage:
         self.allowed.allow(programs)
         self._check()
 
-    async def _save(self) -> None:
-        """Save the text atomically, even with errors in it."""
-        name = self.name.value or ""
-        with self.faults, show_errors(self.folder):
-            if (version := await save_text(self.folder, name, self.text.value or "", self.opened)) is None:
-                return
-            self.opened = version
+    async def _save(self) -> bool:
+        """Save the text atomically, even with errors in it; False where it was not saved."""
+        name, text = self.name.value or "", self.editor.text
+        with self.frame:
+            try:
+                version = await save_text(self.folder, name, text, self.opened)
+            except (FlashtempError, OSError) as fault:
+                with self.faults:
+                    show_error(str(fault), self.folder)
+                return False
+            if version is None:
+                return False
+            self.opened, self.saved_text = version, text
             ui.notify(f"{escape_control(name)} is saved")
+            return True
+
+    async def _run(self) -> None:
+        """Save the text where it has changed, and go to the page that runs it."""
+        is_saved = self.opened is not None and self.saved_text == self.editor.text and (
+            self.opened.path == resolve_inside(self.folder, self.name.value or "")
+        )  # fmt: skip
+        if is_saved or await self._save():
+            ui.navigate.to(page_address("runs", command="run", of=self.name.value))
 
 
-def _format_value(value: Any) -> str:
-    """A value in TOML; a text without its quotes."""
-    return value if isinstance(value, str) else value_text(value)
-
-
-def _parse_value(typed: str | None) -> Any:
-    """A typed value: TOML, or else the text itself; None where nothing was typed."""
-    if not (typed or "").strip():
-        return None
+def _parse_tables(text: str) -> dict[str, Any] | None:
+    """The tables of a text, None where it is not TOML."""
     try:
-        return parse_toml(f"v = {typed}")["v"]
+        return parse_toml(text)
     except (ValueError, RecursionError):
-        return (typed or "").strip()
-
-
-def _describe_range(param: Param) -> str:
-    """The range of a numeric key in words, "" for others."""
-    if "number" not in param.kinds and "amount" not in param.kinds:
-        return ""
-    low, high = (f"{v:g}" if abs(v) < float("inf") else "" for v in (param.low, param.high))
-    return f"; {low} to {high}" if low and high else f"; from {low}" if low else ""
-
-
-def _drawing_address(case: Case) -> str:
-    """The sketch of a case as a data address of an image, in which no script runs; "" where it cannot be drawn."""
-    from flashtemp.viz.run.case_sketch import sketch_svg
-
-    try:
-        text = sketch_svg(case)
-    except ValueError as fault:  # a layer's name that matplotlib reads as a formula
-        show_error(f"not drawn: {' '.join(str(fault).split())}")
-        return ""
-    return "data:image/svg+xml;base64," + b64encode(text.encode()).decode()
+        return None

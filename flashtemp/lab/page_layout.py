@@ -101,7 +101,7 @@ def empty_state(title: str, how: str) -> Iterator[Any]:
 def action(label: str, on_click: Any, icon: str | None = None, main: bool = False) -> Any:
     """A button; a page has one `main` action, which leads to the next step."""
     button = ui.button(label, icon=icon, on_click=on_click).props("no-caps")
-    return button.props("unelevated") if main else button.props("outline")
+    return button.props("unelevated text-color=on-accent") if main else button.props("outline")
 
 
 def chip(text: str, kind: str = "") -> Any:

@@ -22,7 +22,9 @@ def set_toml_key(text: str, table: str, key: str, value: Any) -> str:
     <BLANKLINE>
     """
     lines = text.splitlines()
-    line_number = KeyLocations("", text).find_line(f"{table}.{key}" if table else key)
+    locations = KeyLocations("", text)
+    spellings = [f"{name}.{key}" for name in _table_spellings(table)] if table else [key]
+    line_number = next((n for dotted in spellings if (n := locations.find_line(dotted)) is not None), None)
     written = None if value is None else f"{key} = {value_text(value)}"
     if line_number is not None:
         first, last = line_number - 1, _last_line(lines, line_number - 1)
@@ -31,6 +33,32 @@ def set_toml_key(text: str, table: str, key: str, value: Any) -> str:
     elif written is not None:
         _insert_line(lines, table, written)
     return "\n".join(lines) + "\n"
+
+
+def _quote_name(table: str) -> str:
+    """The name of a table as the head states it: a part after the first point in quotes where TOML requires them.
+
+    >>> _quote_name("materials.own"), _quote_name("layers.top layer")
+    ('materials.own', 'layers."top layer"')
+    """
+    kind, dot, name = table.partition(".")
+    return table if not dot or re.fullmatch(r"[A-Za-z0-9_-]+", name) else f"{kind}.{value_text(name)}"
+
+
+def _table_spellings(table: str) -> list[str]:
+    """The name of a table as a head may state it: bare, or a part in double or single quotes.
+
+    >>> _table_spellings("layers.disc")
+    ['layers.disc', 'layers."disc"', "layers.'disc'"]
+    """
+    kind, dot, name = table.partition(".")
+    return [table, f"{kind}.{value_text(name)}", f"{kind}.'{name}'"] if dot else [table]
+
+
+def _find_header(lines: list[str], table: str) -> int | None:
+    """The line with the head of a table, None where there is none."""
+    names = "|".join(map(re.escape, _table_spellings(table)))
+    return next((k for k, line in enumerate(lines) if re.fullmatch(rf"\s*\[\s*({names})\s*\]\s*(#.*)?", line)), None)
 
 
 def _last_line(lines: list[str], first: int) -> int:
@@ -59,11 +87,54 @@ def _insert_line(lines: list[str], table: str, written: str) -> None:
             before -= 1
         lines.insert(before, written)
         return
-    header = next((k for k in headers if re.fullmatch(rf"\s*\[\s*{re.escape(table)}\s*\]\s*(#.*)?", lines[k])), None)
+    header = _find_header(lines, table)
     if header is None:
-        lines += ([""] if lines and lines[-1].strip() else []) + [f"[{table}]", written]
+        lines += ([""] if lines and lines[-1].strip() else []) + [f"[{_quote_name(table)}]", written]
         return
     end = next((k for k in headers if k > header), len(lines))
     while end > header + 1 and not lines[end - 1].strip():
         end -= 1
     lines.insert(end, written)
+
+
+def remove_toml_table(text: str, table: str) -> tuple[str, str]:
+    """The text without a table, and the lines of this table, which `add_toml_table` brings back.
+
+    >>> remove_toml_table("[wear]\\nrate = 1e-10\\n\\n# sliding\\n[schedule]\\nspeed = 0.1\\n", "wear")
+    ('# sliding\\n[schedule]\\nspeed = 0.1\\n', '[wear]\\nrate = 1e-10\\n')
+    """
+    lines = text.splitlines()
+    headers = [k for k, line in enumerate(lines) if re.match(r"\s*\[", line)]
+    first = _find_header(lines, table)
+    if first is None:
+        return text, ""
+    end = next((k for k in headers if k > first), len(lines))
+    run = end  # blank lines and comments at the end of the table
+    while run > first + 1 and (not lines[run - 1].strip() or lines[run - 1].lstrip().startswith("#")):
+        run -= 1
+    last = next((k for k in range(run, end) if not lines[k].strip()), end)
+    while last < end and not lines[last].strip():  # comments after a blank line belong to the next table
+        lines.pop(last)
+        end -= 1
+    removed = lines[first:last]
+    kept = [*lines[:first], *lines[last:]]
+    return "\n".join(kept).rstrip("\n") + "\n", "\n".join(removed) + "\n"
+
+
+def remove_empty_table(text: str, table: str) -> str:
+    """The text without the head of a table that holds neither keys nor comments.
+
+    >>> remove_empty_table("[block]\\n\\n[schedule]\\nspeed = 0.1\\n", "block")
+    '[schedule]\\nspeed = 0.1\\n'
+    """
+    kept, removed = remove_toml_table(text, table)
+    return kept if len(removed.splitlines()) == 1 and "#" not in removed else text
+
+
+def add_toml_table(text: str, table_lines: str) -> str:
+    """The text with the lines of a table at its end.
+
+    >>> add_toml_table("effects = []\\n", "[wear]\\nrate = 1e-10\\n")
+    'effects = []\\n\\n[wear]\\nrate = 1e-10\\n'
+    """
+    return text.rstrip("\n") + "\n\n" + table_lines if text.strip() else table_lines

@@ -50,7 +50,7 @@ def page_frame(here: str, folder: Path, title: str = "") -> Iterator[None]:
         )
         switch = ui.button(icon="contrast").props('flat dense round color=primary aria-label="light or dark"')
         switch.on("click", js_handler="() => switchScheme()").tooltip("light or dark")
-    with ui.element("main").classes("ft-main").props("id=content tabindex=-1"):
+    with ui.element("div").classes("ft-main").props("id=content tabindex=-1"):
         if title:
             heading(1, title)
         yield

@@ -56,5 +56,5 @@ def make_application(folder: Path) -> tuple[Any, JobList]:
         with page_frame("", folder), show_errors(folder):
             show_result(folder, open)
 
-    ui.run_with(app, title="flashtemp", favicon="🔥", dark=None, show_welcome_message=False)
+    ui.run_with(app, title="flashtemp", favicon="🔥", language="en-US", dark=None, show_welcome_message=False)
     return app, jobs

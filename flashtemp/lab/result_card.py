@@ -54,7 +54,8 @@ def show_result_card(folder: Path, result: Path, command: str) -> None:
             link.props["aria-label"] = f"open {escape_control(str(result))}"
             picture = find_main_picture(folder, result, command)
             if picture is not None:
-                ui.element("img").props["src"] = file_address(picture)
+                image = ui.element("img").props('alt=""')  # the link has the name
+                image.props["src"] = file_address(picture)
             else:
                 ui.icon("insights", size="48px").classes("ft-muted")
         with ui.row().classes("items-center gap-2 w-full no-wrap"):

@@ -15,7 +15,7 @@ from flashtemp.lab.page_layout import add_script
 
 N_SERIES_COLOURS = 5  # --series-1 ... --series-5 of the style sheet
 MAX_CHART_POINTS = 5000  # of a line; longer ones are thinned to their extremes, so that no peak is lost
-AXIS_STYLE = {
+AXIS_STYLE: dict[str, Any] = {
     "type": "value",
     "scale": True,
     "nameLocation": "middle",
@@ -32,6 +32,14 @@ def line_series(name: str, x: Any, y: Any, number: int = 0, **more: Any) -> dict
     colour = f"var(--series-{number % N_SERIES_COLOURS + 1})"
     style = {"lineStyle": {"color": colour, "width": 2}, "itemStyle": {"color": colour}}
     return {"type": "line", "name": name, "showSymbol": False, "data": chart_points(x, y), **style, **more}
+
+
+def bar_series(name: str, labels: Sequence[str], values: Any, number: int = 0, **more: Any) -> dict[str, Any]:
+    """A bar for the finite value (n,) of each label (n,), in the colour of that number; `more` are keys of ECharts."""
+    values = np.asarray(values, float)
+    data = [[str(a), float(b)] for a, b in zip(labels, values, strict=True) if np.isfinite(b)]
+    colour = {"color": f"var(--series-{number % N_SERIES_COLOURS + 1})"}
+    return {"type": "bar", "name": name, "data": data, "itemStyle": colour, "barMaxWidth": 28, **more}
 
 
 def chart_points(x: Any, y: Any) -> list[list[float]]:
@@ -60,12 +68,41 @@ def chart_options(
             "textStyle": {"color": "var(--text)"}, "axisPointer": {"lineStyle": {"color": "var(--muted)"}},
             ":valueFormatter": "v => v === undefined ? '' : String(Number(Number(v).toPrecision(5)))",
         },
-        "legend": {"show": len(series) > 1, "top": 4, "textStyle": {"color": "var(--text)"}},
+        "legend": {"show": len(series) > 1, "top": 4, "type": "scroll", "itemGap": 22,
+                   "textStyle": {"color": "var(--text)", "padding": [0, 6, 0, 0]},
+                   "pageTextStyle": {"color": "var(--text)"}},
         "xAxis": {"name": x_label, "nameGap": 30, **AXIS_STYLE},
         "yAxis": {"name": y_label, "nameGap": 46, "min": low, "max": high, **AXIS_STYLE},
         "dataZoom": [{"type": "inside", "filterMode": "none", axis: 0} for axis in ("xAxisIndex", "yAxisIndex")],
         "series": list(series),
     }  # fmt: skip
+
+
+def bar_options(
+    series: Sequence[dict[str, Any]], labels: Sequence[str], value_label: str, label_width: int = 180
+) -> dict[str, Any]:
+    """Options of ECharts for horizontal bars, the first label at the top; `label_width` is the room of labels in px."""
+    options = chart_options([_swap_axes(s) for s in series], value_label, "")
+    category = {"type": "category", "data": [str(label) for label in labels], "inverse": True, "nameGap": 12}
+    label_style = {**AXIS_STYLE["axisLabel"], "width": label_width, "overflow": "truncate"}
+    options["yAxis"] = {**options["yAxis"], **category, "axisLabel": label_style, "splitLine": {"show": False}}
+    options["xAxis"] = {**options["xAxis"], "scale": False}
+    options["grid"] = {**options["grid"], "left": label_width + 20}
+    options["dataZoom"] = []
+    options["tooltip"] = {**options["tooltip"], "axisPointer": {"type": "none"}}
+    return options
+
+
+def _swap_axes(series: dict[str, Any]) -> dict[str, Any]:
+    """A series with its points (y, x), for bars along x."""
+    return series | {"data": [[b, a] for a, b in series["data"]]}
+
+
+def update_chart(chart: Any, options: dict[str, Any]) -> None:
+    """Draw a shown chart with other options."""
+    chart.options.clear()
+    chart.options.update(options)
+    chart.update()
 
 
 def show_chart(

@@ -58,7 +58,8 @@ def page_frame(here: str, folder: Path, title: str = "") -> Iterator[None]:
 
 def page_address(page: str, **query: Any) -> str:
     """The address of a page with its query parameters."""
-    return f"{PAGE_ADDRESSES.get(page, '/' + page)}?{urlencode({k: str(v) for k, v in query.items()})}"
+    words = urlencode({k: str(v) for k, v in query.items()})
+    return PAGE_ADDRESSES.get(page, f"/{page}") + (f"?{words}" if words else "")
 
 
 def file_address(path: Path) -> str:

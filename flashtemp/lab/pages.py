@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from fastapi import FastAPI
+from fastapi import FastAPI, Request
 from nicegui import ui
 
 from flashtemp.lab.camera_page import CameraPage
@@ -52,9 +52,10 @@ def make_application(folder: Path) -> tuple[Any, JobList]:
             JobsPage(folder, jobs, allowed).show(command, of)
 
     @ui.page("/result")
-    def result(open: str = "") -> None:  # noqa: A002
+    @ui.page("/verdict")
+    def result(request: Request, open: str = "") -> None:  # noqa: A002
         with page_frame("", folder), show_errors(folder):
-            show_result(folder, open)
+            show_result(folder, open, request.query_params.getlist("with"), jobs, allowed)
 
     ui.run_with(app, title="flashtemp", favicon="🔥", language="en-US", dark=None, show_welcome_message=False)
     return app, jobs

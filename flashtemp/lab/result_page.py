@@ -1,140 +1,141 @@
-"""The result page: report, pictures and numbers; for a run also T(x) with a time slider and a 3D scene."""
+"""The page of a finished result: main numbers, plots, pictures, report and files, by the command that made it."""
 
 from __future__ import annotations
 
-import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from nicegui import ui
 
 from flashtemp.errors import BadInput
-from flashtemp.lab.page_layout import file_address, refuse_damaged, show_errors
-from flashtemp.lab.workspace import escape_control, resolve_inside
+from flashtemp.lab.conditions import show_conditions
+from flashtemp.lab.jobs import JobList, command_text
+from flashtemp.lab.jobs_page import file_word
+from flashtemp.lab.page_layout import card, chip, empty_state, heading, page_address, show_error, show_errors
+from flashtemp.lab.programs import AllowedPrograms
+from flashtemp.lab.result_card import list_recent_results, show_result_card
+from flashtemp.lab.result_files import (
+    ResultFolder,
+    describe_age,
+    open_result,
+    show_files,
+    show_gallery,
+    show_report,
+)
+from flashtemp.lab.result_parts import add_result_styles, load_later, refuse_unreadable, show_figures
+from flashtemp.lab.run_comparison import RunComparison
+from flashtemp.lab.run_data import RunData, main_numbers, read_run
+from flashtemp.lab.run_result import show_run_charts
+from flashtemp.lab.scene_3d import show_scene
+from flashtemp.lab.study_results import show_study
+from flashtemp.lab.workspace import RESULT_COMMANDS, escape_control, free_name, list_folder
 
-MAX_PROFILE_BYTES = 512 * 2**20  # of arrays that the page loads at once
-MAX_JSON_BYTES = 32 * 2**20
-MAX_PICTURES = 200
-PICTURE_SUFFIXES = (".png", ".gif", ".svg")
-CURVE_LABELS = {"T_spot": "in the contact spots", "T_block": "block, averaged across y", "T_road": "road"}
-
-
-def show_result(folder: Path, name: str) -> None:
-    """Show the content of a result folder.  Raises BadInput."""
-    path = resolve_inside(folder, name)
-    if not path.is_dir():
-        raise BadInput(f"{escape_control(name)}: no such result; choose one on the folder page")
-    here = path.relative_to(folder.resolve())
-    ui.label(escape_control(str(here))).classes("text-xl")
-    with show_errors(folder):
-        if (file := _own_file(folder, here / "run.nc")) is not None:
-            _show_profiles(file)
-            _show_in_space(folder, here)
-    if _own_file(folder, here / "report.html") is not None:
-        _show_report(file_address(here / "report.html"))
-    with show_errors(folder):
-        _show_numbers(folder, here)
-    _show_pictures(folder, path, here)
-
-
-def _own_file(folder: Path, name: Path) -> Path | None:
-    """A regular file of the folder; None where there is none or a link leads out of the folder."""
-    try:
-        path = resolve_inside(folder, str(name))
-        return path if path.is_file() else None
-    except BadInput:
-        return None
+MAX_OFFERED = 8  # results shown where none is chosen
+KIND_WORDS = {
+    "run": "Run", "discover": "Verdict", "compare": "Comparison", "plan": "Plan", "sweep": "Sweep",
+    "sensitivity": "Sensitivity",
+}  # fmt: skip
 
 
-def _show_report(address: str) -> None:
-    """Show a report in a sandboxed frame without scripts, since its author is unknown."""
-    ui.link("open the report in a new tab", address, new_tab=True)
-    frame = ui.element("iframe").style("width:100%;height:80vh;border:1px solid #ccc")
-    for key, value in {"src": address, "title": "report", "sandbox": "", "referrerpolicy": "no-referrer"}.items():
-        frame.props[key] = value
-
-
-def _show_pictures(folder: Path, path: Path, here: Path) -> None:
-    names = sorted(p.name for p in path.iterdir() if p.suffix in PICTURE_SUFFIXES and escape_control(p.name) == p.name)
-    pictures = [name for name in names[:MAX_PICTURES] if _own_file(folder, here / name) is not None]
-    with ui.row().classes("w-full gap-4"):
-        for name in pictures:
-            address = file_address(here / name)
-            with ui.link(target=address, new_tab=True):
-                ui.image(address).classes("w-96").props["alt"] = Path(name).stem
-    if len(names) > MAX_PICTURES:
-        ui.label(f"and {len(names) - MAX_PICTURES} more pictures in {escape_control(str(here))}")
-
-
-def _show_profiles(file: Path) -> None:
-    """Chart of T(x) at the stored times, with a time slider."""
-    import xarray
-
-    with refuse_damaged(file), xarray.open_dataset(file) as run:
-        names = [k for k in CURVE_LABELS if k in run]
-        n_bytes = sum(run[k].nbytes for k in ("time", "x", *names))
-        if n_bytes > MAX_PROFILE_BYTES:
-            raise BadInput(f"{file}: holds {n_bytes / 2**20:.0f} MiB of profiles; open it with xarray")
-        time, x = run["time"].values.astype(float), 1e3 * run["x"].values.astype(float)
-        curves = {k: run[k].transpose("time", "x").values.astype(float) for k in names}
-        if not curves or not len(time) or not any(np.isfinite(v).any() for v in curves.values()):
-            raise BadInput(f"{file}: has no temperatures over time and x; it is not a run of flashtemp")
-    ambient = min(float(np.nanmin(v)) for v in curves.values())
-    warmest = max(float(np.nanmax(v)) for v in curves.values())
-    chart = ui.echart({
-        "animation": False, "tooltip": {"trigger": "axis"}, "legend": {},
-        "xAxis": {"type": "value", "name": "x (mm)", "nameLocation": "middle", "nameGap": 28},
-        "yAxis": {"type": "value", "name": "temperature (°C)", "min": round(ambient, 1), "max": round(warmest, 1)},
-        "series": [{"type": "line", "name": CURVE_LABELS[k], "showSymbol": False, "data": []} for k in curves],
-    }).classes("w-full h-80")  # fmt: skip
-    label = ui.label()
-
-    def show_time(k: int) -> None:
-        label.text = f"t = {time[k]:.4g} s"
-        for series, values in zip(chart.options["series"], curves.values(), strict=True):
-            series["data"] = [[float(a), float(b)] for a, b in zip(x, values[k], strict=True) if np.isfinite(b)]
-        chart.update()
-
-    slider = ui.slider(min=0, max=len(time) - 1, value=len(time) - 1, on_change=lambda e: show_time(int(e.value)))
-    slider.props('aria-label="time"')
-    show_time(len(time) - 1)
-
-
-def _show_in_space(folder: Path, here: Path) -> None:
-    """A 3D scene of the last stored field that can be rotated with the mouse."""
-    from flashtemp.api.simulation import open_fields
-    from flashtemp.viz.run.point_cloud import surface_points
-
-    if (file := _own_file(folder, here / "fields.vtkhdf")) is None:
+def show_result(folder: Path, name: str, others: Sequence[str], jobs: JobList, allowed: AllowedPrograms) -> None:
+    """Show a result folder; a run beside the runs `others`, a discovery as its verdict.  Raises BadInput."""
+    add_result_styles()
+    if not name:
+        heading(1, "Result")
+        show_no_result(folder, "No result is chosen", "Choose one below, or start a command on the page Runs.")
         return
     try:
-        with refuse_damaged(file):
-            positions, colours = surface_points(open_fields(file.parent))
-    except BadInput:
+        result = open_result(folder, name)
+    except BadInput as fault:
+        heading(1, "Result")
+        show_error(str(fault), folder)
+        show_no_result(folder, "There is no such result", "Choose one below, or start a command on the page Runs.")
         return
-    with ui.expansion("3D view").classes("w-full"), ui.scene(width=900, height=480, grid=False) as scene:
-        scene.point_cloud(positions.tolist(), colours.tolist(), point_size=0.12)
-        scene.move_camera(x=0.0, y=-14.0, z=8.0, look_at_x=0.0, look_at_y=0.0, look_at_z=0.0)
+    show_title(result)
+    if result.command == "run":
+        _show_run(result, others)
+    elif result.command == "discover":
+        from flashtemp.lab.verdict_page import show_verdict_parts
+
+        show_verdict_parts(result, jobs, allowed)
+    elif result.command:
+        with show_errors(folder):
+            show_study(result)
+    else:
+        about = f"{result.name} holds no result of a command of flashtemp."
+        show_no_result(folder, "Nothing to show here yet", about)
+    with show_errors(folder):
+        show_gallery(result, _verdict_captions() if result.command == "discover" else None)
+    show_files(result)
+    show_report(result)
 
 
-def _show_numbers(folder: Path, here: Path) -> None:
-    """Table of the numbers of the result.  Raises BadInput for a damaged file."""
-    files = (_own_file(folder, here / n) for n in ("summary.json", "verdict.json", "compare.json"))
-    if (file := next(filter(None, files), None)) is None:
-        return
-    with refuse_damaged(file):
-        if file.stat().st_size > MAX_JSON_BYTES:
-            raise BadInput(f"{file}: larger than {MAX_JSON_BYTES // 2**20} MiB; open it with a text editor")
-        numbers: dict[str, Any] = dict(json.loads(file.read_text(encoding="utf-8")))
-    rows = [
-        {"key": escape_control(k), "value": f"{v:.6g}" if isinstance(v, float) else escape_control(str(v))}
-        for k, v in numbers.items()
-        if _is_short(v)
-    ]
-    with ui.expansion("numbers").classes("w-full"):
-        ui.table(rows=rows, columns=[{"name": k, "label": k, "field": k, "align": "left"} for k in ("key", "value")])
+def show_no_result(folder: Path, title: str, how: str) -> None:
+    """Say that there is no result, and lead to the results of the folder and to where they come from."""
+    with empty_state(title, how):
+        ui.link("Home", "/")
+        ui.link("Start a command", page_address("runs"))
+    results = list_recent_results(folder, list_folder(folder).results)[:MAX_OFFERED]
+    if results:
+        with ui.element("div").classes("ft-grid"):
+            for path, command in results:
+                show_result_card(folder, path, command)
 
 
-def _is_short(value: Any) -> bool:
-    return isinstance(value, (int, float, str)) and len(str(value)) < 200
+def show_title(result: ResultFolder) -> None:
+    """The heading of the page with the kind, the folder and the age of the result."""
+    heading(1, f"{KIND_WORDS.get(result.command, 'Result')} {result.here.name}")
+    with ui.row().classes("items-center gap-2"):
+        if result.command:
+            chip(f"flashtemp {result.command}", "accent")
+        if age := describe_age(result, list(RESULT_COMMANDS)):
+            chip(age)
+        ui.label(result.name).classes("ft-muted ft-small break-all")
+
+
+def _verdict_captions() -> dict[str, str]:
+    from flashtemp.viz.verdict.verdict_figures import PICTURE_CAPTIONS
+
+    return {name: caption.partition(". ")[0].rstrip(".") + "." for name, caption in PICTURE_CAPTIONS.items()}
+
+
+def _show_run(result: ResultFolder, others: Sequence[str]) -> None:
+    """Main numbers, plots, 3D view, comparison and conditions of a run."""
+    summary: dict[str, Any] = {}
+    values: dict[str, Any] = {}
+    with show_errors(result.folder):
+        summary = result.read_json("summary.json")
+    with show_errors(result.folder):
+        values = result.read_case()
+    with show_errors(result.folder), refuse_unreadable(f"{result.name}/summary.json"):
+        _show_summary(summary)
+    if others:
+        RunComparison(result).show(others)
+
+    def show_charts(data: RunData) -> None:
+        show_run_charts(data, summary)
+
+    load_later(result.folder, "the profiles of run.nc", lambda: read_run(result), show_charts)
+    show_scene(result, values.get("block.width"))
+    if not others:
+        RunComparison(result).show(others)
+    if values:
+        with show_errors(result.folder), refuse_unreadable(f"{result.name}/case.toml"):
+            show_conditions(result, values, repeat_command(result))
+
+
+def _show_summary(summary: dict[str, Any]) -> None:
+    """The main numbers of a run."""
+    numbers = main_numbers(summary) if summary else []
+    if numbers:
+        with card(escape_control(str(summary.get("title", ""))) or "Main numbers"):
+            show_figures(numbers)
+
+
+def repeat_command(result: ResultFolder) -> str:
+    """The command line that computes a run again into a new folder."""
+    parent = str(result.here.parent)
+    name = free_name(result.folder / parent, result.here.name)
+    out = name if parent == "." else f"{parent}/{name}"
+    return command_text(["run", file_word(str(result.here / "case.toml")), "--out", out])

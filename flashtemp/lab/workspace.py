@@ -21,9 +21,9 @@ CAMERA_SUFFIXES = {
     ".jpg", ".jpeg", ".fff", ".seq", ".csq", ".irb", ".csv", ".asc", ".txt", ".tif", ".tiff", ".png", ".mat", ".h5",
     ".hdf5",
 }  # fmt: skip
-RESULT_COMMANDS = {  # file in a result folder: the command that writes it
-    "run.nc": "run", "verdict.json": "discover", "compare.json": "compare", "plan.json": "plan", "sweep.nc": "sweep",
-    "sensitivity.json": "sensitivity",
+RESULT_COMMANDS = {  # file in a result folder: its command; a study may contain its run
+    "verdict.json": "discover", "compare.json": "compare", "plan.json": "plan", "sweep.nc": "sweep",
+    "sensitivity.json": "sensitivity", "run.nc": "run",
 }  # fmt: skip
 
 

@@ -10,7 +10,7 @@ window.exportChart = (id, kind, name) => {
         const option = chart.getOption(), quote = (s) => '"' + String(s).replaceAll('"', '""') + '"';
         const rows = [["series", option.xAxis[0].name, option.yAxis[0].name].map(quote).join(",")];
         for (const s of option.series) for (const p of s.data ?? []) 
-            rows.push([quote(s.name ?? ""), p[0], p[1]].join(","));
+            rows.push([s.name ?? "", p[0], p[1]].map((v) => typeof v === "string" ? quote(v) : v).join(","));
         return save(new Blob([rows.join("\r\n") + "\r\n"], {type: "text/csv"}));
     }
     const plain = (text) => text.replace(/var\((--[\w-]+)\)/g, (_, key) => css.getPropertyValue(key).trim());

@@ -1,0 +1,91 @@
+"""The keys of a result's case in words: which differ from the defaults, and which differ between results."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from nicegui import ui
+
+from flashtemp.lab.page_layout import card, page_address, show_command
+from flashtemp.lab.result_files import ResultFolder
+from flashtemp.lab.result_parts import folded_part, show_table
+from flashtemp.lab.workspace import escape_control
+
+OUTPUT_TABLES = ("output", "numerics")  # of a case: how it is computed and drawn, not what
+LEFT_OUT_KEYS = ("title", "free")
+MAX_VALUE_CHARACTERS = 200
+
+
+@dataclass(frozen=True)
+class KeyValue:
+    """A key of a case: what it means, its value with its unit, and whether that differs from the default."""
+
+    key: str
+    meaning: str
+    value: str
+    is_changed: bool
+
+    @property
+    def is_output(self) -> bool:
+        """Whether the key only states how the result is computed and drawn."""
+        return self.key.partition(".")[0] in OUTPUT_TABLES
+
+
+def describe_values(values: Mapping[str, Any]) -> dict[str, KeyValue]:
+    """{key: its value in words} of the keys of a case, in the units of the reports."""
+    from flashtemp.model.schema import declared_params
+
+    tables = {table: declared_params(table) for table in {key.rpartition(".")[0] for key in values}}
+    out = {}
+    for key, value in values.items():
+        if key not in LEFT_OUT_KEYS:
+            table, _, name = key.rpartition(".")
+            param = tables[table].get(name)
+            is_changed = value != [] and (param is None or value != param.value)
+            meaning = escape_control(key.replace("_", " ")) if param is None else param.about
+            out[key] = KeyValue(escape_control(key), meaning, _describe_value(key, value, param), is_changed)
+    return out
+
+
+def _describe_value(key: str, value: Any, param: Any) -> str:
+    """A value as text: a number with its unit, yes or no, or a short list."""
+    from flashtemp.viz.key_labels import SHORT_LENGTH_M, KeyLabel, describe_key
+
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, (list, tuple)):
+        return escape_control(", ".join(map(str, value)))[:MAX_VALUE_CHARACTERS] or "none"
+    label = describe_key(key, None if param is None else param.unit)
+    default = getattr(param, "value", None)
+    if label.unit == "m" and isinstance(default, (int, float)) and default < SHORT_LENGTH_M:
+        label = KeyLabel(label.words, 1e3, "mm")
+    unit = f" {label.unit}" if label.unit and isinstance(value, (int, float)) else ""
+    return escape_control(f"{label.format_value(value)}{unit}")[:MAX_VALUE_CHARACTERS]
+
+
+def different_keys(cases: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Keys that do not have the same value in all cases, physical ones first."""
+    keys = dict.fromkeys(key for case in cases for key in case if key not in LEFT_OUT_KEYS)
+    out = [key for key in keys if any(case.get(key) != cases[0].get(key) for case in cases)]
+    return sorted(out, key=lambda key: key.partition(".")[0] in OUTPUT_TABLES)
+
+
+def show_conditions(result: ResultFolder, values: Mapping[str, Any], command: str) -> None:
+    """Show the conditions of a result, and the command that repeats it."""
+    with card("Conditions", "Keys that differ from the defaults of the program."):
+        rows = list(describe_values(values).values())
+        head = ("key", "meaning", "value")
+        changed = [(r.key, r.meaning, r.value) for r in rows if r.is_changed and not r.is_output]
+        if changed:
+            show_table(head, changed, "conditions", numbers=(2,))
+        else:
+            ui.label("All physical keys have their default values.").classes("ft-muted")
+        with folded_part("All keys"):
+            show_table(head, [(r.key, r.meaning, r.value) for r in rows], "all keys of the case", numbers=(2,))
+        show_command(command)
+        case = result.here / "case.toml"
+        with ui.row().classes("gap-4"):
+            ui.link("Open the case", page_address("case", open=case))
+            ui.link("Run it again or with other keys", page_address("runs", command="run", of=case))

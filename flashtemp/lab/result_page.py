@@ -23,7 +23,7 @@ from flashtemp.lab.result_files import (
     show_gallery,
     show_report,
 )
-from flashtemp.lab.result_parts import add_result_styles, load_later, refuse_unreadable, show_figures
+from flashtemp.lab.result_parts import add_result_assets, load_later, refuse_unreadable, show_figures
 from flashtemp.lab.run_comparison import RunComparison
 from flashtemp.lab.run_data import RunData, main_numbers, read_run
 from flashtemp.lab.run_result import show_run_charts
@@ -40,7 +40,7 @@ KIND_WORDS = {
 
 def show_result(folder: Path, name: str, others: Sequence[str], jobs: JobList, allowed: AllowedPrograms) -> None:
     """Show a result folder; a run beside the runs `others`, a discovery as its verdict.  Raises BadInput."""
-    add_result_styles()
+    add_result_assets()
     if not name:
         heading(1, "Result")
         show_no_result(folder, "No result is chosen", "Choose one below, or start a command on the page Runs.")

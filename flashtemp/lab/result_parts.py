@@ -12,7 +12,7 @@ from nicegui import run, ui
 from nicegui.elements.mixins.text_element import TextElement
 
 from flashtemp.errors import BadInput, FlashtempError
-from flashtemp.lab.page_layout import show_errors
+from flashtemp.lab.page_layout import add_script, show_errors
 from flashtemp.lab.style import read_asset
 from flashtemp.lab.workspace import escape_control
 
@@ -30,9 +30,13 @@ class MainNumber:
     remark: str = ""
 
 
-def add_result_styles() -> None:
-    """Add the style sheet of the pages of results to this page."""
+def add_result_assets() -> None:
+    """Add the style sheet of results and the script of charts to this page, before it is open.
+
+    A script that is added to an open page would not run, and the charts are drawn then.
+    """
     ui.add_css(read_asset("results.css"))
+    add_script("charts.js")
 
 
 def show_figures(numbers: Sequence[MainNumber]) -> None:

@@ -129,7 +129,8 @@ class SceneView:
             ui.space()
             ui.button("Reset view", on_click=lambda: self.scene.run_method("reset_view")).props("flat dense no-caps")
             name = f"{self.result.here.name}_3d.png"
-            ui.button("PNG", on_click=lambda: self.scene.run_method("save_image", name)).props("flat dense size=sm")
+            save = ui.button("PNG", on_click=lambda: self.scene.run_method("save_image", name))
+            save.props('flat dense size=sm aria-label="save the 3D view as PNG"')
         await self._draw_time()
 
     def _set_shape(self) -> None:

@@ -131,7 +131,8 @@ class VerdictCards:
             card("The picture that shows it", about),
             ui.link(target=file_address(self.result.here / name), new_tab=True),
         ):
-            ui.element("img").classes("w-full").props["src"] = file_address(self.result.here / name)
+            picture = ui.element("img").classes("w-full")
+            picture.props["src"], picture.props["alt"] = file_address(self.result.here / name), about
 
     def _show_change(self) -> None:
         """Before and after, in kelvin, on data that no fit has used where there are some."""
@@ -205,7 +206,7 @@ class VerdictCards:
                 ui.label("This verdict stores no rules.").classes("ft-muted")
                 return
             rows = [_rule_cells(r) for r in v.rules]
-            show_table(("rule", "value", "limit", ""), rows, "rules of the verdict", numbers=(1, 2))
+            show_table(("rule", "value", "limit", "result"), rows, "rules of the verdict", numbers=(1, 2))
 
 
 def _rule_cells(rule: Any) -> tuple[str, str, str, str]:

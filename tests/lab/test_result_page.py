@@ -214,7 +214,7 @@ def open_page(seen, server, address):
     seen.wait_for_function("!document.querySelector('.q-spinner')")
 
 
-def test_a_run_is_shown_at_the_chosen_time_and_beside_another(browser, server, place):
+def test_a_run_is_shown_at_the_chosen_time_and_beside_another(browser, server, place, tmp_path):
     data = read_run(open_result(place, "slow"))
     with page(browser, server, 800) as seen:
         open_page(seen, server, "/result?open=slow")
@@ -225,6 +225,11 @@ def test_a_run_is_shown_at_the_chosen_time_and_beside_another(browser, server, p
         shown = dict(seen.evaluate(SERIES, PROFILE))["block, averaged across y"]
         np.testing.assert_allclose(shown, np.column_stack([v if k == 0 else v[at] for k, v in enumerate(
             data.find_quantity(TEMPERATURES).curves["block, averaged across y"])]))  # fmt: skip
+        with seen.expect_download() as download:
+            seen.get_by_role("button", name="save profile as CSV").click()
+        download.value.save_as(tmp_path / "profile.csv")
+        saved = [line for line in (tmp_path / "profile.csv").read_text().splitlines() if line.startswith('"block')]
+        np.testing.assert_allclose([[float(v) for v in line.split(",")[-2:]] for line in saved], shown)
         canvas = seen.locator(".ft-scene canvas")
         canvas.scroll_into_view_if_needed()
         box = canvas.bounding_box()

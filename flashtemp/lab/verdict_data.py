@@ -19,7 +19,6 @@ from flashtemp.discovery.verdict import (
 from flashtemp.lab.page_layout import refuse_damaged
 from flashtemp.lab.result_files import ResultFolder
 from flashtemp.lab.workspace import escape_control
-from flashtemp.viz.number_format import format_number, format_with_error
 
 MAX_RECORDS = 300  # causes, candidates, inputs, rules or recordings that a page shows
 GRADES = {  # of each kind of verdict: the answer in words, and the colour that marks it
@@ -155,6 +154,8 @@ def _read_changes(raw: Any) -> tuple[RecordingChange, ...]:
 
 def _measured_lines(gain: Any) -> list[str]:
     """What the extension changes, in sentences."""
+    from flashtemp.viz.number_format import format_number
+
     if not isinstance(gain, dict) or not gain.get("file"):
         return []
     size, share = _plain_number(gain.get("changed_K")), 100.0 * _plain_number(gain.get("share"))
@@ -178,6 +179,8 @@ def describe_answer(v: Verdict) -> tuple[str, str]:
 
 def describe_parameters(cause: Cause) -> list[tuple[str, str, str]]:
     """(name, value with its standard error, 95 % interval) of the parameters of a cause."""
+    from flashtemp.viz.number_format import format_number, format_with_error
+
     return [
         (p.name, format_with_error(p.value, p.stderr, p.unit),
          f"{format_number(p.ci95[0])} to {format_number(p.ci95[1])}")

@@ -22,7 +22,7 @@ LIFT_SHARE = 0.5  # of the block's height, by which it is lifted to show the con
 DEFAULT_WIDTH_M = 0.05
 
 
-class SurfaceScene(Element, component="assets/surface_scene.js"):
+class SurfaceScene(Element, component="assets/surface_scene.js"):  # type: ignore[call-arg]
     """The 3D view; `show_faces`, `set_shape`, `reset_view` and `save_image` are methods of its script."""
 
     def __init__(self, about: str) -> None:

@@ -155,12 +155,12 @@ def show_plan(result: ResultFolder, data: dict[str, Any]) -> None:
                 ]  # fmt: skip
                 show_table(head, rows, "effects", numbers=(1, 2, 3, 5))
     with card("What to measure in addition", "The proposals, the most useful first."):
-        rows = [
+        additions = [
             (str(p.get("words")), ", ".join(map(_effect_text, p.get("helps") or ())) or "nothing more")
             for p in proposals
         ]
-        if rows:
-            show_table(("one more condition or sensor", "then told apart"), rows, "proposals")
+        if additions:
+            show_table(("one more condition or sensor", "then told apart"), additions, "proposals")
         else:
             ui.label("Nothing further would tell more effects apart.").classes("ft-muted")
 

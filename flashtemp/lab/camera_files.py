@@ -21,6 +21,7 @@ UPLOAD_FOLDER = "camera"  # name of the folder for several files uploaded at onc
 EXAMPLE_FOLDER = "camera_example"
 MAX_CARDS = 24  # of camera files that are shown with a thumbnail
 THUMBNAIL_PX = 160
+BLUR_PX = 0.8  # of the optics of the example
 FORMATS = "FLIR JPEG, FFF, SEQ and CSQ, InfraTec IRB, 16-bit TIFF and PNG, CSV and text, MATLAB and HDF5"
 DROP_ZONE = """
     <div class="ft-dropzone">
@@ -105,7 +106,8 @@ async def show_file_cards(folder: Path) -> None:
             return
         with place:
             if picture.startswith("data:"):
-                ui.image(picture).classes("w-full h-full").props("fit=contain no-spinner no-transition alt=''")
+                image = ui.element("img").classes("ft-thumbnail").props("alt=''")
+                image.props["src"] = picture
             else:
                 ui.label(escape_control(picture)).classes("ft-muted ft-small p-2 break-all")
 
@@ -147,6 +149,8 @@ def write_example(folder: Path) -> str:
 
     The block is at columns 20.3 to 100.3, its interface at row 70.6; two frames are taken per second.
     """
+    from scipy.ndimage import gaussian_filter
+
     name = free_name(folder, EXAMPLE_FOLDER)
     place = folder / name
     place.mkdir()
@@ -156,5 +160,6 @@ def write_example(folder: Path) -> str:
         since = 0.5 * k - 4.0
         rise = 2.5 * np.sqrt(max(since, 0.0)) - 2.3 * np.sqrt(max(since - 12.0, 0.0))
         T = np.where((x > 0) & (x < 1) & (z > 0) & (z < 20), 24.0 + rise * np.exp(-z / 4.0) * (0.3 + x), 20.0)
+        T = gaussian_filter(T, BLUR_PX)
         np.savetxt(place / f"frame_{k:03d}.csv", T + 0.03 * rng.normal(size=T.shape), fmt="%.2f", delimiter="\t")
     return name

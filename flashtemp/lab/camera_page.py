@@ -68,7 +68,7 @@ class CameraPage:
             await self._show_choice()
             return
         self._show_header(name)
-        self.body = ui.column().classes("w-full gap-4")
+        self.body = ui.column().classes("w-full gap-4 items-stretch")
         with self.body:
             waiting = ui.row().classes("items-center gap-3")
             with waiting:
@@ -114,7 +114,7 @@ class CameraPage:
             show_example_button(self.folder)
         UploadArea(self.folder).show()
         self._add_choice("")
-        cards = ui.column().classes("w-full gap-3")
+        cards = ui.column().classes("w-full gap-3 items-stretch")
         await ui.context.client.connected()
         with cards:
             await show_file_cards(self.folder)
@@ -200,7 +200,7 @@ class CameraPage:
         self.marked = MarkedImage(opened, self._share(opened), self.inherited, self._values_changed)
         self.form = ImportForm(opened, self.inherited, self._values_changed)
         with ui.element("div").classes("ft-split side"):
-            with ui.column().classes("min-w-0 gap-4 w-full"):
+            with ui.column().classes("min-w-0 gap-4 w-full items-stretch"):
                 with card(), ui.element("div").classes("w-full") as self.pair:
                     self.marked.show()
                     self.beside = ui.element("div").classes("w-full min-w-0")
@@ -208,7 +208,7 @@ class CameraPage:
                 self.panel.show()
                 self._add_charts()
                 self._add_facts()
-            with ui.column().classes("min-w-0 gap-4 w-full"):
+            with ui.column().classes("min-w-0 gap-4 w-full items-stretch"):
                 self.marked.show_controls()
                 self.form.show()
                 self._add_output()

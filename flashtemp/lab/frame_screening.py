@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flashtemp.camera.image_screening import MAX_SCREENED_VALUES, ScreeningResult, screen_recording
+from flashtemp.camera.image_screening import ScreeningResult, screen_recording
 from flashtemp.camera.importing.rectification import find_dead_pixels
 from flashtemp.camera.recording import Recording
 from flashtemp.display import format_count
 from flashtemp.errors import BadInput
 
+MAX_PIXEL_VALUES, MAX_EVENT_VALUES = 6_000_000, 2_000_000  # values that are tested, to bound memory and time
 MIN_MEDIAN_TEST_PX = 3  # rows and columns that the median test needs
 DEAD, BAD = 1, 2  # classes of pixels; 0 is good
 
@@ -49,14 +50,14 @@ def screen_frames(frames: np.ndarray, time: np.ndarray, dead: np.ndarray) -> Scr
 
     Of many frames, pixels are tested in some frames at every pixel and events in every frame at some pixels.
     """
-    few = frames[:: -(-frames.size // MAX_SCREENED_VALUES)]
+    every = -(-frames.size // MAX_PIXEL_VALUES)
     bad = np.zeros(dead.shape, bool)
     if min(dead.shape) >= MIN_MEDIAN_TEST_PX:
-        bad |= find_dead_pixels(few)
-    whole = _screen(few, time[:: -(-frames.size // MAX_SCREENED_VALUES)])
-    bad |= whole.bad_pixels
-    spacing = int(np.ceil(np.sqrt(frames.size / MAX_SCREENED_VALUES)))
-    events = whole if len(few) == len(frames) else _screen(frames[:, ::spacing, ::spacing], time)
+        bad |= find_dead_pixels(frames[::every])
+    pixels = _screen(frames[::every], time[::every])
+    bad |= pixels.bad_pixels
+    spacing = max(1, int(np.ceil(np.sqrt(frames.size / MAX_EVENT_VALUES))))
+    events = pixels if every == spacing == 1 else _screen(frames[:, ::spacing, ::spacing], time)
     classes = np.where(dead, DEAD, np.where(bad, BAD, 0)).astype(np.uint8)
     return ScreenedFrames(classes, events.shutter_events, tuple(map(int, np.flatnonzero(events.frozen))))
 

@@ -81,7 +81,7 @@ class ImportForm:
             self.missing = ui.column().classes("w-full gap-0").props("role=status")
             heading(3, "View and times")
             self.view = ui.select(
-                VIEW_LABELS, value=self.facts.view or next(iter(VIEW_LABELS)), label="view *", on_change=self._notify
+                VIEW_LABELS, value=self.facts.view or "sidewall", label="view *", on_change=self._notify
             ).classes("w-full").props("outlined dense")  # fmt: skip
             for field in TIME_FIELDS:
                 self._add_field(field, required=field.key == "start" or not self.opened.has_times)

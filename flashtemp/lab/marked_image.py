@@ -32,6 +32,7 @@ class MarkedImage:
         self.opened, self.address, self.facts, self.changed = opened, address, facts, changed
         self.points: dict[str, tuple[float, float]] = {}
         self.boxes: dict[tuple[str, int], Any] = {}
+        self.sizes: dict[str, Any] = {}
         if facts.point is not None and len(facts.point) == len(CORNER_NAMES):
             self.points = {n: (p[0], p[1]) for n, p in zip(CORNER_NAMES, facts.point, strict=True)}
         elif facts.pixel is not None and facts.second is not None:
@@ -40,7 +41,7 @@ class MarkedImage:
     @property
     def marks(self) -> BlockMarks:
         """The marks with the size of the block."""
-        length, height = (float(box.value or 1.0) for box in (self.length, self.height))
+        length, height = (float(box.value or 1.0) for box in (self.sizes["length"], self.sizes["height"]))
         return BlockMarks(dict(self.points), length, height, str(self.up.value))
 
     def find_map(self) -> np.ndarray | None:
@@ -81,7 +82,7 @@ class MarkedImage:
         length, height = block or (second[2] if second else DEFAULT_LENGTH_MM, DEFAULT_HEIGHT_MM)
         for name, value in (("length", length), ("height", height)):
             box = ui.number(f"block {name}, mm", value=value, min=0.1, on_change=self._marks_changed)
-            setattr(self, name, box.props("outlined dense"))
+            self.sizes[name] = box.props("outlined dense")
         self.up = ui.select(
             list(IMAGE_DIRECTIONS), value=self.facts.up or "up", label="up is", on_change=self._marks_changed
         ).classes("w-full")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from flashtemp.lab.opened_frames import OpenedFrames
 from flashtemp.lab.palettes import labelled_palettes
 from flashtemp.lab.style import read_asset
 
+Points = tuple[tuple[float, float], ...]  # columns and rows
 VIEWER_GROUP = "frames"  # viewers of one page follow each other
 
 
@@ -21,7 +22,7 @@ def add_viewer_style() -> None:
     ui.add_css(read_asset("thermal_viewer.css"))
 
 
-class ThermalViewer(ui.element, component="assets/thermal_viewer.js"):
+class ThermalViewer(ui.element, component="assets/thermal_viewer.js"):  # type: ignore[call-arg]
     """Frames at an `address` of the frame server; a `compact` viewer follows the first one of its group."""
 
     def __init__(self, opened: OpenedFrames, address: str, title: str = "", compact: bool = False, image_id: str = ""):
@@ -87,13 +88,13 @@ class ThermalViewer(ui.element, component="assets/thermal_viewer.js"):
 
         self.on("mark", answer)
 
-    def on_measure(self, handler: Callable[[str | None, str, tuple[tuple[float, float], ...]], Any]) -> None:
+    def on_measure(self, handler: Callable[[str | None, str, Points], Awaitable[None]]) -> None:
         """Call with key (None for a new one), kind ("" to delete) and points of a measurement."""
 
-        def answer(event: events.GenericEventArguments) -> None:
+        async def answer(event: events.GenericEventArguments) -> None:
             kind = str(event.args["kind"])
             points = tuple((float(c), float(r)) for c, r in event.args["points"])
             if len(points) == KIND_POINTS.get(kind, 0):
-                handler(event.args["id"], kind, points)
+                await handler(event.args["id"], kind, points)
 
         self.on("measure", answer)

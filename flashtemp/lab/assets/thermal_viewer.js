@@ -114,7 +114,7 @@ export default {
   created() {  // large arrays stay out of Vue's observation
     Object.assign(this, {
       cache: new Map(), wanted: new Map(), mask: null, pixels: null, thumbs: [], small: new Map(), drag: null,
-      sent: {}, magnified: null, drawn: 0, asked: 0,
+      sent: {}, magnified: null, drawn: 0, target: null, going: null,
     });
   },
   computed: {
@@ -187,7 +187,6 @@ export default {
     if (first) this.follow(first.state());
     this.go(this.frame, true).then(() => this.loadStrip());
     this.loadMask();
-    setTimeout(() => this.joinMagnifier(), 0);
   },
   unmounted() {
     this.playing = false;
@@ -226,20 +225,25 @@ export default {
         }).finally(() => this.wanted.delete(k)));
       return this.wanted.get(k);
     },
-    async go(k, first = false) {
-      k = clamp(k, 0, this.count - 1);
-      const asked = ++this.asked;
-      let pixels;
-      try { pixels = await this.load(k); } catch (e) { this.fault = e.message; this.playing = false; return; }
-      if (asked !== this.asked && !this.playing) return;  // a later frame has been asked for
-      this.frame = k; this.pixels = pixels;
-      if (this.rangeMode.startsWith("frame")) this.applyRange();
-      this.recolour(false);
-      this.$refs.root.dataset.frame = k;
-      this.$refs.root.dataset.drawn = ++this.drawn;
-      if (first) return;
-      this.throttle("frame", EVENT_MS, { frame: k });
-      this.tell("followFrame", k, this.hasTimes ? this.times[k] : null);
+    async go(k, quiet = false) {  // while a frame is on its way, only the last one asked for follows it
+      this.target = [clamp(k, 0, this.count - 1), quiet];
+      this.going ??= this.goOn().finally(() => { this.going = null; });
+      return this.going;
+    },
+    async goOn() {
+      while (this.target) {
+        const [k, quiet] = this.target;
+        this.target = null;
+        try { this.pixels = await this.load(k); } catch (e) { this.fault = e.message; this.playing = false; return; }
+        this.frame = k;
+        if (this.rangeMode.startsWith("frame")) this.applyRange();
+        this.recolour(false);
+        this.$refs.root.dataset.frame = k;
+        this.$refs.root.dataset.drawn = ++this.drawn;
+        if (quiet) continue;
+        this.throttle("frame", EVENT_MS, { frame: k });
+        this.tell("followFrame", k, this.hasTimes ? this.times[k] : null);
+      }
     },
     async toggle() {
       this.playing = !this.playing;
@@ -474,7 +478,8 @@ export default {
       const steps = { ArrowLeft: -1, ArrowRight: 1, PageDown: 10, PageUp: -10 }, slider = event.target.type === "range";
       if (["INPUT", "TEXTAREA"].includes(event.target.tagName) && !slider) return;
       if (event.target.closest(".q-select, button") && event.key === " ") return;
-      if (event.key in steps && !event.target.closest(".q-select")) this.go(this.frame + steps[event.key]);
+      if (event.key in steps && !event.target.closest(".q-select"))
+        this.go((this.target?.[0] ?? this.frame) + steps[event.key]);
       else if (event.key === "Home") this.go(0);
       else if (event.key === "End") this.go(this.count - 1);
       else if (event.key === " ") this.toggle();
@@ -578,6 +583,7 @@ export default {
       });
     },
     magnify(at = null) {
+      if (!this.magnifier) this.joinMagnifier();
       const canvas = this.magnifier, mark = (this.marks ?? []).find((m) => m.name === this.magnified);
       at = at ?? (mark ? [mark.column, mark.row] : null);
       if (!canvas || !at || !this.pixels) return;

@@ -21,7 +21,7 @@ UPLOAD_FOLDER = "camera"  # name of the folder for several files uploaded at onc
 EXAMPLE_FOLDER = "camera_example"
 MAX_CARDS = 24  # of camera files that are shown with a thumbnail
 THUMBNAIL_PX = 160
-BLUR_PX = 0.8  # of the optics of the example
+OPTICS_SD_PX = 0.8  # point spread of the example
 FORMATS = "FLIR JPEG, FFF, SEQ and CSQ, InfraTec IRB, 16-bit TIFF and PNG, CSV and text, MATLAB and HDF5"
 DROP_ZONE = """
     <div class="ft-dropzone">
@@ -160,6 +160,6 @@ def write_example(folder: Path) -> str:
         since = 0.5 * k - 4.0
         rise = 2.5 * np.sqrt(max(since, 0.0)) - 2.3 * np.sqrt(max(since - 12.0, 0.0))
         T = np.where((x > 0) & (x < 1) & (z > 0) & (z < 20), 24.0 + rise * np.exp(-z / 4.0) * (0.3 + x), 20.0)
-        T = gaussian_filter(T, BLUR_PX)
+        T = gaussian_filter(T, OPTICS_SD_PX)
         np.savetxt(place / f"frame_{k:03d}.csv", T + 0.03 * rng.normal(size=T.shape), fmt="%.2f", delimiter="\t")
     return name

@@ -25,7 +25,7 @@ from flashtemp.lab.import_form import ImportForm
 from flashtemp.lab.jobs import command_text
 from flashtemp.lab.marked_image import MarkedImage
 from flashtemp.lab.measurement_panel import MeasurementPanel
-from flashtemp.lab.opened_frames import OpenedFrames, open_frames
+from flashtemp.lab.opened_frames import OpenedFrames
 from flashtemp.lab.page_layout import (
     action,
     ask_consent,
@@ -43,6 +43,10 @@ from flashtemp.lab.saving import TextVersion, read_text, write_text
 from flashtemp.lab.thermal_viewer import ThermalViewer, add_viewer_style
 from flashtemp.lab.workspace import escape_control, free_name, list_folder, resolve_inside
 
+TOGGLE_EXPANDED = """(event) => {
+    const button = event.currentTarget;
+    button.setAttribute("aria-expanded", String(button.getAttribute("aria-expanded") !== "true"));
+}"""
 MAX_LISTED_PIXELS = 200  # bad pixels that are listed with their places
 CAMERA_QUESTION = (
     "The frames of an infrared camera, as the camera or its program saved them: one file, a series whose names differ "
@@ -56,6 +60,8 @@ class CameraPage:
     def __init__(self, folder: Path, server: FrameServer | None = None):
         self.folder, self.server = folder, server or FrameServer()
         self.names: list[str] = []
+        self.n_read = 0  # frames that have been read, while files are opened
+        self.compared = ""  # address of the frames beside the first
         self.inherited = ImportOptions()
         self.saved: dict[Path, TextVersion] = {}  # recordings written by this page: their templates
         self.is_checking = self.is_checked = False
@@ -70,10 +76,7 @@ class CameraPage:
         self._show_header(name)
         self.body = ui.column().classes("w-full gap-4 items-stretch")
         with self.body:
-            waiting = ui.row().classes("items-center gap-3")
-            with waiting:
-                ui.spinner(size="lg")
-                ui.label("Reading the frames ...").classes("ft-muted")
+            waiting = self._show_reading()
         await ui.context.client.connected()
         opened: OpenedFrames | None = None
         with self.body, show_errors(self.folder):
@@ -97,12 +100,24 @@ class CameraPage:
     async def _open(self, names: list[str]) -> OpenedFrames | None:
         """Read the frames of files outside the event loop.  Raises BadInput."""
         files = find_camera_files(self.folder, names)
+        self.n_read = 0
+
+        def count(number: int) -> None:
+            self.n_read += number
 
         def read() -> OpenedFrames:
             with refuse_damaged(files[0]):
-                return open_frames(files, self.inherited)
+                return self.server.read(files, self.inherited, count)
 
         return await run.io_bound(read)
+
+    def _show_reading(self) -> Any:
+        """A spinner with the number of frames that have been read."""
+        with ui.row().classes("items-center gap-3").props("role=status") as waiting:
+            ui.spinner(size="lg")
+            words = ui.label("Reading the frames ...").classes("ft-muted")
+            ui.timer(0.5, lambda: words.set_text(f"Reading the frames: {self.n_read} so far"))
+        return waiting
 
     def _find_files(self) -> list[Path]:
         return find_camera_files(self.folder, self.names)
@@ -133,9 +148,15 @@ class CameraPage:
                 self.other = ui.select(choices, label="compare with", with_input=True, on_change=self._compare).props(
                     "outlined dense clearable"
                 )
-            with ui.expansion("Add files").classes("w-full") as more:
-                UploadArea(self.folder).show()
-            more.props("dense")
+            more = action("Add files", self._toggle_zone, icon="upload_file")
+            more.classes("justify-self-start").props["aria-expanded"] = "false"
+            more.on("click", js_handler=TOGGLE_EXPANDED)
+        with ui.element("div").classes("w-full") as self.zone:
+            UploadArea(self.folder).show()
+        self.zone.set_visibility(False)
+
+    def _toggle_zone(self) -> None:
+        self.zone.set_visibility(not self.zone.visible)
 
     def _add_choice(self, name: str) -> None:
         choices = self._file_choices(name)
@@ -176,23 +197,25 @@ class CameraPage:
         """Show a second set of frames beside the first, with its range, zoom, frame and cursor."""
         self.beside.clear()
         self.pair.classes(remove="tv-pair")
+        self.server.withdraw(self.compared)
         name = self.other.value
         if not name:
             return
         with self.beside:
-            waiting = ui.spinner()
+            waiting = self._show_reading()
         with self.beside, show_errors(self.folder):
             opened = await self._open([name])
             if opened is not None:
                 self.pair.classes("tv-pair")
-                ThermalViewer(opened, self._share(opened), escape_control(name), compact=True)
+                self.compared = self._share(opened)
+                ThermalViewer(opened, self.compared, escape_control(name), compact=True)
         waiting.delete()
 
     def _share(self, opened: OpenedFrames) -> str:
         """The address of the frames, served until this page is closed."""
-        key = self.server.share(opened)
-        ui.context.client.on_delete(lambda: self.server.withdraw(key))
-        return self.server.address_of(key)
+        address = self.server.share(opened)
+        ui.context.client.on_delete(lambda: self.server.withdraw(address))
+        return address
 
     # --- images and charts ---------------------------------------------------------------------------------
     def _build_page(self, opened: OpenedFrames) -> None:

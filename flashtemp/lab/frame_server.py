@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import secrets
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 from starlette.requests import Request
 from starlette.responses import Response
 
-from flashtemp.lab.opened_frames import OpenedFrames
+from flashtemp.camera.importing.import_options import ImportOptions
+from flashtemp.lab.opened_frames import OpenedFrames, open_frames
 
 FRAMES_ADDRESS = "/frames"
 KEY_BYTES = 18  # of randomness in a key
@@ -22,27 +26,34 @@ class FrameServer:
 
     def __init__(self) -> None:
         self._sets: dict[str, OpenedFrames] = {}
+        self._versions: WeakValueDictionary[tuple[object, ...], OpenedFrames] = WeakValueDictionary()
+
+    def read(self, files: list[Path], facts: ImportOptions, report_frames: Callable[[int], object]) -> OpenedFrames:
+        """The frames of camera files; those that a page shows already are not read again.  Raises BadInput."""
+        version = (*((str(f), (state := f.stat()).st_mtime_ns, state.st_size) for f in files), repr(facts))
+        opened = self._versions.get(version)
+        if opened is None:
+            opened = self._versions[version] = open_frames(files, facts, report_frames)
+        return opened
 
     def share(self, opened: OpenedFrames) -> str:
-        """Serve the frames; returns their key."""
+        """Serve the frames; returns their address, to which `/NUMBER` of a frame or `/mask` is added."""
         key = secrets.token_urlsafe(KEY_BYTES)
         self._sets[key] = opened
-        return key
+        return f"{FRAMES_ADDRESS}/{key}"
 
     def replace(self, address: str, opened: OpenedFrames) -> None:
         """Serve other frames at the address of a set that is still served."""
-        key = address.removeprefix(f"{FRAMES_ADDRESS}/")
+        key = _key_of(address)
         if key in self._sets:
+            for version, held in list(self._versions.items()):
+                if held is self._sets[key]:
+                    self._versions[version] = opened
             self._sets[key] = opened
 
-    def withdraw(self, key: str) -> None:
-        """Serve the frames of this key no longer."""
-        self._sets.pop(key, None)
-
-    @staticmethod
-    def address_of(key: str) -> str:
-        """The address of a set; `/NUMBER` is added for a frame."""
-        return f"{FRAMES_ADDRESS}/{key}"
+    def withdraw(self, address: str) -> None:
+        """Serve the frames of this address no longer."""
+        self._sets.pop(_key_of(address), None)
 
     def add_route(self, app: Any) -> None:
         """Let an application answer the addresses of frames."""
@@ -65,3 +76,7 @@ class FrameServer:
 def _parse_number(text: str) -> int | None:
     """A whole number of at most nine ASCII digits, None for other texts."""
     return int(text) if text.isascii() and text.isdigit() and len(text) <= 9 else None
+
+
+def _key_of(address: str) -> str:
+    return address.removeprefix(f"{FRAMES_ADDRESS}/")

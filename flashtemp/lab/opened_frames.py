@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -91,10 +92,22 @@ class OpenedFrames:
         return replace(self, screened=screen_frames(self.frames, self.time, self.preview.dead))
 
 
-def open_frames(files: list[Path], facts: ImportOptions = ImportOptions()) -> OpenedFrames:  # noqa: B008 (frozen)
-    """Read all frames of camera files, in order of time where the files have it.  Raises BadInput."""
+def open_frames(
+    files: list[Path],
+    facts: ImportOptions = ImportOptions(),  # noqa: B008 (frozen)
+    report_frames: Callable[[int], object] = lambda number: None,
+) -> OpenedFrames:
+    """Read all frames of camera files, in order of time where the files have it.  Raises BadInput.
+
+    `report_frames` is called with the number of frames that have just been read.
+    """
     stack = FrameBuffer()
-    preview = preview_files(files, facts, receive_images=stack.add)
+
+    def keep(images: np.ndarray) -> None:
+        stack.add(images)
+        report_frames(len(images))
+
+    preview = preview_files(files, facts, receive_images=keep)
     clock = preview.time if preview.time is not None else preview.clock
     has_times = clock is not None and bool(np.isfinite(clock).all()) and (len(clock) == 1 or float(np.ptp(clock)) > 0.0)
     if clock is None or not has_times:

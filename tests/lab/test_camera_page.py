@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from lab.browsing import page, served
 
+from flashtemp.camera.importing.import_options import ImportOptions
 from flashtemp.lab import frame_screening
 from flashtemp.lab.camera_files import draw_thumbnail, write_example
 from flashtemp.lab.frame_server import FrameServer
@@ -95,9 +96,10 @@ def request(server, key, name, step="1"):
 def test_frames_are_served_only_with_their_key_until_they_are_withdrawn(tmp_path):
     np.savetxt(tmp_path / "a.csv", IMAGE, delimiter="\t")
     server, opened = FrameServer(), open_frames([tmp_path / "a.csv"])
-    key = server.share(opened)
+    address = server.share(opened)
+    key = address.removeprefix("/frames/")
     assert len(key) >= 24
-    assert key != server.share(opened)
+    assert address != server.share(opened)
     answer = request(server, key, "0")
     np.testing.assert_array_equal(np.frombuffer(answer.body, "<f4"), IMAGE.ravel())
     assert answer.headers["cache-control"] == "no-store"
@@ -105,8 +107,21 @@ def test_frames_are_served_only_with_their_key_until_they_are_withdrawn(tmp_path
     for name, step in (("1", "1"), ("-1", "1"), ("0", "0"), ("0", "65"), ("..", "1"), ("²", "1"), ("9" * 20, "1")):
         assert request(server, key, name, step).status_code == 404
     assert request(server, "other", "0").status_code == 404
-    server.withdraw(key)
+    server.withdraw(address)
     assert request(server, key, "0").status_code == 404
+
+
+def test_frames_are_read_once_while_a_page_shows_them_and_again_after_a_change(tmp_path):
+    file, counted = tmp_path / "a.csv", []
+    np.savetxt(file, IMAGE, delimiter="\t")
+    server = FrameServer()
+    first = server.read([file], ImportOptions(), counted.append)
+    assert server.read([file], ImportOptions(), counted.append) is first
+    server.replace(server.share(first), screened := first.with_screening())
+    assert server.read([file], ImportOptions(), counted.append) is screened
+    np.savetxt(file, IMAGE + 1.0, fmt="%.5f", delimiter="\t")
+    assert server.read([file], ImportOptions(), counted.append).frames[0, 0, 0] == 21.0
+    assert counted == [1, 1]
 
 
 # --- defects of the camera -------------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from flashtemp.camera.importing.import_request import ImportRequest
 from flashtemp.camera.importing.recording_import import ImportResult, missing_options
 from flashtemp.errors import BadInput
 from flashtemp.lab.camera_files import UploadArea, find_camera_files, show_example_button, show_file_cards
-from flashtemp.lab.charts import add_chart_scripts, chart_options, line_series, show_chart
+from flashtemp.lab.charts import chart_options, line_series, show_chart
 from flashtemp.lab.frame_server import FrameServer
 from flashtemp.lab.import_form import ImportForm
 from flashtemp.lab.jobs import command_text
@@ -28,6 +28,7 @@ from flashtemp.lab.measurement_panel import MeasurementPanel
 from flashtemp.lab.opened_frames import OpenedFrames
 from flashtemp.lab.page_layout import (
     action,
+    add_script,
     ask_consent,
     card,
     empty_state,
@@ -47,6 +48,11 @@ TOGGLE_EXPANDED = """(event) => {
     const button = event.currentTarget;
     button.setAttribute("aria-expanded", String(button.getAttribute("aria-expanded") !== "true"));
 }"""
+USUAL_SCALE, USUAL_OFFSET_DEGC = 0.04, -273.15
+HOW_TO_SCALE = (
+    "The temperature is scale times count plus offset.  The camera's program states both; usual scales are 0.01, 0.04, "
+    "0.1 and 0.4 °C."
+)
 MAX_LISTED_PIXELS = 200  # bad pixels that are listed with their places
 CAMERA_QUESTION = (
     "The frames of an infrared camera, as the camera or its program saved them: one file, a series whose names differ "
@@ -69,7 +75,7 @@ class CameraPage:
     async def show(self, name: str, template: str) -> None:
         """Show a camera file, a folder of camera files, or the files of a recording template."""
         add_viewer_style()
-        add_chart_scripts()
+        add_script("charts.js")  # scripts are not run in a page that has been sent
         if not name and not template:
             await self._show_choice()
             return
@@ -174,29 +180,39 @@ class CameraPage:
         if self.like.value:
             ui.navigate.to(page_address("camera", open=name, template=self.like.value))
 
-    def _ask_scale(self) -> None:
+    def _ask_scale(self, scale: float = USUAL_SCALE, offset: float = USUAL_OFFSET_DEGC) -> None:
         """Ask for the scale of counts, which some files do not state, and open the files with it."""
-        with card("Scale of the counts", "The temperature is scale times count plus offset."):
+        with card("Scale of the counts", HOW_TO_SCALE):
             with ui.row().classes("gap-3"):
-                scale = ui.number("scale, °C per count", value=0.01).props("outlined dense")
-                offset = ui.number("offset, °C of count 0", value=-273.15).props("outlined dense")
-            action("Open with this scale", lambda: self._open_scaled(scale.value, offset.value), main=True)
+                entered = [
+                    ui.number(label, value=value).props("outlined dense")
+                    for label, value in (("scale, °C per count", scale), ("offset, °C of count 0", offset))
+                ]
+            action("Open with this scale", lambda: self._open_scaled(*(box.value for box in entered)), main=True)
 
     async def _open_scaled(self, scale: float | None, offset: float | None) -> None:
+        """Open the files with a scale, and ask again where it gives no possible temperatures."""
         if scale is None or offset is None:
             ui.notify("enter scale and offset", type="negative")
             return
         self.inherited = replace(self.inherited, scale=float(scale), offset=float(offset))
+        opened = None
         self.body.clear()
         with self.body, show_errors(self.folder):
-            opened = await self._open(self.names)
-            if opened is not None:
+            try:
+                opened = await self._open(self.names)
+            except BadInput:
+                self._ask_scale(scale, offset)
+                raise
+        if opened is not None:
+            with self.body:
                 self._build_page(opened)
 
     async def _compare(self) -> None:
         """Show a second set of frames beside the first, with its range, zoom, frame and cursor."""
         self.beside.clear()
         self.pair.classes(remove="tv-pair")
+        self.marked.viewer.set_title("")
         self.server.withdraw(self.compared)
         name = self.other.value
         if not name:
@@ -208,6 +224,7 @@ class CameraPage:
             if opened is not None:
                 self.pair.classes("tv-pair")
                 self.compared = self._share(opened)
+                self.marked.viewer.set_title(escape_control(", ".join(self.names)))
                 ThermalViewer(opened, self.compared, escape_control(name), compact=True)
         waiting.delete()
 
@@ -273,7 +290,7 @@ class CameraPage:
                         with ui.element("th").props("scope=row"):
                             ui.label(key)
                         with ui.element("td"):
-                            ui.label(escape_control(words)).classes("break-all")
+                            ui.label(escape_control(words)).classes("break-words")
             self.defects = ui.column().classes("w-full gap-1")
             with self.defects:
                 ui.label("Searching for bad pixels and shutter events ...").classes("ft-muted")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -10,14 +11,17 @@ from nicegui import run, ui
 
 from flashtemp.lab import measurements as measuring
 from flashtemp.lab.charts import chart_options, line_series, show_chart
-from flashtemp.lab.measurements import STATISTICS, Measurement
+from flashtemp.lab.measurements import KIND_POINTS, STATISTICS, Measurement
 from flashtemp.lab.opened_frames import OpenedFrames
 from flashtemp.lab.page_layout import action, card
 from flashtemp.lab.thermal_viewer import ThermalViewer
 
 MAX_MEASUREMENTS = 30
 HEADINGS = ("name", "column, row", "mean", "min", "max", "sd", "")
-HOW = "Choose Spot, Box or Line above the image, then click or drag.  Drag a measurement to move it."
+HOW = (
+    "Choose Spot, Box or Line above the image, then click or drag.  Drag a measurement to move it.  By keys: Enter on "
+    "the image places one, and the table takes other columns and rows."
+)
 
 
 class MeasurementPanel:
@@ -79,6 +83,16 @@ class MeasurementPanel:
             self.curves[key] = curve
             self._draw_curves()
 
+    async def _move_typed(self, key: str, text: str) -> None:
+        """Move a measurement to typed columns and rows."""
+        numbers = [float(word) for word in re.findall(r"-?\d+(?:\.\d+)?", text)]
+        points = tuple(zip(numbers[::2], numbers[1::2], strict=False))
+        kind = self.measurements[key].kind
+        if len(numbers) == 2 * KIND_POINTS[kind]:
+            await self._change(key, kind, points)
+        else:
+            ui.notify(f"enter {2 * KIND_POINTS[kind]} numbers: column, row", type="negative")
+
     def delete(self, key: str) -> None:
         """Delete a measurement."""
         self.measurements.pop(key, None)
@@ -118,7 +132,9 @@ class MeasurementPanel:
             with ui.element("td"):
                 ui.label(m.name)
             with ui.element("td"):
-                ui.label(m.describe_place())
+                place = ui.input(value=m.describe_place()).props("dense borderless").classes("tv-place")
+                place.props["aria-label"] = f"{m.name}: column, row"
+                place.on("change", lambda: self._move_typed(key, str(place.value)))
             self.cells[key] = []
             for _ in STATISTICS:
                 with ui.element("td"):

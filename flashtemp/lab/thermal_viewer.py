@@ -42,6 +42,11 @@ class ThermalViewer(ui.element, component="assets/thermal_viewer.js"):  # type: 
         if opened.screened is not None:
             self.show_screening(opened)
 
+    def set_title(self, title: str) -> None:
+        """Show a title above the image."""
+        self._props["title"] = title
+        self.update()
+
     def use_magnifier(self, element_id: str) -> None:
         """Show the surroundings of the pointer and of marks in the canvas of that id."""
         self._props["magnifierId"] = element_id

@@ -3,6 +3,7 @@
 const MISSING = [208, 208, 208], BAD = [0, 213, 213], ISOTHERM = [0, 230, 118];
 const GRIP_PX = 12, CACHE_BYTES = 96e6, PREFETCH = 3, MAX_ZOOM = 32, MAGNIFIED_PX = 15, EVENT_MS = 200, DRAG_MS = 60;
 const MEASURED = "#FFFFFF";
+const KEYED = { spot: [[0.5, 0.5]], box: [[0.4, 0.4], [0.6, 0.6]], line: [[0.3, 0.5], [0.7, 0.5]] };
 const groups = new Map();
 
 const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
@@ -403,6 +404,11 @@ export default {
       this.draft = { kind: this.tool, id: null, name: "", points };
       this.paint();
     },
+    placeMeasured() {  // by the keyboard: in the middle of what is shown; the table takes other coordinates
+      const wide = this.columns / this.zoom, high = this.rows / this.zoom;
+      const points = KEYED[this.tool].map(([x, y]) => [this.left + x * wide - 0.5, this.top + y * high - 0.5]);
+      this.$emit("measure", { id: null, kind: this.tool, points });
+    },
     covers(m, at) {
       if (m.kind === "spot") return false;
       const [a, b] = m.points;
@@ -486,6 +492,7 @@ export default {
       else if (event.key === "+") this.zoomBy(2);
       else if (event.key === "-") this.zoomBy(0.5);
       else if (event.key === "0") this.fit();
+      else if (event.key === "Enter" && event.target === this.$refs.canvas && this.tool in KEYED) this.placeMeasured();
       else if (event.key === "Delete" && this.selected) this.$emit("measure", { id: this.selected, kind: "", points: [] });
       else return;
       event.preventDefault();
@@ -585,8 +592,8 @@ export default {
     magnify(at = null) {
       if (!this.magnifier) this.joinMagnifier();
       const canvas = this.magnifier, mark = (this.marks ?? []).find((m) => m.name === this.magnified);
-      at = at ?? (mark ? [mark.column, mark.row] : null);
-      if (!canvas || !at || !this.pixels) return;
+      if (!canvas || !this.pixels) return;
+      at = at ?? (mark ? [mark.column, mark.row] : this.middle ?? [this.columns / 2, this.rows / 2]);
       const side = MAGNIFIED_PX, size = 18, [c, r] = (this.middle = at.map(Math.round));
       [canvas.width, canvas.height] = [side * size, side * size];
       const g = canvas.getContext("2d");

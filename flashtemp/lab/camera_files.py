@@ -28,7 +28,8 @@ DROP_ZONE = """
         <div v-if="!props.isUploading"><b>Drop camera files here or choose them</b></div>
         <div v-if="!props.isUploading" class="ft-muted ft-small">{formats}</div>
         <q-btn v-if="!props.isUploading" outline no-caps color="primary" label="Choose files" icon="upload_file"
-               @click="props.pickFiles"><q-uploader-add-trigger /></q-btn>
+               @click="props.pickFiles" />
+        <span style="display: none"><q-uploader-add-trigger /></span>
         <div v-if="props.isUploading" role="status">
             Storing the files: {{ Math.round(100 * props.uploadProgress) }} % of {{ props.uploadSizeLabel }}</div>
         <q-linear-progress v-if="props.isUploading" :value="props.uploadProgress" rounded

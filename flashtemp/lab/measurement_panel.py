@@ -17,7 +17,7 @@ from flashtemp.lab.page_layout import action, card
 from flashtemp.lab.thermal_viewer import ThermalViewer
 
 MAX_MEASUREMENTS = 30
-HEADINGS = ("name", "column, row", "mean", "min", "max", "sd", "")
+HEADINGS = ("name", "column, row", *STATISTICS)
 HOW = (
     "Choose Spot, Box or Line above the image, then click or drag.  Drag a measurement to move it.  By keys: Enter on "
     "the image places one, and the table takes other columns and rows."
@@ -121,6 +121,7 @@ class MeasurementPanel:
                 for words in HEADINGS:
                     with ui.element("th").props("scope=col"):
                         ui.label(f"{words}, {self.opened.unit}" if words in STATISTICS else words)
+                ui.element("td")  # above the buttons
             for key, m in self.measurements.items():
                 self._add_row(key, m)
         self.viewer.show_measurements(self.measurements)

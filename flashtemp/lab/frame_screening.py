@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flashtemp.camera.image_screening import ScreeningResult, screen_recording
-from flashtemp.camera.importing.rectification import find_dead_pixels
+from flashtemp.camera.importing.pixel_masks import find_dead_pixels
 from flashtemp.camera.recording import Recording
 from flashtemp.display import format_count
 from flashtemp.errors import BadInput

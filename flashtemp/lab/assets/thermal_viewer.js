@@ -13,13 +13,15 @@ function roundStep(span, count) {
   return power * ([1, 2, 5].find((m) => m * power >= raw) ?? 10);
 }
 
+// a colour as the 32 bits of one pixel of an image, whose bytes are red, green, blue, opacity
+const pack = ([red, green, blue]) => new Uint32Array(new Uint8Array([red, green, blue, 255]).buffer)[0];
+
 function colourTable(colours) {
-  const rgb = colours.map((c) => [1, 3, 5].map((k) => parseInt(c.slice(k, k + 2), 16))), out = new Uint8Array(768);
-  for (let k = 0; k < 256; k++) {
+  const rgb = colours.map((c) => [1, 3, 5].map((k) => parseInt(c.slice(k, k + 2), 16)));
+  return Uint32Array.from({ length: 256 }, (_, k) => {
     const at = (k / 255) * (rgb.length - 1), low = Math.min(Math.floor(at), rgb.length - 2);
-    for (let c = 0; c < 3; c++) out[3 * k + c] = rgb[low][c] + (at - low) * (rgb[low + 1][c] - rgb[low][c]);
-  }
-  return out;
+    return pack(rgb[low].map((c, n) => Math.round(c + (at - low) * (rgb[low + 1][n] - c))));
+  });
 }
 
 function quantiles(values, fractions) {
@@ -28,6 +30,8 @@ function quantiles(values, fractions) {
   some.sort((a, b) => a - b);
   return some.length ? fractions.map((f) => some[Math.round(f * (some.length - 1))]) : [0, 1];
 }
+
+const PACKED = [MISSING, BAD, ISOTHERM].map(pack);
 
 export default {
   template: `
@@ -54,11 +58,11 @@ export default {
         <q-select v-model="rangeMode" :options="rangeOptions" emit-value map-options outlined dense options-dense
                   label="range" class="tv-w4" @update:model-value="applyRange"/>
         <q-input :model-value="show(low)" @change="typeRange('low', $event)" outlined dense :label="'from, ' + unit"
-                 class="tv-w2"/>
+                 class="tv-w1"/>
         <q-input :model-value="show(high)" @change="typeRange('high', $event)" outlined dense :label="'to, ' + unit"
-                 class="tv-w2"/>
+                 class="tv-w1"/>
         <q-select v-model="isotherm" :options="['off', 'above', 'below', 'between']" outlined dense options-dense
-                  label="isotherm" class="tv-w3" @update:model-value="share"/>
+                  label="isotherm" class="tv-w2" @update:model-value="share"/>
         <q-input v-if="isotherm !== 'off'" :model-value="show(isoLow)" @change="typeRange('isoLow', $event)" outlined
                  dense :label="isotherm === 'between' ? 'above, ' + unit : isotherm + ', ' + unit" class="tv-w2"/>
         <q-input v-if="isotherm === 'between'" :model-value="show(isoHigh)" @change="typeRange('isoHigh', $event)"
@@ -274,17 +278,16 @@ export default {
     show(T) { return Number(T).toFixed(this.decimals); },
 
     // --- colours --------------------------------------------------------------------------------------------------
-    colour(T, out, mask) {
-      const scale = 255 / Math.max(this.high - this.low, 1e-9), { lut, low, isotherm: iso, isoLow, isoHigh } = this;
-      for (let k = 0, p = 0; k < T.length; k++, p += 4) {
-        const v = T[k];
-        let c = lut, at = 0;
-        if (mask && mask[k] && this.marksBad) c = BAD;
-        else if (!(v === v)) c = MISSING;
-        else if (iso !== "off" && (iso === "below" ? v < isoLow : v > isoLow && (iso === "above" || v < isoHigh))) c = ISOTHERM;
-        else { const i = (v - low) * scale; at = 3 * (i < 0 ? 0 : i > 255 ? 255 : i | 0); }
-        out[p] = c[at]; out[p + 1] = c[at + 1]; out[p + 2] = c[at + 2]; out[p + 3] = 255;
+    colour(T, bytes, mask) {
+      const out = new Uint32Array(bytes.buffer), scale = 255 / Math.max(this.high - this.low, 1e-9);
+      const { lut, low, isotherm: iso, isoLow, isoHigh } = this, [missing, bad, banded] = PACKED;
+      const from = iso === "off" ? Infinity : iso === "below" ? -Infinity : isoLow;
+      const to = iso === "below" ? isoLow : iso === "between" ? isoHigh : Infinity;
+      for (let k = 0; k < T.length; k++) {
+        const v = T[k], i = (v - low) * scale;
+        out[k] = v > from && v < to ? banded : v === v ? lut[i < 0 ? 0 : i > 255 ? 255 : i | 0] : missing;
       }
+      if (mask && this.marksBad) for (let k = 0; k < mask.length; k++) if (mask[k]) out[k] = bad;
     },
     recolour(strip = true) {
       if (!this.pixels) return;

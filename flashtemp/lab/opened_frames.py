@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from base64 import b64encode
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,24 +11,24 @@ import numpy as np
 from flashtemp.camera.importing.file_preview import FilePreview, preview_files
 from flashtemp.camera.importing.frame_buffer import FrameBuffer
 from flashtemp.camera.importing.import_options import ImportOptions
+from flashtemp.lab.frame_screening import ScreenedFrames, screen_frames
 
-MAX_PICTURE_WIDTH_PX = 960  # of a picture on the page
+PERCENTILES = (0.01, 0.99)  # of all values, for a range without outliers
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class OpenedFrames:
-    """Camera `files` with all `frames` (n, rows, columns) in degC, their `time` (s, or numbers) and a `preview`."""
+    """Camera `files` with all `frames` (n, rows, columns) in degC, their `time` (s, or numbers) and a `preview`.
+
+    `screened` are the defects of the camera, None before they have been searched.
+    """
 
     files: tuple[Path, ...]
     frames: np.ndarray
     time: np.ndarray
     has_times: bool
     preview: FilePreview
-
-    @property
-    def zoom(self) -> int:
-        """Pixels of the page per pixel of the camera."""
-        return max(1, MAX_PICTURE_WIDTH_PX // self.frames.shape[2])
+    screened: ScreenedFrames | None = None
 
     @property
     def mean(self) -> np.ndarray:
@@ -65,37 +65,49 @@ class OpenedFrames:
         words += [f"grey: beyond the camera's range, {missing} in all frames together"] if missing else []
         return "; ".join(words)
 
-    def encode_frame(self, frame: int, low: float, high: float) -> str:
-        """One frame as the data address of a PNG."""
-        return _png_address(self.frames[frame], low, high, self.zoom, self.preview.dead)
+    @property
+    def pixel_classes(self) -> np.ndarray:
+        """Classes (rows, columns) of pixels: those of the screening, or before it 1 for dead in every frame."""
+        return self.preview.dead.astype(np.uint8) if self.screened is None else self.screened.classes
 
-    def encode_detail(
-        self, frame: int, column: float, row: float, low: float, high: float, half: int, zoom: int
-    ) -> str:
-        """The surroundings of a position, 2 half + 1 pixels square, magnified; grey outside the image."""
-        c, r = round(column), round(row)
-        T = np.full((2 * half + 1,) * 2, np.nan)
-        rows, columns = self.frames.shape[1:]
-        top, left = max(0, r - half), max(0, c - half)
-        part = self.frames[frame, top : min(rows, r + half + 1), left : min(columns, c + half + 1)]
-        dead = np.zeros(T.shape, bool)
-        if part.size:
-            there = slice(top - r + half, top - r + half + len(part)), slice(left - c + half, None)
-            T[there][:, : part.shape[1]] = part
-            dead[there][:, : part.shape[1]] = self.preview.dead[top:, left:][: part.shape[0], : part.shape[1]]
-        return _png_address(T, low, high, zoom, dead)
+    @property
+    def unit(self) -> str:
+        """Unit of the values, as it is shown."""
+        return "°C" if self.preview.unit == "degC" else self.preview.unit
+
+    @property
+    def percentile_range(self) -> tuple[float, float]:
+        """Values between which all but the outermost hundredths lie."""
+        share = np.cumsum(self.preview.counts) / max(int(self.preview.counts.sum()), 1)
+        low, high = (int(np.searchsorted(share, p)) for p in PERCENTILES)
+        edges = self.preview.edges
+        return float(edges[low]), float(edges[min(high + 1, len(edges) - 1)])
+
+    def frame_name(self, frame: int) -> str:
+        """Number of a frame, with its time where the files have times."""
+        return f"frame {frame}, {self.time[frame]:.4g} s" if self.has_times else f"frame {frame}"
+
+    def with_screening(self) -> OpenedFrames:
+        """The same frames with bad pixels, shutter events and frozen frames searched."""
+        return replace(self, screened=screen_frames(self.frames, self.time, self.preview.dead))
 
 
-def _png_address(T: np.ndarray, low: float, high: float, zoom: int, dead: np.ndarray | None = None) -> str:
-    from flashtemp.viz.measurement.raw_images import encode_png
+def open_frames(
+    files: list[Path],
+    facts: ImportOptions = ImportOptions(),  # noqa: B008 (frozen)
+    report_frames: Callable[[int], object] = lambda number: None,
+) -> OpenedFrames:
+    """Read all frames of camera files, in order of time where the files have it.  Raises BadInput.
 
-    return "data:image/png;base64," + b64encode(encode_png(T, low, high, zoom, dead)).decode()
-
-
-def open_frames(files: list[Path], facts: ImportOptions = ImportOptions()) -> OpenedFrames:  # noqa: B008 (frozen)
-    """Read all frames of camera files, in order of time where the files have it.  Raises BadInput."""
+    `report_frames` is called with the number of frames that have just been read.
+    """
     stack = FrameBuffer()
-    preview = preview_files(files, facts, receive_images=stack.add)
+
+    def keep(images: np.ndarray) -> None:
+        stack.add(images)
+        report_frames(len(images))
+
+    preview = preview_files(files, facts, receive_images=keep)
     clock = preview.time if preview.time is not None else preview.clock
     has_times = clock is not None and bool(np.isfinite(clock).all()) and (len(clock) == 1 or float(np.ptp(clock)) > 0.0)
     if clock is None or not has_times:

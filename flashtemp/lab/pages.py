@@ -12,6 +12,7 @@ from flashtemp.lab.camera_page import CameraPage
 from flashtemp.lab.campaign_page import CampaignPage
 from flashtemp.lab.case_page import CasePage
 from flashtemp.lab.folder_files import FolderFiles
+from flashtemp.lab.frame_server import FrameServer
 from flashtemp.lab.home_page import HomePage
 from flashtemp.lab.jobs import JobList
 from flashtemp.lab.jobs_page import JobsPage
@@ -25,6 +26,8 @@ def make_application(folder: Path) -> tuple[Any, JobList]:
     jobs, allowed = JobList(folder), AllowedPrograms()
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     app.mount(FILES_ADDRESS, FolderFiles(folder))
+    frames = FrameServer()
+    frames.add_route(app)
 
     @ui.page("/")
     def home() -> None:
@@ -33,8 +36,8 @@ def make_application(folder: Path) -> tuple[Any, JobList]:
 
     @ui.page("/camera")
     async def camera(open: str = "", template: str = "") -> None:  # noqa: A002 (key of the address)
-        with page_frame("camera", folder):
-            await CameraPage(folder).show(open, template)
+        with page_frame("camera", folder, "Camera"):
+            await CameraPage(folder, frames).show(open, template)
 
     @ui.page("/case")
     def case(open: str = "") -> None:  # noqa: A002

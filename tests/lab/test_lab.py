@@ -296,7 +296,7 @@ def test_clicks_make_the_recording_that_the_command_line_makes(browser, server, 
     with page(browser, server, width) as seen:
         seen.get_by_role("link", name="view 24 files").click()
         seen.locator("#image").wait_for()
-        seen.get_by_label("fps (1/s)").wait_for()
+        seen.get_by_label("frame rate (fps), 1/s", exact=True).wait_for()
         seen.locator("#image").scroll_into_view_if_needed()
         for column, row in ((30.3, 90.6), (130.3, 90.6)):
             seen.mouse.move(*at(seen, column, row))
@@ -309,7 +309,7 @@ def test_clicks_make_the_recording_that_the_command_line_makes(browser, server, 
             for axis in ("column", "row")
         ]
         np.testing.assert_allclose(typed, [30.3, 90.6, 130.3, 90.6], atol=0.3)
-        seen.get_by_label("fps (1/s)").fill("2")
+        seen.get_by_label("frame rate (fps), 1/s", exact=True).fill("2")
         seen.get_by_role("button", name="Find starts").click()
         seen.get_by_label("recording", exact=True).fill(f"{name}.nc")
         seen.get_by_label("recording", exact=True).press("Tab")
@@ -354,8 +354,8 @@ def test_a_flir_image_is_dropped_marked_and_saved(browser, tmp_path, several):
         name = "camera.nc" if several else "load.nc"
         assert seen.get_by_label("recording", exact=True).input_value() == name
         if several:
-            seen.get_by_label("fps (1/s)").fill("9")
-        seen.get_by_label("start (s, of the first frame)").fill("1")
+            seen.get_by_label("frame rate (fps), 1/s", exact=True).fill("9")
+        seen.get_by_label("time of the first frame (start), s", exact=True).fill("1")
         seen.get_by_role("button", name="Save recording and template").click()
         seen.get_by_text("Recording 'sidewall'").wait_for()
     told = recording.load(tmp_path / name)

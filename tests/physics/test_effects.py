@@ -244,7 +244,7 @@ EFFECTS = PACKAGE / "physics" / "effects"
 ENGINE = [f for f in [*PACKAGE.rglob("*.py"), *(ROOT / "viz").rglob("*.py")] if f.parent != EFFECTS]
 WORDS = {  # that are quantities or parts of a camera's image before they are effects, and where they are such
     "emissivity": (
-        "camera", "physics/quantities.py", "lab/camera_page.py", "comparison/known_inputs.py",
+        "camera", "physics/quantities.py", "lab/import_form.py", "comparison/known_inputs.py",
         "discovery/hypotheses", "discovery/prediction/prediction.py", "discovery/diagnostics/stated_inputs.py",
     ),
     "blur": ("camera", "physics/quantities.py"),

@@ -1,0 +1,194 @@
+"""The form of what camera files do not say: view, times and surface, each with its meaning and where it is found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from nicegui import ui
+
+from flashtemp.camera.importing.import_options import ImportOptions
+from flashtemp.lab.image_marks import find_onsets
+from flashtemp.lab.opened_frames import OpenedFrames
+from flashtemp.lab.page_layout import card, heading
+from flashtemp.lab.workspace import escape_control
+
+VIEW_LABELS: Final = {
+    "sidewall": "sidewall: the side of the block, seen across the direction of sliding",
+    "wake": "wake: the road behind the block",
+    "profile": "profile: the temperature along the block, in one line",
+}
+
+
+@dataclass(frozen=True)
+class StatedField:
+    """A number that the user states: `key` of the import options, label with unit, and where it is found."""
+
+    key: str
+    label: str
+    about: str
+
+
+TIME_FIELDS: Final = (
+    StatedField(
+        "fps", "frame rate (fps), 1/s",
+        "Frames per second.  It stands in the recording settings of the camera; needed where the files have no times.",
+    ),
+    StatedField(
+        "start", "time of the first frame (start), s",
+        "From the first start of sliding; negative if the camera ran before.  The starts below fill it in.",
+    ),
+)  # fmt: skip
+SURFACE_FIELDS: Final = (
+    StatedField(
+        "emissivity", "emissivity",
+        "Of the surface, 0 to 1: rubber about 0.95.  In the camera: object parameters, Emissivity.  Empty keeps the "
+        "value of the file.",
+    ),
+    StatedField(
+        "reflected", "reflected temperature, °C",
+        "Apparent temperature of what the surface reflects.  In the camera: object parameters, T refl.  Measure it "
+        "with crumpled aluminium foil at emissivity 1.",
+    ),
+    StatedField(
+        "netd", "noise of one pixel (netd), K",
+        "Noise equivalent temperature difference.  In the data sheet: NETD, often 0.03 to 0.05 K.  Empty: estimated "
+        "from the frames.",
+    ),
+)  # fmt: skip
+MISSING_REMEDIES: Final = {  # key of the first missing option: what to do on this page
+    "view": "Choose the view.",
+    "downstream": "Mark the leading and the trailing edge of the block on the image.",
+    "start": "Enter the time of the first frame, or find the starts of sliding.",
+    "fps": "Enter the frame rate.",
+}
+
+
+class ImportForm:
+    """Entered values of an import; `changed` is called when one of them has changed."""
+
+    def __init__(self, opened: OpenedFrames, facts: ImportOptions, changed: Callable[[], Any]):
+        self.opened, self.facts, self.changed = opened, facts, changed
+        self.starts = [t - (facts.start or 0.0) for t in facts.starts or ()]
+        self.values: dict[str, Any] = {}
+        self.on_starts: Callable[[], Any] = lambda: None
+
+    def show(self) -> None:
+        """Show the fields in groups, and what is missing."""
+        with card("Information missing in the file", "Fields marked with * are required for these files."):
+            self.missing = ui.column().classes("w-full gap-0").props("role=status")
+            heading(3, "View and times")
+            self.view = ui.select(
+                VIEW_LABELS, value=self.facts.view or "sidewall", label="view *", on_change=self._notify
+            ).classes("w-full").props("outlined dense")  # fmt: skip
+            for field in TIME_FIELDS:
+                self._add_field(field, required=field.key == "start" or not self.opened.has_times)
+            self.starting = ui.input("starts of sliding, s after the first frame", value=format_times(self.starts))
+            self.starting.classes("w-full").props("outlined dense").on("change", self._read_starts)
+            with ui.row().classes("gap-2"):
+                ui.button("Find starts", on_click=self.find_starts).props("outline no-caps")
+            heading(3, "Surface and camera")
+            for field in SURFACE_FIELDS:
+                self._add_field(field, required=False)
+            self._list_file_values()
+
+    def _add_field(self, field: StatedField, required: bool) -> None:
+        """A number with its help, and the value that the file states."""
+        file_value = self._file_value(field.key)
+        with ui.element("div").classes("ft-field"):
+            box = ui.number(
+                field.label + (" *" if required and file_value is None else ""),
+                value=getattr(self.facts, field.key), on_change=self._notify,
+            ).classes("grow").props("outlined dense clearable")  # fmt: skip
+            box.props["aria-label"] = field.label
+            if file_value is not None:
+                box.props["placeholder"] = f"{file_value:g}"
+                box.props["stack-label"] = True
+                box.props["hint"] = f"from the file: {file_value:g}"
+            self.values[field.key] = box
+            help_button = ui.button(icon="help_outline").props("flat round dense size=sm color=primary")
+            help_button.props["aria-label"] = f"help on {field.label}"
+            with help_button, ui.menu().props("max-width=22rem"):
+                ui.label(field.about).classes("p-3 ft-small")
+            help_button.tooltip(field.about)
+
+    def _file_value(self, key: str) -> float | None:
+        """The value of a field that the files state themselves."""
+        preview = self.opened.preview
+        return preview.fps if key == "fps" else preview.said.get(key)
+
+    def _list_file_values(self) -> None:
+        """List the values that the file states and the form does not ask for."""
+        shown = {field.key for field in SURFACE_FIELDS}
+        rest = {key: value for key, value in self.opened.preview.said.items() if key not in shown}
+        if rest:
+            words = ", ".join(f"{key.replace('_', ' ')} {value:g}" for key, value in rest.items())
+            ui.label(escape_control(f"Also from the file: {words}")).classes("ft-muted ft-small")
+
+    # --- starts of sliding ----------------------------------------------------------------------------------------
+    @property
+    def frame_rate(self) -> float:
+        """Frames per second by which frame numbers are divided; 1 where the files have times."""
+        return 1.0 if self.opened.has_times else float(self.values["fps"].value or 1.0)
+
+    def find_starts(self) -> None:
+        """Find the starts of sliding in the mean of the frames."""
+        self.starts = [round(t, 4) for t in find_onsets(self.opened.time / self.frame_rate, self.opened.mean)]
+        self.update_starts()
+        if not self.starts:
+            ui.notify("no start found; click on the curve of the mean")
+
+    def toggle_start(self, position: float) -> None:
+        """Add a start of sliding at a position on the curve of the mean, or remove the one there."""
+        t = round(position / self.frame_rate, 4)
+        self.starts = [s for s in self.starts if s != t] if t in self.starts else sorted([*self.starts, t])
+        self.update_starts()
+
+    def _read_starts(self) -> None:
+        words = str(self.starting.value or "").replace(";", ",").split(",")
+        try:
+            self.starts = sorted(float(v) for v in words if v.strip())
+        except ValueError:
+            ui.notify("enter times in s, separated by commas", type="negative")
+        self.update_starts()
+
+    def update_starts(self) -> None:
+        """Show changed starts in all places."""
+        self.starting.value = format_times(self.starts)
+        if self.starts:
+            self.values["start"].value = round(-self.starts[0], 4)
+        self.on_starts()
+        self.changed()
+
+    # --- values -----------------------------------------------------------------------------------------------------
+    def _notify(self) -> None:
+        self.changed()
+
+    def stated_options(self, block: tuple[float, float]) -> ImportOptions:
+        """The entered values with the size of the block, mm."""
+        entered: dict[str, Any] = {k: float(box.value) for k, box in self.values.items() if box.value is not None}
+        if self.starts:
+            entered["starts"] = tuple(round(t - self.starts[0], 4) for t in self.starts)
+        return ImportOptions(view=self.view.value, block=block, **entered)
+
+    def show_missing(self, lines: tuple[str, ...]) -> None:
+        """List what is missing before the files can be saved as a recording; `lines` are those of the import."""
+        remedies = [MISSING_REMEDIES.get(line.partition(":")[0], line) for line in lines]
+        if not self.opened.has_times and len(self.opened.time) > 1 and not self.values["fps"].value:
+            remedies.append(MISSING_REMEDIES["fps"])
+        self.missing.clear()
+        with self.missing:
+            if not remedies:
+                ui.label("Nothing is missing.").classes("ft-note good")
+                return
+            with ui.column().classes("ft-note warning gap-0"):
+                ui.label("Still missing:")
+                for remedy in dict.fromkeys(remedies):
+                    ui.label(escape_control(remedy))
+
+
+def format_times(values: list[float] | np.ndarray) -> str:
+    """Times in s, separated by commas."""
+    return ", ".join(f"{v:g}" for v in values)

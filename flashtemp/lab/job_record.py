@@ -192,7 +192,7 @@ def format_duration(seconds: float) -> str:
     """A duration in words.
 
     >>> format_duration(8.2), format_duration(200), format_duration(7300), format_duration(200000)
-    ('8 s', '3 min 20 s', '2 h 2 min', '2 d 8 h')
+    ('8 s', '3 min 20 s', '2 h 1 min', '2 d 7 h')
     """
     s = round(seconds)
     for unit, size, below, smaller in (("d", 86400, "h", 3600), ("h", 3600, "min", 60), ("min", 60, "s", 1)):

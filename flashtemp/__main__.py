@@ -17,6 +17,7 @@ from flashtemp.cli.interrupts import answer_interrupts
 from flashtemp.cli.log_file import log_to_file, split_log_option
 from flashtemp.errors import BadInput, FlashtempError
 from flashtemp.runs.results.current_folder import exclude_current_folder
+from flashtemp.runs.results.live_state import record_end, record_start
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -36,7 +37,10 @@ def main(argv: list[str] | None = None) -> int:
     try:
         words, log = split_log_option(list(sys.argv[1:] if argv is None else argv))
         with log_to_file(log, words):
-            return _run_and_handle_errors(words, argv is None)
+            record_start()
+            code = _run_and_handle_errors(words, argv is None)
+            record_end(code)
+            return code
     except (BadInput, OSError) as fault:  # the log file cannot be written
         return report_fault(fault)
 

@@ -6,7 +6,7 @@ import json
 import os
 import re
 import secrets
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from html import escape
@@ -110,6 +110,23 @@ def make_json_safe(data: Any) -> Any:
     if isinstance(data, float) and abs(data) == float("inf"):
         return "inf" if data > 0 else "-inf"
     return data
+
+
+class ProgressMessage(str):
+    """A progress message with `details` as plain data, which the web app draws while the command runs.
+
+    >>> message = ProgressMessage("fitting wear", fitting=["wear"])
+    >>> message, dict(message.details)
+    ('fitting wear', {'fitting': ['wear']})
+    """
+
+    details: Mapping[str, Any]
+
+    def __new__(cls, text: str, **details: Any) -> ProgressMessage:
+        """The message `text`; details of a message that `text` is already are kept."""
+        message = super().__new__(cls, text)
+        message.details = {**getattr(text, "details", {}), **details}
+        return message
 
 
 def to_json(data: Any) -> str:

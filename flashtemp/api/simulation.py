@@ -62,6 +62,11 @@ def find_resumed_folder(folder: str | Path) -> Path:
     return job.find_interrupted_run(Path(folder))[1]
 
 
+def find_working_folder(folder: str | Path) -> Path:
+    """The folder in which an interrupted run keeps its case and its checkpoint.  Raises BadInput."""
+    return job.find_interrupted_run(Path(folder))[0]
+
+
 @contextmanager
 def _open_painter(watch: Watch | None, say: Say, wanted: bool = True) -> Iterator[tuple[Watch, job.DrawPictures]]:
     """Yield the hook for time steps and the function that draws the pictures at the end.

@@ -28,18 +28,20 @@ def sweep(
     workers: int | None = None,
     scheduler: str | None = None,
     watch: Count = ignore_progress,
+    say: Say = ignore_message,
 ) -> SweepResult:
     """Simulate every combination of several values of a case's keys; one dataset has the keys as dimensions.
 
     `axes` {"table.key": values}.  `out` saves every finished point, so that the same call continues an interrupted
     sweep.  `workers`: number of processes, one per core when not given; `scheduler`: address of a Dask scheduler to use
-    instead.  `watch(done, total)` is called with the progress.  Raises BadInput, SolverFailure.
+    instead.  `watch(done, total)` is called with the progress, `say` with a message for every finished run.  Raises
+    BadInput, SolverFailure.
     """
     sweep_plan = case if isinstance(case, SweepPlan) else sweeps.plan_sweep(case, axes or {}, overrides)
     if out is None:
-        return sweeps.run_sweep(sweep_plan, None, workers, scheduler, watch)
+        return sweeps.run_sweep(sweep_plan, None, workers, scheduler, watch, say)
     with sweeps.open_sweep_folder(Path(out), sweep_plan) as work:
-        result = sweeps.run_sweep(sweep_plan, work, workers, scheduler, watch)
+        result = sweeps.run_sweep(sweep_plan, work, workers, scheduler, watch, say)
         result.save(work)
         with report_drawing_faults(result, out, "sweep.png", f"flashtemp draw {out}"):
             from flashtemp.viz import theme

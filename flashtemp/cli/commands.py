@@ -8,7 +8,7 @@ from typing import Any
 from cyclopts import App, CycloptsError, Group
 
 from flashtemp.camera.importing import import_options
-from flashtemp.cli import campaigns, friction, simulate, studies
+from flashtemp.cli import campaigns, friction, simulate, studies, web_app
 from flashtemp.cli.argument_checks import refuse_odd_words
 from flashtemp.physics import units
 
@@ -26,7 +26,7 @@ app = App(
 )
 COMMAND_GROUPS: dict[str, tuple[Any, ...]] = {  # groups and order of the help: by task, in the order of use
     "Simulate": (
-        simulate.new, simulate.check, simulate.run, simulate.view, simulate.draw, simulate.report, simulate.lab,
+        simulate.new, simulate.check, simulate.run, simulate.view, simulate.draw, simulate.report, web_app.lab,
     ),
     "Study a case": (
         studies.sweep, studies.converge, studies.sensitivity, studies.repetitions, studies.wait, studies.effects,

@@ -76,12 +76,14 @@ def run(
             if value:
                 raise BadInput(f"--resume: an interrupted run continues unchanged; leave out {what}")
         folder = simulation.find_resumed_folder(resume)
-        with progress_bar("resuming") as watch:
+        with progress_bar(
+            "resuming", lambda: inputs.load(simulation.find_working_folder(resume), trust=trust)
+        ) as watch:
             result, code = run_and_report(lambda: simulation.resume(resume, pvd=pvd, watch=watch, say=say, trust=trust))
     elif case is not None:
         loaded = inputs.load(case, list(overrides), trust=trust)
         folder = result_folder(out, loaded.name)
-        with progress_bar(loaded.name) as watch:
+        with progress_bar(loaded.name, lambda: loaded) as watch:
             how: dict[str, Any] = {"out": folder, "overwrite": overwrite, "pvd": pvd, "watch": watch, "say": say}
             result, code = run_and_report(lambda: simulation.simulate(loaded, **how))
     print_result(result.summary | {"out": str(folder)}, json, f"{result}\n  results in {folder}/")
@@ -169,27 +171,4 @@ def check(file: Path, /, *overrides: str, trust: Trust = False, json: Json = Fal
     remarks = inactive_effects.describe_inactive_effects(case) + mesh_error.warn_of_coarse_mesh(case)
     answer = {"ok": True, "case": case.name, "effects": list(case.effects), "cells": cells, "remarks": remarks}
     print_result(answer, json, "\n".join([str(case), *(f"  {remark}" for remark in remarks), "ok"]))
-    return EXIT_DONE
-
-
-def lab(
-    folder: Path = Path(),
-    /,
-    *,
-    browser: Annotated[bool, Parameter(negative="--no-browser", help="Open the page in the browser.")] = True,
-) -> int:
-    """Open the web app in the browser: camera files, cases, runs and verdicts of a folder.
-
-    Parameters
-    ----------
-    folder
-        Folder with your files; the current folder when not given.
-    """
-    from flashtemp.lab.server import serve
-
-    def print_address(address: str) -> None:
-        print_message("stop with Ctrl-C; running commands save a checkpoint first")
-        print(address, flush=True)
-
-    serve(folder, browser, print_address)
     return EXIT_DONE

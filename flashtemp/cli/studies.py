@@ -55,6 +55,7 @@ def sweep(
     folder = out or Path("results") / f"{plan.case.name}-sweep"
     with progress_counter(plan.case.name) as watch:
         how: dict[str, Any] = {"out": folder, "workers": workers, "scheduler": scheduler, "watch": watch}
+        how["say"] = message_printer(as_json=True)  # not printed: the bar counts the runs; the web app lists them
         result, code = run_and_report(lambda: studies.sweep(plan, **how))
     print_result({"out": str(folder), **result.as_dict()}, json, f"{result}\n  results in {folder}/")
     return EXIT_FAILED if result.failed else code

@@ -17,6 +17,7 @@ from flashtemp.cli.exit_codes import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAILED, esc
 from flashtemp.display import to_json
 from flashtemp.errors import BadInput, IncompleteResult
 from flashtemp.physics.interpolation import TABLE_LOGGER
+from flashtemp.runs.results.live_state import open_live_file, publish_messages
 
 __all__ = ["EXIT_BAD_INPUT", "EXIT_DONE", "EXIT_FAILED", "escape_controls", "print_message"]  # re-exported
 
@@ -43,7 +44,7 @@ Trust = Annotated[
 
 def message_printer(as_json: bool) -> Callable[[str], None]:
     """The function that prints progress messages; it prints nothing with --json."""
-    return (lambda text: None) if as_json else print_message
+    return publish_messages((lambda text: None) if as_json else print_message)
 
 
 def run_and_report(call: Callable[[], Any]) -> tuple[Any, int]:
@@ -65,10 +66,32 @@ def result_folder(out: Path | None, name: str, resumable: bool = False) -> Path:
 
 
 @contextmanager
-def progress_bar(label: str):
-    """Progress of a time integration on stderr: yields the function watch(state, end) to call at every step."""
+def progress_bar(label: str, load_case: Callable[[], Any]):
+    """Progress of a time integration on stderr: yields the function watch(state, end) to call at every step.
+
+    The web app also gets pictures of the run; only for these the case is loaded by `load_case`.
+    """
+    live = open_live_file()
     with progress_counter(label) as bar:
-        yield lambda now, end: bar(now.t, end)
+        if live is None:
+            yield lambda now, end: bar(now.t, end)
+            return
+        from flashtemp.runs.live_run import LiveRun
+
+        run = LiveRun(load_case().scene)
+        latest: list[Any] = []
+
+        def watch(now: Any, end: float) -> None:
+            bar(now.t, end)
+            latest[:] = [now]
+            if live.is_due():
+                live.write_sections(run=run.describe_state(now))
+
+        try:
+            yield watch
+        finally:
+            for now in latest:
+                live.write_sections(run=run.describe_state(now))
 
 
 @contextmanager
@@ -83,7 +106,7 @@ def progress_counter(label: str):
 
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield ProgressLines(label)
+        yield publish_counts(ProgressLines(label))
         return
     columns = (
         TextColumn("{task.description}"),
@@ -103,6 +126,20 @@ def progress_counter(label: str):
                 bar.update(task, completed=done, total=total)
 
         yield update_bar
+
+
+def publish_counts(lines: ProgressLines) -> Callable[[float, float], None]:
+    """The function watch(done, total) of progress lines; it also writes to the state file of the web app, if any."""
+    live = open_live_file()
+    if live is None:
+        return lines
+
+    def watch(done: float, total: float) -> None:
+        lines(done, total)
+        if live.is_due() or done >= total:
+            live.write_sections(progress={"done": done, "total": total, "left_s": lines.seconds_left(done, total)})
+
+    return watch
 
 
 class ProgressLines:
@@ -127,12 +164,21 @@ class ProgressLines:
             print_message(f"{self.label}: {100 * done / total:.0f} %{self._time_left(elapsed, done, total)}")
 
     def _time_left(self, elapsed: float, done: float, total: float) -> str:
-        """The estimated time left as text; empty where nothing was done since the first sample."""
+        """The estimated time left as text; empty where it is not known."""
+        left = self._estimate_left(elapsed, done, total)
+        return "" if left is None else f", about {left:.0f} s left"
+
+    def seconds_left(self, done: float, total: float) -> float | None:
+        """The estimated time left in s, None where it is not known."""
+        return self._estimate_left(time.monotonic() - self.began, done, total)
+
+    def _estimate_left(self, elapsed: float, done: float, total: float) -> float | None:
+        """The time left in s; None where nothing was done since the first sample, or next to nothing."""
         since, before = self.samples[0]
         if done <= before:
-            return ""
+            return None
         left = (elapsed - since) * (total - done) / (done - before)
-        return f", about {left:.0f} s left" if left < MAX_LEFT_RATIO * elapsed else ""
+        return left if left < MAX_LEFT_RATIO * elapsed else None
 
 
 def print_result(data: Any, as_json: bool, text: str) -> None:

@@ -23,7 +23,7 @@ from flashtemp.comparison.noise import (
     largest_structured_residual,
     whiten,
 )
-from flashtemp.display import DisplayMixin, DisplayTable
+from flashtemp.display import DisplayMixin, DisplayTable, ProgressMessage
 from flashtemp.errors import BadInput, RenamedAttribute
 from flashtemp.model.case import Case
 from flashtemp.model.scene import Scene
@@ -208,7 +208,9 @@ def compare(campaign: Campaign, watch: Callable[[str], Any] = lambda text: None)
     campaign, screening = screen_campaign(campaign)
     recordings, forces, runs = {}, {}, []
     for number, condition in enumerate(campaign.conditions, 1):
-        watch(f"condition {number} of {len(campaign.conditions)}: {condition.words}")
+        words = f"condition {number} of {len(campaign.conditions)}: {condition.words}"
+        rows = [{"recording": r.view.file, "rms difference (K)": r.rmse_K} for r in recordings.values()]
+        watch(ProgressMessage(words, done=number - 1, total=len(campaign.conditions), rows=rows))
         scene, run = simulate_condition(campaign, condition)
         runs.append(run)
         for view in condition.views:

@@ -50,6 +50,7 @@ from flashtemp.discovery.prediction.prediction import DerivativeRequest, Predict
 from flashtemp.discovery.prediction.problem import Problem, prepare_problem
 from flashtemp.discovery.selection.forward_selection import (
     EffectSearch,
+    describe_search,
     effect_names,
     find_unjudged_effects,
     finish_fit,
@@ -58,6 +59,7 @@ from flashtemp.discovery.selection.forward_selection import (
 )
 from flashtemp.discovery.verdict import Verdict
 from flashtemp.discovery.verdict_assembly import assemble_verdict
+from flashtemp.display import ProgressMessage
 from flashtemp.errors import SolverFailure
 from flashtemp.runs.results.worker_pool import open_worker_pool
 
@@ -82,7 +84,7 @@ def discover(
         problem, errors, first = correct_measurements(problem, watch)
         problem, data, base = calibrate_base(problem, first, watch)
         search = replace(select_effects(problem, data, base, watch), recording_errors=errors)
-        watch("judging")
+        watch(ProgressMessage("judging", **describe_search(search)))
         verdict = judge_search(search, watch)
         if verdict.kind == "unexplained":
             verdict, search = judge_with_law(verdict, search, watch)
@@ -131,7 +133,8 @@ def calibrate_base(
     start = Linearisation(problem.stated_model, tuple(tasks), tuple(first), LinearSystem(data.make_blocks(first)))
     watch("calibrating the stated model")
     base = finish_fit(Hypothesis(problem, data, problem.stated_model), start, watch)
-    watch(f"sensitivities of {len(problem.candidates)} candidates")
+    names = [c.effect for c in problem.candidates]
+    watch(ProgressMessage(f"sensitivities of {len(names)} candidates", candidates=[{"effect": n} for n in names]))
     return problem, data, refit_with_candidates(problem, data, base, problem.candidates, watch)
 
 
@@ -177,7 +180,9 @@ def _with_time_left(watch: ProgressCallback) -> Callable[[str], Any]:
         if stage:  # a repeated stage is assumed to take half of the remaining work
             done = stage if stage > done else 0.5 * (1.0 + done)
         left = gone * (1.0 / done - 1.0) if done else 0.0
-        watch(f"{text} ({gone:.0f} s{f', about {left:.0f} s left' if done else ''})")
+        words = f"{text} ({gone:.0f} s{f', about {left:.0f} s left' if done else ''})"
+        about = {"stage": text.strip(), "fraction_done": done or None, "left_s": left if done else None}
+        watch(ProgressMessage(words, **getattr(text, "details", {}), **about))
 
     return say_with_time
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flashtemp.errors import BadInput
+from flashtemp.lab.job_start import start_job
 from flashtemp.lab.jobs import JobList
-from flashtemp.lab.jobs_page import start_job
 from flashtemp.lab.programs import AllowedPrograms
 from flashtemp.lab.saving import write_text
 from flashtemp.lab.style import read_asset
@@ -41,11 +41,17 @@ def list_examples() -> list[Example]:
     return [Example(**{**row, "command": tuple(row["command"])}) for row in rows]
 
 
-async def start_example(example: Example, folder: Path, jobs: JobList, allowed: AllowedPrograms) -> bool:
-    """Write the file of an example, if it is not there, and start its command.  Raises BadInput."""
+def write_example(example: Example, folder: Path) -> str:
+    """Write the file of an example, if it is not there; returns its name in the folder.  Raises BadInput."""
     if os.path.islink(folder / EXAMPLES_FOLDER):
         raise BadInput(f"{EXAMPLES_FOLDER}: is a link; replace it by a folder of that name")
     name = f"{EXAMPLES_FOLDER}/{example.file}"
     if not resolve_inside(folder, name).exists():
         write_text(folder, name, read_asset(name))
+    return name
+
+
+async def start_example(example: Example, folder: Path, jobs: JobList, allowed: AllowedPrograms) -> bool:
+    """Write the file of an example, if it is not there, and start its command.  Raises BadInput."""
+    write_example(example, folder)
     return await start_job(folder, jobs, allowed, example.command_words(folder))

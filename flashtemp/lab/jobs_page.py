@@ -1,211 +1,175 @@
-"""The work page: start a command, follow its progress, stop or resume it."""
+"""The page of runs: start a command, watch those that run, and find, repeat or change those of the past."""
 
 from __future__ import annotations
 
-import os
-import shlex
+import json
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from nicegui import ui
 
-from flashtemp.errors import BadInput
-from flashtemp.lab.jobs import LOG_FOLDER, Job, JobList, command_text
-from flashtemp.lab.page_layout import (
-    STANDARD_FILES,
-    ask_to_run,
-    escape_lines,
-    page_address,
-    program_lines,
-    show_command,
-    show_errors,
-)
-from flashtemp.lab.programs import AllowedPrograms, has_trust, programs_of_command
-from flashtemp.lab.workspace import RESULT_COMMANDS, escape_control, free_name, list_folder, read_owner, resolve_inside
+from flashtemp.lab.command_form import CommandForm
+from flashtemp.lab.command_options import CommandDescription, find_risky_words, sort_commands
+from flashtemp.lab.job_cards import JobCard, show_job_heading, show_past_job
+from flashtemp.lab.job_record import LoggedJob
+from flashtemp.lab.job_result import free_result_folder, result_name
+from flashtemp.lab.job_start import start_job
+from flashtemp.lab.jobs import LOG_FOLDER, Job, JobList
+from flashtemp.lab.page_layout import add_script, card, empty_state, heading, note, page_address, show_error
+from flashtemp.lab.programs import AllowedPrograms
+from flashtemp.lab.style import read_asset
+from flashtemp.lab.workspace import escape_control
 
-PAGE_COMMANDS = ("run", "compare", "discover", "plan", "sweep", "sensitivity")
 REFRESH_INTERVAL_S = 0.5  # of the job cards
+MAX_PAST_JOBS, PAST_JOBS_SHOWN = 200, 12
+PAGE_NAME = "Runs · flashtemp"
 
 
 class JobsPage:
-    """The form for a command, and the cards of all commands that this server has started."""
+    """The form for a command, the cards of running commands with live pictures, and the history."""
 
-    def __init__(self, folder: Path, jobs: JobList, allowed: AllowedPrograms):
+    def __init__(
+        self, folder: Path, jobs: JobList, allowed: AllowedPrograms, commands: Sequence[CommandDescription] = ()
+    ):
         self.folder, self.jobs, self.allowed = folder, jobs, allowed
-        self.cards: dict[int, Any] = {}
+        self.commands = sort_commands(commands)
+        self.cards: dict[str, JobCard] = {}
+        self.title = PAGE_NAME
+        self.past: list[LoggedJob] = []
+        self.form = CommandForm(folder, commands, self.start, lambda: [*jobs.all, *self.past])
 
-    def show(self, command: str, of: str) -> None:
-        """Show the page with a command and its file preselected."""
-        owner = None
-        if of:
-            with show_errors(self.folder):
-                owner = read_owner(resolve_inside(self.folder, of))
-        self.resumed = of if owner is not None and owner.command == "run" else ""
-        with ui.card().classes("w-full"):
-            with ui.row().classes("w-full items-end"):
-                chosen = command if command in PAGE_COMMANDS else "run"
-                self.command = ui.select(
-                    list(PAGE_COMMANDS), value=chosen, label="command", on_change=lambda: self._command_changed()
-                ).classes("w-40")
-                self.of = ui.select(
-                    self._file_choices(chosen, of), value=of or None, label="file", with_input=True
-                ).classes("w-80")
-                self.of.on_value_change(lambda: self._show_command())
-                self.more = ui.input(
-                    "further arguments: table.key=value, options", on_change=lambda: self._show_command()
-                )
-                self.more.classes("grow")
-                self.start = ui.button("Start", on_click=self._start)
-            self.line = ui.column().classes("w-full")
-        self.list = ui.column().classes("w-full gap-2")
-        self._show_command()
+    async def show(self, command: str, of: str, job: str = "", again: str = "") -> None:
+        """Show the page with a command and its file, one `job` in detail, or the form as filled in for `again`."""
+        ui.add_css(read_asset("runs.css"))
+        add_script("charts.js")  # charts are added later, when scripts do not run
+        if job:
+            self._show_job(job)
+            return
+        self.past = self.jobs.list_past(MAX_PAST_JOBS)
+        repeated = self.jobs.find_job(again) if again else None
+        if again and repeated is None:
+            show_error("No such job in the history of this folder.")
+        elif repeated is not None and (risky := find_risky_words(repeated.words, self.commands)):
+            words = "This command is from a log in this folder. Check before you start it: "
+            note(words + ", ".join(dict.fromkeys(risky)), "warning")
+        self.running = ui.column().classes("w-full gap-4 items-stretch")
+        self.running.set_visibility(False)
+        self.form.show(command, of, repeated.words if repeated is not None else ())
+        self.opened = {one.name for one in self.jobs.all if not one.is_unfinished}  # ended before: in the history
+        with card("History"):
+            self._show_history()
         self._refresh_cards()
         ui.timer(REFRESH_INTERVAL_S, self._refresh_cards)
 
-    def _file_choices(self, command: str, of: str) -> list[str]:
-        """The files that the command accepts."""
-        listing = list_folder(self.folder)
-        kind = listing.campaigns if command in ("compare", "discover", "plan") else listing.cases
-        names = [str(p.parent) if p.name in STANDARD_FILES and p.parent != Path() else str(p) for p in kind]
-        return list(dict.fromkeys([*([of] if of else []), *names]))
-
-    def _command_changed(self) -> None:
-        """Offer the files of the newly selected command."""
-        self.resumed = ""
-        self.of.set_options(self._file_choices(self.command.value, ""), value=None)
-        self._show_command()
-
-    def command_words(self) -> list[str]:
-        """The command line without `flashtemp`, with a free result folder where `--out` is not given."""
-        if self.resumed and self.of.value == self.resumed:
-            return ["run", "--resume", file_word(self.resumed)]
-        command, of, more = self.command.value, file_word(self.of.value or ""), shlex.split(self.more.value or "")
-        if not of:
-            return []
-        path = Path(of)
-        name = ((path.parent.name if path.name in STANDARD_FILES else "") or path.stem).lstrip(".")
-        out = [] if "--out" in more else ["--out", f"results/{free_name(self.folder / 'results', f'{name}-{command}')}"]
-        return [command, of, *more, *out]
-
-    def _show_command(self) -> None:
-        """Show the command line and the effect files that it would run."""
-        self.line.clear()
-        with self.line, show_errors(self.folder):
-            try:
-                words = self.command_words()
-            except ValueError as fault:  # an unclosed quote
-                ui.label(str(fault))
-                words = []
-            self.start.set_enabled(bool(words))
-            if words:
-                resolve_inside(self.folder, words[2] if words[1] == "--resume" else words[1])
-                show_command(command_text(words))
-                self._show_programs(words)
-
-    def _show_programs(self, words: list[str]) -> None:
-        programs, trust = programs_of_command(words, self.folder), has_trust(words)
-        for line in program_lines(programs, trust) if programs or trust else ():
-            ui.label(line).classes("text-sm text-amber-900 break-all")
-
-    async def _start(self) -> None:
-        with self.line, show_errors(self.folder):
-            if await start_job(self.folder, self.jobs, self.allowed, self.command_words()):
-                self._show_command()
-        self._refresh_cards()
-
-    # --- job cards -------------------------------------------------------------------------------------
+    # --- running jobs -------------------------------------------------------------------------------------
     def _refresh_cards(self) -> None:
-        """Add cards of new jobs and update the progress of all."""
+        """Add cards of new jobs, update all, and show the progress of the newest in the title of the page."""
         for job in reversed(self.jobs.all):
-            if id(job) not in self.cards:
-                with self.list:
-                    self.cards[id(job)] = JobCard(self.folder, self.jobs, self.allowed, job)
-                self.cards[id(job)].card.move(target_index=0)
-        for card in self.cards.values():
-            card.refresh()
+            if job.name not in self.cards and job.name not in self.opened:
+                self._add_card(job)
+        for one in self.cards.values():
+            one.refresh()
+        self._show_title(next((job for job in self.jobs.all if job.is_running), None))
 
+    def _add_card(self, job: Job) -> None:
+        self.running.set_visibility(True)
+        with self.running:
+            self.cards[job.name] = JobCard(self.folder, job, self.start)
+        self.cards[job.name].card.move(target_index=0)
+        ui.run_javascript("window.scrollTo({top: 0})")
 
-class JobCard:
-    """The card of a job: command line, progress, log, and links to the next steps."""
+    def _show_title(self, job: LoggedJob | None) -> None:
+        """Show the progress of a job in the title of the page, as "42 % · run_in"."""
+        title = PAGE_NAME
+        if job is not None:
+            fraction, _ = job.progress()
+            name = Path(job.words[1]).name if len(job.words) > 1 else job.words[0]
+            name = Path(job.words[2]).name if name == "--resume" and len(job.words) > 2 else name
+            title = f"{'…' if fraction is None else f'{100 * fraction:.0f} %'} · {escape_control(name)}"
+        if title != self.title:
+            self.title = title
+            ui.run_javascript(f"document.title = {json.dumps(title)}")
 
-    def __init__(self, folder: Path, jobs: JobList, allowed: AllowedPrograms, job: Job):
-        self.folder, self.jobs, self.allowed, self.job, self.ended = folder, jobs, allowed, job, False
-        with ui.card().classes("w-full gap-1") as self.card:
-            with ui.row().classes("w-full items-center"):
-                ui.label(escape_control(command_text(job.words))).classes("font-mono text-sm grow break-all")
-                self.state = ui.badge("running").props('data-is="state"')
-                self.stop = ui.button("Stop", on_click=job.stop).props("flat dense")
-            self.bar = ui.linear_progress(0.0, show_value=False).props("instant-feedback")
-            self.progress_line = ui.label("").classes("text-sm text-gray-700")
-            with ui.expansion("log").classes("w-full"):
-                self.log = ui.label("").classes("font-mono text-xs whitespace-pre-wrap")
-            self.ways = ui.row()
-
-    def refresh(self) -> None:
-        """Update the progress; at the end of the job, show the next steps."""
-        if self.ended:
+    # --- history ------------------------------------------------------------------------------------------
+    def _show_history(self) -> None:
+        """Rows of all jobs that had ended when the page was opened, also those of earlier servers."""
+        ended = [job for job in self.jobs.all if job.name in self.opened]
+        past = sorted([*ended, *self.past], key=lambda job: job.name, reverse=True)
+        if not past:
+            ui.label(
+                "No command has run in this folder yet. Each one that you start stays listed here with its log, its "
+                "result and its command line, also after the server ends."
+            ).classes("ft-muted")
             return
-        fraction, line = self.job.progress()
-        self.progress_line.text = escape_control(line)
-        self.log.text = escape_lines("\n".join(self.job.log_lines()))
-        self.state.text = self.job.state
-        self.bar.value = fraction or 0.0
-        self.bar.props(remove="indeterminate") if fraction is not None else self.bar.props("indeterminate")
-        if self.job.exit_code is None:
+        ui.label(
+            f"At most {self.jobs.most_at_once} commands run at once; others wait for their turn."
+            f" Logs are kept in {LOG_FOLDER}/."
+        ).classes("ft-muted ft-small")
+        rows = ui.column().classes("w-full gap-0")
+
+        def show_rows(jobs: Sequence[LoggedJob]) -> None:
+            with rows:
+                for job in jobs:
+                    show_past_job(self.folder, job, self.start)
+
+        show_rows(past[:PAST_JOBS_SHOWN])
+        if len(past) > PAST_JOBS_SHOWN:
+            rest = ui.button(f"Show {len(past) - PAST_JOBS_SHOWN} more").props("flat no-caps")
+
+            def show_rest() -> None:
+                show_rows(past[PAST_JOBS_SHOWN:])
+                rest.delete()
+
+            rest.on_click(show_rest)
+
+    # --- one job ------------------------------------------------------------------------------------------
+    def _show_job(self, name: str) -> None:
+        """One job in detail: command line, live pictures, result and log."""
+        job = self.jobs.find_job(name)
+        if job is None:
+            heading(1, "No such job")
+            with empty_state("This folder has no job of that name", "Its log may have been removed."):
+                ui.link("All runs", page_address("runs"))
             return
-        self.ended = True
-        self.bar.props(remove="indeterminate")
-        self.bar.value = 1.0 if self.job.exit_code == 0 else self.bar.value
-        self.stop.set_visibility(False)
-        with self.ways:
-            self._show_next_steps()
+        words = [word for word in job.words[1:2] if not word.startswith("-")] or [result_name(job.words)]
+        heading(1, f"{job.words[0]} {words[0]}")
+        ui.link("← All runs", page_address("runs")).classes("ft-small")
+        show_job_heading(job)
+        one = JobCard(self.folder, job, self.start, alone=True)
 
-    def _show_next_steps(self) -> None:
-        """A link to the result, or a button to resume a stopped command."""
-        out = self._result_folder()
-        if out and any((self.folder / out / name).exists() for name in RESULT_COMMANDS):
-            ui.link("open the result", page_address("result", open=out))
-        elif self.job.exit_code == 130 and self.job.words[0] == "run":
-            begun = next(
-                (p for p, o in list_folder(self.folder).begun.items() if out and o.out == Path(out).name), None
-            )
-            if begun is not None:
-                self._add_resume_button(["run", "--resume", file_word(str(begun))])
-        elif self.job.exit_code == 130:
-            self._add_resume_button(list(self.job.words))
+        def refresh() -> None:
+            one.refresh()
+            self._show_title(job if job.is_unfinished else None)
 
-    def _add_resume_button(self, words: list[str]) -> None:
-        async def start() -> None:
-            with self.ways, show_errors(self.folder):
-                await start_job(self.folder, self.jobs, self.allowed, words)
+        ui.timer(REFRESH_INTERVAL_S, refresh)
 
-        ui.button("Resume", on_click=start).props("outline")
+    # --- starting -----------------------------------------------------------------------------------------
+    async def start(self, words: list[str]) -> bool:
+        """Start a command or repeat one of the past; whether it was started.  Raises BadInput.
 
-    def _result_folder(self) -> str:
-        """The result folder named in the command line, "" where there is none."""
-        words = self.job.words
-        if "--resume" in words:
-            begun = words[words.index("--resume") + 1]
-            return begun.rsplit(".partial", 1)[0]
-        return words[words.index("--out") + 1] if "--out" in words else ""
+        A command of a log may come from a stranger: one with risky words is shown in the form instead.
+        """
+        if self._is_repeated(words):
+            if find_risky_words(words, self.commands):
+                return False
+            words = self._with_free_folder(words)
+        return await start_job(self.folder, self.jobs, self.allowed, words)
 
+    def _is_repeated(self, words: list[str]) -> bool:
+        """Whether a command is not the present content of the form."""
+        try:
+            return self.form.command is None or words != self.form.command_words()
+        except ValueError:  # an unclosed quote in the form
+            return True
 
-def file_word(name: str) -> str:
-    """A file name as a command-line argument that cannot be mistaken for an option.
-
-    >>> file_word("--trust"), file_word("case.toml"), file_word("")
-    ('./--trust', 'case.toml', '')
-    """
-    return f"./{name}" if name.startswith("-") else name
-
-
-async def start_job(folder: Path, jobs: JobList, allowed: AllowedPrograms, words: list[str]) -> bool:
-    """Start a command, after consent where effect files would run; whether it was started.  Raises BadInput."""
-    if not words or not await ask_to_run(programs_of_command(words, folder), allowed, has_trust(words)):
-        return False
-    for name in ("results", LOG_FOLDER):  # folders chosen by the page, not by the user
-        if os.path.islink(folder / name):
-            raise BadInput(f"{name}: is a link; replace it by a folder of that name")
-    (folder / "results").mkdir(exist_ok=True)
-    jobs.start(words)
-    return True
+    def _with_free_folder(self, words: list[str]) -> list[str]:
+        """The command with a result folder that does not exist yet; one that continues a study keeps its own."""
+        out, jobs = result_name(words), self.jobs.all
+        is_taken = any(job.is_unfinished and result_name(job.words) == out for job in jobs)
+        if not out or "--resume" in words or not (is_taken or (self.folder / out).exists()):
+            return words
+        free = free_result_folder(self.folder, out, jobs)
+        changed = [f"--out={free}" if word.startswith("--out=") else word for word in words]
+        if "--out" in changed:
+            changed[changed.index("--out") + 1] = free
+        return changed

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from nicegui import ui
 from flashtemp.lab.camera_page import CameraPage
 from flashtemp.lab.campaign_page import CampaignPage
 from flashtemp.lab.case_page import CasePage
+from flashtemp.lab.command_options import CommandDescription
 from flashtemp.lab.folder_files import FolderFiles
 from flashtemp.lab.frame_server import FrameServer
 from flashtemp.lab.home_page import HomePage
@@ -20,9 +22,11 @@ from flashtemp.lab.page_layout import FILES_ADDRESS, page_frame, show_errors
 from flashtemp.lab.programs import AllowedPrograms
 from flashtemp.lab.result_page import show_result
 
+RECONNECT_TIMEOUT_S = 30.0  # a busy computer may interrupt the connection; a page that is made anew loses its form
 
-def make_application(folder: Path) -> tuple[Any, JobList]:
-    """The application for a folder, and its list of jobs."""
+
+def make_application(folder: Path, commands: Sequence[CommandDescription] = ()) -> tuple[Any, JobList]:
+    """The application for a folder, and its list of jobs; `commands` are those of the page of runs."""
     jobs, allowed = JobList(folder), AllowedPrograms()
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     app.mount(FILES_ADDRESS, FolderFiles(folder))
@@ -50,9 +54,9 @@ def make_application(folder: Path) -> tuple[Any, JobList]:
             CampaignPage(folder, allowed).show(open)
 
     @ui.page("/runs")
-    def runs(command: str = "run", of: str = "") -> None:
-        with page_frame("runs", folder):
-            JobsPage(folder, jobs, allowed).show(command, of)
+    async def runs(command: str = "", of: str = "", job: str = "", again: str = "") -> None:
+        with page_frame("runs", folder, "" if job else "Runs"):
+            await JobsPage(folder, jobs, allowed, commands).show(command, of, job, again)
 
     @ui.page("/result")
     @ui.page("/verdict")
@@ -60,5 +64,8 @@ def make_application(folder: Path) -> tuple[Any, JobList]:
         with page_frame("", folder), show_errors(folder):
             show_result(folder, open, request.query_params.getlist("with"), jobs, allowed)
 
-    ui.run_with(app, title="flashtemp", favicon="🔥", language="en-US", dark=None, show_welcome_message=False)
+    ui.run_with(
+        app, title="flashtemp", favicon="🔥", language="en-US", dark=None, show_welcome_message=False,
+        reconnect_timeout=RECONNECT_TIMEOUT_S,
+    )  # fmt: skip
     return app, jobs

@@ -83,6 +83,8 @@ def programs_of_command(words: Sequence[str], folder: Path) -> list[Path]:
     """Effect files that `flashtemp words...` would run in `folder`.  Raises BadInput for a file outside of it."""
     if "--resume" in words:
         return programs_of_case(resolve_inside(folder, words[words.index("--resume") + 1]))
+    if words and words[0] == "watch":  # its first word is the folder of the camera files
+        words = [CAMPAIGN_COMMANDS[0], *words[2:]]
     if len(words) < 2:
         return []
     path = resolve_inside(folder, words[1])

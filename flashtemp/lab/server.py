@@ -6,13 +6,14 @@ import hmac
 import os
 import secrets
 import socket
-from collections.abc import Awaitable, Callable, MutableMapping
+from collections.abc import Awaitable, Callable, MutableMapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, quote, urlencode
 
 from flashtemp.errors import BadInput
+from flashtemp.lab.command_options import CommandDescription
 from flashtemp.lab.saving import MAX_UPLOAD_BYTES, UPLOAD_LIMIT
 
 HOST, COOKIE = "127.0.0.1", "flashtemp_lab"
@@ -169,8 +170,16 @@ async def _send_answer(send: Send, status: int, headers: list[tuple[str, str]], 
     await send({"type": "http.response.body", "body": text.encode()})
 
 
-def serve(folder: Path, browser: bool = True, announce: Callable[[str], Any] = print) -> None:
-    """Serve the pages of a folder until Ctrl-C; `announce` is called with the address.  Raises BadInput."""
+def serve(
+    folder: Path,
+    browser: bool = True,
+    announce: Callable[[str], Any] = print,
+    commands: Sequence[CommandDescription] = (),
+) -> None:
+    """Serve the pages of a folder until Ctrl-C; `announce` is called with the address.
+
+    `commands` describe what the page of runs offers.  Raises BadInput.
+    """
     if not folder.is_dir():
         raise BadInput(f"{folder}: no such folder; give the folder of your case and camera files")
     # NiceGUI would otherwise load its storage from the current folder, which may hold untrusted files
@@ -184,7 +193,7 @@ def serve(folder: Path, browser: bool = True, announce: Callable[[str], Any] = p
     token = secrets.token_urlsafe(24)
     with socket.create_server((HOST, 0)) as listening:
         port = listening.getsockname()[1]
-        app, jobs = make_application(folder.resolve())
+        app, jobs = make_application(folder.resolve(), commands)
         server = uvicorn.Server(uvicorn.Config(TokenGuard(app, token, port), log_level="error", ws_max_size=2**26))
         address = f"http://{HOST}:{port}/?token={token}"
         announce(address)

@@ -21,9 +21,9 @@ from flashtemp.errors import BadInput
 from flashtemp.lab import page_layout, saving
 from flashtemp.lab import workspace as folders
 from flashtemp.lab.camera_page import CameraPage
+from flashtemp.lab.command_form import CommandForm
 from flashtemp.lab.folder_files import FolderFiles
-from flashtemp.lab.jobs import JobList
-from flashtemp.lab.jobs_page import JobsPage, file_word, start_job
+from flashtemp.lab.job_start import file_word, start_job
 from flashtemp.lab.page_layout import program_lines
 from flashtemp.lab.programs import AllowedPrograms, has_trust, programs_of_command, programs_of_text
 from flashtemp.lab.saving import ReplacesFile, read_text, write_text, write_upload
@@ -512,6 +512,7 @@ def test_every_way_to_an_effect_file_is_seen_before_it_runs(tmp_path):
         ("run", "--resume", "sub"): ["sub/deep.py"],
         ("discover", "campaign.toml"): ["sub/deep.py"],
         ("compare", "."): ["sub/deep.py"],
+        ("watch", "sub", "campaign.toml"): ["sub/deep.py"],
         ("run", "bare.toml", 'effects=["./a.py", "wear"]'): ["a.py"],
         ("sweep", "bare.toml", "effects=./a.py,./b.py"): ["a.py", "b.py"],
         ("run", "bare.toml", "candidates=./a.py"): ["a.py"],
@@ -590,7 +591,7 @@ def test_no_command_writes_through_a_link_that_came_with_the_folder(home, link):
 
 @pytest.mark.parametrize("of", ["--trust", "-x.toml", "--out", "a b.toml", "a'b.toml", "$(id).toml", "a\nb.toml"])
 def test_the_name_of_a_file_is_no_option_of_the_command(tmp_path, of):
-    page = JobsPage(tmp_path, JobList(tmp_path), AllowedPrograms())
+    page = CommandForm(tmp_path)
     page.resumed, page.command, page.of, page.more = "", *(SimpleNamespace(value=v) for v in ("run", of, ""))
     words = page.command_words()
     assert not words[1].startswith("-")
@@ -705,8 +706,9 @@ def test_a_hostile_picture_name_and_a_hostile_report_run_no_script_and_start_no_
     other.get_by_text("changed on disk since it was opened").wait_for()
 
     page.goto(f"{base}/runs?command=run&of=shown.toml")
-    page.get_by_label("further arguments").fill("--trust")
-    page.get_by_label("further arguments").press("Tab")
+    page.get_by_text("Further arguments", exact=True).click()
+    page.get_by_label("further arguments: table").fill("--trust")
+    page.get_by_label("further arguments: table").press("Tab")
     page.get_by_role("button", name="Start").click()
     question = page.get_by_role("alertdialog")
     question.get_by_text(str(place / "browsed.py")).wait_for()

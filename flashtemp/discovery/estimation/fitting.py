@@ -9,7 +9,7 @@ simulations.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -33,6 +33,7 @@ from flashtemp.discovery.hypotheses.candidates import CandidateEffect, ModelPoin
 from flashtemp.discovery.parameters import Kind, ParameterId, Priors
 from flashtemp.discovery.prediction.prediction import DerivativeRequest, Prediction, PredictionTask
 from flashtemp.discovery.prediction.problem import Problem
+from flashtemp.display import ProgressMessage
 from flashtemp.errors import FlashtempError, SolverFailure
 
 MAX_FIT_EVALUATIONS = 10  # simulations of the campaign in one fit
@@ -421,8 +422,25 @@ def run_fits(
             advance_fit(key, fitting, [next(answers) for _ in request.tasks])
         rounds += 1
         if live:
-            watch(f"  evaluation {rounds}")
+            begun = {key: request.best for key, (_, request) in live.items() if request.best is not None}
+            watch(ProgressMessage(f"  evaluation {rounds}", evaluation=rounds, running=_describe_fits(begun, fits)))
     return FitOutcome(fits, failed)
+
+
+def describe_fit(names: Iterable[str], fit: LinearisedFit, is_running: bool = False) -> dict[str, Any]:
+    """The state of a fit with these effects as plain data."""
+    state = "fitting" if is_running else fit.status.value
+    return {"effects": sorted(names), "ln_evidence": fit.secured_evidence, "state": state}
+
+
+def _describe_fits(begun: Mapping[Any, LinearisedFit], ended: Mapping[Any, LinearisedFit]) -> list[dict[str, Any]]:
+    """The states of fits that are begun and ended; a fit whose key is not a set of effects is left out."""
+    return [
+        describe_fit(names, fit, is_running)
+        for group, is_running in ((begun, True), (ended, False))
+        for names, fit in group.items()
+        if names and isinstance(names, frozenset)
+    ]
 
 
 def _is_outrun(fit: LinearisedFit, best: float) -> bool:

@@ -10,9 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from flashtemp.discovery.criteria import CRITERIA
-from flashtemp.discovery.estimation.fitting import Hypothesis, ProgressCallback, fit_hypothesis, run_fits
+from flashtemp.discovery.estimation.fitting import (
+    Hypothesis,
+    ProgressCallback,
+    describe_fit,
+    fit_hypothesis,
+    run_fits,
+)
 from flashtemp.discovery.estimation.image_alignment import Linearisation
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
 from flashtemp.discovery.estimation.linearised_fit import FitStatus, LinearisedFit
@@ -29,6 +36,7 @@ from flashtemp.discovery.selection.scores import (
     score_pairs,
     select_for_rescoring,
 )
+from flashtemp.display import ProgressMessage
 from flashtemp.errors import SolverFailure
 
 EffectNames = frozenset[str]
@@ -101,7 +109,8 @@ def select_effects(problem: Problem, data: WhitenedData, base: LinearisedFit, wa
         if extension is None:
             return search
         candidates = select_for_rescoring(problem, search.best, extension, ranked)
-        watch(f"candidates in addition to {' and '.join(sorted(effect_names(extension)))}")
+        words = f"candidates in addition to {' and '.join(sorted(effect_names(extension)))}"
+        watch(ProgressMessage(words, **(describe_search(search) | {"accepted": sorted(effect_names(extension))})))
         best = refit_with_candidates(problem, data, extension, candidates, watch)
         search = replace(search, best=best, fits=search.fits | {effect_names(best): best})
     last = score_candidates(problem, search.best, problem.candidates)
@@ -117,7 +126,8 @@ def _fit_shortlist(search: EffectSearch, ranked: Sequence[CandidateScore], watch
         return search
     wanted = {frozenset({*effect_names(search.best), *(c.effect for c in g)}): g for g in groups}
     wanted = {names: g for names, g in wanted.items() if names not in search.fits}
-    watch(f"fitting {', '.join(' with '.join(c.effect for c in g) for g in wanted.values())}")
+    words = f"fitting {', '.join(' with '.join(c.effect for c in g) for g in wanted.values())}"
+    watch(ProgressMessage(words, **describe_search(search), fitting=[sorted(names) for names in wanted]))
     fittings = {
         names: fit_hypothesis(Hypothesis.from_parent(search.problem, search.data, search.best, g))
         for names, g in wanted.items()
@@ -126,6 +136,22 @@ def _fit_shortlist(search: EffectSearch, ranked: Sequence[CandidateScore], watch
     fits = {names: f for names, f in outcome.fits.items() if has_active_effects(search.problem, f)}
     vanished = search.vanished | (outcome.fits.keys() - fits.keys())
     return replace(search, fits=search.fits | fits, unfitted=search.unfitted | outcome.failed, vanished=vanished)
+
+
+def describe_search(search: EffectSearch) -> dict[str, Any]:
+    """How far a selection has got, as plain data: scores of all candidates, and full fits with their ln evidence.
+
+    `ln_evidence_base` is that of the stated model; an ln Bayes factor is the difference to it.
+    """
+    scores = search.ranking[-1] if search.ranking else ()
+    return {
+        "candidates": [{"effect": s.effect, "score": s.ln_bayes, "reason": s.reason} for s in scores],
+        "fits": [describe_fit(names, fit) for names, fit in search.fits.items() if names],
+        "failed": [{"effects": sorted(names), "reason": reason} for names, reason in search.unfitted.items()],
+        "ln_evidence_base": search.base.secured_evidence,
+        "chi2_per_value_base": search.base.chi2 / search.base.solution.count,
+        "accepted": sorted(effect_names(search.best)),
+    }
 
 
 def shortlist_candidates(ranked: Sequence[CandidateScore]) -> list[CandidateScore]:

@@ -37,11 +37,13 @@ def run_batch(
     watch: Callable[[int, int], Any] = lambda done, total: None,
     needs: frozenset[str] = frozenset(),
     last: bool = True,
+    report: Callable[[int, PointArrays], Any] = lambda index, answer: None,
 ) -> tuple[list[PointArrays | None], dict[int, str]]:
     """The arrays that `function` returns for every case, None where it fails, and {index: error message}.
 
     A case is not run again if the folder `work` contains its result with all arrays in `needs`; without a folder
     nothing is saved.  Ctrl-C takes effect after each case, but not after the final one if this batch is the `last`.
+    `report(index, answer)` is called for every case that is done, at once where it is saved.
     Raises OSError, SolverFailure, UserInterrupt, KeyboardInterrupt.
     """
     files = [] if work is None else [work / POINTS_FOLDER / f"{_hash_case(p)}.npz" for p in points]
@@ -49,6 +51,8 @@ def run_batch(
     results: dict[int, Any] = {i: point for i, point in saved.items() if point is not None}
     todo, count = [i for i in range(len(points)) if i not in results], len(points)
     failed: dict[int, str] = {}
+    for i, point in results.items():
+        report(i, point)
     watch(count - len(todo), count)
     with stop_on_signal() as stopped:
         for n, (k, answer) in enumerate(stream_results(function, [points[i] for i in todo], workers, scheduler), 1):
@@ -58,6 +62,7 @@ def run_batch(
                 results[todo[k]] = answer
                 if work is not None:
                     _save_point(files[todo[k]], answer)
+                report(todo[k], answer)
             watch(count - len(todo) + n, count)
             if stopped.is_set() and (n < len(todo) or not last):
                 raise KeyboardInterrupt if work is None else UserInterrupt(work, RERUN_HINT)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from flashtemp.display import DisplayMixin, DisplayTable
+from flashtemp.display import DisplayMixin, DisplayTable, ProgressMessage
 from flashtemp.errors import BadInput, RenamedAttribute
 from flashtemp.model import case as cases
 from flashtemp.model import case_file, schema
@@ -200,15 +200,24 @@ def compute_point(case: cases.Case) -> dict[str, np.ndarray]:
 
 def run_sweep(
     sweep: SweepPlan, work: Path | None = None, workers: int | None = None, scheduler: str | None = None,
-    watch: Callable[[int, int], Any] = lambda done, total: None,
+    watch: Callable[[int, int], Any] = lambda done, total: None, say: Callable[[str], Any] = lambda text: None,
 ) -> SweepResult:  # fmt: skip
     """Run all points whose results are not saved in the folder `work`; without a folder nothing is saved.
 
-    Every point is saved to its own file when it has finished; Ctrl-C takes effect then.  Raises OSError, SolverFailure,
-    UserInterrupt.
+    Every point is saved to its own file when it has finished; Ctrl-C takes effect then.  `say` is called with a message
+    for each.  Raises OSError, SolverFailure, UserInterrupt.
     """
+    rows: list[dict[str, Any]] = []
+
+    def report_point(k: int, point: dict[str, np.ndarray]) -> None:
+        values = dict(zip(sweep.axes, sweep.values_at(k), strict=True))
+        rows.append(values | {"highest temperature (°C)": float(point["T_max_degC"])})
+        say(ProgressMessage(f"{len(rows)} of {len(sweep.points)} runs", rows=list(rows)))
+
     needs = frozenset({*POINT_PROFILES, *POINT_NUMBERS, "friction"})
-    results, failed = run_batch(compute_point, sweep.points, work, workers, scheduler, watch, needs)
+    results, failed = run_batch(
+        compute_point, sweep.points, work, workers, scheduler, watch, needs, report=report_point
+    )
     return SweepResult(sweep, _gather_dataset(sweep, results), failed)
 
 

@@ -1,0 +1,51 @@
+"""The start of a command from a page: checks of its words, and consent where effect files would run."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from flashtemp.errors import BadInput
+from flashtemp.lab.jobs import LOG_FOLDER, JobList
+from flashtemp.lab.page_layout import ask_to_run
+from flashtemp.lab.programs import AllowedPrograms, has_trust, programs_of_command
+from flashtemp.lab.workspace import resolve_inside
+
+
+async def start_job(folder: Path, jobs: JobList, allowed: AllowedPrograms, words: list[str]) -> bool:
+    """Start a command, after consent where effect files would run; whether it was started.  Raises BadInput."""
+    if not words:
+        return False
+    check_job_words(folder, words)
+    if not await ask_to_run(programs_of_command(words, folder), allowed, has_trust(words)):
+        return False
+    for name in ("results", LOG_FOLDER):  # folders chosen by the page, not by the user
+        if os.path.islink(folder / name):
+            raise BadInput(f"{name}: is a link; replace it by a folder of that name")
+    (folder / "results").mkdir(exist_ok=True)
+    jobs.start(words)
+    return True
+
+
+def check_job_words(folder: Path, words: Sequence[str]) -> None:
+    """Check that a command reads and writes inside the folder.  Raises BadInput."""
+    files = [words[2]] if words[1:2] == ["--resume"] and len(words) > 2 else list(words[1:2])
+    for k, word in enumerate(words):
+        if word.startswith("--out=") or word.startswith("--resume="):
+            files.append(word.partition("=")[2])
+        elif word == "--out" and k + 1 < len(words):
+            files.append(words[k + 1])
+        elif word == "--log" or word.startswith("--log="):
+            raise BadInput("--log: the page keeps the log of every command itself; leave it out")
+    for file in files:
+        resolve_inside(folder, file)
+
+
+def file_word(name: str) -> str:
+    """A file name as a command-line argument that cannot be mistaken for an option.
+
+    >>> file_word("--trust"), file_word("case.toml"), file_word("")
+    ('./--trust', 'case.toml', '')
+    """
+    return f"./{name}" if name.startswith("-") else name

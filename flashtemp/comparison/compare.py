@@ -206,7 +206,9 @@ def compare(campaign: Campaign, watch: Callable[[str], Any] = lambda text: None)
     `watch` is called with one line of progress per condition.  Raises BadInput, SolverFailure.
     """
     campaign, screening = screen_campaign(campaign)
-    recordings, forces, runs = {}, {}, []
+    recordings: dict[str, Any] = {}
+    forces: dict[str, Any] = {}
+    runs: list[Any] = []
     for number, condition in enumerate(campaign.conditions, 1):
         words = f"condition {number} of {len(campaign.conditions)}: {condition.words}"
         rows = [{"recording": r.view.file, "rms difference (K)": r.rmse_K} for r in recordings.values()]

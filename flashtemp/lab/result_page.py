@@ -10,8 +10,8 @@ from nicegui import ui
 
 from flashtemp.errors import BadInput
 from flashtemp.lab.conditions import show_conditions
+from flashtemp.lab.job_start import file_word
 from flashtemp.lab.jobs import JobList, command_text
-from flashtemp.lab.jobs_page import file_word
 from flashtemp.lab.page_layout import card, chip, empty_state, heading, page_address, show_error, show_errors
 from flashtemp.lab.programs import AllowedPrograms
 from flashtemp.lab.result_card import list_recent_results, show_result_card

@@ -13,8 +13,8 @@ from nicegui import ui
 from flashtemp.errors import BadInput
 from flashtemp.lab.charts import bar_options, bar_series, chart_options, line_series, show_chart, update_chart
 from flashtemp.lab.conditions import show_conditions
+from flashtemp.lab.job_start import file_word
 from flashtemp.lab.jobs import command_text
-from flashtemp.lab.jobs_page import file_word
 from flashtemp.lab.page_layout import card, note, refuse_damaged, show_errors
 from flashtemp.lab.result_files import ResultFolder
 from flashtemp.lab.result_parts import (

@@ -11,8 +11,8 @@ from nicegui import ui
 
 from flashtemp.display import format_count
 from flashtemp.lab.charts import bar_options, bar_series, chart_options, line_series, show_chart
+from flashtemp.lab.job_start import file_word, start_job
 from flashtemp.lab.jobs import JobList, command_text
-from flashtemp.lab.jobs_page import file_word, start_job
 from flashtemp.lab.page_layout import (
     action,
     card,

@@ -38,6 +38,7 @@ DEFAULT_CAMPAIGN_FILE = "campaign.toml"
 
 
 CaseLoader = Callable[..., cases.Case]  # loads the case with overrides
+RecordingLoader = Callable[[Path], Recording]  # reads a recording file
 
 
 @dataclass(frozen=True)
@@ -171,8 +172,35 @@ def load(
     if not file.is_file():
         raise BadInput(case_file.describe_missing_file(path, file_kinds.CAMPAIGN_KIND))
     text, raw = case_file.read_toml(file)
+    return _read_tables(text, raw, file, planned, trust, partial(recording.load, limit=limit), may_miss)
+
+
+def parse_campaign(
+    text: str, file: Path, planned: bool = False, load_recording: RecordingLoader = recording.load
+) -> Campaign:
+    """The campaign that `text` describes as the content of `file`, which need not exist.
+
+    `load_recording` reads the recordings.  Raises BadInput with all faults at once, one line each.
+    """
+    try:
+        raw = case_file.parse_toml(text)
+    except (ValueError, RecursionError) as fault:
+        raise BadInput(f"{file}: not valid TOML: {str(fault).split(chr(10))[0]}; repair that line") from fault
+    return _read_tables(text, raw, file, planned, False, load_recording)
+
+
+def _read_tables(
+    text: str,
+    raw: dict[str, Any],
+    file: Path,
+    planned: bool,
+    trust: bool,
+    load_recording: RecordingLoader,
+    may_miss: bool = False,
+) -> Campaign:
+    """The campaign of the parsed `text` of a file.  Raises BadInput."""
     file_kinds.require_kind(file_kinds.CAMPAIGN_KIND, raw, file, file.name)
-    reader = _CampaignReader(case_file.KeyLocations(str(file), text), file.parent, planned, limit, may_miss)
+    reader = _CampaignReader(case_file.KeyLocations(str(file), text), file.parent, planned, load_recording, may_miss)
     for key in raw.keys() - TOP_KEYS:
         reader.add_fault(key, f"unknown key{suggest_name(key, sorted(TOP_KEYS))}")
     case = reader.read_case(raw)
@@ -208,7 +236,7 @@ class _CampaignReader:
     where: case_file.KeyLocations
     folder: Path
     planned: bool
-    limit: float | None
+    load_recording: RecordingLoader
     may_miss: bool = False
     faults: list[str] = field(default_factory=list)
     awaited: list[str] = field(default_factory=list)
@@ -356,7 +384,7 @@ class _CampaignReader:
             )
         try:
             if "points" not in entry:
-                recorded = recording.load(self.folder / entry["file"], self.limit)
+                recorded = self.load_recording(self.folder / entry["file"])
             elif load_case_with is None:
                 return None
             else:

@@ -51,8 +51,8 @@ class CampaignAdditions:
 
     def show(self) -> None:
         """Show the offers."""
-        self.suggestions = ui.element("div").classes("w-full")
-        self.offers = ui.element("div").classes("w-full")
+        self.suggestions = ui.element("div").classes("w-full ft-optional")
+        self.offers = ui.element("div").classes("w-full ft-optional")
         with ui.element("div").classes("ft-split"):
             with ui.column().classes("gap-2 min-w-0 w-full"):
                 heading(3, "Tables and planned views")

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 from flashtemp.api.campaigns import parse_campaign
 from flashtemp.api.inputs import load
 from flashtemp.comparison.campaign import Campaign, LoadCellEntry, RecordingEntry
+from flashtemp.discovery.hypotheses.candidates import find_candidates
 from flashtemp.display import format_count
 from flashtemp.errors import BadInput, FlashtempError
 from flashtemp.lab.page_layout import refuse_damaged
@@ -39,12 +40,14 @@ class CampaignFault:
 class CampaignCheck:
     """The outcome of a check: its `faults`, the stated `case` and the `campaign`, None where they cannot be read.
 
-    Recordings of the campaign hold a few of their frames only.
+    Recordings of the campaign hold a few of their frames only.  `candidates` are the effects that may be missing, each
+    with the reason why it is not tried by default ("" for those that are).
     """
 
     faults: tuple[CampaignFault, ...] = ()
     case: Case | None = None
     campaign: Campaign | None = None
+    candidates: dict[str, str] = field(default_factory=dict)
 
     def entry_faults(self, kind: str, number: int) -> list[str]:
         """Errors of one entry."""
@@ -84,7 +87,14 @@ def check_campaign(text: str, path: Path, store: RecordingStore) -> CampaignChec
         case = load(path.parent / name) if isinstance(name, str) else None
     except (FlashtempError, OSError):
         case = None  # the campaign's own check names the fault
-    return CampaignCheck(tuple(faults), case, campaign)
+    return CampaignCheck(tuple(faults), case, campaign, {} if case is None else list_candidates(case))
+
+
+def list_candidates(case: Case) -> dict[str, str]:
+    """Effects that a case may lack, each with the reason why it is tried only if a campaign names it ("": tried)."""
+    usual, others = find_candidates(case, None)
+    named, _ = find_candidates(case, tuple(others))
+    return {c.effect: "" for c in usual} | {c.effect: others[c.effect] for c in named}
 
 
 def find_outside_files(raw: dict[str, Any], path: Path, folder: Path) -> list[CampaignFault]:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from flashtemp.errors import BadInput
 from flashtemp.lab.toml_tables import Table, read_entries
 from flashtemp.lab.workspace import resolve_inside
 from flashtemp.model.case_file import parse_toml
 from flashtemp.model.toml_format import value_text
+
+MAX_PLAIN_NUMBER: Final = 1e6  # larger whole numbers are shown with an exponent
 
 
 class CampaignDocument:
@@ -68,9 +70,11 @@ class CampaignDocument:
 def format_cell(value: Any) -> str:
     """A value of the text for a cell: TOML, a text without its quotes, nothing for None.
 
-    >>> format_cell(150000.0), format_cell("150 kPa"), format_cell(None)
-    ('1.5e5', '150 kPa', '')
+    >>> format_cell(150000.0), format_cell(2.5e8), format_cell("150 kPa"), format_cell(None)
+    ('150000', '2.5e8', '150 kPa', '')
     """
+    if isinstance(value, float) and value.is_integer() and abs(value) < MAX_PLAIN_NUMBER:
+        return str(int(value))
     return "" if value is None else value if isinstance(value, str) else value_text(value)
 
 

@@ -76,7 +76,7 @@ class CampaignPage:
         with card():
             self._add_file_controls()
             self._add_commands(is_new)
-        self.faults = ui.column().classes("w-full gap-1").props("aria-live=polite")
+        self.faults = ui.column().classes("w-full gap-1 ft-optional").props("aria-live=polite")
         self.additions = CampaignAdditions(self.document, self.store, self._files_stored)
         self.table = RecordingTable(self.document, self.store, self.additions.duplicate_entry)
         with card("Measurements", "Each row has the conditions under which it was made. A cell changes the text below."):
@@ -96,11 +96,14 @@ class CampaignPage:
             self.candidates = CandidateSwitches(self.document, words.set_text)
             with ui.expansion("Choose effects").classes("w-full ft-fold"):
                 self.candidates.show()
-        with card("Text"), ui.expansion("campaign.toml as TOML", icon="code").classes("w-full ft-fold") as fold:
-            fold.props["label"] = f"{escape_control(self.document.name)} as TOML"
-            self.editor = ui.codemirror(self.document.text, language="TOML", on_change=lambda: self._text_typed())
-            self.editor.classes("w-full").style("height: 28rem")
-            self.editor.props["aria-label"] = "text of the campaign"
+        with card("Text", "All of the above is this text; you may edit it here as well."):
+            with ui.expansion("Show the text").classes("w-full ft-fold"):
+                self._add_editor()
+
+    def _add_editor(self) -> None:
+        self.editor = ui.codemirror(self.document.text, language="TOML", on_change=lambda: self._text_typed())
+        self.editor.classes("w-full").style("height: 28rem")
+        self.editor.props["aria-label"] = "text of the campaign"
 
     def _add_file_controls(self) -> None:
         cases = [str(p) for p in self.listing.cases]
@@ -229,12 +232,16 @@ class CampaignPage:
                 self._offer_programs(programs)
             else:
                 check = await run.io_bound(check_campaign, text, path, self.store) or check
+                if self.faults.is_deleted:
+                    return
                 for line in check.other_faults(*PLACED_KEYS):
                     show_error(line, self.folder)
-        self._show_check(check)
-        await run.io_bound(self._read_briefs)
-        self._show_check(check)
-        self.additions.update_pictures()
+        if not self.faults.is_deleted:  # the page may have been closed meanwhile
+            self._show_check(check)
+            await run.io_bound(self._read_briefs)
+        if not self.faults.is_deleted:
+            self._show_check(check)
+            self.additions.update_pictures()
 
     def _find_programs(self, text: str, path: Path) -> list[Path]:
         """Effect files that the check would run without consent.  Raises BadInput."""

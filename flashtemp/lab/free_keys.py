@@ -244,18 +244,20 @@ class CandidateSwitches:
         """Show the switches of the effects of the case."""
         if check.case is None:
             return
-        effects, usual = list_candidates(check.case)
+        effects, known = check.candidates, check.case.known_effects
+        usual = tuple(name for name, reason in effects.items() if not reason)
         if (tuple(effects), usual) != (tuple(self.switches), self.usual):
             self.usual = usual
             self.switches = {}
             self.body.clear()
             with self.body, ui.element("div").classes("ft-grid"):
-                for name, cause in effects.items():
+                for name, reason in effects.items():
                     with ui.column().classes("gap-0"):
                         switch = ui.switch(name.replace("_", " "), on_change=lambda: self._write_choice()).props("dense")
-                        ui.label(cause if name in usual else f"{cause}; not tried unless chosen").classes(
-                            "ft-muted ft-small"
-                        )
+                        ui.label(escape_control(known[name].cause)).classes("ft-muted ft-small")
+                        if reason:
+                            words = reason.split("; name it")[0]
+                            ui.label(f"Off by default: {words}.").classes("ft-muted ft-small")
                         self.switches[name] = switch
         self.update_values()
 
@@ -276,19 +278,3 @@ class CandidateSwitches:
             value = None if {*chosen} == {*self.usual} else chosen
             self.document.apply_edit(lambda text: set_top_key(text, "candidates", value))
             self.update_values()
-
-
-def list_candidates(case: Case) -> tuple[dict[str, str], tuple[str, ...]]:
-    """Effects that a case may lack with their causes, and those that are tried unless a campaign chooses others."""
-    found = {
-        name: effect
-        for name, effect in case.known_effects.items()
-        if not effect.base and name not in case.effects and not _needs_values(effect)
-    }
-    usual = tuple(name for name, effect in found.items() if effect.candidate and not effect.alike)
-    return {name: effect.cause for name, effect in found.items()}, usual
-
-
-def _needs_values(effect: Any) -> bool:
-    """Whether an effect has a key without a default, which only the case can give."""
-    return any(p.value is None and p.kinds != ("name",) for p in effect.params().values())

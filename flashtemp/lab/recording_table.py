@@ -140,7 +140,7 @@ class RecordingTable:
     def _add_camera(self, row: EntryRow, name: str) -> None:
         choices = {BY_RECORDING: "as recorded", **{c: c for c in CAMERA_CLASSES}}
         box = ui.select(choices, value=BY_RECORDING, on_change=lambda: self._camera_changed(row))
-        box.props("outlined dense options-dense").classes("ft-cell")
+        box.props("outlined dense options-dense").classes("ft-cell wide")
         box.props["aria-label"] = f"camera of {name}"
         row.fields["camera"] = box
 
@@ -167,6 +167,7 @@ class RecordingTable:
                 is_number = isinstance(stated, (int, float)) and not isinstance(stated, bool)
                 unit = "K" if key == "sigma_K" else self._unit_of(key)
                 box.props["suffix"] = unit if is_number and unit != "1" else ""
+                box.update()
             if row.written.get(key) != value:
                 row.written[key] = value
                 box.value = value
@@ -244,6 +245,8 @@ class RecordingTable:
                 if "." in key:
                     value, unit = self._case_value(key), self._unit_of(key)
                     box.props["placeholder"] = f"{format_cell(value)} {unit if unit != '1' else ''}".strip()
+                    box.update()
+                    box.update()
 
     def _offer_columns(self) -> None:
         if self.case is not None:

@@ -49,9 +49,12 @@ class CampaignAdditions:
         self.shown: Any = None
         self.pictures: dict[Path, Any] = {}
 
+    def show_suggestions(self) -> None:
+        """Show the place for conditions that file names state."""
+        self.suggestions = ui.element("div").classes("w-full ft-optional")
+
     def show(self) -> None:
         """Show the offers."""
-        self.suggestions = ui.element("div").classes("w-full ft-optional")
         self.offers = ui.element("div").classes("w-full ft-optional")
         with ui.element("div").classes("ft-split"):
             with ui.column().classes("gap-2 min-w-0 w-full"):
@@ -72,8 +75,8 @@ class CampaignAdditions:
     def update_offers(self) -> None:
         """Show the offers for the text as it stands."""
         self.listing = list_folder(self.document.folder)
-        missing = self.list_missing()
-        suggested = self._suggest()
+        is_toml = self.document.raw is not None
+        missing, suggested = self.list_missing() if is_toml else [], self._suggest()
         if self.shown == (missing, suggested, len(self.listing.images)):
             return
         self.shown = (missing, suggested, len(self.listing.images))
@@ -91,7 +94,9 @@ class CampaignAdditions:
         if not missing:
             if not self.listing.recordings:
                 with ui.column().classes("gap-2 items-start"):
-                    ui.label("The folder holds no recording yet. Import camera files first: mark the block in one image.")
+                    ui.label(
+                        "The folder holds no recording yet. Import camera files first: mark the block in one image."
+                    )
                     action("Import camera files", lambda: ui.navigate.to(page_address("camera")), "photo_camera")
             return
         with ui.column().classes("gap-2 w-full"):
@@ -123,7 +128,9 @@ class CampaignAdditions:
                     picture = ui.element("img").props('alt=""')
                     picture.props["src"] = brief.picture
                 else:
-                    ui.icon("broken_image" if brief is None else "show_chart").classes("ft-muted")
+                    icon = ui.icon("broken_image" if brief is None else "show_chart").classes("ft-muted")
+                    if brief is None:
+                        icon.tooltip("cannot be read; import its camera files again")
 
     def _add_recordings(self, paths: Sequence[Path]) -> None:
         def add_all(text: str) -> str:
@@ -151,7 +158,7 @@ class CampaignAdditions:
         if not suggested:
             return
         entries = self.document.list_entries("recording")
-        with ui.column().classes("ft-note gap-1 mb-2"):
+        with ui.column().classes("ft-note gap-1"):
             ui.label("Conditions read from the file names. Are they right?").classes("font-medium")
             for n, given in list(suggested.items())[:MAX_SHOWN]:
                 words = ", ".join(f"{key} = {value}" for key, value in given.items())
@@ -182,7 +189,7 @@ class CampaignAdditions:
             action("Add as load cell", lambda: self._add_table("force", {}))
             action("Add as thermocouples", lambda: self._add_table("recording", {
                 "view": "points", "points": SENSOR_EXAMPLE,
-            }))  # fmt: skip
+            }, "Set the positions of the sensors in the text."))  # fmt: skip
         ui.label(
             "A load-cell table has columns of time (s) and friction. The positions of thermocouples are in the text."
         ).classes("ft-muted ft-small")
@@ -192,8 +199,10 @@ class CampaignAdditions:
             action("Add planned view", lambda: self._add_entry("recording", {"view": self.view.value}))
             ui.label("Only Plan uses it: a view before it is measured.").classes("ft-muted ft-small")
 
-    def _add_table(self, kind: str, more: Table) -> None:
+    def _add_table(self, kind: str, more: Table, remark: str = "") -> None:
         if self.table.value:
+            if remark:
+                ui.notify(remark)
             self._add_entry(kind, {"file": self.document.relative_name(Path(self.table.value)), **more})
         else:
             ui.notify("choose a table of the folder first")
@@ -215,7 +224,7 @@ class CampaignAdditions:
         ).classes("ft-muted ft-small")
 
     async def _store_files(self, event: events.MultiUploadEventArguments) -> None:
-        """Store dropped files: recordings and tables in the folder of the campaign, camera files for the camera page."""
+        """Store dropped files: recordings and tables for the campaign, camera files for the camera page."""
         with self.offers, show_errors(self.document.folder):
             recordings, images = await store_measurements(self.document.folder, event.files)
             self.shown = None

@@ -115,11 +115,12 @@ def find_outside_files(raw: dict[str, Any], path: Path, folder: Path) -> list[Ca
 
 def _locate_fault(line: str, raw: dict[str, Any], path: Path) -> CampaignFault:
     """The entry or key that an error message of the reader is about."""
+    line = line.replace(f" in {path.parent}", "")
     own = re.match(rf"{re.escape(str(path))}(?::\d+)?: ([\w.]+): (.*)", line, re.DOTALL)
     if own:
-        entry = re.match(r"(recording|force) (\d+): (.*)", own[2], re.DOTALL)
-        if entry:
-            return CampaignFault(entry[1], int(entry[2]), "", entry[3])
+        numbered = re.match(r"(recording|force) (\d+): (.*)", own[2], re.DOTALL)
+        if numbered:
+            return CampaignFault(numbered[1], int(numbered[2]), "", numbered[3])
         return CampaignFault("", 0, own[1], own[2])
     for kind in ENTRY_KINDS:
         for number, entry in enumerate(read_entries(raw, kind), 1):

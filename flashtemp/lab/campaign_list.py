@@ -67,9 +67,8 @@ def _describe_content(listing: FolderListing) -> str:
 
 
 def _show_nothing(listing: FolderListing) -> None:
-    how = (
-        "A campaign lists recordings with the load and speed of each, and the case that should explain them. "
-        + ("Mark the block in the camera files first." if listing.images else "Add camera files first.")
+    how = "A campaign lists recordings with the load and speed of each, and the case that should explain them. " + (
+        "Mark the block in the camera files first." if listing.images else "Add camera files first."
     )
     with empty_state("No recordings yet", how):
         action("Import camera files", lambda: ui.navigate.to(page_address("camera")), "photo_camera", main=True)

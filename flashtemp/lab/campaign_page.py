@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from nicegui import run, ui
 
-from flashtemp.errors import BadInput, FlashtempError
 from flashtemp.lab.campaign_additions import CampaignAdditions
 from flashtemp.lab.campaign_checks import CampaignCheck, check_campaign, find_outside_files
 from flashtemp.lab.campaign_document import CampaignDocument
@@ -24,7 +22,6 @@ from flashtemp.lab.page_layout import (
     note,
     page_address,
     program_lines,
-    relative_names,
     save_text,
     show_command,
     show_error,
@@ -54,6 +51,7 @@ class CampaignPage:
         self.ticked_text: str | None = None  # at the last tick: the user may still be typing
         self.checked_text: str | None = None
         self.is_checking = False
+        self.check = CampaignCheck()
 
     def show(self, name: str, new: bool = False) -> None:
         """Show a campaign of the folder, a new one, or the list of campaigns where neither is asked for."""
@@ -79,7 +77,10 @@ class CampaignPage:
         self.faults = ui.column().classes("w-full gap-1 ft-optional").props("aria-live=polite")
         self.additions = CampaignAdditions(self.document, self.store, self._files_stored)
         self.table = RecordingTable(self.document, self.store, self.additions.duplicate_entry)
-        with card("Measurements", "Each row has the conditions under which it was made. A cell changes the text below."):
+        with card(
+            "Measurements", "Each row has the conditions under which it was made. A cell changes the text below."
+        ):
+            self.additions.show_suggestions()
             self.table.show()
         with card("Add measurements"):
             self.additions.show()
@@ -96,9 +97,9 @@ class CampaignPage:
             self.candidates = CandidateSwitches(self.document, words.set_text)
             with ui.expansion("Choose effects").classes("w-full ft-fold"):
                 self.candidates.show()
-        with card("Text", "All of the above is this text; you may edit it here as well."):
-            with ui.expansion("Show the text").classes("w-full ft-fold"):
-                self._add_editor()
+        about = "All of the above is this text; you may edit it here as well."
+        with card("Text", about), ui.expansion("Show the text", value=self.document.raw is None).classes("w-full"):
+            self._add_editor()
 
     def _add_editor(self) -> None:
         self.editor = ui.codemirror(self.document.text, language="TOML", on_change=lambda: self._text_typed())
@@ -117,7 +118,9 @@ class CampaignPage:
             action("Open the case", lambda: self._open_case(), "tune")
         if not cases:
             with ui.row().classes("items-center gap-2"):
-                note("The folder has no case. A campaign needs one: block, road, load, speed and what heats.", "warning")
+                note(
+                    "The folder has no case. A campaign needs one: block, road, load, speed and what heats.", "warning"
+                )
                 action("New case", lambda: ui.navigate.to(page_address("case")), "add")
         self._fill_file_controls()
 
@@ -236,6 +239,7 @@ class CampaignPage:
                     return
                 for line in check.other_faults(*PLACED_KEYS):
                     show_error(line, self.folder)
+        self.check = check
         if not self.faults.is_deleted:  # the page may have been closed meanwhile
             self._show_check(check)
             await run.io_bound(self._read_briefs)
@@ -253,9 +257,10 @@ class CampaignPage:
     def _read_briefs(self) -> None:
         """Read recordings that the check has not read: those it did not reach, and those not in the campaign."""
         entries = [self.document.find_file(e.get("file")) for e in self.document.list_entries("recording")]
+        traces = [self.document.find_file(e.get("file")) for e in self.document.list_entries("force")]
         offered = [self.folder / path for path in self.additions.pictures]
-        for path in [*entries, *offered]:
-            if path is not None and path.suffix == ".nc":
+        for path in [*entries, *traces, *offered]:
+            if path is not None and (path.suffix == ".nc" or path in traces):
                 try_describe(self.store, path)
 
     def _show_check(self, check: CampaignCheck) -> None:
@@ -290,5 +295,13 @@ class CampaignPage:
         return False
 
     async def _open_command(self, command: str) -> None:
-        if await self._save():
+        """Save, and open the page of runs with a command, unless the check finds errors."""
+        if not await self._save():
+            return
+        if self.checked_text != self.document.text or self.is_checking:
+            self.checked_text = self.document.text
+            await self._check(self.document.text)
+        if self.check.faults:
+            ui.notify("Saved. Repair the errors that are shown first.", type="warning")
+        else:
             ui.navigate.to(page_address("runs", command=command, of=self.document.name))

@@ -26,7 +26,9 @@ def show_scope(check: CampaignCheck, document: CampaignDocument) -> None:
     entries = [entry for kind in ENTRY_KINDS for entry in document.list_entries(kind)]
     campaign = check.campaign
     if campaign is None:
-        if not entries:
+        if document.raw is None:
+            ui.label("The text is not valid TOML.").classes("ft-muted")
+        elif not entries:
             ui.label("Add a measurement to see what it can show.").classes("ft-muted")
         elif check.faults:
             n = len(check.faults)

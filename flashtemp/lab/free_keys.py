@@ -163,7 +163,9 @@ class FreeKeysPanel:
 
     def _show_rows(self, kind: str, values: dict[str, Any]) -> None:
         if not values:
-            nothing = "No key is free." if kind == FREE else "None stated: each input has the usual uncertainty of its kind."
+            nothing = (
+                "No key is free." if kind == FREE else "None stated: each input has the usual uncertainty of its kind."
+            )
             ui.label(nothing).classes("ft-muted")
             return
         with ui.element("ul").classes("ft-keys"):
@@ -253,7 +255,9 @@ class CandidateSwitches:
             with self.body, ui.element("div").classes("ft-grid"):
                 for name, reason in effects.items():
                     with ui.column().classes("gap-0"):
-                        switch = ui.switch(name.replace("_", " "), on_change=lambda: self._write_choice()).props("dense")
+                        switch = ui.switch(name.replace("_", " "), on_change=lambda: self._write_choice()).props(
+                            "dense"
+                        )
                         ui.label(escape_control(known[name].cause)).classes("ft-muted ft-small")
                         if reason:
                             words = reason.split("; name it")[0]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from base64 import b64encode
 from collections import OrderedDict
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
@@ -17,6 +19,8 @@ from flashtemp.camera.recording import Recording, load
 from flashtemp.errors import BadInput, FlashtempError
 from flashtemp.lab.page_layout import refuse_damaged
 from flashtemp.lab.workspace import escape_control, resolve_inside
+from flashtemp.physics.interpolation import read_xy_pairs
+from flashtemp.physics.tables.wanted import FRICTION, TIME
 
 MAX_READ_GB: Final = 1.0  # of memory for one recording
 MAX_SAMPLE_VALUES: Final = 500_000  # of the frames that are kept of one recording
@@ -42,21 +46,31 @@ class RecordingBrief:
     curve: tuple[tuple[float, float], ...] = ()
 
 
+Kept = tuple[RecordingBrief, Recording | None]  # of a file: its brief, and some frames of a recording
+
+
 class RecordingStore:
     """Briefs and samples of recordings by file and time of change; only files inside the folder are read."""
 
     def __init__(self, folder: Path):
         self.folder = folder
-        self._kept: OrderedDict[tuple[Path, int, int], tuple[RecordingBrief, Recording] | BadInput] = OrderedDict()
+        self._kept: OrderedDict[tuple[Path, int, int], Kept | BadInput] = OrderedDict()
         self._lock = Lock()
 
     def load_sample(self, path: Path) -> Recording:
         """A few frames of a recording, evenly spaced in time.  Raises BadInput."""
-        return self._open_file(path)[1]
+        sample = self._open_file(path)[1]
+        if sample is None:
+            raise BadInput(f"{path}: a table of a load cell, not a recording")
+        return sample
 
     def describe_file(self, path: Path) -> RecordingBrief:
         """A recording in brief.  Raises BadInput."""
         return self._open_file(path)[0]
+
+    def describe_trace(self, path: Path) -> RecordingBrief:
+        """A table of a load cell in brief: its number of readings as `frames`, and its curve.  Raises BadInput."""
+        return self._open_file(path, _read_trace)[0]
 
     def find_brief(self, path: Path) -> RecordingBrief | None:
         """The brief of a recording that has been read before, None for any other."""
@@ -73,13 +87,13 @@ class RecordingStore:
         state = file.stat()
         return file, state.st_mtime_ns, state.st_size
 
-    def _open_file(self, path: Path) -> tuple[RecordingBrief, Recording]:
+    def _open_file(self, path: Path, read: Callable[[Path], Kept] | None = None) -> Kept:
         key = self._make_key(path)
         with self._lock:  # one at a time: each may take MAX_READ_GB
             kept = self._kept.get(key)
             if kept is None:
                 try:
-                    kept = _read_brief(key[0])
+                    kept = (read or _read_brief)(key[0])
                 except BadInput as fault:  # a damaged file is not read again until it changes
                     kept = fault
                 self._kept[key] = kept
@@ -91,13 +105,20 @@ class RecordingStore:
         return kept
 
 
-def _read_brief(file: Path) -> tuple[RecordingBrief, Recording]:
+def _read_trace(file: Path) -> Kept:
+    with refuse_damaged(file):
+        time, mu = read_xy_pairs(file.name, file.parent, "file", columns=(TIME, FRICTION))
+    curve = sample_curve(time, mu)
+    return RecordingBrief("load cell", len(time), (1, 1), (min(mu), max(mu)), None, None, "", "", curve), None
+
+
+def _read_brief(file: Path) -> Kept:
     with refuse_damaged(file):
         full = load(file, MAX_READ_GB)
         T = full.temperature
         few = max(2, MAX_NOISE_VALUES // max(T[0].size, 1))
         noise = None if full.places is not None or T[0].size < 3 else float(temporal_noise(T[:few]))
-        picture, curve = "", ()
+        picture, curve = "", tuple[tuple[float, float], ...]()
         if full.places is None:
             picture = _encode_picture(full)
         else:
@@ -113,7 +134,7 @@ def _read_brief(file: Path) -> tuple[RecordingBrief, Recording]:
 
 
 def _encode_picture(recording: Recording) -> str:
-    """The hottest frame that has values, or all rows of a profile over time, as the data address of a PNG."""
+    """A frame near the middle, or the rows of a profile over time, as the data address of a PNG."""
     from flashtemp.viz.measurement.raw_images import encode_png
 
     T = recording.temperature
@@ -140,9 +161,10 @@ def sample_curve(time: Any, values: Any, points: int = 120) -> tuple[tuple[float
     return tuple((float(t), float(v)) for t, v in pairs if np.isfinite(t) and np.isfinite(v))
 
 
-def try_describe(store: RecordingStore, path: Path) -> RecordingBrief | str:
-    """A recording in brief, or the reason why it cannot be read."""
-    try:
-        return store.describe_file(path)
-    except (FlashtempError, OSError) as fault:
-        return str(fault)
+def try_describe(store: RecordingStore, path: Path) -> None:
+    """Read a recording or the table of a load cell into the store; the store remembers a file that cannot be read."""
+    with suppress(FlashtempError, OSError):
+        if path.suffix == ".nc":
+            store.describe_file(path)
+        else:
+            store.describe_trace(path)

@@ -13,7 +13,7 @@ from flashtemp.display import format_count
 from flashtemp.lab.campaign_checks import CampaignCheck
 from flashtemp.lab.campaign_document import CampaignDocument, format_cell, parse_cell
 from flashtemp.lab.page_layout import chip, page_address, relative_names
-from flashtemp.lab.recording_store import RecordingBrief, RecordingStore, sample_curve
+from flashtemp.lab.recording_store import RecordingBrief, RecordingStore
 from flashtemp.lab.toml_tables import Table, change_entry, remove_entry
 from flashtemp.lab.workspace import escape_control
 from flashtemp.model.case import Case
@@ -79,7 +79,9 @@ class RecordingTable:
         self.rows = []
         with self.body:
             if not entries:
-                ui.label("No measurement in this campaign yet. Add recordings below.").classes("ft-muted")
+                nothing = "No measurement in this campaign yet. Add recordings below."
+                damaged = "The text is not valid TOML. Repair it below; its table then appears here."
+                ui.label(damaged if self.document.raw is None else nothing).classes("ft-muted")
                 return
             with ui.element("table").classes("ft-table ft-recordings"):
                 with ui.element("thead"), ui.element("tr"):
@@ -100,20 +102,20 @@ class RecordingTable:
                 ui.label(name).classes("ft-mono ft-small break-all")
                 row.view = ui.element("div")
             for key in columns:
-                with ui.element("td"):
+                with _cell(key):
                     self._add_field(row, key, f"{key} of {name}")
-            with ui.element("td"):
+            with _cell("frames"):
                 row.facts = ui.column().classes("gap-0 ft-small whitespace-nowrap")
-            with ui.element("td"):
+            with _cell("noise (1 sd)"):
                 self._add_field(row, NOISE_KEYS[row.kind], f"noise of {name}")
-            with ui.element("td"):
+            with _cell("camera" if row.kind == "recording" else ""):
                 if row.kind == "recording":
                     self._add_camera(row, name)
-            with ui.element("td"):
+            with _cell("held out"):
                 held = ui.switch(on_change=lambda: self._hold_out(row))
                 held.props["aria-label"] = f"hold {name} out of the fit"
                 row.fields["held_out"] = held
-            with ui.element("td"), ui.row().classes("no-wrap gap-0"):
+            with _cell("change"), ui.row().classes("no-wrap gap-0"):
                 self._add_buttons(row, name)
         with ui.element("tr") as row.fault_row, _wide_cell(len(columns) + 7):
             row.faults = ui.column().classes("ft-note error gap-0").props("role=alert")
@@ -220,14 +222,10 @@ class RecordingTable:
             self.update_values()
         self._show_defaults()
         self._offer_columns()
-        traces = {e.file: e for e in check.campaign.forces} if check.campaign is not None else {}
         for row in self.rows:
             entry = self.document.list_entries(row.kind)[row.number - 1]
             self._show_faults(row, check.entry_faults(row.kind, row.number))
-            if row.kind == "force":
-                if (trace := traces.get(str(entry.get("file")))) is not None:
-                    self._show_curve(row, sample_curve(trace.time, trace.mu), format_count(len(trace.mu), "reading"))
-            elif (path := self.document.find_file(entry.get("file"))) is not None:
+            if (path := self.document.find_file(entry.get("file"))) is not None:
                 self._show_brief(row, self.store.find_brief(path))
 
     def _show_faults(self, row: EntryRow, faults: list[str]) -> None:
@@ -270,33 +268,26 @@ class RecordingTable:
                 picture.props["src"] = brief.picture
             size = f"{brief.pixels[0]} × {brief.pixels[1]} px"
         else:
-            self._show_curve(row, brief.curve, "")
+            with row.picture:
+                draw_curve(brief.curve)
             size = format_count(brief.pixels[0], "sensor")
         with row.facts:
+            if row.kind == "force":
+                ui.label(format_count(brief.frames, "reading"))
+                ui.label(f"{brief.span[0]:.3g} to {brief.span[1]:.3g}").classes("ft-muted")
+                return
             ui.label(format_count(brief.frames, "frame"))
             ui.label(size).classes("ft-muted")
             ui.label(f"{brief.span[0]:.1f} to {brief.span[1]:.1f} °C").classes("ft-muted")
+        if choice := row.fields.get("camera"):
+            choice.options[BY_RECORDING] = f"{brief.camera} (file)"
+            choice.update()
         if box := row.fields.get("sigma_K"):
             stated = f"{brief.netd_K:.3g} K" if brief.netd_K is not None else ""
             measured = f"measured {brief.noise_K:.2g} K" if brief.noise_K is not None else ""
             box.props["placeholder"] = stated or measured or "estimated"
             box.props["hint"] = measured
             box.props("bottom-slots")
-
-    def _show_curve(self, row: EntryRow, curve: tuple[tuple[float, float], ...], words: str) -> None:
-        """A small curve over time in place of a picture."""
-        row.picture.clear()
-        with row.picture:
-            draw_curve(curve)
-        if words:
-            row.view.clear()
-            row.facts.clear()
-            with row.view:
-                chip("load cell")
-            with row.facts:
-                ui.label(words)
-                if curve:
-                    ui.label(f"{min(v for _, v in curve):.3g} to {max(v for _, v in curve):.3g}").classes("ft-muted")
 
     def _unit_of(self, key: str) -> str:
         table, _, name = key.rpartition(".")
@@ -333,8 +324,16 @@ def _head(words: str, unit: str = "") -> None:
             ui.label(unit).classes("ft-small")
 
 
-def _wide_cell(columns: int) -> Any:
+def _cell(label: str) -> Any:
+    """A cell, with the words that a narrow page shows above it."""
     cell = ui.element("td")
+    if label:
+        cell.props["data-label"] = label
+    return cell
+
+
+def _wide_cell(columns: int) -> Any:
+    cell = ui.element("td").classes("ft-wide")
     cell.props["colspan"] = columns
     return cell
 

@@ -102,7 +102,9 @@ class CampaignPage:
             self._add_editor()
 
     def _add_editor(self) -> None:
-        self.editor = ui.codemirror(self.document.text, language="TOML", on_change=lambda: self._text_typed())
+        self.editor = ui.codemirror(
+            self.document.text, language="TOML", line_wrapping=True, on_change=lambda: self._text_typed()
+        )
         self.editor.classes("w-full").style("height: 28rem")
         self.editor.props["aria-label"] = "text of the campaign"
 

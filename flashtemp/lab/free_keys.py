@@ -155,11 +155,13 @@ class FreeKeysPanel:
                 for text in faults:
                     ui.label(escape_control(text)).classes("break-words")
             place.set_visibility(bool(faults))
-        if check.case is not None and check.case is not self.case:
-            self.case = check.case
-            self.options = {FREE: list_free_keys(check.case), KNOWN: list_known_keys(check.case)}
-            self.shown = None
-            self.update_values()
+        if check.case is None:
+            return
+        self.case = check.case
+        options = {FREE: list_free_keys(check.case), KNOWN: list_known_keys(check.case)}
+        if options != self.options:  # else the rows stay, as the user may be typing in one
+            self.options, self.shown = options, None
+        self.update_values()
 
     def _show_rows(self, kind: str, values: dict[str, Any]) -> None:
         if not values:

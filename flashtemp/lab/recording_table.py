@@ -21,6 +21,7 @@ from flashtemp.model.case import Case
 USUAL_CONDITIONS: Final = ("contact.pressure", "schedule.speed")  # columns that are always there
 CURVE_SIZE: Final = (160, 64)  # of a small curve, in its own units
 NOISE_KEYS: Final = {"recording": "sigma_K", "force": "sigma"}
+BRIEF: Final = "brief"  # among what a row shows
 BY_RECORDING: Final = ""  # the camera class that the recording states
 
 
@@ -168,8 +169,7 @@ class RecordingTable:
                 value = format_cell(stated)
                 is_number = isinstance(stated, (int, float)) and not isinstance(stated, bool)
                 unit = "K" if key == "sigma_K" else self._unit_of(key)
-                box.props["suffix"] = unit if is_number and unit != "1" else ""
-                box.update()
+                _set_prop(box, "suffix", unit if is_number and unit != "1" else "")
             if row.written.get(key) != value:
                 row.written[key] = value
                 box.value = value
@@ -223,7 +223,10 @@ class RecordingTable:
         self._show_defaults()
         self._offer_columns()
         for row in self.rows:
-            entry = self.document.list_entries(row.kind)[row.number - 1]
+            entries = self.document.list_entries(row.kind)
+            if row.number > len(entries):  # the text is not TOML at the moment
+                continue
+            entry = entries[row.number - 1]
             self._show_faults(row, check.entry_faults(row.kind, row.number))
             if (path := self.document.find_file(entry.get("file"))) is not None:
                 self._show_brief(row, self.store.find_brief(path))
@@ -242,8 +245,7 @@ class RecordingTable:
             for key, box in row.fields.items():
                 if "." in key:
                     value, unit = self._case_value(key), self._unit_of(key)
-                    box.props["placeholder"] = f"{format_cell(value)} {unit if unit != '1' else ''}".strip()
-                    box.update()
+                    _set_prop(box, "placeholder", f"{format_cell(value)} {unit if unit != '1' else ''}".strip())
                     box.update()
 
     def _offer_columns(self) -> None:
@@ -253,6 +255,9 @@ class RecordingTable:
             self.column.set_options([k for k in keys if k not in shown and not k.startswith(("numerics", "output"))])
 
     def _show_brief(self, row: EntryRow, brief: RecordingBrief | None) -> None:
+        if row.written.get(BRIEF, ...) == brief:
+            return
+        row.written[BRIEF] = brief
         row.picture.clear()
         row.facts.clear()
         row.view.clear()
@@ -285,9 +290,9 @@ class RecordingTable:
         if box := row.fields.get("sigma_K"):
             stated = f"{brief.netd_K:.3g} K" if brief.netd_K is not None else ""
             measured = f"measured {brief.noise_K:.2g} K" if brief.noise_K is not None else ""
-            box.props["placeholder"] = stated or measured or "estimated"
-            box.props["hint"] = measured
             box.props("bottom-slots")
+            _set_prop(box, "placeholder", stated or measured or "estimated")
+            _set_prop(box, "hint", measured)
 
     def _unit_of(self, key: str) -> str:
         table, _, name = key.rpartition(".")
@@ -315,6 +320,13 @@ def draw_curve(curve: tuple[tuple[float, float], ...]) -> None:
     with ui.element("svg").props("aria-hidden=true preserveAspectRatio=none") as drawing:
         drawing.props["viewBox"] = f"0 0 {wide} {high}"
         ui.element("polyline").props["points"] = " ".join(points)
+
+
+def _set_prop(box: Any, name: str, value: str) -> None:
+    """Set a property of a field, and send the field only if that changes it: the user may be typing."""
+    if box.props.get(name) != value:
+        box.props[name] = value
+        box.update()
 
 
 def _head(words: str, unit: str = "") -> None:

@@ -106,7 +106,7 @@ def find_outside_files(raw: dict[str, Any], path: Path, folder: Path) -> list[Ca
     for kind, number, key, name in named:
         if isinstance(name, str):
             try:
-                resolve_inside(folder, os.path.relpath(path.parent / name, folder))
+                resolve_inside(folder, os.path.relpath(path.parent / name, folder.resolve()))
             except (BadInput, ValueError) as fault:
                 text = str(fault) if isinstance(fault, BadInput) else "not a valid file name"
                 out.append(CampaignFault(kind, number, key, f"{key}: {text}"))

@@ -58,7 +58,7 @@ class CampaignDocument:
         if not isinstance(name, str) or not name:
             return None
         try:
-            return resolve_inside(self.folder, os.path.relpath(self.path.parent / name, self.folder))
+            return resolve_inside(self.folder, os.path.relpath(self.path.parent / name, self.folder.resolve()))
         except (BadInput, ValueError):
             return None
 

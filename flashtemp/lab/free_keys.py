@@ -97,7 +97,9 @@ def suggest_known(key: InputKey) -> Any:
     (0.02, '0.5 K')
     """
     sd, relative, _ = USUAL_SD.get(key.name, (0.5, False, "") if key.unit == "degC" else (USUAL_KNOWN_SD, True, ""))
-    return sd if relative else f"{sd:g} {'K' if key.unit == 'degC' else key.unit}".strip()
+    if not relative and key.unit in ("", "1"):  # without a unit it would be read as relative
+        sd, relative = sd / abs(key.value) if key.value else USUAL_KNOWN_SD, True
+    return sd if relative else f"{sd:g} {'K' if key.unit == 'degC' else key.unit}"
 
 
 class FreeKeysPanel:

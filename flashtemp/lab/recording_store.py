@@ -81,7 +81,7 @@ class RecordingStore:
         return kept[0] if isinstance(kept, tuple) else None
 
     def _make_key(self, path: Path) -> tuple[Path, int, int]:
-        file = resolve_inside(self.folder, os.path.relpath(path, self.folder))
+        file = resolve_inside(self.folder, os.path.relpath(path, self.folder.resolve()))
         if not file.is_file():
             raise BadInput(f"{escape_control(str(path))}: no such recording")
         state = file.stat()

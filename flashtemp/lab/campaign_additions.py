@@ -213,10 +213,15 @@ class CampaignAdditions:
     # --- dropped files -----------------------------------------------------------------------------------------
     def _show_drop_zone(self) -> None:
         drop = ui.upload(
-            label="Drop recordings, tables or camera files here", multiple=True, auto_upload=True,
+            multiple=True, auto_upload=True,
             on_multi_upload=self._store_files, max_total_size=MAX_UPLOAD_BYTES, max_files=MAX_UPLOAD_FILES,
         ).on_rejected(_notify_rejected)  # fmt: skip
         drop.classes("ft-drop w-full").props("flat bordered")
+        with drop.add_slot("list"), ui.row().classes("items-center gap-3"):
+            ui.label("Drop recordings, tables or camera files here, or").classes("ft-muted")
+            choose = ui.button("Choose files", icon="upload_file").props("outline no-caps")
+            # in the browser itself: it opens a file dialog only during a click
+            choose.on("click", js_handler=f"() => getElement({drop.id}).pickFiles()")
         drop.props["accept"] = ",".join(sorted(MEASUREMENT_SUFFIXES | CAMERA_SUFFIXES))
         ui.label(
             "Recordings (.nc) are added to the campaign. Tables can be chosen on the left. Camera files are stored, "

@@ -105,8 +105,11 @@ class CampaignPage:
         self.editor = ui.codemirror(
             self.document.text, language="TOML", line_wrapping=True, on_change=lambda: self._text_typed()
         )
-        self.editor.classes("w-full").style("height: 28rem")
-        self.editor.props["aria-label"] = "text of the campaign"
+        self.editor.classes("w-full ft-text").style("height: 28rem")
+        name_editor = (
+            f"getHtmlElement({self.editor.id}).querySelector('.cm-content').ariaLabel = 'text of the campaign'"
+        )
+        ui.timer(0.5, lambda: ui.run_javascript(name_editor), once=True)
 
     def _add_file_controls(self) -> None:
         cases = [str(p) for p in self.listing.cases]

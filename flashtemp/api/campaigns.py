@@ -24,6 +24,7 @@ from flashtemp.discovery.verdict import Verdict
 from flashtemp.display import DisplayMixin, write_json
 from flashtemp.errors import BadInput
 from flashtemp.model.case import Case
+from flashtemp.model.case_file import parse_toml
 from flashtemp.runs.results.result_folder import optional_folder
 from flashtemp.runs.results.worker_pool import open_worker_pool
 
@@ -47,7 +48,11 @@ def parse_campaign(
 
     `planned` as in `open_campaign`; `load_recording` reads the recordings.  Raises BadInput.
     """
-    return reading.parse_campaign(text, file, planned, load_recording)
+    try:
+        raw = parse_toml(text)
+    except (ValueError, RecursionError) as fault:
+        raise BadInput(f"{file}: not valid TOML: {str(fault).split(chr(10))[0]}; repair that line") from fault
+    return reading.read_tables(text, raw, file, planned, False, load_recording)
 
 
 def resolve_campaign(campaign: str | Path | Campaign, planned: bool = False) -> Campaign:

@@ -106,10 +106,9 @@ class CampaignPage:
             self.document.text, language="TOML", line_wrapping=True, on_change=lambda: self._text_typed()
         )
         self.editor.classes("w-full ft-text").style("height: 28rem")
-        name_editor = (
-            f"getHtmlElement({self.editor.id}).querySelector('.cm-content').ariaLabel = 'text of the campaign'"
-        )
-        ui.timer(0.5, lambda: ui.run_javascript(name_editor), once=True)
+        find_text = f"const text = getHtmlElement({self.editor.id})?.querySelector('.cm-content');"
+        name_text = "if (text) { text.ariaLabel = 'text of the campaign'; text.tabIndex = 0; }"
+        ui.timer(0.5, lambda: ui.run_javascript(find_text + name_text), once=True)
 
     def _add_file_controls(self) -> None:
         cases = [str(p) for p in self.listing.cases]

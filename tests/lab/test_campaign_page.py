@@ -97,6 +97,12 @@ def test_an_edit_that_would_lose_something_is_refused():
             edit()
 
 
+def test_an_entry_of_an_unusual_form_is_written_anew():
+    text = '[[recording]]\nfile = "a.nc"\n[recording.with]\ncontact . pressure = 1e5\n"schedule.speed" = 0.1\n'
+    changed = change_entry(text, "recording", 1, {"with": {SPEED: 0.2}})
+    assert read_entries(tomllib.loads(changed), "recording") == [{"file": "a.nc", "with": {SPEED: 0.2}}]
+
+
 def test_priors_make_a_table_of_the_free_keys():
     text = set_top_key(TEXT, "free", {"friction.mu": 0.1})
     assert tomllib.loads(text) == tomllib.loads(TEXT) | {"free": {"friction.mu": 0.1}}

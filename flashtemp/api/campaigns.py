@@ -10,6 +10,7 @@ from typing import Any
 from flashtemp.api import reports
 from flashtemp.api.inputs import Overrides, Say, ignore_message, resolve_case
 from flashtemp.api.picture_faults import RERUN_ELSEWHERE_HINT, report_drawing_faults
+from flashtemp.camera.recording import load as load_recording
 from flashtemp.comparison import campaign as reading
 from flashtemp.comparison import compare as comparing
 from flashtemp.comparison import synthetic_campaign as twins
@@ -23,6 +24,7 @@ from flashtemp.discovery.verdict import Verdict
 from flashtemp.display import DisplayMixin, write_json
 from flashtemp.errors import BadInput
 from flashtemp.model.case import Case
+from flashtemp.model.case_file import parse_toml
 from flashtemp.runs.results.result_folder import optional_folder
 from flashtemp.runs.results.worker_pool import open_worker_pool
 
@@ -37,6 +39,20 @@ def open_campaign(
     not given.  Raises BadInput.
     """
     return reading.load(campaign, planned, trust, limit)
+
+
+def parse_campaign(
+    text: str, file: Path, planned: bool = False, load_recording: reading.RecordingLoader = load_recording
+) -> Campaign:
+    """The campaign that `text` describes as the content of `file`, which need not exist.
+
+    `planned` as in `open_campaign`; `load_recording` reads the recordings.  Raises BadInput.
+    """
+    try:
+        raw = parse_toml(text)
+    except (ValueError, RecursionError) as fault:
+        raise BadInput(f"{file}: not valid TOML: {str(fault).split(chr(10))[0]}; repair that line") from fault
+    return reading.read_tables(text, raw, file, planned, False, load_recording)
 
 
 def resolve_campaign(campaign: str | Path | Campaign, planned: bool = False) -> Campaign:

@@ -15,9 +15,9 @@ from flashtemp.camera.camera_classes import CAMERA_CLASSES, UNCOOLED
 from flashtemp.camera.importing import thermocouple_files
 from flashtemp.camera.prediction import synthetic_recording
 from flashtemp.camera.recording import Recording
-from flashtemp.camera.sensors import positions_from_rows
 from flashtemp.comparison.frame_means import AveragedFrames
 from flashtemp.comparison.known_inputs import StatedUncertainty, read_known
+from flashtemp.comparison.planned_recording import make_planned_recording
 from flashtemp.display import DisplayMixin, DisplayTable
 from flashtemp.errors import BadInput, suggest_name
 from flashtemp.model import case as cases
@@ -26,8 +26,6 @@ from flashtemp.physics import units
 from flashtemp.physics.interpolation import read_xy_pairs
 from flashtemp.physics.tables.wanted import FRICTION, TIME
 
-PLANNED_NETD_K = 0.05  # K, noise of the camera in a planned recording
-PLANNED_READINGS = 40  # readings of planned thermocouples per repetition
 MAX_FREE_SD = 3.0  # relative standard deviation of a free key: a factor of 20
 TOP_KEYS = {"title", "case", "free", "known", "candidates", "recording", "force"}
 ENTRY_KEYS = {
@@ -38,6 +36,7 @@ DEFAULT_CAMPAIGN_FILE = "campaign.toml"
 
 
 CaseLoader = Callable[..., cases.Case]  # loads the case with overrides
+RecordingLoader = Callable[[Path], Recording]  # reads a recording file
 
 
 @dataclass(frozen=True)
@@ -171,8 +170,21 @@ def load(
     if not file.is_file():
         raise BadInput(case_file.describe_missing_file(path, file_kinds.CAMPAIGN_KIND))
     text, raw = case_file.read_toml(file)
+    return read_tables(text, raw, file, planned, trust, partial(recording.load, limit=limit), may_miss)
+
+
+def read_tables(
+    text: str,
+    raw: dict[str, Any],
+    file: Path,
+    planned: bool,
+    trust: bool,
+    load_recording: RecordingLoader,
+    may_miss: bool = False,
+) -> Campaign:
+    """The campaign of a file, from its `text` and parsed tables `raw`; arguments as of `load`.  Raises BadInput."""
     file_kinds.require_kind(file_kinds.CAMPAIGN_KIND, raw, file, file.name)
-    reader = _CampaignReader(case_file.KeyLocations(str(file), text), file.parent, planned, limit, may_miss)
+    reader = _CampaignReader(case_file.KeyLocations(str(file), text), file.parent, planned, load_recording, may_miss)
     for key in raw.keys() - TOP_KEYS:
         reader.add_fault(key, f"unknown key{suggest_name(key, sorted(TOP_KEYS))}")
     case = reader.read_case(raw)
@@ -208,7 +220,7 @@ class _CampaignReader:
     where: case_file.KeyLocations
     folder: Path
     planned: bool
-    limit: float | None
+    load_recording: RecordingLoader
     may_miss: bool = False
     faults: list[str] = field(default_factory=list)
     awaited: list[str] = field(default_factory=list)
@@ -347,7 +359,7 @@ class _CampaignReader:
             if load_case_with is None:
                 return None
             try:
-                recorded = _planned_recording(entry, load_case_with(given), f"recording {number}")
+                recorded = make_planned_recording(entry, load_case_with(given), f"recording {number}")
             except BadInput as fault:
                 self.faults.extend(f"{self.where('recording', number)}: {line}" for line in fault.lines)
                 return None
@@ -356,7 +368,7 @@ class _CampaignReader:
             )
         try:
             if "points" not in entry:
-                recorded = recording.load(self.folder / entry["file"], self.limit)
+                recorded = self.load_recording(self.folder / entry["file"])
             elif load_case_with is None:
                 return None
             else:
@@ -481,16 +493,3 @@ def _as_float(value: Any) -> Any:
 def _with_camera_class(recorded: Recording, entry: dict[str, Any]) -> Recording:
     """A recording with the camera class that the campaign states."""
     return replace(recorded, camera=entry["camera"]) if "camera" in entry else recorded
-
-
-def _planned_recording(entry: dict[str, Any], case: cases.Case, key: str) -> Recording:
-    """An empty recording of a planned view: four frames per repetition and one per wait; more readings of points."""
-    scene = case.scene
-    if entry["view"] == "points":
-        places = positions_from_rows(entry["points"], f"{key}: points")
-        return synthetic_recording.empty_sensor_recording(
-            places, scene, *synthetic_recording.frame_schedule(scene.schedule, PLANNED_READINGS, 4), PLANNED_NETD_K
-        )
-    return synthetic_recording.empty_recording(
-        entry["view"], scene, *synthetic_recording.frame_schedule(scene.schedule, 4, 1), PLANNED_NETD_K
-    )

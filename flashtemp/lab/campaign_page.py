@@ -1,132 +1,311 @@
-"""The campaign page: its case, recordings with conditions, free parameters, and the TOML text."""
+"""The campaign page: measurements with their conditions, what is free, checks as you go, and the TOML text."""
 
 from __future__ import annotations
 
-import os
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from nicegui import ui
+from nicegui import run, ui
 
-from flashtemp.api.campaigns import open_campaign
-from flashtemp.errors import BadInput
-from flashtemp.lab.page_layout import ask_to_run, page_address, save_text, show_error, show_errors
+from flashtemp.lab.campaign_additions import CampaignAdditions
+from flashtemp.lab.campaign_checks import CampaignCheck, check_campaign, find_outside_files
+from flashtemp.lab.campaign_document import CampaignDocument
+from flashtemp.lab.campaign_list import new_campaign_text, show_campaigns
+from flashtemp.lab.campaign_scope import show_scope
+from flashtemp.lab.free_keys import CandidateSwitches, FreeKeysPanel
+from flashtemp.lab.jobs import command_text
+from flashtemp.lab.page_layout import (
+    STANDARD_FILES,
+    action,
+    card,
+    note,
+    page_address,
+    program_lines,
+    save_text,
+    show_command,
+    show_error,
+    show_errors,
+)
 from flashtemp.lab.programs import AllowedPrograms, programs_of_campaign
+from flashtemp.lab.recording_store import RecordingStore, try_describe
+from flashtemp.lab.recording_table import RecordingTable
 from flashtemp.lab.saving import TextVersion, read_text
-from flashtemp.lab.toml_editing import set_toml_key
-from flashtemp.lab.workspace import escape_control, free_name, list_folder
-from flashtemp.model.case_file import parse_toml
-from flashtemp.model.toml_format import value_text
+from flashtemp.lab.toml_tables import set_top_key
+from flashtemp.lab.workspace import FolderListing, escape_control, free_name, list_folder
 
-NEW_CAMPAIGN = 'title = "my campaign"\ncase = "case.toml"\nfree = ["friction.mu"]\n'
+CHECK_INTERVAL_S: Final = 0.4  # a text is checked when it has not changed for so long
+COMMANDS: Final = {"compare": "Compare", "discover": "Ask what is missing", "plan": "Plan"}
+PLACED_KEYS: Final = ("free", "known")  # whose errors stand beside their lists
 
 
 class CampaignPage:
     """One campaign as text; the controls only edit the text, which alone is saved."""
 
-    def __init__(self, folder: Path, allowed: AllowedPrograms | None = None):
+    def __init__(self, folder: Path, allowed: AllowedPrograms | None = None, store: RecordingStore | None = None):
         self.folder, self.allowed = folder, allowed or AllowedPrograms()
+        self.store = store or RecordingStore(folder)
         self.opened: TextVersion | None = None
+        self.listing = FolderListing()
+        self.saved_text: str | None = None
+        self.ticked_text: str | None = None  # at the last tick: the user may still be typing
+        self.checked_text: str | None = None
+        self.is_checking = False
+        self.check = CampaignCheck()
 
-    def show(self, name: str) -> None:
-        """Show a campaign of the folder, or a new one where `name` is ""."""
+    def show(self, name: str, new: bool = False) -> None:
+        """Show a campaign of the folder, a new one, or the list of campaigns where neither is asked for."""
+        if not name and not new:
+            show_campaigns(self.folder)
+            return
         with show_errors(self.folder):
             self.listing = list_folder(self.folder)
-            text, self.opened = read_text(self.folder, name) if name else (self._new_text(), None)
-            with ui.row().classes("w-full items-center"):
-                self.name = ui.input("file", value=name or free_name(self.folder, "campaign.toml")).classes("w-96")
-                ui.button("Save", on_click=self._save)
-                for command in ("compare", "discover", "plan"):
-                    ui.button(command, on_click=lambda c=command: self._open_command(c)).props("outline no-caps")
-            self.faults = ui.column().classes("w-full gap-1").props("aria-live=polite")
-            with ui.row().classes("w-full items-start no-wrap max-lg:flex-wrap"):
-                with ui.column().classes("w-full lg:w-1/2"):
-                    self._add_controls(text)
-                self.text = ui.codemirror(text, language="TOML").classes("w-full lg:w-1/2 h-96")
+            text, self.opened = read_text(self.folder, name) if name else (new_campaign_text(self.listing), None)
+            self.saved_text = text if name else None
+            self.document = CampaignDocument(
+                self.folder, name or free_name(self.folder, "campaign.toml"), text
+            )  # fmt: skip
+            self.document.changed, self.document.refused = self._text_edited, self._show_refusal
+            self._build_page(is_new=not name)
+            ui.timer(CHECK_INTERVAL_S, self._check_if_changed)
 
-    def _new_text(self) -> str:
-        """A new campaign with case.toml, or else the first case of the folder."""
-        cases = [p.as_posix() for p in self.listing.cases]
-        return NEW_CAMPAIGN if "case.toml" in cases or not cases else NEW_CAMPAIGN.replace("case.toml", cases[0])
+    # --- the page ----------------------------------------------------------------------------------------------
+    def _build_page(self, is_new: bool) -> None:
+        with card():
+            self._add_file_controls()
+            self._add_commands(is_new)
+        self.faults = ui.column().classes("w-full gap-1 ft-optional").props("aria-live=polite")
+        self.additions = CampaignAdditions(self.document, self.store, self._files_stored)
+        self.table = RecordingTable(self.document, self.store, self.additions.duplicate_entry)
+        with card(
+            "Measurements", "Each row has the conditions under which it was made. A cell changes the text below."
+        ):
+            self.additions.show_suggestions()
+            self.table.show()
+        with card("Add measurements"):
+            self.additions.show()
+        with ui.element("div").classes("ft-split"):
+            self.keys = FreeKeysPanel(self.document)
+            with card("What is fitted"):
+                self.keys.show()
+            with card("What these data can show"):
+                self.scope = ui.column().classes("w-full gap-3").props("aria-live=polite")
+                with self.scope:
+                    ui.spinner(size="md")
+        with card("Effects that may be missing"):
+            words = ui.label().classes("ft-muted")
+            self.candidates = CandidateSwitches(self.document, words.set_text)
+            with ui.expansion("Choose effects").classes("w-full ft-fold"):
+                self.candidates.show()
+        about = "All of the above is this text; you may edit it here as well."
+        with card("Text", about), ui.expansion("Show the text", value=self.document.raw is None).classes("w-full"):
+            self._add_editor()
 
-    def _add_controls(self, text: str) -> None:
-        cases = [str(p) for p in self.listing.cases]
-        try:
-            stated = (self.folder / self.name.value).parent / str(parse_toml(text).get("case", ""))
-            chosen = next((c for c in cases if (self.folder / c).resolve() == stated.resolve()), None)
-        except (ValueError, RecursionError, OSError):  # not TOML, or an impossible file name
-            chosen = None
-        ui.select(
-            cases, value=chosen, label="case of the base model",
-            on_change=lambda e: self._set_key("case", self._relative_path(e.value)),
-        ).classes("w-full")  # fmt: skip
-        self.free = ui.input("free keys, separated by commas", value="friction.mu").classes("w-full")
-        self.free.on(
-            "change", lambda: self._set_key("free", [k.strip() for k in self.free.value.split(",") if k.strip()])
+    def _add_editor(self) -> None:
+        self.editor = ui.codemirror(
+            self.document.text, language="TOML", line_wrapping=True, on_change=lambda: self._text_typed()
         )
-        ui.label("Add a recording").classes("text-lg font-medium")
-        recordings = [str(p) for p in self.listing.recordings]
-        self.file = ui.select(recordings, label="recording", with_input=True).classes("w-full")
-        self.conditions = ui.input("conditions, e.g. contact.pressure=3e5, schedule.speed=0.2").classes("w-full")
-        self.held_out = ui.checkbox("leave out of the fit")
-        ui.button("Add", on_click=self._add_recording).props("outline")
+        self.editor.classes("w-full ft-text").style("height: 28rem")
+        find_text = f"const text = getHtmlElement({self.editor.id})?.querySelector('.cm-content');"
+        name_text = "if (text) { text.ariaLabel = 'text of the campaign'; text.tabIndex = 0; }"
+        ui.timer(0.5, lambda: ui.run_javascript(find_text + name_text), once=True)
 
-    def _relative_path(self, path: str) -> str:
-        """A file of the folder relative to the campaign file."""
-        campaign_folder = (self.folder / self.name.value).parent
-        return os.path.relpath(self.folder / path, campaign_folder)
+    def _add_file_controls(self) -> None:
+        cases = [str(p) for p in self.listing.cases]
+        with ui.element("div").classes("ft-form-row"):
+            self.name = ui.input("file", value=self.document.name, on_change=lambda: self._rename())
+            self.name.props("outlined dense").classes("grow")
+            self.title = ui.input("title").props("outlined dense").classes("grow")
+            self.title.on("change", lambda: self._set_key("title", self.title.value or None))
+            self.case = ui.select(cases, label="case of the base model", on_change=lambda: self._choose_case())
+            self.case.props("outlined dense").classes("grow")
+            action("Open the case", lambda: self._open_case(), "tune")
+        if not cases:
+            with ui.row().classes("items-center gap-2"):
+                note(
+                    "The folder has no case. A campaign needs one: block, road, load, speed and what heats.", "warning"
+                )
+                action("New case", lambda: ui.navigate.to(page_address("case")), "add")
+        self._fill_file_controls()
 
-    def _set_key(self, key: str, value: Any) -> None:
-        self.text.value = set_toml_key(self.text.value or "", "", key, value)
-
-    def _add_recording(self) -> None:
-        """Append a recording to the text."""
-        if not self.file.value:
+    def _fill_file_controls(self) -> None:
+        raw = self.document.raw
+        if raw is None:
             return
-        self.faults.clear()
-        with self.faults, show_errors(self.folder):
-            rows = ["", "[[recording]]", f"file = {value_text(self._relative_path(self.file.value))}"]
-            if conditions := _parse_conditions(self.conditions.value or ""):
-                rows.append(f"with = {value_text(conditions)}")
-            if self.held_out.value:
-                rows.append("held_out = true")
-            self.text.value = (self.text.value or "").rstrip() + "\n" + "\n".join(rows) + "\n"
+        title, stated = raw.get("title"), self.document.find_file(raw.get("case", "case.toml"))
+        self.title.value = title if isinstance(title, str) else ""
+        home = self.folder.resolve()
+        self.case.value = next((c for c in self.case.options if (home / c).resolve() == stated), None)
 
-    async def _save(self) -> bool:
-        """Save the text, then show its errors; effect files of its case run only with consent."""
+    def _add_commands(self, is_new: bool) -> None:
+        main = "compare" if is_new else "discover"
+        with ui.row().classes("items-center gap-2 w-full"):
+            action(COMMANDS[main], lambda: self._open_command(main), "play_arrow", main=True)
+            for command, words in COMMANDS.items():
+                if command != main:
+                    action(words, lambda c=command: self._open_command(c))
+            action("Save", self._save, "save")
+            self.state = ui.label().classes("ft-chip")
+        self.command = ui.column().classes("w-full")
+        self.main_command = main
+        self._show_state()
+
+    def _show_state(self) -> None:
+        """Show whether the text is saved, and the command of the main action."""
+        is_saved = self.document.text == self.saved_text and self.opened is not None
+        self.state.set_text("saved" if is_saved else "not saved")
+        self.state.classes(replace=f"ft-chip {'good' if is_saved else 'warning'}")
+        self.command.clear()
+        path = Path(self.document.name)
+        of = path.parent if path.name in STANDARD_FILES and path.parent != Path() else path
+        with self.command:
+            show_command(command_text([self.main_command, of.as_posix()]))
+
+    # --- edits ---------------------------------------------------------------------------------------------
+    def _set_key(self, key: str, value: Any) -> None:
+        self.document.apply_edit(lambda text: set_top_key(text, key, value))
+
+    def _rename(self) -> None:
+        self.document.name = self.name.value or ""
+        self.checked_text = None
+        self._show_state()
+
+    def _choose_case(self) -> None:
+        chosen = self.case.value
+        raw = self.document.raw or {}
+        if chosen and self.document.find_file(raw.get("case", "case.toml")) != (self.folder / chosen).resolve():
+            self._set_key("case", self.document.relative_name(Path(chosen)))
+
+    def _open_case(self) -> None:
+        ui.navigate.to(page_address("case", **({"open": self.case.value} if self.case.value else {})))
+
+    def _text_edited(self) -> None:
+        """A control has changed the text."""
+        if self.editor.value != self.document.text:
+            self.editor.value = self.document.text
+        self._show_text()
+
+    def _text_typed(self) -> None:
+        """The user has changed the text in the editor."""
+        if (self.editor.value or "") != self.document.text:
+            self.document.text = self.editor.value or ""
+            self._show_text()
+
+    def _show_text(self) -> None:
+        """Show the text in all controls; a text that is not TOML leaves them as they are."""
+        self._show_state()
+        if self.document.raw is not None:
+            self._fill_file_controls()
+            self.table.update_values()
+            self.keys.update_values()
+            self.candidates.update_values()
+            self.additions.update_offers()
+
+    def _show_refusal(self, error: str) -> None:
+        ui.notify(escape_control(error), type="negative")
+
+    def _files_stored(self, images: Sequence[str]) -> None:
+        """Camera files have been dropped: they become recordings on the camera page."""
+        self.checked_text = None
+        if images:
+            place = images[0] if len(images) == 1 else Path(images[0]).parent.as_posix()
+            with self.faults:
+                note(f"{len(images)} camera files are stored. Mark the block in them to make a recording.", "good")
+                action("Open them on the camera page", lambda: ui.navigate.to(page_address("camera", open=place)))
+            if self.document.text == self.saved_text:
+                ui.navigate.to(page_address("camera", open=place))
+
+    # --- checks ----------------------------------------------------------------------------------------------
+    async def _check_if_changed(self) -> None:
+        """Check the text once it has stayed the same for one tick."""
+        text = self.document.text
+        settled = text == self.ticked_text
+        self.ticked_text = text
+        if settled and not self.is_checking and text != self.checked_text:
+            self.is_checking = True
+            self.checked_text = text
+            try:
+                await self._check(text)
+            finally:
+                self.is_checking = False
+
+    async def _check(self, text: str) -> None:
+        """Check a text and show what is wrong where it is wrong; effect files run only with consent."""
+        check = CampaignCheck()
         self.faults.clear()
         with self.faults, show_errors(self.folder):
-            name, text = self.name.value or "", self.text.value or ""
+            path = self.document.path
+            if programs := self._find_programs(text, path):
+                self._offer_programs(programs)
+            else:
+                check = await run.io_bound(check_campaign, text, path, self.store) or check
+                if self.faults.is_deleted:
+                    return
+                for line in check.other_faults(*PLACED_KEYS):
+                    show_error(line, self.folder)
+        self.check = check
+        if not self.faults.is_deleted:  # the page may have been closed meanwhile
+            self._show_check(check)
+            await run.io_bound(self._read_briefs)
+        if not self.faults.is_deleted:
+            self._show_check(check)
+            self.additions.update_pictures()
+
+    def _find_programs(self, text: str, path: Path) -> list[Path]:
+        """Effect files that the check would run without consent.  Raises BadInput."""
+        raw = self.document.raw
+        if raw is None or find_outside_files(raw, path, self.folder):
+            return []
+        return self.allowed.unconfirmed_files(programs_of_campaign(text, path.parent))
+
+    def _read_briefs(self) -> None:
+        """Read recordings that the check has not read: those it did not reach, and those not in the campaign."""
+        entries = [self.document.find_file(e.get("file")) for e in self.document.list_entries("recording")]
+        traces = [self.document.find_file(e.get("file")) for e in self.document.list_entries("force")]
+        offered = [self.folder / path for path in self.additions.pictures]
+        for path in [*entries, *traces, *offered]:
+            if path is not None and (path.suffix == ".nc" or path in traces):
+                try_describe(self.store, path)
+
+    def _show_check(self, check: CampaignCheck) -> None:
+        self.table.update_check(check)
+        self.keys.update_check(check)
+        self.candidates.update_check(check)
+        self.scope.clear()
+        with self.scope:
+            show_scope(check, self.document)
+
+    def _offer_programs(self, programs: list[Path]) -> None:
+        """List the effect files that the check would run, with a button to allow it."""
+        show_error("\n".join(["not checked yet", *program_lines(programs)]), self.folder)
+        label = "Run it to check the campaign" if len(programs) == 1 else "Run them to check the campaign"
+        action(label, lambda: self._run_programs(programs))
+
+    def _run_programs(self, programs: list[Path]) -> None:
+        self.allowed.allow(programs)
+        self.checked_text = None
+
+    # --- saving ----------------------------------------------------------------------------------------------
+    async def _save(self) -> bool:
+        """Save the text, even with errors in it; True where it has none that the last check found."""
+        with self.faults, show_errors(self.folder):
+            name, text = self.document.name, self.document.text
             if (version := await save_text(self.folder, name, text, self.opened)) is None:
                 return False
-            self.opened = version
-            if not await ask_to_run(programs_of_campaign(text, version.path.parent), self.allowed):
-                show_error(
-                    f"{escape_control(name)} is saved but not checked, since its effect files were not allowed to run"
-                )
-                return False
-            open_campaign(version.path, planned=True)
+            self.opened, self.saved_text = version, text
+            self._show_state()
+            ui.notify(f"{escape_control(name)} is saved")
             return True
         return False
 
     async def _open_command(self, command: str) -> None:
-        if await self._save():
-            ui.navigate.to(page_address("runs", command=command, of=self.name.value))
-
-
-def _parse_conditions(typed: str) -> dict[str, Any]:
-    """Parse keys and values separated by commas.  Raises BadInput.
-
-    >>> _parse_conditions("contact.pressure=3e5, schedule.speed = 0.2")
-    {'contact.pressure': 300000.0, 'schedule.speed': 0.2}
-    """
-    out = {}
-    for part in typed.split(",") if typed.strip() else ():
-        key, equals, value = part.partition("=")
-        try:
-            out[key.strip()] = parse_toml(f"v = {value}")["v"]
-        except (ValueError, RecursionError):
-            out[key.strip()] = value.strip()
-        if not equals:
-            raise BadInput(f"{part.strip()!r}; write table.key=value")
-    return out
+        """Save, and open the page of runs with a command, unless the check finds errors."""
+        if not await self._save():
+            return
+        if self.checked_text != self.document.text or self.is_checking:
+            self.checked_text = self.document.text
+            await self._check(self.document.text)
+        if self.check.faults:
+            ui.notify("Saved. Repair the errors that are shown first.", type="warning")
+        else:
+            ui.navigate.to(page_address("runs", command=command, of=self.document.name))

@@ -20,6 +20,7 @@ from flashtemp.lab.jobs import JobList
 from flashtemp.lab.jobs_page import JobsPage
 from flashtemp.lab.page_layout import FILES_ADDRESS, page_frame, show_errors
 from flashtemp.lab.programs import AllowedPrograms
+from flashtemp.lab.recording_store import RecordingStore
 from flashtemp.lab.result_page import show_result
 
 RECONNECT_TIMEOUT_S = 30.0  # a busy computer may interrupt the connection; a page that is made anew loses its form
@@ -27,7 +28,7 @@ RECONNECT_TIMEOUT_S = 30.0  # a busy computer may interrupt the connection; a pa
 
 def make_application(folder: Path, commands: Sequence[CommandDescription] = ()) -> tuple[Any, JobList]:
     """The application for a folder, and its list of jobs; `commands` are those of the page of runs."""
-    jobs, allowed = JobList(folder), AllowedPrograms()
+    jobs, allowed, store = JobList(folder), AllowedPrograms(), RecordingStore(folder)
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     app.mount(FILES_ADDRESS, FolderFiles(folder))
     frames = FrameServer()
@@ -49,9 +50,9 @@ def make_application(folder: Path, commands: Sequence[CommandDescription] = ()) 
             CasePage(folder, allowed).show(open)
 
     @ui.page("/campaign")
-    def campaign(open: str = "") -> None:  # noqa: A002
-        with page_frame("campaign", folder):
-            CampaignPage(folder, allowed).show(open)
+    def campaign(open: str = "", new: str = "") -> None:  # noqa: A002
+        with page_frame("campaign", folder, "Campaign" if open or new else "Campaigns"):
+            CampaignPage(folder, allowed, store).show(open, bool(new))
 
     @ui.page("/runs")
     async def runs(command: str = "", of: str = "", job: str = "", again: str = "") -> None:

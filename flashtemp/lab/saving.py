@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import secrets
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Collection
 from contextlib import suppress
 from dataclasses import dataclass
 from hashlib import sha256
@@ -15,6 +15,7 @@ from flashtemp.lab.workspace import CAMERA_SUFFIXES, MAX_NAME_BYTES, MAX_TOML_BY
 
 MAX_UPLOAD_BYTES = 2 * 2**30  # of one upload
 MAX_UPLOAD_FILES = 1000  # limit of the form parser for one request
+MEASUREMENT_SUFFIXES = {".nc"}  # recordings, which only the page of campaigns accepts
 UPLOAD_LIMIT = f"at most {MAX_UPLOAD_BYTES // 2**30} GiB and {MAX_UPLOAD_FILES} files at once"
 NEW_FILE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
 
@@ -68,12 +69,14 @@ def write_text(
     return TextVersion(path, sha256(data).hexdigest())
 
 
-async def write_upload(folder: Path, name: str, chunks: AsyncIterator[bytes]) -> Path:
-    """Write an uploaded camera file under a new name in the folder.
+async def write_upload(
+    folder: Path, name: str, chunks: AsyncIterator[bytes], suffixes: Collection[str] = CAMERA_SUFFIXES
+) -> Path:
+    """Write an uploaded file under a new name in the folder.
 
-    Raises BadInput for a name with a path, a hidden or existing name, no camera suffix, and too many bytes.
+    Raises BadInput for a name with a path, a hidden or existing name, none of the suffixes, and too many bytes.
     """
-    path = folder / check_upload_name(name)
+    path = folder / check_upload_name(name, suffixes)
     try:
         number = os.open(path, NEW_FILE, 0o666)
     except OSError as fault:
@@ -95,15 +98,15 @@ async def write_upload(folder: Path, name: str, chunks: AsyncIterator[bytes]) ->
     return path
 
 
-def check_upload_name(name: str) -> str:
-    """The name of an uploaded file, if it is a plain name of a camera file.  Raises BadInput."""
+def check_upload_name(name: str, suffixes: Collection[str] = CAMERA_SUFFIXES) -> str:
+    """The name of an uploaded file, if it is a plain name with one of the suffixes.  Raises BadInput."""
     label = escape_control(name)
     if not name or any(c in "/\\" or not c.isprintable() for c in name) or len(name.encode()) > MAX_NAME_BYTES:
         raise BadInput(f"{label!r}: not a plain file name; rename the file")
     if name.startswith("."):
         raise BadInput(f"{label}: a hidden name; rename the file")
-    if Path(name).suffix.lower() not in CAMERA_SUFFIXES:
-        raise BadInput(f"{label}: not a camera file; accepted are: {' '.join(sorted(CAMERA_SUFFIXES))}")
+    if Path(name).suffix.lower() not in suffixes:
+        raise BadInput(f"{label}: not a camera file; accepted are: {' '.join(sorted(suffixes))}")
     return name
 
 

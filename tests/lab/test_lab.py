@@ -24,7 +24,7 @@ from flashtemp.camera.importing.import_request import expand_patterns
 from flashtemp.errors import BadInput
 from flashtemp.lab import workspace as folders
 from flashtemp.lab.camera_page import CameraPage
-from flashtemp.lab.campaign_page import CampaignPage
+from flashtemp.lab.campaign_list import new_campaign_text
 from flashtemp.lab.image_marks import CORNER_NAMES, BlockMarks, find_onsets
 from flashtemp.lab.jobs import Job, JobList
 from flashtemp.lab.toml_editing import set_toml_key
@@ -191,11 +191,9 @@ def test_files_of_one_series_belong_together_and_no_others(tmp_path):
 
 
 def test_a_new_campaign_believes_the_case_that_there_is(tmp_path):
-    page = CampaignPage(tmp_path)
     for name, case in {"b.toml": "b.toml", "a.toml": "a.toml", "case.toml": "case.toml"}.items():
         (tmp_path / name).write_text(CASE)
-        page.listing = folders.list_folder(tmp_path)
-        assert tomllib.loads(page._new_text())["case"] == case
+        assert tomllib.loads(new_campaign_text(folders.list_folder(tmp_path)))["case"] == case
 
 
 @pytest.mark.parametrize("name", ["../outside.toml", "/etc/passwd", "a/../../b"])
@@ -402,15 +400,16 @@ def test_from_a_folder_to_a_verdict(browser, tmp_path):
     flashtemp.twin(place / "case.toml", hide=[], seed=3, out=tmp_path / "twin", conditions=1, views=["sidewall"])
     shutil.copy(next((tmp_path / "twin").glob("*sidewall.nc")), place / "side.nc")
     with served(place) as (address, _), page(browser, address) as seen:
+        seen.get_by_role("button", name="Put it together").click()
         seen.get_by_role("button", name="New campaign").click()
+        seen.get_by_text("One condition").wait_for()
         assert seen.get_by_label("case of the base model").input_value() == "case.toml"
-        seen.get_by_label("recording").click()
-        seen.get_by_role("option", name="side.nc").click()
-        seen.get_by_role("button", name="Add").click()
-        free = seen.get_by_label("free keys, separated by commas")  # what the twin draws anew
-        free.fill("friction.mu, contact.spot_fraction, ambient.convection")
-        free.press("Tab")
-        seen.get_by_role("button", name="discover").click()
+        assert seen.get_by_text("side.nc").count() == 1
+        for key in ("contact.spot_fraction", "ambient.convection"):  # what the twin draws anew
+            seen.get_by_label("add a free key").fill(key)
+            seen.get_by_role("option", name=key).first.click()
+            seen.get_by_label(f"prior of {key}").wait_for()
+        seen.get_by_role("button", name="Ask what is missing").click()
         seen.get_by_text("flashtemp discover campaign.toml").wait_for()
         seen.get_by_role("button", name="Start").click()
         seen.get_by_role("link", name="open the result").click(timeout=300_000)

@@ -206,8 +206,8 @@ def compare(campaign: Campaign, watch: Callable[[str], Any] = lambda text: None)
     `watch` is called with one line of progress per condition.  Raises BadInput, SolverFailure.
     """
     campaign, screening = screen_campaign(campaign)
-    recordings: dict[str, Any] = {}
-    forces: dict[str, Any] = {}
+    recordings: dict[Any, Any] = {}
+    forces: dict[Any, Any] = {}
     runs: list[Any] = []
     for number, condition in enumerate(campaign.conditions, 1):
         words = f"condition {number} of {len(campaign.conditions)}: {condition.words}"

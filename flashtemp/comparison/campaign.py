@@ -24,7 +24,7 @@ from flashtemp.model import case as cases
 from flashtemp.model import case_file, file_kinds, schema
 from flashtemp.physics import units
 from flashtemp.physics.interpolation import read_xy_pairs
-from flashtemp.physics.tables.wanted import FRICTION, TIME
+from flashtemp.physics.tables.column_matching import FRICTION, TIME
 
 PLANNED_NETD_K = 0.05  # K, noise of the camera in a planned recording
 PLANNED_READINGS = 40  # readings of planned thermocouples per repetition

@@ -466,7 +466,7 @@ class ContactInterface:
             else self._sparse_response(at_depth, self.solve_fluxes(at_depth, now, T, road, kf)[0], now),
             abrasion_slopes=tuple((spot * d.spot[i] + mu * d.mu[i]) / b.worn_unit for i in (0, 1)),
             pressure_by_depth=response,
-            solve_depth=response.build_inverse(gamma * by_pressure.abrasion),
+            solve_depth=response.build_wear_inverse(gamma * by_pressure.abrasion),
             traction_slopes=tuple(contact.pressure_solution.pressure * slope for slope in d.mu),
         )
 

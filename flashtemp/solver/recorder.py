@@ -12,8 +12,8 @@ from flashtemp.model.numerics import SolverSettings
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.solver import contact_lanes
 from flashtemp.solver.heat_balance import HeatBalance
+from flashtemp.solver.integration_state import IntegrationState
 from flashtemp.solver.interface import SolvedContact
-from flashtemp.solver.march_state import MarchState
 from flashtemp.solver.run import Run
 from flashtemp.solver.system import PhaseSystem
 
@@ -46,7 +46,7 @@ def record_state(
     system: PhaseSystem,
     t: float,
     y: np.ndarray,
-    march_state: MarchState,
+    integration_state: IntegrationState,
     with_field: bool,
     precision: type = np.float32,
 ) -> None:
@@ -70,7 +70,7 @@ def record_state(
     wake = {"T_wake": _road_surface(system, moment, on_mesh, slice(mesh.last, None))}
     if -1 in b.scene.schedule.directions:
         wake["T_ahead"] = _road_surface(system, moment, on_mesh, slice(0, mesh.first))
-    energy = _energy_ledger(b, y, march_state)
+    energy = _energy_ledger(b, y, integration_state)
     row = {
         "time": t,
         "repetition": phase.repetition,
@@ -92,11 +92,11 @@ def record_state(
         fields = {"cells": _cell_temperatures(system, moment, contact, on_mesh, road, precision)}
         if mesh.n_across > 1:
             fields |= {name: a.reshape(-1, mesh.n_across) for name, a in (profiles | wake).items()}
-        march_state.frames.append({name: a.astype(precision, copy=False) for name, a in fields.items()})
-        row["frames"] = len(march_state.records.get("time", []))
-    march_state.records.setdefault("ledger", list(energy))
+        integration_state.frames.append({name: a.astype(precision, copy=False) for name, a in fields.items()})
+        row["frames"] = len(integration_state.records.get("time", []))
+    integration_state.records.setdefault("ledger", list(energy))
     for name, value in row.items():
-        march_state.records.setdefault(name, []).append(value)
+        integration_state.records.setdefault(name, []).append(value)
 
 
 def _along_block(mesh: Mesh, columns: np.ndarray, direction: int) -> np.ndarray:
@@ -143,9 +143,9 @@ def _road_surface(system: PhaseSystem, moment, T, lines: slice) -> np.ndarray:
     return b.scene.ambient - KELVIN + entered - earlier + b.share * (free - entered + earlier)
 
 
-def _energy_ledger(b: HeatBalance, y, march_state: MarchState) -> dict[str, float]:
+def _energy_ledger(b: HeatBalance, y, integration_state: IntegrationState) -> dict[str, float]:
     """The ledger, and the heat in block and lanes with that removed at restarts, J per metre."""
-    block, road = np.add(b.stored_heat(y), march_state.removed_heat)
+    block, road = np.add(b.stored_heat(y), integration_state.removed_heat)
     ledger = dict(zip(b.ledger, y[b.ledger_slice], strict=True))
     return ledger | {"block": block, "lanes": road, "share": b.share}
 
@@ -172,9 +172,9 @@ def _cell_temperatures(system: PhaseSystem, moment, contact: SolvedContact, T, i
     return cells if moment.direction > 0 else mesh.planes(cells)[mesh.mirror].ravel()
 
 
-def build_run(balance: HeatBalance, march_state: MarchState, title: str) -> Run:
-    """The `Run` of a march that is complete."""
-    scene, r, maps = balance.scene, march_state.records, march_state.frames.stack_rows()
+def build_run(balance: HeatBalance, integration_state: IntegrationState, title: str) -> Run:
+    """The `Run` of a complete integration."""
+    scene, r, maps = balance.scene, integration_state.records, integration_state.frames.stack_rows()
     arrays = ("time", "repetition", "slid", "T_block", "T_spot", "T_road", "T_wake", "pressure", "friction", "worn")
     profiles: dict[str, Any] = {name: np.array(r[name]) for name in (*arrays, "tilt", "frames")}
     back: dict[str, Any] = (
@@ -193,11 +193,11 @@ def build_run(balance: HeatBalance, march_state: MarchState, title: str) -> Run:
         width=scene.width,
         conductivity=(scene.block_property("conductivity"), scene.road.conductivity),
         statistics={
-            "steps": march_state.steps,
-            "rhs_evaluations": march_state.calls["rate"],
-            "jacobian_products": march_state.calls["times"],
-            "preconditioner_setups": march_state.calls["setup"],
-            "preconditioner_solves": march_state.calls["solve"],
-            "wall_s": march_state.wall_s,
+            "steps": integration_state.steps,
+            "rhs_evaluations": integration_state.calls["rate"],
+            "jacobian_products": integration_state.calls["times"],
+            "preconditioner_setups": integration_state.calls["setup"],
+            "preconditioner_solves": integration_state.calls["solve"],
+            "wall_s": integration_state.wall_s,
         },
     )

@@ -19,7 +19,7 @@ from flashtemp.physics.interpolation import line_through_means
 
 @dataclass(frozen=True, repr=False)
 class Run(DisplayMixin):
-    """Result of `march`: temperatures in degC, times in s, lengths in m, energies in J per metre.
+    """Result of `integrate_schedule`: temperatures in degC, times in s, lengths in m, energies in J per metre.
 
     `time` (n,), `repetition` (n,), `slid` (n,) m since the first start, `sliding` (n,) bool;
     `T_block`, `T_spot`, `T_road`, `pressure` (n, lines under the block); `T_wake` (n, lines behind it) road

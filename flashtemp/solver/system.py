@@ -22,7 +22,7 @@ from flashtemp.solver.linearisation import (
     LinearisedSystem,
     ShiftedLinearisation,
     contact_slopes,
-    outflow_slopes,
+    outflow_derivatives,
 )
 
 INTEGRATOR_ATOL_K = 1e-3  # default absolute tolerance of the integrator: smaller undershoots are within its error
@@ -288,7 +288,7 @@ class PhaseSystem:
         stretch = b.capacity_ratio(T)
         contact = self.contact_if_needed(now, y, T, kf, slopes=True)
         slopes, rows, books = contact_slopes(b, contact, self._wall_slopes(contact, now, T, kf))
-        rows["lane_out"].append(outflow_slopes(b, advection, stretch))
+        rows["lane_out"].append(outflow_derivatives(b, advection, stretch))
         joined: conduction.LedgerRows = {
             name: (np.concatenate([i for i, _ in parts]), np.concatenate([w for _, w in parts]))
             for name, parts in rows.items()

@@ -26,8 +26,8 @@ from flashtemp.physics.friction import (
 from flashtemp.physics.friction.adhesive_shear import AdhesiveShear
 from flashtemp.physics.material import LIBRARY
 from flashtemp.solver.heat_balance import HeatBalance
-from flashtemp.solver.march import march
 from flashtemp.solver.system import PhaseSystem
+from flashtemp.solver.time_integration import integrate_schedule
 
 A, ASPHALT, CONCRETE = (
     rheology.READY_RUBBERS["A"],
@@ -472,7 +472,7 @@ def marched(folder, **given):
     """A run of a case with the effect; keys as table__key."""
     (folder / "case.toml").write_text('effects = ["persson_friction"]\n')
     case = cases.load_case(folder, QUICK | {k.replace("__", "."): v for k, v in given.items()})
-    return march(case.scene, case.settings)
+    return integrate_schedule(case.scene, case.settings)
 
 
 def test_spots_follow_the_temperature_of_the_face(tmp_path):

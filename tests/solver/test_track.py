@@ -14,9 +14,9 @@ from flashtemp.model.case import load_case
 from flashtemp.solver import contact_lanes
 from flashtemp.solver.circular_track import CircularTrack, build_inflow, build_track
 from flashtemp.solver.heat_balance import HeatBalance
-from flashtemp.solver.march import march
-from flashtemp.solver.march_state import MarchState
+from flashtemp.solver.integration_state import IntegrationState
 from flashtemp.solver.system import PhaseSystem, RoadInflow
+from flashtemp.solver.time_integration import integrate_schedule
 
 CASES = Path(__file__).parents[2] / "cases"
 
@@ -63,8 +63,8 @@ def test_columns_stand_where_no_step_ends(rtol):
         CASES / "chosen_peak",
         {"schedule.repetitions": 1, "schedule.distance": 1.0, "numerics.mesh": 0.4, "numerics.rtol": rtol},
     )
-    now = MarchState()
-    march(case.scene, case.settings, state=now)
+    now = IntegrationState()
+    integrate_schedule(case.scene, case.settings, state=now)
     places, spacing = np.array(now.track.place[1:]), now.track.min_spacing
     assert len(places) > 10
     np.testing.assert_allclose(places / spacing, np.rint(places / spacing), atol=1e-6)
@@ -126,7 +126,7 @@ def slid_in(parts: int, tmp_path):
         "schedule.distance": 0.12 / parts, "numerics.mesh": "coarse", "numerics.rtol": 1e-6,
     }  # fmt: skip
     case = load_case(tmp_path, given)
-    return march(case.scene, case.settings)
+    return integrate_schedule(case.scene, case.settings)
 
 
 def test_a_new_start_without_a_wait_changes_nothing(tmp_path):

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import RecordingEntry
-from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.parameters import ParameterId, ParameterKind
 from flashtemp.discovery.prediction.prediction import Observable, Single, flatten_valid_pixels
 
 # of the rise, rms over a view: errors of discretisation and closures (docs: verification); evidence chooses one
@@ -47,7 +47,9 @@ def discrepancy_basis(view: RecordingEntry, predicted: Observable) -> dict[Param
     out = {}
     for (m, n, q, s), w in zip(found, weight, strict=True):
         wave = (w * inside[q] * between[s])[:, None, None] * y[n][:, None] * x[m]
-        out[ParameterId(Kind.FLOOR, (m, n, q, s))] = flatten_valid_pixels(rise * wave, predicted.inside)
+        out[ParameterId(ParameterKind.MODEL_DISCREPANCY, (m, n, q, s))] = flatten_valid_pixels(
+            rise * wave, predicted.inside
+        )
     return out
 
 

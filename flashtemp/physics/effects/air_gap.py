@@ -8,7 +8,7 @@ under the block in t = L/v; the road enters at ambient temperature.
 >>> from types import SimpleNamespace as N
 >>> from flashtemp.physics.material import LIBRARY
 >>> p = N(conductivity=0.026, height=5e-4)
->>> [patch] = AirGap().heat(N(length=0.025, road=LIBRARY["asphalt"]), p)
+>>> [patch] = GapConduction().heat(N(length=0.025, road=LIBRARY["asphalt"]), p)
 >>> now = N(touching=True, spot_fraction=0.2, ambient=20.0, last_speed=0.1, contact_time=9.0, waited=0.0)
 >>> round(float(patch.law(30.0, now, p)), 2)
 -410.57
@@ -21,7 +21,7 @@ import numpy as np
 from flashtemp.physics.effect import Effect, Heat, Param
 
 
-class AirGap(Effect):
+class GapConduction(Effect):
     """Loss (1 - phi) h (T - T_air) of the block's face outside the spots by conduction through the air."""
 
     cause = "the block loses heat through the air between the spots"

@@ -20,7 +20,7 @@ from flashtemp.display import atomic_write
 from flashtemp.errors import BadInput
 from flashtemp.physics import interpolation, safe_text
 from flashtemp.physics.arrays import Value
-from flashtemp.physics.friction.elastic_contact import load_topography_library, suppress_warnings
+from flashtemp.physics.friction.elastic_contact import load_topography_library, suppress_library_warnings
 from flashtemp.physics.friction.instrument_tables import ColumnSpec, read_instrument_table, table_of_rows
 from flashtemp.physics.friction.roughness_spectrum import MeasuredSpectrum, RoughnessSpectrum, SelfAffineLaw
 from flashtemp.physics.interpolation import Source
@@ -210,7 +210,7 @@ def _scan_of_library(file: Path, key: str) -> LineScan | None:
         return None
     surface = load_topography_library()
     try:
-        with suppress_warnings(), surface.open_topography(str(file)) as opened:
+        with suppress_library_warnings(), surface.open_topography(str(file)) as opened:
             if opened.default_channel.dim != 1 or opened.default_channel.unit is None:
                 return None
             line = opened.topography().to_unit("m")

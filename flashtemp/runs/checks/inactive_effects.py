@@ -13,8 +13,8 @@ from flashtemp.model.case import Case
 from flashtemp.model.scene import ActiveEffect, Scene
 from flashtemp.solver.circular_track import has_road_memory
 from flashtemp.solver.heat_balance import MEAN_PRESSURE_EFFECT_K, HeatBalance
-from flashtemp.solver.march import find_failing_law
 from flashtemp.solver.system import PhaseSystem, RoadInflow
+from flashtemp.solver.time_integration import find_failing_law
 
 MAX_STATE_RISE_K = 120.0  # K above ambient, highest temperature of the random states
 SAMPLED_PHASES = 6  # phases of the schedule at which the balance is evaluated, including the first and the last

@@ -201,12 +201,16 @@ def _without_words(values: np.ndarray) -> tuple[np.ndarray, list[str]]:
     return values, notes
 
 
-def _remove_stated_labels(values: np.ndarray, choice: str, notes: list[str]) -> TrimmedMatrix:
+def _remove_stated_labels(values: np.ndarray, choice: LabelChoice, notes: list[str]) -> TrimmedMatrix:
+    """The matrix without the labels that the user stated, and what was left out.
+
+    Labels of columns are the first row, labels of rows the first column.
+    """
     columns, rows = choice in ("columns", "both"), choice in ("rows", "both")
     if columns:
-        notes = [*notes, "the first row left out: labels, as said"]
+        notes = [*notes, "the first row left out: labels, as stated by --labels"]
     if rows:
-        notes = [*notes, "the first column left out: labels, as said"]
+        notes = [*notes, "the first column left out: labels, as stated by --labels"]
     return TrimmedMatrix(values[int(columns) :, int(rows) :], tuple(notes))
 
 

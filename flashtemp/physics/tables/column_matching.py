@@ -18,7 +18,7 @@ from flashtemp.physics.tables.timestamps import parse_moments, parse_stamp
 
 
 @dataclass(frozen=True)
-class WantedColumn:
+class RequiredColumn:
     """A quantity of a key, its unit, and the pattern of its `names` in headers, in letters and digits."""
 
     quantity: str
@@ -29,39 +29,39 @@ class WantedColumn:
         return f"{self.quantity} in {self.unit}" if self.unit != "1" else self.quantity
 
 
-TIME = WantedColumn("time", "s", header.TIME_WORDS)
-SPEED = WantedColumn(
+TIME = RequiredColumn("time", "s", header.TIME_WORDS)
+SPEED = RequiredColumn(
     "speed", "m/s", r"v\d?|u|speed|velocity|slidingspeed|slidingvelocity|geschwindigkeit|vs|vel|vslide|vx"
 )
-PRESSURE = WantedColumn(
+PRESSURE = RequiredColumn(
     "pressure", "Pa", r"p\d?|pressure|contactpressure|nominalpressure|druck|pressung|pn|p0|sigma|load"
 )
-TEMPERATURE = WantedColumn(
+TEMPERATURE = RequiredColumn(
     "temperature",
     "degC",
     r"t\d*|tc\d*|temp\d*|temperature\d*|temperatur\d*|ts|tspot|tsurf|surfacetemperature|theta|degc",
 )
-FRICTION = WantedColumn(
+FRICTION = RequiredColumn(
     "friction coefficient", "1", r"mu|μ|µ|cof|friction|frictioncoefficient|coefficientoffriction|reibwert|reibbeiwert|f"
 )
-PLACE_X = WantedColumn("x", "m", r"x|position|place|distance|abscissa|pos|location")
-PLACE_Y = WantedColumn("y", "m", r"y|position|place|distance|pos|location")
-WORN_DEPTH = WantedColumn("worn depth", "m", r"worn|worndepth|wear|depth|w|z|h|height|verschleiss|weardepth|profile")
-RELATIVE_PRESSURE = WantedColumn(
+PLACE_X = RequiredColumn("x", "m", r"x|position|place|distance|abscissa|pos|location")
+PLACE_Y = RequiredColumn("y", "m", r"y|position|place|distance|pos|location")
+WORN_DEPTH = RequiredColumn("worn depth", "m", r"worn|worndepth|wear|depth|w|z|h|height|verschleiss|weardepth|profile")
+RELATIVE_PRESSURE = RequiredColumn(
     "relative pressure", "1", r"relativepressure|relative|rel|p|pressure|ratio|factor|prel|weight"
 )
-RELATIVE_VALUE = WantedColumn(
+RELATIVE_VALUE = RequiredColumn(
     "relative value", "1", r"relative.*|rel|ratio|factor|share|course|place|irradiance|weight|g|q"
 )
-CONDUCTANCE = WantedColumn(
+CONDUCTANCE = RequiredColumn(
     "conductance", "W/m2K", r"alpha|α|h|htc|conductance|a|hc|heattransfercoefficient|contactconductance"
 )
-SHARE = WantedColumn("share", "1", r"share|fraction|weight|shares|part")
-SOURCE_DEPTH = WantedColumn("depth", "m", r"depth|d|z|sourcedepth")
+SHARE = RequiredColumn("share", "1", r"share|fraction|weight|shares|part")
+SOURCE_DEPTH = RequiredColumn("depth", "m", r"depth|d|z|sourcedepth")
 VOCABULARY = (TIME, SPEED, PRESSURE, TEMPERATURE, FRICTION)  # quantities whose names exclude another quantity
 
 
-def read_wanted(table: TextTable, wanted: Sequence[WantedColumn]) -> np.ndarray:
+def read_required_columns(table: TextTable, wanted: Sequence[RequiredColumn]) -> np.ndarray:
     """The wanted quantities (rows, wanted), each in its unit.
 
     Raises BadInput, naming the line and the cell, where names contradict the wanted quantities, columns are missing,
@@ -75,7 +75,7 @@ def read_wanted(table: TextTable, wanted: Sequence[WantedColumn]) -> np.ndarray:
     return out
 
 
-def note_assumed_units(table: TextTable, wanted: Sequence[WantedColumn]) -> list[str]:
+def note_assumed_units(table: TextTable, wanted: Sequence[RequiredColumn]) -> list[str]:
     """Notes on assumed units in a table that states the units of other columns."""
     columns = find_columns(table, wanted)
     stated = [header.column_unit(column, want.unit)[1] for column, want in zip(columns, wanted, strict=True)]
@@ -88,7 +88,7 @@ def note_assumed_units(table: TextTable, wanted: Sequence[WantedColumn]) -> list
     ]
 
 
-def find_columns(table: TextTable, wanted: Sequence[WantedColumn]) -> list[TableColumn]:
+def find_columns(table: TextTable, wanted: Sequence[RequiredColumn]) -> list[TableColumn]:
     """The column of every wanted quantity: by name, a single remaining one by elimination, or by order.
 
     Raises BadInput.
@@ -115,20 +115,20 @@ def find_columns(table: TextTable, wanted: Sequence[WantedColumn]) -> list[Table
                 _check_contradiction(table, column, want)
         return columns
     raise BadInput(
-        f"{table.where}: columns {', '.join(repr(c.label) for c in table.columns)}; name {_list_wanted(wanted)}"
+        f"{table.where}: columns {', '.join(repr(c.label) for c in table.columns)}; name {_list_required(wanted)}"
     )
 
 
-def _list_wanted(wanted: Sequence[WantedColumn]) -> str:
+def _list_required(wanted: Sequence[RequiredColumn]) -> str:
     return "them " + ", ".join(map(str, wanted))
 
 
-def _matching_columns(table: TextTable, want: WantedColumn, wanted: Sequence[WantedColumn]) -> list[TableColumn]:
+def _matching_columns(table: TextTable, want: RequiredColumn, wanted: Sequence[RequiredColumn]) -> list[TableColumn]:
     """The columns whose name, or whose unit as a name, identifies the quantity."""
     return [c for c in table.columns if _is_column_of(c, want, wanted)]
 
 
-def _is_column_of(column: TableColumn, want: WantedColumn, wanted: Sequence[WantedColumn]) -> bool:
+def _is_column_of(column: TableColumn, want: RequiredColumn, wanted: Sequence[RequiredColumn]) -> bool:
     label = column.label.strip()
     if len(label) > header.MAX_LABEL_LETTERS or not label:
         return False
@@ -148,7 +148,7 @@ def _is_column_of(column: TableColumn, want: WantedColumn, wanted: Sequence[Want
     return pattern.fullmatch(header.bare_name(name)) is not None and not unit
 
 
-def _check_contradiction(table: TextTable, column: TableColumn, want: WantedColumn) -> None:
+def _check_contradiction(table: TextTable, column: TableColumn, want: RequiredColumn) -> None:
     """Raise BadInput where a column taken by elimination is named as another quantity."""
     if unit := _foreign_unit(column.label, want):
         raise BadInput(f"{table.where}: {column}: {unit!r} is no unit of {want}; correct the names of the columns")
@@ -160,13 +160,13 @@ def _check_contradiction(table: TextTable, column: TableColumn, want: WantedColu
             )
 
 
-def _foreign_unit(label: str, want: WantedColumn) -> str:
+def _foreign_unit(label: str, want: RequiredColumn) -> str:
     """The unit after an underscore or a slash of a label if it has another dimension than `want`, else ""."""
     unit = re.split(r"[_/]", label)[-1].strip() if re.search(r"[^\W_][_/]", label) else ""
     return unit if unit in header.COMMON_UNITS and not header.is_unit_text(unit, want.unit) else ""
 
 
-def _check_cells(table: TextTable, column: TableColumn, want: WantedColumn) -> None:
+def _check_cells(table: TextTable, column: TableColumn, want: RequiredColumn) -> None:
     """Raise BadInput for the first cell that is not a finite number."""
     comma = table.dialect.comma
     for k, cell in enumerate(table.cells(column)):
@@ -185,7 +185,7 @@ def _check_cells(table: TextTable, column: TableColumn, want: WantedColumn) -> N
         )
 
 
-def _column_values(table: TextTable, column: TableColumn, want: WantedColumn) -> np.ndarray:
+def _column_values(table: TextTable, column: TableColumn, want: RequiredColumn) -> np.ndarray:
     """Numbers of a column in the wanted unit; elapsed times such as 00:01:02.5 in s."""
     cells = table.cells(column)
     if want is TIME and parse_number(split_suffix(cells[0])[0], table.dialect.comma) is None:

@@ -406,7 +406,9 @@ class ElasticResponse:
         # rank 2, so Woodbury's identity leaves one inverse of (2, 2)
         J, planes = self.jacobian, len(self.jacobian.inverse)
         give = self.depth_stiffness.reshape(-1, planes).T
-        alone = np.eye(give.shape[1]) - depth_per_pressure.reshape(-1, planes).T[..., None] * J.inverse * give[:, None, :]
+        alone = (
+            np.eye(give.shape[1]) - depth_per_pressure.reshape(-1, planes).T[..., None] * J.inverse * give[:, None, :]
+        )
         fixed_holder = J._replace(inverse=_invert_matrix(alone))
         spread = depth_per_pressure[:, None] * (J.lifted @ J.holding)
         X = np.stack([fixed_holder.solve_columns(spread[:, k]) for k in (0, 1)], axis=1)

@@ -245,14 +245,16 @@ class Run(DisplayMixin):
     def save(self, folder: Path) -> None:
         """Write `run.nc`, `summary.json`, `profiles.csv` and, for a worn block, `worn.csv` to an existing folder."""
         ds = self.dataset()
+        # netCDF writers may store times as integers of a coarser unit; the file is built in memory, so that an
+        # interrupted disk leaves no half of it open
         ds["time"].encoding["dtype"] = "float64"
         (folder / "run.nc").write_bytes(bytes(ds.to_netcdf(engine="h5netcdf")))
         (folder / "summary.json").write_text(json.dumps(self.summary, indent=2) + "\n", encoding="utf-8")
-        head = "x_m,T_block_degC,T_spot_degC,T_road_degC,pressure_Pa,worn_m"
+        profile_header = "x_m,T_block_degC,T_spot_degC,T_road_degC,pressure_Pa,worn_m"
         k = self.last_sliding_index
         along = (self.T_block, self.T_spot, self.T_road, self.pressure, self.worn)
         table = np.column_stack([self.x, *(values[k] for values in along)])
-        tables = {"profiles.csv": (head, table)}
+        tables = {"profiles.csv": (profile_header, table)}
         if self.worn[-1].any():
             tables["worn.csv"] = ("x_m,worn_m", self.worn_profile)
         for name, (head, table) in tables.items():

@@ -10,6 +10,7 @@ With f = p_mean shape - k_n w, the pressure of the worn block before the holder 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple

@@ -192,7 +192,7 @@ def _reduce_fit(
 ) -> ReducedFit | None:
     """Reduce a fit to set-up errors: block sizes, placements common to a view or of one of several recordings, inputs.
 
-    `discrepancy_sd`: prior width of the model discrepancy; None for that of the fit.  Returns None without such an error.
+    `discrepancy_sd`: prior width of the model discrepancy; None for that of the fit.  Returns None without any.
     """
     views = {v.file: v.recording.view for v in problem.campaign.views}
     count = {view: sum(v == view for v in views.values()) for view in views.values()}

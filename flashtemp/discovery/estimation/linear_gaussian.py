@@ -82,8 +82,10 @@ class DataBlock:
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """`matrix` C'C (k, k), `right` C'r (k,), `square` r'r and the number `count` of data; `schur_complements` is a cache
-    of `EvidenceFunction`."""
+    """`matrix` C'C (k, k), `right` C'r (k,), `square` r'r and the number `count` of data.
+
+    `schur_complements` is a cache of `EvidenceFunction`.
+    """
 
     matrix: Array
     right: Array

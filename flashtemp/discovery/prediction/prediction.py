@@ -266,14 +266,16 @@ def _perturb_sizes(point: EvaluationPoint) -> Iterator[tuple[ParameterId, Pertur
 
 
 def _iter_strength_perturbations(
-    point: EvaluationPoint, c: CandidateEffect
+    point: EvaluationPoint, candidate: CandidateEffect
 ) -> Iterator[tuple[ParameterId, Perturbation]]:
-    for number in range(len(c.shape_variants)):
-        off = c.neutral_values(number)
-        for k, a in c.strengths.items():
-            step = a if c.params[k].curved else STRENGTH_STEP_FRACTION * a
-            moved = point.task.model.with_effect(c.effect, off | {k: off[k] + step})
-            yield c.strength_column(k, number), Perturbation(point.perturbed_scene(moved), step)
+    """The candidate at work with a small strength, one strength and shape variant at a time."""
+    for variant in range(len(candidate.shape_variants)):
+        off = candidate.neutral_values(variant)
+        for name, usual_size in candidate.strengths.items():
+            # a curved law is flat at its off value: a small step would show no effect, so it gets the usual size
+            step = usual_size if candidate.params[name].curved else STRENGTH_STEP_FRACTION * usual_size
+            moved = point.task.model.with_effect(candidate.effect, off | {name: off[name] + step})
+            yield candidate.strength_column(name, variant), Perturbation(point.perturbed_scene(moved), step)
 
 
 def _perturb_inputs(point: EvaluationPoint) -> Iterator[tuple[ParameterId, Perturbation]]:

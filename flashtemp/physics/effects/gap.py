@@ -1,4 +1,4 @@
-"""Heat loss of the rubber across the gap between the spots, by a heat-transfer coefficient.
+"""Convection in the gap between the spots: heat loss of the rubber by a heat-transfer coefficient.
 
 >>> from types import SimpleNamespace as N
 >>> [patch] = GapConvection().heat(None, N(gap_coefficient=10.0))

@@ -21,12 +21,12 @@ from flashtemp.physics.tables.timestamps import parse_moments, parse_stamp
 class RequiredColumn:
     """A quantity of a key, its unit, and the pattern of its `names` in headers, in letters and digits."""
 
-    quantity: str
+    name: str
     unit: str
     names: str
 
     def __str__(self) -> str:
-        return f"{self.quantity} in {self.unit}" if self.unit != "1" else self.quantity
+        return f"{self.name} in {self.unit}" if self.unit != "1" else self.name
 
 
 TIME = RequiredColumn("time", "s", header.TIME_WORDS)
@@ -61,112 +61,118 @@ SOURCE_DEPTH = RequiredColumn("depth", "m", r"depth|d|z|sourcedepth")
 VOCABULARY = (TIME, SPEED, PRESSURE, TEMPERATURE, FRICTION)  # quantities whose names exclude another quantity
 
 
-def read_required_columns(table: TextTable, wanted: Sequence[RequiredColumn]) -> np.ndarray:
-    """The wanted quantities (rows, wanted), each in its unit.
+def read_required_columns(table: TextTable, required: Sequence[RequiredColumn]) -> np.ndarray:
+    """The required quantities (rows, quantities), each in its unit.
 
-    Raises BadInput, naming the line and the cell, where names contradict the wanted quantities, columns are missing,
+    Raises BadInput, naming the line and the cell, where names contradict the required quantities, columns are missing,
     cells are not finite numbers, or units have another dimension.
     """
-    columns = find_columns(table, wanted)
-    out = np.empty((len(table.rows), len(wanted)))
-    for j, (column, want) in enumerate(zip(columns, wanted, strict=True)):
-        _check_cells(table, column, want)
-        out[:, j] = _column_values(table, column, want)
+    columns = find_columns(table, required)
+    out = np.empty((len(table.rows), len(required)))
+    for j, (column, quantity) in enumerate(zip(columns, required, strict=True)):
+        _check_cells(table, column, quantity)
+        out[:, j] = _column_values(table, column, quantity)
     return out
 
 
-def note_assumed_units(table: TextTable, wanted: Sequence[RequiredColumn]) -> list[str]:
+def note_assumed_units(table: TextTable, required: Sequence[RequiredColumn]) -> list[str]:
     """Notes on assumed units in a table that states the units of other columns."""
-    columns = find_columns(table, wanted)
-    stated = [header.column_unit(column, want.unit)[1] for column, want in zip(columns, wanted, strict=True)]
+    columns = find_columns(table, required)
+    stated = [header.column_unit(column, quantity.unit)[1] for column, quantity in zip(columns, required, strict=True)]
     if not any(stated):
         return []
     return [
-        f"{column}: unit not stated, taken as {want.unit}"
-        for column, want, unit in zip(columns, wanted, stated, strict=True)
-        if not unit and want.unit != "1"
+        f"{column}: unit not stated, taken as {quantity.unit}"
+        for column, quantity, unit in zip(columns, required, stated, strict=True)
+        if not unit and quantity.unit != "1"
     ]
 
 
-def find_columns(table: TextTable, wanted: Sequence[RequiredColumn]) -> list[TableColumn]:
-    """The column of every wanted quantity: by name, a single remaining one by elimination, or by order.
+def find_columns(table: TextTable, required: Sequence[RequiredColumn]) -> list[TableColumn]:
+    """The column of every required quantity: by name, a single remaining one by elimination, or by order.
 
     Raises BadInput.
     """
-    named = [_matching_columns(table, want, wanted) for want in wanted] if table.has_header else [[] for _ in wanted]
-    for want, found in zip(wanted, named, strict=True):
+    named = (
+        [_matching_columns(table, quantity, required) for quantity in required]
+        if table.has_header
+        else [[] for _ in required]
+    )
+    for quantity, found in zip(required, named, strict=True):
         if len(found) > 1:
             both = " and ".join(shorten_text(repr(c.label)) for c in found[:2])
-            raise BadInput(f"{table.where}: {both} both say {want.quantity}; give one column of it")
+            raise BadInput(f"{table.where}: {both} both say {quantity.name}; give one column of it")
     chosen = [found[0] if found else None for found in named]
     if None not in chosen:
         return [c for c in chosen if c is not None]
-    if len(table.columns) != len(wanted):
+    if len(table.columns) != len(required):
         raise BadInput(
             f"{table.locate_row(0)}: {show_cells(list(table.rows[0]))} has {len(table.columns)} values; give"
-            f" {len(wanted)} numbers per row: {', '.join(map(str, wanted))}"
+            f" {len(required)} numbers per row: {', '.join(map(str, required))}"
         )
     free = [c for c in table.columns if c not in chosen]
     if len(free) == 1 or all(c is None or c.number == n for n, c in enumerate(chosen, 1)):
         rest = iter(free)
         columns = [next(rest) if c is None else c for c in chosen]
-        for column, known, want in zip(columns, chosen, wanted, strict=True):
-            if known is None and table.has_header and want.names:
-                _check_contradiction(table, column, want)
+        for column, known, quantity in zip(columns, chosen, required, strict=True):
+            if known is None and table.has_header and quantity.names:
+                _check_contradiction(table, column, quantity)
         return columns
     raise BadInput(
-        f"{table.where}: columns {', '.join(repr(c.label) for c in table.columns)}; name {_list_required(wanted)}"
+        f"{table.where}: columns {', '.join(repr(c.label) for c in table.columns)}; name {_list_required(required)}"
     )
 
 
-def _list_required(wanted: Sequence[RequiredColumn]) -> str:
-    return "them " + ", ".join(map(str, wanted))
+def _list_required(required: Sequence[RequiredColumn]) -> str:
+    return "them " + ", ".join(map(str, required))
 
 
-def _matching_columns(table: TextTable, want: RequiredColumn, wanted: Sequence[RequiredColumn]) -> list[TableColumn]:
+def _matching_columns(
+    table: TextTable, quantity: RequiredColumn, required: Sequence[RequiredColumn]
+) -> list[TableColumn]:
     """The columns whose name, or whose unit as a name, identifies the quantity."""
-    return [c for c in table.columns if _is_column_of(c, want, wanted)]
+    return [c for c in table.columns if _is_column_of(c, quantity, required)]
 
 
-def _is_column_of(column: TableColumn, want: RequiredColumn, wanted: Sequence[RequiredColumn]) -> bool:
+def _is_column_of(column: TableColumn, quantity: RequiredColumn, required: Sequence[RequiredColumn]) -> bool:
     label = column.label.strip()
     if len(label) > header.MAX_LABEL_LETTERS or not label:
         return False
-    pattern = re.compile(want.names)
-    if len(label) == 1 and label in "tT" and TIME in wanted and TEMPERATURE in wanted:
-        return want is (TIME if label == "t" else TEMPERATURE)
+    pattern = re.compile(quantity.names)
+    if len(label) == 1 and label in "tT" and TIME in required and TEMPERATURE in required:
+        return quantity is (TIME if label == "t" else TEMPERATURE)
     if pattern.fullmatch(header.bare_name(label)):
         return True
-    name, unit = header.split_label(label, want.unit)
-    if unit and unit != name and header.is_unit_text(unit, want.unit):
+    name, unit = header.split_label(label, quantity.unit)
+    if unit and unit != name and header.is_unit_text(unit, quantity.unit):
         bare = header.bare_name(name)
-        if len(bare) == 1 and bare == "t" and TIME in wanted and TEMPERATURE in wanted:
+        if len(bare) == 1 and bare == "t" and TIME in required and TEMPERATURE in required:
             return True
         return pattern.fullmatch(bare) is not None
     if unit and unit == name:  # a unit alone
-        return want.unit != "1" and header.is_unit_text(unit, want.unit)
+        return quantity.unit != "1" and header.is_unit_text(unit, quantity.unit)
     return pattern.fullmatch(header.bare_name(name)) is not None and not unit
 
 
-def _check_contradiction(table: TextTable, column: TableColumn, want: RequiredColumn) -> None:
+def _check_contradiction(table: TextTable, column: TableColumn, quantity: RequiredColumn) -> None:
     """Raise BadInput where a column taken by elimination is named as another quantity."""
-    if unit := _foreign_unit(column.label, want):
-        raise BadInput(f"{table.where}: {column}: {unit!r} is no unit of {want}; correct the names of the columns")
+    if unit := _foreign_unit(column.label, quantity):
+        raise BadInput(f"{table.where}: {column}: {unit!r} is no unit of {quantity}; correct the names of the columns")
     for other in VOCABULARY:
-        if other is not want and column.label and _is_column_of(column, other, (other,)):
+        if other is not quantity and column.label and _is_column_of(column, other, (other,)):
             raise BadInput(
-                f"{table.where}: {column} says {other.quantity}, where {want} is expected; correct the names of the"
+                f"{table.where}: {column} says {other.name}, where {quantity} is expected; correct the names of the"
                 " columns"
             )
 
 
-def _foreign_unit(label: str, want: RequiredColumn) -> str:
-    """The unit after an underscore or a slash of a label if it has another dimension than `want`, else ""."""
+def _foreign_unit(label: str, quantity: RequiredColumn) -> str:
+    """The unit after an underscore or a slash of a label if it has another dimension than `quantity`, else ""."""
     unit = re.split(r"[_/]", label)[-1].strip() if re.search(r"[^\W_][_/]", label) else ""
-    return unit if unit in header.COMMON_UNITS and not header.is_unit_text(unit, want.unit) else ""
+    return unit if unit in header.COMMON_UNITS and not header.is_unit_text(unit, quantity.unit) else ""
 
 
-def _check_cells(table: TextTable, column: TableColumn, want: RequiredColumn) -> None:
+def _check_cells(table: TextTable, column: TableColumn, quantity: RequiredColumn) -> None:
     """Raise BadInput for the first cell that is not a finite number."""
     comma = table.dialect.comma
     for k, cell in enumerate(table.cells(column)):
@@ -177,7 +183,7 @@ def _check_cells(table: TextTable, column: TableColumn, want: RequiredColumn) ->
             raise BadInput(
                 f"{place}: {shorten_text(cell) or 'an empty cell'} is not a finite number; remove or repair the row"
             )
-        if want is TIME and parse_stamp(cell):
+        if quantity is TIME and parse_stamp(cell):
             continue
         raise BadInput(
             f"{place}: {show_cells([c for c in table.rows[k] if c])} is not numeric;"
@@ -185,17 +191,17 @@ def _check_cells(table: TextTable, column: TableColumn, want: RequiredColumn) ->
         )
 
 
-def _column_values(table: TextTable, column: TableColumn, want: RequiredColumn) -> np.ndarray:
-    """Numbers of a column in the wanted unit; elapsed times such as 00:01:02.5 in s."""
+def _column_values(table: TextTable, column: TableColumn, quantity: RequiredColumn) -> np.ndarray:
+    """Numbers of a column in the required unit; elapsed times such as 00:01:02.5 in s."""
     cells = table.cells(column)
-    if want is TIME and parse_number(split_suffix(cells[0])[0], table.dialect.comma) is None:
+    if quantity is TIME and parse_number(split_suffix(cells[0])[0], table.dialect.comma) is None:
         moments = parse_moments(cells, table.locate_row, column.label)
         if moments.has_date:
             raise BadInput(
                 f"{table.locate_row(0)}: {shorten_text(repr(cells[0]))} is a date; give the time in s from its zero"
             )
         return moments.seconds
-    values, unit = table.read_quantity(column, want.unit)
-    if want.unit == "degC" and not unit:
-        table.check_fahrenheit_remarks(f"write it behind the name, as {want.quantity} (degF)")
+    values, unit = table.read_quantity(column, quantity.unit)
+    if quantity.unit == "degC" and not unit:
+        table.check_fahrenheit_remarks(f"write it behind the name, as {quantity.name} (degF)")
     return values

@@ -201,10 +201,10 @@ def _without_words(values: np.ndarray) -> tuple[np.ndarray, list[str]]:
     return values, notes
 
 
-def _remove_stated_labels(values: np.ndarray, choice: LabelChoice, notes: list[str]) -> TrimmedMatrix:
-    """The matrix without the labels that the user stated, and what was left out.
+def _remove_stated_labels(values: np.ndarray, choice: str, notes: list[str]) -> TrimmedMatrix:
+    """The matrix without the labels that the user stated with `choice`, "columns", "rows", "both" or "none".
 
-    Labels of columns are the first row, labels of rows the first column.
+    Labels of columns stand in the first row, which is left out; labels of rows in the first column.
     """
     columns, rows = choice in ("columns", "both"), choice in ("rows", "both")
     if columns:

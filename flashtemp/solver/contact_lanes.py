@@ -73,6 +73,7 @@ def build_lane_history(b: HeatBalance, phi, weights, heat: float) -> LaneHistory
     phi = phi.reshape(-1, b.scene.mesh.n_across).T
     dx = b.scene.mesh.dx_block
     least = MIN_LANE_CONTACT_RATIO * (phi @ dx / dx.sum())[:, None]
+    # eq. (15d) divides by the larger fraction: a lower limit keeps it finite where the block is lifted off
     here = np.where(np.real(phi) < np.real(least), least, phi)[:, :, None]
     larger = np.where(np.real(here) < np.real(phi[:, None]), phi[:, None], here)
     parts = [part for W in weights for part in (b.share * W / larger, W + 0.0 * larger)]

@@ -280,6 +280,7 @@ class ContactInterface:
         carried = np.sum(state.pressure / state.phi * cover * area)
         if now.pressure > 0 and not np.real(carried) > 0:
             raise SolverFailure("no spot is under the block; use more or larger spots")
+        # spots carry the whole load: their pressure p/phi is scaled where they cover more or less than phi
         load = np.sum(state.pressure * area) / carried if now.pressure > 0 else 1.0
         block = state.block_coverage + w * (cover - state.block_coverage)
         return state._replace(

@@ -33,6 +33,7 @@ def contact_slopes(b: HeatBalance, contact: SolvedContact | None, at_walls):
         face, lane = state.block_coverage * area, state.road_coverage * area
         if len(b.deposit_weights) and np.any(d.deep):
             deposits = face * d.deep[0], face * d.deep[1]
+        # derivatives 0 are with respect to the block's first cell, 1 with respect to that of the road
         own += [(b.cell_block, face * (d.block[0] + d.deep[0]))]
         along, up, down = lane * d.road[1], lane * d.road[0], face * (d.block[1] + d.deep[1])
         for name, w, slopes in (("friction", face, d.heat), ("into_road", face, d.road)):
@@ -53,7 +54,7 @@ class OutflowDerivatives(NamedTuple):
 def outflow_derivatives(b: HeatBalance, advection, capacity_ratio) -> OutflowDerivatives:
     """Derivatives of the heat that the road carries out of the window, minus what it brings in.
 
-    `capacity_ratio` is dh/dT (cells,); `advection` W/(m K) is that of each line of cells of the road.
+    `capacity_ratio` is dh/dT (cells,); `advection` (n_road,) is rho c v dz of the road's cells, W/(m K).
     """
     mesh, (first, before, last), upwind = b.scene.mesh, b.outflow_cells, b.upwind_weight[-1]
     # second-order upwind extrapolates the outflow from two cells; conduction at the inflow adds the first cell

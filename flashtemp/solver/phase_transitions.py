@@ -63,6 +63,7 @@ def restart_repetition(balance: HeatBalance, before: Any, integration_state: Int
     rise = balance.temperature_rise(y[: balance.n])
     road, behind = mesh.planes(rise)[mesh.road], mesh.x_centre - mesh.x[0]
     entered = system.undisturbed_road(moment, behind)[:, 0].reshape(road.shape)
+    # road as if nothing had slid over it; heat of earlier passes is added where the track has kept it
     fresh = entered + 0.0 * road
     if integration_state.track is not None and integration_state.track.is_endless:
         integration_state.track.clear()

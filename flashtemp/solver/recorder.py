@@ -30,6 +30,7 @@ def record_times(phase, schedule, settings: SolverSettings) -> list[tuple[float,
     """
     sliding = -(-settings.profiles // sliding_segment_count(phase, schedule))
     n = sliding if phase.sliding else max(4, settings.profiles // 4)
+    # equal steps of sqrt(t), in which a surface warms after a start
     t = phase.begin + (phase.end - phase.begin) * (np.arange(n + 1) / n) ** 2
     t[-1] = phase.end
     times = (t if phase.begin == 0.0 else t[1:]).tolist()

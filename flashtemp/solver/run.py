@@ -245,9 +245,8 @@ class Run(DisplayMixin):
     def save(self, folder: Path) -> None:
         """Write `run.nc`, `summary.json`, `profiles.csv` and, for a worn block, `worn.csv` to an existing folder."""
         ds = self.dataset()
-        # netCDF writers may store times as integers of a coarser unit; the file is built in memory, so that an
-        # interrupted disk leaves no half of it open
         ds["time"].encoding["dtype"] = "float64"
+        # built in memory and written at once: a full disk raises OSError, where the HDF5 library may fail otherwise
         (folder / "run.nc").write_bytes(bytes(ds.to_netcdf(engine="h5netcdf")))
         (folder / "summary.json").write_text(json.dumps(self.summary, indent=2) + "\n", encoding="utf-8")
         profile_header = "x_m,T_block_degC,T_spot_degC,T_road_degC,pressure_Pa,worn_m"

@@ -367,6 +367,7 @@ def _bdf2_step(
     gamma = dt_du * h * (1 + w) / (1 + 2 * w)
     predicted = S + w * (S - old) if before else S
     history = ((1 + w) ** 2 * S - w * w * old) / (1 + 2 * w) if before else S
+    # a difference of two rates over the step is the derivative along s, with every law and the ledger in it
     start = reference.own_rate(t, y, reference.perturbed_run.s)
     R = np.empty_like(S)
     for k, one in enumerate(perturbed):

@@ -63,6 +63,7 @@ def integrate_schedule(
             _start_phase(balance, phases[now.phase - 1], phase, now, sensitivities)
         due = record_times(phase, scene.schedule, settings)
         for system in _phase_systems(balance, phase, now, resumed):
+            # a resumed state is stored for its own leg already
             if not resumed and system.leg > at:
                 _remap_road(system, now, sensitivities)
             at = system.leg

@@ -90,6 +90,7 @@ def _fill_hat_weights(at, nodes, first, start, pitch: float, psf_sigma: float, o
             for d in range(slopes):
                 if k > 0:
                     apart = nodes[node] - nodes[node - 1]
+                    # each interval between nodes adds to the hat functions of both
                     later = (before[d] - twice[d] - apart * once[d]) / apart
                     out[d, place - 1] += last[d] - once[d] - later
                     out[d, place] = later

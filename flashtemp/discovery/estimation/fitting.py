@@ -329,6 +329,7 @@ def _step_limits(h: Hypothesis, p: ParameterId, model: ModelPoint) -> tuple[floa
         return min(low - value, 0.0), max(param.high - value, 0.0)
     if p.kind is ParameterKind.KEY:
         param, case = parameter_spec(h.problem.case, p.name), h.problem.case
+        # a free key is the ln of a factor on its value, so its bounds are logarithms of ratios
         now = case[p.name] * np.exp(model.free.get(p.name, 0.0))
         low = np.log(param.low / now) if param.low > 0.0 else -np.inf
         return min(low, 0.0), max(float(np.log(param.high / now)), 0.0)
@@ -415,6 +416,7 @@ def run_fits(
                 fitting.close()
                 fits[key] = replace(request.best, status=FitStatus.OUTRUN)
                 del live[key]
+        # all fits of a round are simulated together, so that one batch keeps every worker busy
         pending = list(live.items())
         live.clear()
         answers = iter(problem.run([t for _, (_, request) in pending for t in request.tasks]))

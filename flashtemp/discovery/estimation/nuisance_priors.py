@@ -83,6 +83,7 @@ def nuisance_priors(problem: Problem, names: Iterable[ParameterId], model: Model
     free = problem.key_priors
     recordings = {v.file: v.recording for v in problem.campaign.views}
     points = sensor_priors(problem.campaign.views)
+    # priors are about the usual values; relative to a point the mean is minus what the point contains already
     for p in names:
         if p in free:
             out[p] = (-model.free[p.name], free[p])

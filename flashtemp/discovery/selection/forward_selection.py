@@ -120,6 +120,7 @@ def select_effects(problem: Problem, data: WhitenedData, base: LinearisedFit, wa
 def _fit_shortlist(search: EffectSearch, ranked: Sequence[CandidateScore], watch: ProgressCallback) -> EffectSearch:
     """Fit the candidates with the best scores in full, and the best pair if it scores far better than each alone."""
     groups: list[tuple[CandidateEffect, ...]] = [(s.candidate,) for s in shortlist_candidates(ranked)]
+    # with an effect accepted, every single candidate makes a pair with it
     if not effect_names(search.best):
         groups += [tuple(s.candidate for s in p.scores) for p in _promising_pairs(search, ranked)]
     if not groups:

@@ -115,6 +115,7 @@ def select_for_rescoring(
     Candidates without influence there are kept too, because the added effects may give them an influence.
     """
     system = before.system.with_residuals({b.label: b.r for b in found.blocks})
+    # new residuals with the sensitivities of the fit before: no candidate is simulated again
     at = replace(before, model=found.model, system=system, hyper=found.hyper)
 
     def solve_evidence(sensitivities: dict[ParameterId, float]) -> float:
@@ -151,7 +152,9 @@ def _score_variant(base: ScoringContext, c: CandidateEffect, variant: int) -> Ca
     priors = {n: (0.0, abs(a)) for n, a in zip(names, c.strengths.values(), strict=True)}
     solution = fit.solve_with(base.problem, _free_effect_priors(fit) | priors, base.equations).solution
     amplitude, errors = tuple(solution[n] for n in names), tuple(solution.sd(n) for n in names)
+    # u' I^-1 u of eq. (42): what the data say of the effect beyond all nuisances
     z = float(np.sqrt(max(float(u @ np.linalg.pinv(info, hermitian=True) @ u), 0.0)))
+    # the best of n variants is reported, each as likely as the others a priori: that costs ln n
     gain = (
         solution.ln_evidence - base.ln_evidence - (np.log(len(c.shape_variants)) if len(c.shape_variants) > 1 else 0.0)
     )

@@ -235,7 +235,7 @@ class PhaseSystem:
         T_in = self.incoming_rise(now)
         T_enter = T_in + self.revisited_rise(now) if self.phase.turned > -np.inf else T_in
         h_in = self.incoming_enthalpy(T_enter)
-        # the ledger is part of the state: it takes every step with the temperatures, so it audits the integration itself
+        # the ledger is part of the state and takes every step with the temperatures, so it audits the integration
         led = dict.fromkeys(b.ledger, 0.0)
         contact = self.contact_if_needed(now, y, T, kf)
         if contact is not None and contact.flux is not None:

@@ -135,7 +135,7 @@ def observe(
     predicted: dict[str, np.ndarray] = {}
     batches = np.array_split(np.arange(len(times)), max(1, -(-len(times) // BATCH)))
     for batch in batches:
-        # fields of a long run may exceed the memory: each batch reads those around its own times
+        # refined fields are large, so each batch uses only those around its own times
         near = run if len(batches) == 1 else _run_around(run, times[batch])
         body, along, up = _visible_temperatures(near, scene, recording, times[batch], face, kept)
         for name, part in formation.apparent_temperatures(body, (along, up), kept, slopes).items():

@@ -70,7 +70,7 @@ class WhitenedData:
                 own = {p: v for p, v in seen.columns.items() if p.kind in FIXED_KINDS}
                 own |= _mesh_differences(seen, [other.observables[entry.file] for other in rough])
                 if isinstance(entry, RecordingEntry):
-                    # noise is estimated from what no smooth shape explains, so that a missing effect does not count as noise
+                    # noise is estimated from what no smooth shape explains: a missing effect is not noise
                     rest = calibrated_residual(entry, seen)
                     own |= camera_smooth_basis(entry, seen) | discrepancy_basis(entry, seen)
                     own |= camera_columns(entry.recording, seen, rest, _sliding_speed(fine.run, entry.recording.time))

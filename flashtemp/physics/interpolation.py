@@ -179,7 +179,7 @@ def read_xy_pairs(
     if np.any(step <= 0):
         k = int(np.argmax(step <= 0))
         place = f"{key}: row {k + 2}" if table is None else table.locate_row(k + 1)
-        what = "first column" if isinstance(columns, int) else columns[0].quantity
+        what = "first column" if isinstance(columns, int) else columns[0].name
         raise BadInput(f"{place}: {what} goes from {data[k, 0]:g} to {data[k + 1, 0]:g}; it must increase strictly")
     outside = (data[:, 1] < low) | (data[:, 1] > high)
     if np.any(outside):

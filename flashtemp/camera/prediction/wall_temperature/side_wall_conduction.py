@@ -9,8 +9,8 @@ the plane (x, z) of the 2D run; near it, air cools the wall:
     -k dT/dz = q(x, t) - H T at z = 0        (H conductance of the contact, q even across y)   (29)
 
 T is a sum of products of slab modes: mode i across the width satisfies (28), mode j over the height satisfies (29).
-Their product decays as exp(-(lambda_i + mu_j) dt), without error in time.  Conduction along x follows as a separate step
-(operator splitting), because H varies along x.
+Their product decays as exp(-(lambda_i + mu_j) dt), without error in time.  Conduction along x follows as a separate
+step (operator splitting), because H varies along x.
 
 The flux q is constant in a step.  It is chosen so that a block without cooled side wall reaches the face temperature of
 the 2D run.  The corner then uses the same q, so it differs from the 2D run only by the cooling of the wall.

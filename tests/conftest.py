@@ -102,7 +102,7 @@ def slide(scene, warm=0.0, rtol=1e-7, phase=0, profiles=4):
 def fluxes(scene, rise):
     """Fluxes and temperatures of the contact at the end of the schedule."""
     system = PhaseSystem(HeatBalance(scene), scene.schedule.phases[-1])
-    now = system.moment(scene.schedule.end_time)
+    now = system.law_context(scene.schedule.end_time)
     return system.interface.solve_contact(now, 0.0, rise, system.incoming_road(now), system.b.ones).flux
 
 

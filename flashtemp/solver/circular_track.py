@@ -244,7 +244,7 @@ def store_leaving_column(
     system: PhaseSystem, t: float, y: np.ndarray, track: CircularTrack, min_spacing: float | None = None
 ) -> None:
     """Store the column that leaves the window at a state y: at most 400 per lap, or ten per length of the block."""
-    b, scene, now = system.b, system.b.scene, system.moment(t)
+    b, scene, now = system.b, system.b.scene, system.law_context(t)
     y = system.to_block_frame(now, y)
     place = now.passed - scene.mesh.x[-1]
     if b.road_frame is not None:  # road in its own frame leaves by whole columns

@@ -36,9 +36,9 @@ def remap_road(system: PhaseSystem, integration_state: IntegrationState) -> None
     """
     b, mesh, frame = system.b, system.b.scene.mesh, system.b.road_frame
     assert frame is not None
-    moment, lines = system.moment(system.phase.begin), frame.leg_lines
+    now, lines = system.law_context(system.phase.begin), frame.leg_lines
     behind = mesh.x_centre[:lines] - mesh.x[0]  # distance from the upstream edge: where each column has entered
-    rises = [system.incoming_rise(moment._replace(passed=moment.passed - distance)) for distance in behind]
+    rises = [system.incoming_rise(now._replace(passed=now.passed - distance)) for distance in behind]
     fresh = np.stack([system.incoming_enthalpy(T_in).reshape(mesh.n_road, -1) for T_in in rises])
     y = frame.to_block_frame(integration_state.y, lines, 0.0)
     gone = mesh.planes(integration_state.y[: b.n])[mesh.road[-lines:]]
@@ -59,19 +59,19 @@ def restart_repetition(balance: HeatBalance, before: Any, integration_state: Int
     y = integration_state.y.copy()
     old = balance.stored_heat(y)
     system = PhaseSystem(balance, before, build_inflow(balance, before, integration_state.track))
-    moment = system.moment(before.end)
+    now = system.law_context(before.end)
     rise = balance.temperature_rise(y[: balance.n])
     road, behind = mesh.planes(rise)[mesh.road], mesh.x_centre - mesh.x[0]
-    entered = system.undisturbed_road(moment, behind)[:, 0].reshape(road.shape)
+    entered = system.undisturbed_road(now, behind)[:, 0].reshape(road.shape)
     # road as if nothing had slid over it; heat of earlier passes is added where the track has kept it
     fresh = entered + 0.0 * road
     if integration_state.track is not None and integration_state.track.is_endless:
         integration_state.track.clear()
     elif integration_state.track is not None:
-        left = system.earlier_pass_rise(moment, behind).reshape(road.shape) + road - entered
-        integration_state.track.store_initial_road(before.end, moment.passed - mesh.x_centre, left)
+        left = system.earlier_pass_rise(now, behind).reshape(road.shape) + road - entered
+        integration_state.track.store_initial_road(before.end, now.passed - mesh.x_centre, left)
         carried = balance.share * left.reshape(mesh.n_lines, -1)
-        fresh = system.road_after_passes(moment, carried)[:, 0].reshape(road.shape)
+        fresh = system.road_after_passes(now, carried)[:, 0].reshape(road.shape)
     everywhere = mesh.everywhere(mesh.road)
     rise[everywhere] = fresh
     y[everywhere] = balance.enthalpy_rise(rise)[everywhere]

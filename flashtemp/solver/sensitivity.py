@@ -332,7 +332,9 @@ def _integrate_differences(
         moved = np.abs(change[:, :m]).max(axis=1, initial=0.0) / size
         error = float(np.sqrt(np.mean(moved**2))) if perturbed else 0.0
         close = (
-            FINE_CORRECTION_RATIO if fine_until and reference.system.moment(t).slid < fine_until else CORRECTION_RATIO
+            FINE_CORRECTION_RATIO
+            if fine_until and reference.system.law_context(t).slid < fine_until
+            else CORRECTION_RATIO
         )
         h = min(h * float(np.clip(np.sqrt(close / max(error, 1e-12)), 0.5, MAX_STEP_GROWTH)), longest)
     return S
@@ -344,7 +346,7 @@ def _fine_step_distance(phase, reference: _PhaseSegment, times) -> float:
     Long steps would smear that front.  The distance is 0 if no field of all cells is recorded within it.
     """
     reach = FINE_STEP_WINDOWS * float(reference.system.b.scene.mesh.x[-1])
-    is_recorded = phase.sliding and any(frame and reference.system.moment(t).slid < reach for t, frame in times)
+    is_recorded = phase.sliding and any(frame and reference.system.law_context(t).slid < reach for t, frame in times)
     return reach if is_recorded else 0.0
 
 

@@ -185,7 +185,7 @@ def absolute_tolerance(settings: SolverSettings) -> float:
 def _integrator_settings(system: PhaseSystem, settings: SolverSettings) -> IntegratorSettings:
     """Tolerances of a phase; the law `march.rate` (1/s) of an effect limits the length of steps."""
     phase = system.phase
-    rate = float(system.b.laws("march.rate", 0.0, None, system.moment(phase.begin)))
+    rate = float(system.b.laws("march.rate", 0.0, None, system.law_context(phase.begin)))
     longest = 1.0 / rate if phase.sliding and rate > 0 else 0.0  # 0: no limit
     return IntegratorSettings(settings.rtol, absolute_tolerance(settings), settings.order, longest)
 
@@ -218,15 +218,15 @@ def find_failing_law(scene: Scene, fault: Exception) -> str | None:
 def _describe_failure(system: PhaseSystem, t: float, y: np.ndarray, fault: SolverFailure) -> str:
     """A message with the failure, time, hottest cell and the effect with the largest heat."""
     b, mesh = system.b, system.b.scene.mesh
-    h = system.to_block_frame(system.moment(t), y)[: b.n]
+    h = system.to_block_frame(system.law_context(t), y)[: b.n]
     bad = np.flatnonzero(~np.isfinite(h))
     cell = int(bad[0]) if len(bad) else int(np.argmax(np.abs(h)))
     body = "block" if mesh.level[cell // mesh.n_across] >= mesh.n_road else "road"
     x, y_at, z = mesh.place(cell)
     where = f"x = {x * 1e3:.3g} mm, " + (f"y = {y_at * 1e3:.3g} mm, " if mesh.n_across > 1 else "")
     T = b.temperature_rise(h) + b.scene.ambient
-    moment = system.uniform_pressure_moment(system.moment(t))  # the local pressure may be what failed
-    sizes = b.laws.heat_by_effect(T[b.cell_block], moment)
+    context = system.uniform_pressure_context(system.law_context(t))  # the local pressure may be what failed
+    sizes = b.laws.heat_by_effect(T[b.cell_block], context)
     broken = [name for name, size in sizes.items() if not np.isfinite(size)]
     largest = f"largest effect: {max(sizes, key=sizes.__getitem__) if sizes else 'none'}"
     return (

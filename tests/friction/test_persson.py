@@ -483,7 +483,7 @@ def test_spots_follow_the_temperature_of_the_face(tmp_path):
     system = PhaseSystem(HeatBalance(scene), scene.schedule.phases[0])
     rise, y = 40.0 * np.exp(-((system.b.scene.mesh.column_x / 0.01) ** 2)), system.b.initial_state()
     y[system.b.cell_block] = rise
-    phi = system.solve_contact(system.moment(0.1), y).state.phi
+    phi = system.solve_contact(system.law_context(0.1), y).state.phi
     exactly = acting.p.theory.contact_fraction(2 * np.pi / scene.spot_diameter, 1.0, scene.ambient + rise, scene.load)
     np.testing.assert_allclose(phi, exactly, rtol=1e-4)
     assert exactly[0] > 1.3 * exactly[-1]

@@ -63,7 +63,7 @@ def at_the_end(lab, scene):
         < lab.LEAK
     )
     system = PhaseSystem(balance, scene.schedule.phases[-1])
-    return system.solve_contact(system.moment(scene.schedule.end_time), state.y).flux, balance.worn_depth(state.y)
+    return system.solve_contact(system.law_context(scene.schedule.end_time), state.y).flux, balance.worn_depth(state.y)
 
 
 # --- what is asked once ------------------------------------------------------------------------------

@@ -160,7 +160,7 @@ def test_where_the_block_lifts_off_it_exchanges_no_heat_with_the_road(lab):
     rise = np.zeros(system.b.n)
     rise[mesh.block] = 30.0
     met = system.interface.solve_contact(
-        system.moment(0.5), np.zeros(20), rise, np.zeros((2, mesh.n_road)), system.b.ones
+        system.law_context(0.5), np.zeros(20), rise, np.zeros((2, mesh.n_road)), system.b.ones
     )
     lifted = met.pressure_solution.pressure == 0
     assert 3 < lifted.sum() < 17

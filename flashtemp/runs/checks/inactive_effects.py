@@ -74,7 +74,7 @@ def _has_same_rates(base: Scene, extended: Scene) -> bool:
     for phase, t in _sample_times(base):
         y = _random_state(one, rng)
         pair = [PhaseSystem(b, phase, _warm_inflow(b.scene, phase)) for b in (one, other)]
-        now = pair[0].moment(t)
+        now = pair[0].law_context(t)
         if one.laws("march.rate", 0.0, None, now) != other.laws("march.rate", 0.0, None, now):
             return False
         rates = [np.zeros(b.size) for b in (one, other)]

@@ -89,10 +89,12 @@ def compute_case_friction(case: cases.Case, cold: bool) -> float:
         return float(run.friction[run.last_sliding_index])
     phase = [phase for phase in scene.schedule.phases if phase.sliding][-1]
     system = PhaseSystem(HeatBalance(scene), phase)
-    now, y = system.moment(phase.end), system.b.initial_state()
+    now, y = system.law_context(phase.end), system.b.initial_state()
     state, press, *_ = system.solve_contact(now, y)
     T = np.full(len(press.pressure), now.ambient)
-    mu = system.b.laws("friction.mu", 0.0, T, system.interface.moment_at_contact(state, now)._replace(face=T)) + 0.0 * T
+    mu = (
+        system.b.laws("friction.mu", 0.0, T, system.interface.context_at_contact(state, now)._replace(face=T)) + 0.0 * T
+    )
     load = press.pressure * scene.mesh.column_area
     return float(mu @ load / load.sum())
 

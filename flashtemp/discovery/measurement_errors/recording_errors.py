@@ -17,7 +17,6 @@ import numpy as np
 
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import RecordingEntry
-from flashtemp.comparison.compare import check_recording
 from flashtemp.comparison.noise import NoiseLevels
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.estimation.nuisance_priors import all_derivatives
@@ -33,6 +32,7 @@ from flashtemp.discovery.measurement_errors.recording_fit import (
     fit_traces,
     flip_recording,
     has_same_times,
+    is_schedule_possible,
     predict_hypothesis,
     resample_images,
 )
@@ -438,15 +438,6 @@ def _fit_at_host(search: _ErrorSearch, e: _StatedRecording, host: _StatedRecordi
         return fit_recording(search.problem, task, made, hypothesis, search.stated_fit(e).noise)
     except FlashtempError:
         return None
-
-
-def is_schedule_possible(view: RecordingEntry, scene: Scene) -> bool:
-    """Whether the frames of a recording can belong to the schedule of a scene."""
-    try:
-        check_recording(view, scene)
-    except FlashtempError:
-        return False
-    return True
 
 
 def _find_exchanged_views(search: _ErrorSearch, entries: Sequence[_StatedRecording]) -> Iterator[RecordingError]:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import RecordingEntry
+from flashtemp.comparison.compare import check_recording
 from flashtemp.comparison.noise import NoiseLevels
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.estimation.hyperparameters import EvidenceMaximum, maximise_evidence
@@ -33,6 +34,7 @@ from flashtemp.discovery.prediction.prediction import (
 )
 from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.errors import BadInput, FlashtempError
+from flashtemp.model.scene import Scene
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -399,3 +401,12 @@ def has_same_times(first: RecordingEntry, second: RecordingEntry) -> bool:
     if len(a.time) != len(b.time) or first.means != second.means:
         return False
     return bool(np.allclose(a.time, b.time, rtol=0.0, atol=TIME_TOLERANCE * max(float(a.time[-1]), 1e-12)))
+
+
+def is_schedule_possible(view: RecordingEntry, scene: Scene) -> bool:
+    """Whether the frames of a recording can belong to the schedule of a scene."""
+    try:
+        check_recording(view, scene)
+    except FlashtempError:
+        return False
+    return True

@@ -22,7 +22,7 @@ BAR_HEIGHT_IN = 0.185  # inches
 MIN_PRINTED_CORRELATION = 0.6  # smaller correlations are drawn without a number
 MAX_NUISANCES_DRAWN = 24  # also: effects in the matrix whose cells still have room for numbers
 SIGMA_95 = 1.96
-COMMON_VALUE_COLOUR = "#0072B2"
+COMMON_VALUE_COLOUR = theme.BLUE
 
 
 def ranked_scores(verdict) -> list[tuple[str, float, str, bool]]:

@@ -310,6 +310,7 @@ class ContactInterface:
         cover = b.laws("contact.cover", 0.0, None, now.with_fields(lead=edges))
         if frame is None:
             return cover, RoadOverlap(b.cell_road), 0.0, 0.0
+        # every line under the block is cut into two strips where a column of the road ends
         area = cover.reshape(-1, mesh.n_across) * np.diff(edges)[:, None]
         under = frame.find_overlap(now.passed, b.cell_road, area)
         bare = 1.0 - b.laws("contact.cover", 0.0, None, now.with_fields(lead=frame.column_edges(now.passed)))

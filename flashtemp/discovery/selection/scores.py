@@ -216,6 +216,7 @@ def compute_separability(fit: LinearisedFit, tried: Sequence[CandidateEffect]) -
     sd = np.array(list(sizes.values()))
     z = np.sqrt(np.maximum(np.diag(info), 0.0)) * sd
     good = z > MIN_EFFECT_Z
+    # cosines between signatures: at +-1 the calibrated data cannot tell two effects apart
     norm = np.sqrt(np.maximum(np.diag(info), 1e-300))
     rho = np.where(np.outer(good, good), info / np.outer(norm, norm), 0.0)
     np.fill_diagonal(rho, 1.0)
@@ -237,6 +238,7 @@ def score_pairs(
 ) -> list[EffectPair]:
     """Score all pairs of the `max_effects` candidates with the largest z, best first."""
     base = ScoringContext.from_fit(problem, fit)
+    # the number of pairs grows with the square, so only the candidates with the largest z take part
     best = sorted((s for s in ranked if s.typical_z > MIN_PARTNER_Z), key=lambda s: -s.z)[:max_effects]
 
     def solve_together(*together: CandidateScore) -> Solution:

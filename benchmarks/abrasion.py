@@ -12,8 +12,8 @@ from common import ErrorRow, print_rows
 
 from flashtemp.model.case import load_case
 from flashtemp.model.numerics import installed_bindings
-from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
+from flashtemp.solver.time_integration import integrate_schedule
 
 CASE = Path(__file__).parent.parent / "cases" / "chosen_peak"
 PLAIN = ["friction_softening", "track_memory", "edge_pressure"]
@@ -28,7 +28,7 @@ KINDS = {
 def time_case(case) -> tuple[float, Run]:
     """CPU seconds of set-up and solve with two profiles a stretch, and the Run."""
     lean, began = replace(case.settings, profiles=2, fields=2), time.process_time()
-    run = march(case.scene, lean)
+    run = integrate_schedule(case.scene, lean)
     return time.process_time() - began, run
 
 

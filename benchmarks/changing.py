@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import scipy_peer
-from common import ErrorRow, print_rows, profile_error, time_call, time_march
+from common import ErrorRow, print_rows, profile_error, time_call, time_run
 
 from flashtemp.model.case import load_case
 from flashtemp.model.numerics import installed_bindings
@@ -49,7 +49,7 @@ def rows(repeat: int, small: bool = False) -> list[ErrorRow]:
     for binding in installed_bindings():
         for rtol, limit in list(OURS.items())[: 1 if small else None]:
             case = load_case(CASE, CHANGE | {"numerics.integrator": binding, "numerics.rtol": rtol})
-            seconds, run = time_march(case, repeat)
+            seconds, run = time_run(case, repeat)
             name = f"flashtemp, {binding}, rtol {rtol:g}"
             out.append(ErrorRow(name, run.mesh.n_cells, profile_error(run, x, rise), limit, seconds))
     mesh = scipy_peer.make_mesh(*MESH)

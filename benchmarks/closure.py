@@ -19,7 +19,7 @@ from common import ErrorRow
 from flashtemp.errors import SolverFailure
 from flashtemp.model.case import load_case
 from flashtemp.model.numerics import installed_bindings
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 
 POINTS = [  # speed m/s, diameter m, fraction
     (0.1, 3e-3, 0.2), (0.03, 3e-3, 0.2), (0.3, 3e-3, 0.2), (1.0, 3e-3, 0.2), (0.1, 1.5e-3, 0.2), (0.1, 6e-3, 0.2),
@@ -51,7 +51,7 @@ def case_overrides(v: float, D: float, phi: float, pattern: tuple[str, int] | No
 
 def run_case(given: dict):
     made = load_case("cases/uniform_pressure", given)
-    return march(made.scene, made.settings)
+    return integrate_schedule(made.scene, made.settings)
 
 
 def mean_rises(run) -> np.ndarray:

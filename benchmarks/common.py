@@ -11,7 +11,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from flashtemp.model.case import Case
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 
 
 def time_call(function, repeat: int):
@@ -24,16 +24,16 @@ def time_call(function, repeat: int):
     return statistics.median(spent), found
 
 
-def time_march(case: Case, repeat: int):
+def time_run(case: Case, repeat: int):
     """Median CPU seconds of set-up and solve of a case, and its Run; kernels are compiled beforehand.
 
     The timed runs keep two profiles per phase, as the peers do; the returned Run keeps all.
     """
-    run = march(case.scene, case.settings)
+    run = integrate_schedule(case.scene, case.settings)
     lean, seconds = replace(case.settings, profiles=2, fields=2), []
     for _ in range(repeat):
         began = time.process_time()
-        march(case.scene, lean)
+        integrate_schedule(case.scene, lean)
         seconds.append(time.process_time() - began)
     return statistics.median(seconds), run
 

@@ -30,7 +30,7 @@ from flashtemp.discovery.criteria import CRITERIA, Criteria
 from flashtemp.discovery.decision import AdequacyTest, decide
 from flashtemp.discovery.diagnostics import adequacy_tests as adequacy_module
 from flashtemp.discovery.diagnostics import setup_errors as setup_module
-from flashtemp.discovery.parameters import PLACEMENT_KINDS, Kind, ParameterId
+from flashtemp.discovery.parameters import PLACEMENT_KINDS, ParameterId, ParameterKind
 from flashtemp.discovery.selection import forward_selection
 
 Names = frozenset[str]
@@ -164,8 +164,8 @@ def _stored_answers(stored: StoredSearch) -> Iterator[None]:
     def adequacy_tests(problem: Any, fit: StoredFit, criteria: Criteria) -> tuple[AdequacyTest, ...]:
         return adequacy_module.run_adequacy_tests(problem, _for_adequacy(fit), criteria)  # type: ignore[arg-type]
 
-    def reduced(problem: Any, fit: StoredFit, system: Any, known: Any, floor: float | None) -> Any:
-        return fit.setup.system if floor is None else fit.setup.largest
+    def reduced(problem: Any, fit: StoredFit, system: Any, known: Any, discrepancy_sd: float | None) -> Any:
+        return fit.setup.system if discrepancy_sd is None else fit.setup.largest
 
     def visible_fraction(data: Any, fit: StoredFit, system: Any, p: ParameterId, value: float, gain: float) -> float:
         if p.kind not in PLACEMENT_KINDS:  # older evidence does not contain it
@@ -210,7 +210,7 @@ def _for_adequacy(fit: StoredFit) -> Any:
 
 def _deviations(fit: Any) -> dict[ParameterId, float]:
     """The largest deviation of a key and of a camera parameter."""
-    key, other = ParameterId.of_key("key"), ParameterId(Kind.FLOOR, name="other")
+    key, other = ParameterId.of_key("key"), ParameterId(ParameterKind.MODEL_DISCREPANCY, name="other")
     return {key: fit.value("calibrated"), other: fit.value("camera")}
 
 

@@ -16,8 +16,8 @@ import numpy as np
 
 from flashtemp.errors import BadInput
 from flashtemp.model.case import load_case
-from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
+from flashtemp.solver.time_integration import integrate_schedule
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "benchmarks" / "results" / "mesh_error.json"
@@ -36,7 +36,7 @@ CASES: dict[str, dict[str, Any]] = {
 def simulate(case: str, speed: float, factor: float) -> Run:
     """A short run on a mesh with a factor on the number of cells per direction."""
     given = load_case(ROOT / "cases" / case, SHORT | CASES[case] | {"schedule.speed": speed, "numerics.mesh": factor})
-    return march(given.scene, given.settings)
+    return integrate_schedule(given.scene, given.settings)
 
 
 def face_error(run: Run, finest: Run) -> float:

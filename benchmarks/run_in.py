@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from common import ErrorRow, print_rows, time_march
+from common import ErrorRow, print_rows, time_run
 
 from flashtemp.model.case import load_case
 from flashtemp.model.numerics import installed_bindings
@@ -25,14 +25,14 @@ STATED = {(0.7, 1e-3): 1.0, (0.9, 5e-3): 0.5, (0.9, 1e-3): 0.7, (1.0, 1e-3): 0.6
 
 def rows(repeat: int, runs=tuple(STATED), finest: float = 2.0, **more) -> list[ErrorRow]:
     """Every binding on every mesh against flashtemp on a finer mesh: the numerical error alone."""
-    _, best = time_march(load_case(CASE, {"numerics.mesh": finest, "numerics.rtol": 1e-5} | more), 1)
+    _, best = time_run(load_case(CASE, {"numerics.mesh": finest, "numerics.rtol": 1e-5} | more), 1)
     truth, out = repetition_end_rises(best), []
     for mesh, rtol in runs:
         for binding in installed_bindings():
             case = load_case(
                 CASE, {"numerics.mesh": mesh, "numerics.rtol": rtol, "numerics.integrator": binding} | more
             )
-            seconds, run = time_march(case, repeat)
+            seconds, run = time_run(case, repeat)
             found = np.array([np.interp(best.x, run.x, row) for row in repetition_end_rises(run)])
             error = 100 * float(np.abs(found - truth)[:, 2:-2].max() / truth.max())
             out.append(

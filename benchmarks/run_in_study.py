@@ -18,8 +18,8 @@ import numpy as np
 
 from flashtemp.errors import SolverFailure
 from flashtemp.model.case import load_case
-from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
+from flashtemp.solver.time_integration import integrate_schedule
 
 ROOT = Path(__file__).parent.parent
 CASE = ROOT / "cases" / "run_in"
@@ -82,7 +82,7 @@ def solve(overrides: dict[str, Any]) -> dict[str, Any]:
     began = time.process_time()
     try:
         case = load_case(CASE, COARSE | overrides)
-        found = describe_run(march(case.scene, case.settings, case.title))
+        found = describe_run(integrate_schedule(case.scene, case.settings, case.title))
         found["holds"] = judge_statements(found)
     except SolverFailure as failure:
         found = {"failure": str(failure)}

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import scipy_peer
-from common import ErrorRow, print_rows, profile_error, time_call, time_march
+from common import ErrorRow, print_rows, profile_error, time_call, time_run
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from flashtemp.model.case import load_case
@@ -56,7 +56,7 @@ def rows(repeat: int) -> list[ErrorRow]:
             case = load_case(
                 CASE, {"numerics.integrator": binding, "output.profiles": 150, "output.fields": 2, **change}
             )
-            seconds, run = time_march(case, repeat)
+            seconds, run = time_run(case, repeat)
             late = 100 * max(abs(middle_rise(run, t) - T) for t, T in zip(*history, strict=True)) / rise.max()
             error = max(profile_error(run, x, rise), late)
             out.append(ErrorRow(f"flashtemp, {binding}, {limit:g} %", run.mesh.n_cells, error, limit, seconds))

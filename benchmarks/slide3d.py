@@ -31,7 +31,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from flashtemp.model.case import load_case
 from flashtemp.model.numerics import installed_bindings
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 
 CASE = Path(__file__).parent.parent / "cases" / "slide3d"
 REFERENCE = Path(__file__).parent.parent / "tests" / "data" / "slide3d_reference.json"
@@ -56,7 +56,7 @@ def run_case(change: dict):
     case = load_case(CASE, change)
     scene, numerics = case.scene, case.settings
     began = time.process_time()
-    run = march(scene, replace(numerics, fields=2))
+    run = integrate_schedule(scene, replace(numerics, fields=2))
     return run, time.process_time() - began
 
 

@@ -20,7 +20,7 @@ from common import ErrorRow, print_rows
 from flashtemp.model.numerics import SolverSettings, choose_binding
 from flashtemp.physics.effect import Term
 from flashtemp.physics.effects.resolved_spots import STEPS_PER_DIAMETER, ResolvedSpots
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
@@ -61,7 +61,9 @@ def disc_scene(frame: str, steps: float):
 def compile_kernels() -> None:
     """Compile the kernels that all rows use."""
     for frame in STATED:
-        march(disc_scene(frame, STEPS_PER_DIAMETER), SolverSettings(choose_binding(None), LOOSE, profiles=4))
+        integrate_schedule(
+            disc_scene(frame, STEPS_PER_DIAMETER), SolverSettings(choose_binding(None), LOOSE, profiles=4)
+        )
 
 
 def measure_row(frame: str, steps: float, rtol: float) -> ErrorRow:
@@ -71,7 +73,7 @@ def measure_row(frame: str, steps: float, rtol: float) -> ErrorRow:
     made, settings = disc_scene(frame, steps), SolverSettings(choose_binding(None), rtol, profiles=4)
     compile_kernels()
     began = time.process_time()
-    run = march(made, settings)
+    run = integrate_schedule(made, settings)
     seconds = time.process_time() - began
     error = 100.0 * abs(mean_rise(run) / WAVES - 1.0)
     limit = f"D/{steps:g}v" if steps else "no limit"

@@ -28,7 +28,7 @@ from flashtemp.discovery.estimation.linearised_fit import FitStatus, LinearisedF
 from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY
 from flashtemp.discovery.estimation.per_condition import estimate_effect_by_condition
 from flashtemp.discovery.law_identification import IdentifiedLaw, heldout_excess, ln_choice_odds
-from flashtemp.discovery.parameters import PLACEMENT_KINDS, Kind, ParameterId
+from flashtemp.discovery.parameters import PLACEMENT_KINDS, ParameterId, ParameterKind
 from flashtemp.discovery.selection import forward_selection
 from flashtemp.discovery.selection.forward_selection import EffectSearch
 
@@ -179,10 +179,10 @@ class Recorder:
     @contextmanager
     def record_calls(self) -> Iterator[Recorder]:
         """The engine with its calls recorded."""
-        kept = {name: getattr(engine, name) for name in ("question_inputs", "identify_law", "find_recording_errors")}
+        kept = {name: getattr(engine, name) for name in ("assess_inputs", "identify_law", "find_recording_errors")}
 
-        def question_inputs(search: EffectSearch, final: LinearisedFit, watch: Any) -> Any:
-            found = kept["question_inputs"](search, final, watch)
+        def assess_inputs(search: EffectSearch, final: LinearisedFit, watch: Any) -> Any:
+            found = kept["assess_inputs"](search, final, watch)
             self.systems.append((search, found.system))
             self.inputs = [c.input for c in found.checks]
             return found
@@ -198,7 +198,7 @@ class Recorder:
             return found
 
         try:
-            for function in (question_inputs, identify_law, find_recording_errors):
+            for function in (assess_inputs, identify_law, find_recording_errors):
                 setattr(engine, function.__name__, function)
             yield self
         finally:
@@ -260,7 +260,7 @@ def store_fit(search: EffectSearch, fit: LinearisedFit, with_inputs: LinearSyste
     base, own = engine.assess_model(search, search.base), engine.assess_model(search, fit)
     change = engine.size_of_change(search, base, own)
     blocks = [
-        b.with_columns_of(o, lambda p: p.kind is Kind.INPUT)
+        b.with_columns_of(o, lambda p: p.kind is ParameterKind.INPUT)
         for b, o in zip(fit.blocks, with_inputs.blocks, strict=True)
     ]
     every = refit_all_data(fit)
@@ -304,8 +304,8 @@ def _with_whole_mesh_error(size: EffectSize) -> EffectSize:
 def _store_setup(search: EffectSearch, fit: LinearisedFit, system: LinearSystem, inputs: Any) -> StoredSetup:
     known = {i.column_id: i for i in inputs}
     problem = search.problem
-    floors = (None, LARGEST_DISCREPANCY)
-    found, largest = (setup_module._reduce_fit(problem, fit, system, known, floor) for floor in floors)
+    discrepancy_sds = (None, LARGEST_DISCREPANCY)
+    found, largest = (setup_module._reduce_fit(problem, fit, system, known, sd) for sd in discrepancy_sds)
     squares, changes = {}, {}
     for p in () if found is None else found.names:
         if p.kind in PLACEMENT_KINDS:

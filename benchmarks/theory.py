@@ -18,7 +18,7 @@ from flashtemp.model.build import find_theory
 from flashtemp.model.case import load_case
 from flashtemp.physics.friction.friction_table import tabulate_friction
 from flashtemp.physics.quantities import KELVIN
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 
 THEORY = {"effects": ["persson_friction"]}
 OTHERS: dict[str, dict] = {  # the same friction at the end, about
@@ -62,7 +62,7 @@ def print_run_times(file: Path, repeat: int, meshes) -> None:
         for n in range(repeat + 1):
             for name, (scene, numerics) in made.items():
                 start = time.process_time()
-                march(scene, numerics)
+                integrate_schedule(scene, numerics)
                 if n:  # the first round compiles
                     spent[name].append(time.process_time() - start)
         base = statistics.median(spent["a number"])

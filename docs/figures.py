@@ -13,7 +13,7 @@ from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare
 from flashtemp.comparison.synthetic_campaign import SyntheticPlan, make_synthetic_campaign
 from flashtemp.model.case import load_case
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 from flashtemp.viz import theme
 from flashtemp.viz.measurement import comparison
 from flashtemp.viz.run import field, profile, run_in_maps, space_time, wear_profile
@@ -25,7 +25,7 @@ OUT = ROOT / "docs" / "pictures"
 def simulate(name: str, **change):
     """March a ready case with overrides given as table__key."""
     case = load_case(ROOT / "cases" / name, {k.replace("__", "."): v for k, v in change.items()})
-    return march(case.scene, case.settings, case.title)
+    return integrate_schedule(case.scene, case.settings, case.title)
 
 
 @theme.styled

@@ -26,9 +26,9 @@ from flashtemp.physics.effect import Effect, Heat, Term
 from flashtemp.physics.material import LIBRARY, Material
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.solver.heat_balance import HeatBalance
-from flashtemp.solver.march import march
-from flashtemp.solver.march_state import MarchState
+from flashtemp.solver.integration_state import IntegrationState
 from flashtemp.solver.system import PhaseSystem
+from flashtemp.solver.time_integration import integrate_schedule
 
 RUBBER, ROAD, L = LIBRARY["tread_rubber"], LIBRARY["asphalt"], 0.025
 # the effusivities of road and rubber with 1e-4 and 1e-8 of their diffusivity: V8 and V15 neglect conduction along x
@@ -93,8 +93,8 @@ def slide(scene, warm=0.0, rtol=1e-7, phase=0, profiles=4):
     warm = np.asarray(warm)
     y[scene.mesh.everywhere(scene.mesh.block)] = warm[..., None] if warm.ndim == 2 else warm
     start = scene.schedule.phases[phase].begin
-    state = MarchState(t=start, phase=phase, y=y, removed_heat=-np.array(balance.stored_heat(y)))
-    run = march(scene, SolverSettings(choose_binding(None), rtol, profiles=profiles), state=state)
+    state = IntegrationState(t=start, phase=phase, y=y, removed_heat=-np.array(balance.stored_heat(y)))
+    run = integrate_schedule(scene, SolverSettings(choose_binding(None), rtol, profiles=profiles), state=state)
     assert run.energy_imbalance < LEAK
     return run, state.y[: balance.n]
 
@@ -102,7 +102,7 @@ def slide(scene, warm=0.0, rtol=1e-7, phase=0, profiles=4):
 def fluxes(scene, rise):
     """Fluxes and temperatures of the contact at the end of the schedule."""
     system = PhaseSystem(HeatBalance(scene), scene.schedule.phases[-1])
-    now = system.moment(scene.schedule.end_time)
+    now = system.law_context(scene.schedule.end_time)
     return system.interface.solve_contact(now, 0.0, rise, system.incoming_road(now), system.b.ones).flux
 
 
@@ -127,7 +127,7 @@ def case(**given):
     made = assemble_case(
         {}, {k.replace("__", "."): v for k, v in given.items()}, KeyLocations("none"), Path(), "verification"
     )
-    run = march(made.scene, made.settings)
+    run = integrate_schedule(made.scene, made.settings)
     assert run.energy_imbalance < LEAK
     return run
 

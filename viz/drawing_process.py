@@ -1,4 +1,4 @@
-"""Pictures of a run drawn by two processes: the second loads the libraries during the march and helps afterwards.
+"""Pictures of a run drawn by two processes: the second loads the libraries during the run and helps afterwards.
 
 `python -m flashtemp.viz.drawing_process` is the second process.  It reads a run, its folder and picture requests from
 stdin, and writes the results to stdout.
@@ -25,13 +25,15 @@ from flashtemp.runs.results import processes
 from flashtemp.runs.results.current_folder import make_python_command
 from flashtemp.viz import PictureRequest
 
-SECOND_PROCESS_AFTER_S = 1.0  # s of march; after a shorter one all pictures are drawn before a second process is ready
+SECOND_PROCESS_AFTER_S = (
+    1.0  # s of the run; after a shorter one all pictures are drawn before a second process is ready
+)
 MAX_SHARED_BYTES = 2**28  # bytes of a run's fields, which exist twice with two processes
 STOP_PATIENCE_S = 10.0  # s for the picture in progress after Ctrl-C
 
 
 class PictureDrawer:
-    """Draws the pictures of a run, with a second process if the march takes longer than SECOND_PROCESS_AFTER_S.
+    """Draws the pictures of a run, with a second process if the run takes longer than SECOND_PROCESS_AFTER_S.
 
     Where that process cannot be started, or fails, this one draws everything.
     """

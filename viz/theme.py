@@ -26,7 +26,8 @@ ROAD_COLOUR = "#6E7F8D"
 HOLDER_COLOUR = "#E69F00"
 AIR_COLOUR = "#56B4E9"
 AMBIENT_COLOUR = "#5A5A5A"
-PLACE_COLOURS = {"leading edge": "#0072B2", "middle": "#4D4D4D", "trailing edge": "#D55E00"}
+BLUE, VERMILION = "#0072B2", "#D55E00"  # a pair that colour-blind readers distinguish (Okabe and Ito 2008)
+PLACE_COLOURS = {"leading edge": BLUE, "middle": "#4D4D4D", "trailing edge": VERMILION}
 SLIDING_COLOUR, WAITING_COLOUR = "#4D4D4D", "#E4E4E4"
 
 TEMPERATURE_MAP_NAME = "inferno"

@@ -15,10 +15,10 @@ from flashtemp.model.case import Case
 from flashtemp.runs import job
 from flashtemp.runs.results import vtk
 from flashtemp.runs.results.vtk import RunFields
-from flashtemp.solver.march_state import MarchState
+from flashtemp.solver.integration_state import IntegrationState
 from flashtemp.solver.run import Run
 
-Watch = Callable[[MarchState, float], Any]
+Watch = Callable[[IntegrationState, float], Any]
 
 
 def check(case: str | Path | Case, overrides: Overrides | None = None) -> Case:

@@ -235,8 +235,10 @@ def _robust_sd(T: Array, axes: tuple[int, ...]) -> float:
     return min(found, default=0.0)
 
 
-def _cold_and_hot_means(T: Array) -> Array:
+def _mean_cold_and_hot_frames(T: Array) -> Array:
     """Mean (2, nv, nu) of the coldest and of the hottest quarter of the frames."""
+    # the median of a frame, because defective pixels may not decide which frames are hot; a quarter, so that the mean
+    # lowers the noise and the two still differ in heat: a defective pixel stands out in both, the scene does not
     level = np.array([np.median(a[np.isfinite(a)]) if np.isfinite(a).any() else np.nan for a in T])
     order = np.argsort(level)[: int(np.isfinite(level).sum())]
     k = max(1, len(order) // 4)
@@ -252,7 +254,7 @@ def _time_mean(T: Array) -> Array:
 
 def _static_outliers(T: Array, axes: tuple[int, ...], sigma: float, sharp: float) -> Mask:
     """Mask of values that stand out along all `axes`, equally in the coldest and in the hottest frames."""
-    ends = _cold_and_hot_means(T)
+    ends = _mean_cold_and_hot_frames(T)
     found = [_excess_over_neighbours(ends, a, sharp) for a in axes]
     out = found[0] if len(found) == 1 else _smaller_deviation(*found)
     far = np.maximum(np.abs(out[0]), np.abs(out[1]))

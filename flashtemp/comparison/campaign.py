@@ -24,7 +24,7 @@ from flashtemp.model import case as cases
 from flashtemp.model import case_file, file_kinds, schema
 from flashtemp.physics import units
 from flashtemp.physics.interpolation import read_xy_pairs
-from flashtemp.physics.tables.wanted import FRICTION, TIME
+from flashtemp.physics.tables.column_matching import FRICTION, TIME
 
 MAX_FREE_SD = 3.0  # relative standard deviation of a free key: a factor of 20
 TOP_KEYS = {"title", "case", "free", "known", "candidates", "recording", "force"}

@@ -27,8 +27,8 @@ from flashtemp.display import DisplayMixin, DisplayTable, ProgressMessage
 from flashtemp.errors import BadInput, RenamedAttribute
 from flashtemp.model.case import Case
 from flashtemp.model.scene import Scene
-from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
+from flashtemp.solver.time_integration import integrate_schedule
 
 ROAD_MARGIN_PX = 3.0  # pixels of road that are simulated beyond the last recorded one
 SCHEDULE_ROUNDING = 1e-4  # of the schedule's length, for rounded times in tables
@@ -236,7 +236,7 @@ def simulate_condition(campaign: Campaign, condition: Condition) -> tuple[Scene,
     for view in views:
         check_recording(view, scene)
     settings = replace(case.settings, times=required_times(views, scene), fields=2)
-    return scene, march(scene, settings, case.title)
+    return scene, integrate_schedule(scene, settings, case.title)
 
 
 def view_overrides(case: Case, views) -> dict[str, Any]:

@@ -70,9 +70,9 @@ def _excess_variance(images: Array, axis: int, pixel: float, line: float) -> flo
     known = ratio[np.isfinite(ratio)]
     # overlapping differences count as len/(0.5 len(weights)) independent ones
     chance = CHANCE_LIMIT_SDS * np.sqrt(2.0 / (MAD_EFFICIENCY * max(len(known), 1) / (0.5 * len(weights))))
-    if len(known) < MIN_DIFFERENCES or _robust_variance(known) < 1.0 + chance:
+    if len(known) < MIN_DIFFERENCES or _robust_mean_square(known) < 1.0 + chance:
         return 0.0
-    excess = max(min(map(_robust_variance, _split_halves(ratio))) - 1.0, 0.0)
+    excess = max(min(map(_robust_mean_square, _split_halves(ratio))) - 1.0, 0.0)
     return excess * float(np.nanmedian(expected))
 
 
@@ -86,9 +86,9 @@ def _split_halves(ratio: Array) -> list[Array]:
     return [part[np.isfinite(part)] for part in parts]
 
 
-def _robust_variance(ratio: Array) -> float:
-    """Robust variance about zero."""
-    return (MAD_TO_SD * float(np.median(np.abs(ratio)))) ** 2
+def _robust_mean_square(normalised: Array) -> float:
+    """Mean square of values about zero from their median magnitude; 1 for normal values of unit variance."""
+    return (MAD_TO_SD * float(np.median(np.abs(normalised)))) ** 2
 
 
 def _combine_lines(lines: Array, weights: Array) -> Array:

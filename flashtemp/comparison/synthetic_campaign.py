@@ -26,7 +26,7 @@ from flashtemp.model.numerics import choose_binding, installed_bindings
 from flashtemp.model.schema import declared_params, refinement_factor
 from flashtemp.physics import user_effects
 from flashtemp.runs.results.result_folder import atomic_folder
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 
 NETD_K = {IDEAL: 0.05, UNCOOLED: 0.05, COOLED: 0.02}
 REAL_CAMERA_FRAMES = (24, 4)  # minimum per repetition and per wait of a camera with errors, which runs all the time
@@ -266,7 +266,7 @@ def _measure_condition(made: Case, plan: SyntheticPlan, rng, work: Path, name: s
         )
     required = {float(t) for r in blanks.values() for t in synthetic_recording.exposure_times(r, scene.acting)}
     inside = tuple(sorted(t for t in required if 0.0 <= t <= scene.schedule.end_time))
-    run = march(scene, replace(made.settings, times=inside, fields=2), made.title)
+    run = integrate_schedule(scene, replace(made.settings, times=inside, fields=2), made.title)
     files, faults = [], {}
     for view, recording in blanks.items():
         errors = synthetic_recording.draw_errors(recording, rng, plan.nuisance)

@@ -19,7 +19,7 @@ from flashtemp.discovery.diagnostics.effect_size import (
     change_per_unit,
     largest_change,
 )
-from flashtemp.discovery.diagnostics.input_checks import InputCheck, check_inputs, group_inputs
+from flashtemp.discovery.diagnostics.input_checks import InputCheck, compare_inputs_with_data, group_inputs
 from flashtemp.discovery.diagnostics.stated_inputs import (
     StatedInput,
     add_input_columns,
@@ -29,7 +29,7 @@ from flashtemp.discovery.diagnostics.stated_inputs import (
 from flashtemp.discovery.estimation.fitting import ProgressCallback
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
 from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
-from flashtemp.discovery.parameters import Kind
+from flashtemp.discovery.parameters import ParameterKind
 from flashtemp.discovery.prediction.prediction import Prediction
 from flashtemp.discovery.selection.forward_selection import EffectSearch
 from flashtemp.discovery.verdict import FitMetrics
@@ -86,7 +86,7 @@ def size_of_change(search: EffectSearch, base: ModelAssessment, extended: ModelA
     return replace(change, size=replace(change.size, camera_fraction=fraction))
 
 
-def question_inputs(search: EffectSearch, final: LinearisedFit, watch: ProgressCallback) -> InputAssessment:
+def assess_inputs(search: EffectSearch, final: LinearisedFit, watch: ProgressCallback) -> InputAssessment:
     """Check every stated number of case and set-up against the data, at the final fit.
 
     Sensitivities are computed on a coarse mesh first, which is accurate enough for most inputs.  The coarse sensitivity
@@ -95,28 +95,29 @@ def question_inputs(search: EffectSearch, final: LinearisedFit, watch: ProgressC
     """
     problem = search.problem
     inputs = list_stated_inputs(problem)
-    watch(f"questioning {len(inputs)} stated inputs")
+    watch(f"checking {len(inputs)} stated inputs")
+    # without the columns of the fit: those of the inputs are all that is computed, and merged with them below
     bare = [replace(p, observables={k: replace(o, columns={}) for k, o in p.observables.items()})
             for p in final.predictions]  # fmt: skip
     coarse = add_input_columns(problem, final.model, bare, inputs)
-    assessment = _assess_inputs(search, final, inputs, coarse)
+    assessment = _assess_with_sensitivities(search, final, inputs, coarse)
     contradicted = [c.input for c in assessment.checks if c.is_contradicted]
     if not contradicted:
         return assessment
     exact = add_input_columns(problem, final.model, bare, contradicted, None)
-    return _assess_inputs(search, final, inputs, list(map(merge_columns, exact, coarse)))
+    return _assess_with_sensitivities(search, final, inputs, list(map(merge_columns, exact, coarse)))
 
 
-def _assess_inputs(
+def _assess_with_sensitivities(
     search: EffectSearch, final: LinearisedFit, inputs: Sequence[StatedInput], predictions: Sequence[Prediction]
 ) -> InputAssessment:
     """Check inputs with predictions at the final fit that contain their sensitivities."""
     blocks = search.data.make_blocks(predictions)
-    blocks = [b.with_columns_of(o, lambda p: p.kind is not Kind.EFFECT or p in final.effect_priors)
+    blocks = [b.with_columns_of(o, lambda p: p.kind is not ParameterKind.EFFECT or p in final.effect_priors)
               for b, o in zip(blocks, final.blocks, strict=True)]  # fmt: skip
     system = LinearSystem(blocks)
     equations = system.normal_equations(variances=final.hyper.variances)
     changes = partial(change_per_unit, search.data, final.predictions, system)
-    checks = check_inputs(system, final.free_priors, equations, inputs, changes)
+    checks = compare_inputs_with_data(system, final.free_priors, equations, inputs, changes)
     groups = group_inputs(system, final.free_priors, equations, inputs)
     return InputAssessment(checks, tuple(tuple(i.key for i in g) for g in groups), system)

@@ -15,8 +15,8 @@ from flashtemp.comparison.campaign import Campaign
 from flashtemp.discovery.assessment import (
     InputAssessment,
     ModelAssessment,
+    assess_inputs,
     assess_model,
-    question_inputs,
     size_of_change,
 )
 from flashtemp.discovery.criteria import CRITERIA
@@ -43,8 +43,8 @@ from flashtemp.discovery.measurement_errors.initial_registration import register
 from flashtemp.discovery.measurement_errors.recording_errors import (
     RecordingError,
     correct_recordings,
+    find_misassigned_recordings,
     find_recording_errors,
-    find_schedule_errors,
 )
 from flashtemp.discovery.prediction.prediction import DerivativeRequest, Prediction, predict_condition
 from flashtemp.discovery.prediction.problem import Problem, prepare_problem
@@ -64,7 +64,7 @@ from flashtemp.errors import SolverFailure
 from flashtemp.runs.results.worker_pool import open_worker_pool
 
 # typical fraction of the total work done when a stage begins, by the first word of its progress message
-STAGE_START_FRACTIONS = {"calibrating": 0.3, "sensitivities": 0.4, "fitting": 0.55, "judging": 0.85, "questioning": 0.9}
+STAGE_START_FRACTIONS = {"calibrating": 0.3, "sensitivities": 0.4, "fitting": 0.55, "judging": 0.85, "checking": 0.9}
 
 
 def discover(
@@ -99,7 +99,7 @@ def correct_measurements(
     Returns the corrected problem, the errors, and predictions of the stated model with derivatives for all nuisances.
     Raises BadInput, SolverFailure.
     """
-    impossible = find_schedule_errors(problem)
+    impossible = find_misassigned_recordings(problem)
     problem = correct_recordings(problem, impossible) if impossible else problem
     watch("simulating the stated model")
     first = _predict_stated_model(problem)
@@ -204,7 +204,7 @@ def judge_search(search: EffectSearch, watch: ProgressCallback, law: IdentifiedL
     base = assess_model(search, search.base)
     extended = assess_model(search, final) if effect_names(final) else base
     change = size_of_change(search, base, extended) if effect_names(final) else None
-    inputs = question_inputs(search, final, watch)
+    inputs = assess_inputs(search, final, watch)
     setup = find_setup_errors(problem, search.data, final, inputs.system, [c.input for c in inputs.checks], CRITERIA)
     evidence = collect_evidence(search, final, base, extended, change, setup, inputs, hint is not None)
     if law is not None:

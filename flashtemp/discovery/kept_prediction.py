@@ -16,7 +16,7 @@ from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import RecordingEntry
 from flashtemp.discovery.diagnostics.mesh_resolution import coarser_mesh_factors
 from flashtemp.discovery.estimation.nuisance_priors import all_derivatives
-from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.parameters import ParameterId, ParameterKind
 from flashtemp.discovery.prediction.prediction import (
     CLOCK_STEP_S,
     DerivativeRequest,
@@ -31,7 +31,7 @@ Indices = npt.NDArray[np.int64]
 MAX_COMPARED_VALUES = 500_000  # values of all recordings that are compared: frames are thinned above it, for speed
 MAX_STEP_SCATTER = 0.25  # relative difference between steps of time, up to which frames are evenly spaced
 MIN_MATCHED_FRACTION = 0.5  # of the frames that thinning leaves, below which a condition is simulated again
-CLOCK = ParameterId(Kind.CLOCK)
+CLOCK = ParameterId(ParameterKind.CLOCK)
 
 
 def foresee_times(recording: Recording, schedule: Schedule, stated: Array | None, max_frames: int) -> tuple[Array, int]:

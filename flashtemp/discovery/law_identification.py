@@ -23,7 +23,7 @@ from flashtemp.discovery.estimation.whitening import WhitenedData
 from flashtemp.discovery.hypotheses.candidates import CandidateEffect, find_candidates
 from flashtemp.discovery.hypotheses.formula_fit import fit_simplest_formula, variable_legend
 from flashtemp.discovery.hypotheses.piecewise_linear_law import LEARNED_LAW_NAME, PiecewiseLinearLaw, candidate_laws
-from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.parameters import ParameterId, ParameterKind
 from flashtemp.discovery.prediction.prediction import DerivativeRequest, Prediction
 from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.discovery.selection.forward_selection import EffectSearch, finish_fit, refit_with_candidates
@@ -408,7 +408,7 @@ def _join_columns(
     effects = {c.effect for c in own}
 
     def is_borrowed(p: ParameterId) -> bool:
-        return p.kind is not Kind.INPUT and (p.kind is not Kind.EFFECT or p.effect in effects)
+        return p.kind is not ParameterKind.INPUT and (p.kind is not ParameterKind.EFFECT or p.effect in effects)
 
     blocks = [
         new.with_columns_of(old, is_borrowed).with_residual(old.r)

@@ -8,7 +8,7 @@ from enum import StrEnum
 ALL_CONDITIONS = -1  # in place of the number of a condition
 
 
-class Kind(StrEnum):
+class ParameterKind(StrEnum):
     """The kind of a parameter."""
 
     KEY = "key"  # of the case, freed by the campaign: ln of the factor on its value
@@ -31,7 +31,7 @@ class Kind(StrEnum):
     STATIC = "static"  # smooth map of offsets of a recording, constant in time
     OPTICS = "optics"  # smear and stray light of a recording
     WALL = "wall"  # cooling of the wall against the section behind it
-    FLOOR = "floor"  # model discrepancy: smooth relative error of the model in a recording
+    MODEL_DISCREPANCY = "floor"  # smooth relative error of the model in a recording
     CELL = "cell"  # gain of the load cell, relative
     SCALE = "scale"  # of a recording's pixels, relative
     TURN = "turn"  # of a recording's image, rad
@@ -40,16 +40,27 @@ class Kind(StrEnum):
     INPUT = "input"  # stated number of case or camera, the same in all conditions: ln of the factor on it, or its unit
 
 
-SHIFT_KINDS = (Kind.SHIFT_U, Kind.SHIFT_V)
-PLACEMENT_KINDS = (Kind.SCALE, Kind.TURN, Kind.CLOCK)
-SETUP_KINDS = (*PLACEMENT_KINDS, Kind.SIZE)
-BEAD_KINDS = (Kind.PLACE, Kind.LAG)
-POINT_KINDS = (*BEAD_KINDS, Kind.SENSOR)
-CAMERA_ERROR_KINDS = (Kind.OFFSET, Kind.STATIC, Kind.OPTICS)
+SHIFT_KINDS = (ParameterKind.SHIFT_U, ParameterKind.SHIFT_V)
+PLACEMENT_KINDS = (ParameterKind.SCALE, ParameterKind.TURN, ParameterKind.CLOCK)
+SETUP_KINDS = (*PLACEMENT_KINDS, ParameterKind.SIZE)
+BEAD_KINDS = (ParameterKind.PLACE, ParameterKind.LAG)
+POINT_KINDS = (*BEAD_KINDS, ParameterKind.SENSOR)
+CAMERA_ERROR_KINDS = (ParameterKind.OFFSET, ParameterKind.STATIC, ParameterKind.OPTICS)
 RECORDING_KINDS = frozenset(
-    {*SHIFT_KINDS, *PLACEMENT_KINDS, Kind.GAIN, Kind.SPREAD, Kind.MAP, Kind.WALL, Kind.FLOOR, *CAMERA_ERROR_KINDS}
+    {
+        *SHIFT_KINDS,
+        *PLACEMENT_KINDS,
+        ParameterKind.GAIN,
+        ParameterKind.SPREAD,
+        ParameterKind.MAP,
+        ParameterKind.WALL,
+        ParameterKind.MODEL_DISCREPANCY,
+        *CAMERA_ERROR_KINDS,
+    }
 )
-CONDITION_KINDS = frozenset({Kind.SCATTER, Kind.LEVEL, Kind.TREND, Kind.FLUX, Kind.MESH})
+CONDITION_KINDS = frozenset(
+    {ParameterKind.SCATTER, ParameterKind.LEVEL, ParameterKind.TREND, ParameterKind.FLUX, ParameterKind.MESH}
+)
 
 
 @dataclass(frozen=True, order=True, slots=True)
@@ -60,11 +71,11 @@ class ParameterId:
     `name`: a key of the case, a parameter of the `effect`, a point, or the view whose recordings share it.  `file` and
     `condition`: set if it acts in one recording or condition only.
 
-    >>> print(ParameterId(Kind.FLUX, (2,), condition=1), ParameterId.of_effect("pressure_tilt", "a"))
+    >>> print(ParameterId(ParameterKind.FLUX, (2,), condition=1), ParameterId.of_effect("pressure_tilt", "a"))
     flux:2|1 pressure_tilt.a
     """
 
-    kind: Kind
+    kind: ParameterKind
     index: tuple[int, ...] = ()
     effect: str = ""
     name: str = ""
@@ -74,17 +85,17 @@ class ParameterId:
     @classmethod
     def of_key(cls, key: str) -> ParameterId:
         """A free key of the case."""
-        return cls(Kind.KEY, name=key)
+        return cls(ParameterKind.KEY, name=key)
 
     @classmethod
     def of_input(cls, key: str) -> ParameterId:
         """A stated number of case or camera, by its key."""
-        return cls(Kind.INPUT, name=key)
+        return cls(ParameterKind.INPUT, name=key)
 
     @classmethod
     def of_effect(cls, effect: str, name: str, variant: int = 0) -> ParameterId:
         """A parameter of an effect; with `variant` > 0 its column for that variant of the shapes."""
-        return cls(Kind.EFFECT, (variant,) if variant else (), effect, name)
+        return cls(ParameterKind.EFFECT, (variant,) if variant else (), effect, name)
 
     def with_scope(self, condition: int, file: str) -> ParameterId:
         """The parameter with the scope of its kind: one recording, one condition, or all."""
@@ -100,12 +111,12 @@ class ParameterId:
     @property
     def shift_axis(self) -> int:
         """0 for a shift along u, 1 along v."""
-        return int(self.kind is Kind.SHIFT_V)
+        return int(self.kind is ParameterKind.SHIFT_V)
 
     def __str__(self) -> str:
-        if self.kind in (Kind.KEY, Kind.INPUT):
+        if self.kind in (ParameterKind.KEY, ParameterKind.INPUT):
             return self.name
-        if self.kind is Kind.EFFECT:
+        if self.kind is ParameterKind.EFFECT:
             return f"{self.effect}.{self.name}" + "".join(f"@{n}" for n in self.index)
         where = self.file or self.name or (str(self.condition) if self.condition != ALL_CONDITIONS else "")
         return ":".join([self.kind, *map(str, self.index)]) + (f"|{where}" if where else "")

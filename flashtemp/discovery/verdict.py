@@ -370,16 +370,18 @@ class Verdict(DisplayMixin):
         ]  # fmt: skip
         rivals = [(r.effect, r.score, r.amplitude, r.stderr, r.unit, r.reason) for r in self.rivals]
         tried = DisplayTable("Candidates", rivals, ("effect", "ln Bayes factor", "would need", "+-", "unit", ""))
-        gates = DisplayTable("Gates", [(k, v, limit) for k, (v, limit) in self.gates.items()], ("", "value", "limit"))
+        adequacy = DisplayTable(
+            "Adequacy tests", [(k, v, limit) for k, (v, limit) in self.gates.items()], ("", "value", "limit")
+        )
         pulls = [(p.name, p.value, p.stderr, p.unit, p.pull) for p in self.nuisance]
         calibrated = DisplayTable("Calibrated", pulls, ("", "value", "+-", "unit", "pull"))
         rules = [(r.name, r.value, r.limit, "passed" if r.passed else r.consequence) for r in self.rules]
         why = (DisplayTable("Why this verdict", rules, ("", "value", "limit", "result")),) if rules else ()
         against = [(i.key, i.stated, i.estimate, i.stderr, i.unit, i.pull, i.ln_bayes, i.verdict) for i in self.inputs]
-        columns = ("", "stated", "data alone", "+-", "unit", "deviation", "ln Bayes factor", "verdict")
+        columns = ("", "stated", "from the data alone", "+-", "unit", "deviation", "ln Bayes factor", "verdict")
         inputs = (DisplayTable("Stated inputs against the data", against, columns),) if against else ()
         notes = (*self.says, *self._closing_lines(), *self.warnings)
-        parts = (*why, *inputs, tried, calibrated, gates)
+        parts = (*why, *inputs, tried, calibrated, adequacy)
         return DisplayTable(f"Verdict on '{self.title}': {self.kind}", causes, head, notes, parts)
 
     def __str__(self) -> str:

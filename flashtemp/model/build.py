@@ -25,7 +25,7 @@ from flashtemp.physics.elastic_block import count_unknowns
 from flashtemp.physics.interpolation import read_xy_pairs
 from flashtemp.physics.material import Material
 from flashtemp.physics.quantities import KELVIN
-from flashtemp.physics.tables.wanted import PRESSURE, SPEED, TIME
+from flashtemp.physics.tables.column_matching import PRESSURE, SPEED, TIME
 
 MAX_ELASTIC_UNKNOWNS = 200_000  # displacements of an elastic block; 176,000 take 110 s and 4.2 GB
 FIRST_CELL_RATIO = 0.0285  # first cell over diffusion length: 3 um of road at 1 m/s

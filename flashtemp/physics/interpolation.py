@@ -15,9 +15,9 @@ import numpy as np
 
 from flashtemp.errors import BadInput, renamed_names
 from flashtemp.physics.arrays import Array, Value
+from flashtemp.physics.tables.column_matching import RequiredColumn, note_assumed_units, read_required_columns
 from flashtemp.physics.tables.table import read_table
 from flashtemp.physics.tables.text_table import TextTable
-from flashtemp.physics.tables.wanted import WantedColumn, note_assumed_units, read_wanted
 
 Source = Any  # value in a case: the name of a CSV file, or rows
 TABLE_LOGGER = "flashtemp.tables"  # logger that receives notes on tables
@@ -117,7 +117,7 @@ class Surface:
         return Curve(self.v, tuple(row))(v)
 
 
-def read_rows(source: Source, folder: Path, key: str, columns: int | Sequence[WantedColumn]) -> Array:
+def read_rows(source: Source, folder: Path, key: str, columns: int | Sequence[RequiredColumn]) -> Array:
     """Rows (n, columns) of numbers from a list of lists or a CSV file name.
 
     `columns` are the quantities of the key in their order, or only their number.  Columns of a file are found by the
@@ -128,15 +128,15 @@ def read_rows(source: Source, folder: Path, key: str, columns: int | Sequence[Wa
 
 
 def _read_rows_and_table(
-    source: Source, folder: Path, key: str, columns: int | Sequence[WantedColumn]
+    source: Source, folder: Path, key: str, columns: int | Sequence[RequiredColumn]
 ) -> tuple[Array, TextTable | None]:
     """Rows of numbers and the table they come from, None for a list; notes on a table go to `TABLE_LOGGER`."""
     count = columns if isinstance(columns, int) else len(columns)
     if not isinstance(source, (list, tuple)):
         table = _read_file(source, folder, key)
         if isinstance(columns, int):
-            columns = [WantedColumn(f"number {n + 1}", "1", "") for n in range(count)]
-        data = read_wanted(table, columns)
+            columns = [RequiredColumn(f"number {n + 1}", "1", "") for n in range(count)]
+        data = read_required_columns(table, columns)
         for note in (*table.notes, *note_assumed_units(table, columns)):
             logging.getLogger(TABLE_LOGGER).info("%s: %s", table.where, note)
         return data, table
@@ -171,7 +171,7 @@ def read_xy_pairs(
     key: str,
     low: float = -math.inf,
     high: float = math.inf,
-    columns: int | Sequence[WantedColumn] = 2,
+    columns: int | Sequence[RequiredColumn] = 2,
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Two columns with the first strictly increasing and the second from low to high; `columns` as of `read_rows`."""
     data, table = _read_rows_and_table(source, folder, key, columns)
@@ -179,7 +179,7 @@ def read_xy_pairs(
     if np.any(step <= 0):
         k = int(np.argmax(step <= 0))
         place = f"{key}: row {k + 2}" if table is None else table.locate_row(k + 1)
-        what = "first column" if isinstance(columns, int) else columns[0].quantity
+        what = "first column" if isinstance(columns, int) else columns[0].name
         raise BadInput(f"{place}: {what} goes from {data[k, 0]:g} to {data[k + 1, 0]:g}; it must increase strictly")
     outside = (data[:, 1] < low) | (data[:, 1] > high)
     if np.any(outside):
@@ -190,7 +190,7 @@ def read_xy_pairs(
     return tuple(data[:, 0].tolist()), tuple(data[:, 1].tolist())
 
 
-def read_surface(source: Source, folder: Path, key: str, columns: int | Sequence[WantedColumn] = 3) -> Surface:
+def read_surface(source: Source, folder: Path, key: str, columns: int | Sequence[RequiredColumn] = 3) -> Surface:
     """A Surface from rows (u, v, z) that fill a complete grid; `columns` as of `read_rows`."""
     table = read_rows(source, folder, key, columns)
     u, v = np.unique(table[:, 0]), np.unique(table[:, 1])

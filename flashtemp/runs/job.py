@@ -41,9 +41,9 @@ from flashtemp.runs.results.result_folder import (
 )
 from flashtemp.solver import sanity_checks
 from flashtemp.solver.field_store import FieldStore
-from flashtemp.solver.march import march
-from flashtemp.solver.march_state import MarchState
+from flashtemp.solver.integration_state import IntegrationState
 from flashtemp.solver.run import Run
+from flashtemp.solver.time_integration import integrate_schedule
 
 CHECKPOINT_PERIOD_S = 30.0  # s of wall time between checkpoints; the first is saved at once
 # draw pictures of a run into a folder, animated or not; returns {missing file: reason}
@@ -55,7 +55,7 @@ def simulate(
     out: Path | None = None,
     overwrite: bool = False,
     pvd: bool = False,
-    watch: Callable[[MarchState, float], None] | None = None,
+    watch: Callable[[IntegrationState, float], None] | None = None,
     say: Callable[[str], None] = lambda text: None,
     draw: DrawPictures = lambda run, folder, animated: {},
 ) -> Run:
@@ -66,14 +66,14 @@ def simulate(
     full disk leave a checkpoint in a folder next to `out`.
     """
     if out is None:
-        return march(case.scene, case.settings, case.title, None, _make_step_hook(None, case.scene, watch))
+        return integrate_schedule(case.scene, case.settings, case.title, None, _make_step_hook(None, case.scene, watch))
     out = Path(out)
     _refuse_overwrite(out, overwrite)
     marker = OwnerMarker(out.name, "run", CHECKPOINT_FILE, f"flashtemp run --resume {out}", overwrite)
     with reserve_folder(out, marker, overwrite=overwrite) as work:
         try:
             (work / "case.toml").write_text(case.toml(case.copy_files(work)), encoding="utf-8")
-            state = MarchState(frames=FieldStore(work / FRAMES_FILE))
+            state = IntegrationState(frames=FieldStore(work / FRAMES_FILE))
             return _run_job(case, state, work, out, overwrite, pvd, watch, say, draw)
         except (UserInterrupt, SystemFailure, IncompleteResult):
             raise
@@ -107,7 +107,7 @@ def is_result(folder: Path) -> bool:
 def resume(
     folder: Path,
     pvd: bool = False,
-    watch: Callable[[MarchState, float], None] | None = None,
+    watch: Callable[[IntegrationState, float], None] | None = None,
     say: Callable[[str], None] = lambda text: None,
     draw: DrawPictures = lambda run, folder, animated: {},
     trust: bool = False,
@@ -154,7 +154,7 @@ def find_interrupted_run(folder: Path) -> tuple[Path, Path]:
 def _run_job(case, state, work, out, overwrite, pvd, watch, say, draw) -> Run:
     """Integrate from `state` to the end, save, draw, and rename the working folder to `out`."""
     with stop_on_signal() as stopped:
-        run = _march_and_save(case, state, work, out, pvd, watch, say, stopped)
+        run = _integrate_and_save(case, state, work, out, pvd, watch, say, stopped)
     missing = {}
     if case["output.pictures"] and not stopped.is_set():
         try:
@@ -174,11 +174,13 @@ def _run_job(case, state, work, out, overwrite, pvd, watch, say, draw) -> Run:
     return run
 
 
-def _march_and_save(case, state, work, out, pvd, watch, say, stop_event) -> Run:
+def _integrate_and_save(case, state, work, out, pvd, watch, say, stop_event) -> Run:
     """Integrate from `state` to the end and save; an error leaves a checkpoint wherever possible."""
     scene, resume_command = case.scene, f"flashtemp run --resume {out}"
     try:
-        run = march(scene, case.settings, case.title, state, _make_step_hook(work, scene, watch, stop_event))
+        run = integrate_schedule(
+            scene, case.settings, case.title, state, _make_step_hook(work, scene, watch, stop_event)
+        )
         save_checkpoint(work, state)
         return _save_result(run, case, work, pvd, say)
     except KeyboardInterrupt:
@@ -215,7 +217,7 @@ def describe_missing_files(folder: Path, missing: dict[str, str]) -> str:
     return f"missing in {folder}: " + "; ".join(f"{names} ({reason})" for reason, names in why.items())
 
 
-def _keep_checkpoint(work: Path, state: MarchState) -> OSError | None:
+def _keep_checkpoint(work: Path, state: IntegrationState) -> OSError | None:
     """Save a checkpoint if the run has begun; returns the error of a full disk, or None."""
     try:
         if state.y is not None:
@@ -265,7 +267,7 @@ def _make_step_hook(work, scene, watch, stop_event=None):
     """The function called at every step: reports progress, saves checkpoints, and returns True to stop."""
     end, last = scene.schedule.end_time, float("-inf")
 
-    def step_hook(progress: MarchState) -> bool:
+    def step_hook(progress: IntegrationState) -> bool:
         nonlocal last
         if watch is not None:
             watch(progress, end)

@@ -10,7 +10,7 @@ from flashtemp.model.effect_laws import EffectLaws
 from flashtemp.model.scene import Scene
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.solver.enthalpy import build_heat_capacity
-from flashtemp.solver.march_state import MarchState
+from flashtemp.solver.integration_state import IntegrationState
 
 MAX_HISTORY_POINTS = 300  # of a curve over time
 FIELD_SHAPE = (36, 120)  # most rows and columns of the picture of the block
@@ -24,7 +24,7 @@ class LiveRun:
         self.scene = scene
         self.heat_capacity = build_heat_capacity(scene, EffectLaws(scene))
 
-    def describe_state(self, state: MarchState) -> dict[str, Any]:
+    def describe_state(self, state: IntegrationState) -> dict[str, Any]:
         """The state at its time: times in s, positions in mm from the leading edge, temperatures in degC."""
         schedule = self.scene.schedule
         phase = schedule.phases[min(state.phase, len(schedule.phases) - 1)]

@@ -175,14 +175,14 @@ class BoundaryHeat:
         total = sum(h for _, h in passing)
         return [(fixed[0], 1.0)] if fixed else [(to, h / total) for to, h in passing]
 
-    def has_cooling_law(self, moment_for_laws: Callable, now, rise: float) -> bool:
+    def has_cooling_law(self, context_for_laws: Callable, now, rise: float) -> bool:
         """Whether a patch or zone law extracts heat where all temperatures are at a `rise` (K).
 
-        `moment_for_laws` turns the moment `now` into the context for these laws.
+        `context_for_laws` turns the moment `now` into the context for these laws.
         """
         if not self.has_local_laws:
             return False
-        mesh, now, T = self.scene.mesh, moment_for_laws(now), rise + self.scene.ambient
+        mesh, now, T = self.scene.mesh, context_for_laws(now), rise + self.scene.ambient
         for site, entries in self.patch_laws.items():
             x, y, _ = mesh.place(mesh.patches[site][0])
             at = now.at_position(mesh, x, y)

@@ -109,6 +109,7 @@ class CircularTrack:
         w = np.minimum(np.maximum((positions - low) / (high - low), 0.0), 1.0)[:, None, None]
         age = np.maximum(t - np.array([self.laid_time[k] for k in after]), 0.0)
         total = (1.0 - w) * _stack_columns(self.laid, before) + w * _stack_columns(self.laid, after)
+        # modes of conduction in depth decay each by itself, so a rest of any length is one product
         total = np.exp(-self.rates * age[:, None])[:, :, None] * total
         rise: np.ndarray = self.share * (self.modes @ total) / self.root[:, None]
         return rise.reshape(*np.shape(places)[:1], -1)
@@ -152,6 +153,7 @@ class CircularTrack:
         )
         at, weight = zip(*before, *after, strict=True)
         age = np.maximum(t - np.array([self.time[j] for j in at]), 0.0)
+        # each neighbour has cooled since it left the window, so the weights apply after the decay of its modes
         decay = np.array(weight)[:, None] * np.exp(-self.rates * age[:, None])
         parts = decay[:, :, None] * amplitude(at)
         rise: np.ndarray = self.modes @ (parts[: len(before)] + parts[len(before) :]) / self.root[:, None]
@@ -242,7 +244,7 @@ def store_leaving_column(
     system: PhaseSystem, t: float, y: np.ndarray, track: CircularTrack, min_spacing: float | None = None
 ) -> None:
     """Store the column that leaves the window at a state y: at most 400 per lap, or ten per length of the block."""
-    b, scene, now = system.b, system.b.scene, system.moment(t)
+    b, scene, now = system.b, system.b.scene, system.law_context(t)
     y = system.to_block_frame(now, y)
     place = now.passed - scene.mesh.x[-1]
     if b.road_frame is not None:  # road in its own frame leaves by whole columns

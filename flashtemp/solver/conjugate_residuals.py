@@ -63,6 +63,7 @@ def _reduce_residual(directions, products, gamma, ledger, r, x):
     direction, product, before = directions[-1], products[-1], len(directions) - 1
     for i in range(len(r)):
         product[i] = direction[i] - gamma * product[i]
+    # sums end before the ledger: it follows the cells exactly (`_solve_one`) and has other units
     for n in range(before):
         projection = 0.0
         for i in range(ledger):

@@ -142,6 +142,7 @@ def _flux_slopes(state, solved, gain, T, T0, q, s, law, law_slope, friction, dep
     def face_derivative(law):
         return law(T, T0 + 1j * COMPLEX_STEP, True).imag / COMPLEX_STEP
 
+    # a change of T_m changes the law and so the heat, which changes T_m again: the sum of that series
     feedback = 1.0 / (1.0 - gain * law_slope)
     dT = feedback * (1.0 - Ag + gain * face_derivative(law)), feedback * (Ag * state.lane_ratio)
     dmu, ds = (

@@ -1,8 +1,9 @@
 """Temperature of the heated lanes on the road: how lanes widen, and how they differ where the contact fraction varies.
 
 Contact spots move with the road, so each leaves a heated track, here a *lane*.  The road is computed by columns of
-cells, one per depth line and plane.  A column stands for a constant fraction `HeatBalance.share` of the width and holds
-all heat that the block has lost there; the temperature that the spots meet follows from it by two closures:
+cells, one per depth line and plane (a slice across the width).  A column represents the constant fraction
+`HeatBalance.share` of the width and holds all the heat that the block gave it.  The lane's surface temperature, which
+the spots meet, follows from it by two closures:
 
 - Widening: heat spreads sideways out of a lane.  The mean of the spreading Gaussian over the overlap of two discs gives
   the lane's surface from the column's temperature over depth (theory.md, section 1.6, eq. (15c)).
@@ -73,6 +74,7 @@ def build_lane_history(b: HeatBalance, phi, weights, heat: float) -> LaneHistory
     phi = phi.reshape(-1, b.scene.mesh.n_across).T
     dx = b.scene.mesh.dx_block
     least = MIN_LANE_CONTACT_RATIO * (phi @ dx / dx.sum())[:, None]
+    # eq. (15d) divides by the larger fraction: a lower limit keeps it finite where the block is lifted off
     here = np.where(np.real(phi) < np.real(least), least, phi)[:, :, None]
     larger = np.where(np.real(here) < np.real(phi[:, None]), phi[:, None], here)
     parts = [part for W in weights for part in (b.share * W / larger, W + 0.0 * larger)]

@@ -397,13 +397,20 @@ class ElasticResponse:
         moment = 0.0 if J.holder.is_guided else J.holder.arm * (traction @ bed.dx) / bed.length
         return J.solve(r, np.array([0.0, moment]))[0]
 
-    def build_inverse(self, gain: Array) -> Callable[[Array], Array]:
-        """r -> (1 - diag(gain) dp/dw)^-1 r by the Woodbury identity; `gain` (columns,) m/Pa."""
+    def build_wear_inverse(self, depth_per_pressure: Array) -> Callable[[Array], Array]:
+        """The implicit step of the worn depth: solves (1 - diag(g) dp/dw) dw = r for any r.
+
+        `depth_per_pressure` g (columns,) m/Pa is the worn depth of the step per pressure.
+        """
+        # with the holder fixed the matrix has one block for each plane; the holder's answer to load and moment is of
+        # rank 2, so Woodbury's identity leaves one inverse of (2, 2)
         J, planes = self.jacobian, len(self.jacobian.inverse)
         give = self.depth_stiffness.reshape(-1, planes).T
-        alone = np.eye(give.shape[1]) - gain.reshape(-1, planes).T[..., None] * J.inverse * give[:, None, :]
+        alone = (
+            np.eye(give.shape[1]) - depth_per_pressure.reshape(-1, planes).T[..., None] * J.inverse * give[:, None, :]
+        )
         fixed_holder = J._replace(inverse=_invert_matrix(alone))
-        spread = gain[:, None] * (J.lifted @ J.holding)  # low-rank part: the holder's answer to load and moment
+        spread = depth_per_pressure[:, None] * (J.lifted @ J.holding)
         X = np.stack([fixed_holder.solve_columns(spread[:, k]) for k in (0, 1)], axis=1)
 
         def carried_load(r: Array) -> Array:

@@ -280,6 +280,7 @@ class ContactInterface:
         carried = np.sum(state.pressure / state.phi * cover * area)
         if now.pressure > 0 and not np.real(carried) > 0:
             raise SolverFailure("no spot is under the block; use more or larger spots")
+        # spots carry the whole load: their pressure p/phi is scaled where they cover more or less than phi
         load = np.sum(state.pressure * area) / carried if now.pressure > 0 else 1.0
         block = state.block_coverage + w * (cover - state.block_coverage)
         return state._replace(
@@ -309,6 +310,7 @@ class ContactInterface:
         cover = b.laws("contact.cover", 0.0, None, now.with_fields(lead=edges))
         if frame is None:
             return cover, RoadOverlap(b.cell_road), 0.0, 0.0
+        # every line under the block is cut into two strips where a column of the road ends
         area = cover.reshape(-1, mesh.n_across) * np.diff(edges)[:, None]
         under = frame.find_overlap(now.passed, b.cell_road, area)
         bare = 1.0 - b.laws("contact.cover", 0.0, None, now.with_fields(lead=frame.column_edges(now.passed)))
@@ -355,16 +357,16 @@ class ContactInterface:
         """`contact_lanes.spreading_loss_at_depth` at a state; cached as long as `flash_terms` is."""
         recent = self.cache
         if state.phi is not recent.contact_fraction:
-            return contact_lanes.spreading_loss_at_depth(self.b, self.moment_at_contact(state, now))
+            return contact_lanes.spreading_loss_at_depth(self.b, self.context_at_contact(state, now))
         if not recent.depth_loss or recent.depth_loss[0] is not recent.flash_terms:
             recent.depth_loss = (
                 recent.flash_terms,
-                contact_lanes.spreading_loss_at_depth(self.b, self.moment_at_contact(state, now)),
+                contact_lanes.spreading_loss_at_depth(self.b, self.context_at_contact(state, now)),
             )
         weights: np.ndarray = recent.depth_loss[1]
         return weights
 
-    def moment_at_contact(self, state, now):
+    def context_at_contact(self, state, now):
         """The context for laws of the contact: position, local pressure and contact fraction of every column."""
         return now.under_block(
             self.b.scene.mesh, local_pressure=state.pressure, spot_fraction=state.phi, covered=state.covered
@@ -377,7 +379,7 @@ class ContactInterface:
         """
         b, laws, ambient = self.b, self.b.laws, self.b.scene.ambient
         state = self.separate_lanes(state, now, T, road)
-        at = self.moment_at_contact(state, now)
+        at = self.context_at_contact(state, now)
         real_at = at
         if np.iscomplexobj(state.phi) or np.iscomplexobj(state.pressure):
             real_at = at.with_fields(
@@ -411,7 +413,7 @@ class ContactInterface:
             return state
         b, laws = self.b, self.b.laws
         face = T[b.cell_block] + b.scene.ambient
-        at = self.moment_at_contact(state, now).with_fields(face=face)
+        at = self.context_at_contact(state, now).with_fields(face=face)
         least = contact_lanes.MIN_LANE_CONTACT_RATIO * state.covered
         spots = np.where(np.real(state.phi) > np.real(least), state.phi, least)
         touch = face + (state.flash_resistance + state.micro_resistance) * contact_lanes.heat_into_block(b, T) / spots
@@ -422,7 +424,7 @@ class ContactInterface:
     # --- abrasion ------------------------------------------------------------------------------------
     def abrasion_rate(self, state, flux, now) -> np.ndarray:
         """Wear rate dw/dt (columns,) in m/s: eq. (25) times the speed."""
-        at = self.moment_at_contact(state, now).with_fields(friction=flux.mu)
+        at = self.context_at_contact(state, now).with_fields(friction=flux.mu)
         return now.speed * broadcast_columns(self.b.laws("block.abrasion", 0.0, flux.spot, at), len(at.x))
 
     def abrasion_coupling(self, contact: SolvedContact, now, worn, T, road, kf, gamma: float) -> AbrasionCoupling:
@@ -440,7 +442,7 @@ class ContactInterface:
         pressure_flux, _ = self.solve_fluxes(at_pressure, now, T, road, kf)
         by_pressure = self._sparse_response(at_pressure, pressure_flux, now)
         # at the same pressure, worn depth acts on heat only through debris in the contact: by its resistance
-        context = self.moment_at_contact(
+        context = self.context_at_contact(
             contact.state, now.with_fields(worn=worn + 1j * COMPLEX_STEP) if b.abrades else now
         )
         debris = 1j * np.imag(b.laws("contact.resistance", 0.0, None, context))
@@ -466,7 +468,7 @@ class ContactInterface:
             else self._sparse_response(at_depth, self.solve_fluxes(at_depth, now, T, road, kf)[0], now),
             abrasion_slopes=tuple((spot * d.spot[i] + mu * d.mu[i]) / b.worn_unit for i in (0, 1)),
             pressure_by_depth=response,
-            solve_depth=response.build_inverse(gamma * by_pressure.abrasion),
+            solve_depth=response.build_wear_inverse(gamma * by_pressure.abrasion),
             traction_slopes=tuple(contact.pressure_solution.pressure * slope for slope in d.mu),
         )
 

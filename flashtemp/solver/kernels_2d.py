@@ -140,6 +140,7 @@ def limit_products(faces, line, across, upwind, advection, capacity, at_cell, v,
         c, p, after, k = faces[f]
         back = v[p] if p >= 0 else 0.0 * v[c]
         face = v[c] + upwind[line[c // across]] * (v[c] - back)
+        # the limited face no longer depends on the cell upstream, and at the floor on no cell
         q = advection[k] * ((v[c] if at_cell[f] else 0.0 * v[c]) - face)
         rate[c] -= q / capacity[c // across]
         rate[after] += q / capacity[after // across]
@@ -258,6 +259,7 @@ def _fill_diagonal(i, lines, transport, gamma, own, fix, factors):
 @njit(cache=True)
 def _eliminate_line(a, size, m, gamma, gz, inv, mul):
     """Pivots of a line from both ends towards the interface, as `solve_line` needs them; the diagonal is in `inv`."""
+    # both ends first: the interface comes last, so that its pivots alone differ between planes (theory.md, section 8)
     b = a + size
     inv[a] = 1.0 / inv[a]
     for c in range(a + 1, a + m):

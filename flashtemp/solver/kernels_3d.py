@@ -19,6 +19,7 @@ def _advect_row(i, k, c, m, start, advection, upwind, T, h, T_in, h_in, g_in, q)
     if k >= m:
         return
     ny, s, w = q.shape[1], upwind[i], advection[k]
+    # faces are extrapolated from two cells; at the first lines the entering road stands in for the missing ones
     if i == 0:
         for j in range(ny):
             q[c, j] += g_in[k] * (T_in[k, j] - T[c, j])
@@ -103,6 +104,7 @@ def varying_rates(lines, walls, advection, T, h, T_in, h_in, q):
             k = c - line[0]
             up, down, back, to = _neighbour_rows(k, line, m)
             for j in range(ny):
+                # gap[c] is the joint above cell c, so the face below has that of the cell there
                 f, here = factor[c, j], T[c, j]
                 over = (T[up, j] - here) * (1.0 / (half_z[c] / f + half_z[up] / factor[up, j] + gap[c]))
                 under = (T[down, j] - here) * (1.0 / (half_z[c] / f + half_z[down] / factor[down, j] + gap[down]))
@@ -146,6 +148,7 @@ def solve_line(o, a, size, m, gamma, up, down, under, over, inv, mul, z):
             z[s, j] *= inv[f + s]
     else:
         for j in range(ny):
+            # road from below and block from above are eliminated: two cells at the interface remain, a 2 x 2 system
             u, d = -gamma * up[j], -gamma * down[j]
             road, block = z[s, j], z[s + 1, j]
             scale = 1.0 / (1.0 - u * d * under[j] * over[j])

@@ -121,6 +121,7 @@ def eliminate_fluxes(half, flash, micro, r, split, deep, m, inside, has_depth_fa
     """
     out = np.empty((7, len(T0)), T0.dtype)
     for i in range(len(T0)):
+        # J = g (way q - drop) and T_m = T_0 + A J, as in eq. (7b): both are linear in the heat q = m law
         A = half[i] * half_block[i] + flash[i] + micro[i]
         g = 1.0 / (A + half_road[i] + r[i])
         drop = T0[i] - Ts[i]
@@ -167,6 +168,7 @@ def recover_fluxes(T, mu, s, has_depth_factor, solved, m, inside, deep, micro, T
         g, drop, way = solved[1, i], solved[2, i], solved[3, i]
         factor = s[i] if has_depth_factor else 1.0 + 0.0 * T[i]
         q = m[i] * mu[i]
+        # heat released in depth does not cross the contact; it raises the spots by Theta_v of eq. (12), which lowers J
         below = inside * factor * q
         J = g * (way * (q - below) - deep[i] * factor * q - drop)
         S = q - below - J
@@ -203,6 +205,7 @@ def road_outflow(last, before, first, upwind, advection, g_in, T, h, T_in, h_in)
     out = np.empty((len(advection), across), T.dtype)
     for k in range(len(advection)):
         for j in range(across):
+            # the face behind the last cell is extrapolated like every other; conduction acts at the inflow only
             end, back, begin = h[last[k] * across + j], h[before[k] * across + j], T[first[k] * across + j]
             c = k * across + j
             out[k, j] = advection[k] * (end + upwind * (end - back) - h_in[c]) - g_in[k] * (T_in[c] - begin)

@@ -33,6 +33,7 @@ def contact_slopes(b: HeatBalance, contact: SolvedContact | None, at_walls):
         face, lane = state.block_coverage * area, state.road_coverage * area
         if len(b.deposit_weights) and np.any(d.deep):
             deposits = face * d.deep[0], face * d.deep[1]
+        # derivatives 0 are with respect to the block's first cell, 1 with respect to that of the road
         own += [(b.cell_block, face * (d.block[0] + d.deep[0]))]
         along, up, down = lane * d.road[1], lane * d.road[0], face * (d.block[1] + d.deep[1])
         for name, w, slopes in (("friction", face, d.heat), ("into_road", face, d.road)):
@@ -43,14 +44,25 @@ def contact_slopes(b: HeatBalance, contact: SolvedContact | None, at_walls):
     return conduction.HeatSlopes(cell, slope, along, up, down, deposits, under), rows, books
 
 
-def outflow_slopes(b: HeatBalance, advection, capacity_ratio) -> tuple[np.ndarray, np.ndarray]:
-    """Cells and derivatives of the heat that the road carries out of the window, minus what it brings in."""
-    mesh, (first, before, last), slope = b.scene.mesh, b.outflow_cells, b.upwind_weight[-1]
+class OutflowDerivatives(NamedTuple):
+    """Derivatives (n,) W/(m K) of the heat that the road carries out of the window with respect to `cells` (n,)."""
+
+    cells: np.ndarray
+    derivatives: np.ndarray
+
+
+def outflow_derivatives(b: HeatBalance, advection, capacity_ratio) -> OutflowDerivatives:
+    """Derivatives of the heat that the road carries out of the window, minus what it brings in.
+
+    `capacity_ratio` is dh/dT (cells,); `advection` (n_road,) is rho c v dz of the road's cells, W/(m K).
+    """
+    mesh, (first, before, last), upwind = b.scene.mesh, b.outflow_cells, b.upwind_weight[-1]
+    # second-order upwind extrapolates the outflow from two cells; conduction at the inflow adds the first cell
     cells = [mesh.everywhere(at) for at in (last, before, first)]
     share, carried = mesh.share, np.outer(advection, mesh.share)
-    gone, back = (carried if capacity_ratio is b.ones else carried * capacity_ratio[at] for at in cells[:2])
-    parts = gone * (1 + slope), -back * slope, np.outer(b.g_in, share)
-    return np.concatenate(cells, axis=None), np.concatenate(parts, axis=None)
+    leaving, correction = (carried if capacity_ratio is b.ones else carried * capacity_ratio[at] for at in cells[:2])
+    parts = leaving * (1 + upwind), -correction * upwind, np.outer(b.g_in, share)
+    return OutflowDerivatives(np.concatenate(cells, axis=None), np.concatenate(parts, axis=None))
 
 
 class LedgerMap(NamedTuple):

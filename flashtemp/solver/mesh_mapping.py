@@ -34,6 +34,7 @@ def stretch_mesh(plain: Scene, scene: Scene) -> Mesh:
     along, up, across = (b / a for a, b in zip(*sizes, strict=True))
     height = np.interp(mesh.height, ends, after) if mesh.joints else mesh.height * up
     behind = np.maximum(mesh.x - L, 0.0)
+    # the road behind the block moves with the trailing edge, so its cells keep their lengths
     x = np.where(mesh.x <= 0.0, mesh.x, np.minimum(mesh.x, L) * along + behind)
     return replace(mesh, x=x, height=height, y=mesh.y * across)
 

@@ -12,16 +12,16 @@ import numpy as np
 
 from flashtemp.solver.circular_track import build_inflow, store_leaving_column
 from flashtemp.solver.heat_balance import HeatBalance
-from flashtemp.solver.march_state import MarchState
+from flashtemp.solver.integration_state import IntegrationState
 from flashtemp.solver.system import PhaseSystem
 
 
-def start_phase(balance: HeatBalance, before: Any, phase: Any, march_state: MarchState) -> None:
-    """Change the state of a march from the end of the phase `before` to the begin of `phase`, in place."""
+def start_phase(balance: HeatBalance, before: Any, phase: Any, integration_state: IntegrationState) -> None:
+    """Change the state of an integration from the end of the phase `before` to the begin of `phase`, in place."""
     if phase.sliding and phase.begin == phase.start:
-        restart_repetition(balance, before, march_state)
+        restart_repetition(balance, before, integration_state)
     if phase.direction != before.direction:
-        reverse_direction(balance, before, phase, march_state)
+        reverse_direction(balance, before, phase, integration_state)
 
 
 def has_state_change(before: Any, phase: Any) -> bool:
@@ -29,25 +29,25 @@ def has_state_change(before: Any, phase: Any) -> bool:
     return bool(phase.direction != before.direction or (phase.sliding and phase.begin == phase.start))
 
 
-def remap_road(system: PhaseSystem, march_state: MarchState) -> None:
+def remap_road(system: PhaseSystem, integration_state: IntegrationState) -> None:
     """Shift the road in its own frame back on the mesh at the begin of a leg.
 
     Columns that have passed behind the window are dropped, fresh ones are added in front, and the ledger books both.
     """
     b, mesh, frame = system.b, system.b.scene.mesh, system.b.road_frame
     assert frame is not None
-    moment, lines = system.moment(system.phase.begin), frame.leg_lines
+    now, lines = system.law_context(system.phase.begin), frame.leg_lines
     behind = mesh.x_centre[:lines] - mesh.x[0]  # distance from the upstream edge: where each column has entered
-    rises = [system.incoming_rise(moment._replace(passed=moment.passed - distance)) for distance in behind]
+    rises = [system.incoming_rise(now._replace(passed=now.passed - distance)) for distance in behind]
     fresh = np.stack([system.incoming_enthalpy(T_in).reshape(mesh.n_road, -1) for T_in in rises])
-    y = frame.to_block_frame(march_state.y, lines, 0.0)
-    gone = mesh.planes(march_state.y[: b.n])[mesh.road[-lines:]]
+    y = frame.to_block_frame(integration_state.y, lines, 0.0)
+    gone = mesh.planes(integration_state.y[: b.n])[mesh.road[-lines:]]
     mesh.planes(y[: b.n])[mesh.road[:lines]] = fresh
     y[b.ledger_index["lane_out"]] += b.road_heat(gone) - b.road_heat(fresh)
-    march_state.y = y
+    integration_state.y = y
 
 
-def restart_repetition(balance: HeatBalance, before: Any, march_state: MarchState) -> None:
+def restart_repetition(balance: HeatBalance, before: Any, integration_state: IntegrationState) -> None:
     """The road at the start of a repetition.
 
     A block that rested on the road finds it unchanged.  A lifted block starts on fresh road, or with `track_memory` on
@@ -56,42 +56,43 @@ def restart_repetition(balance: HeatBalance, before: Any, march_state: MarchStat
     scene, mesh = balance.scene, balance.scene.mesh
     if not scene.schedule.lifted:
         return
-    y = march_state.y.copy()
+    y = integration_state.y.copy()
     old = balance.stored_heat(y)
-    system = PhaseSystem(balance, before, build_inflow(balance, before, march_state.track))
-    moment = system.moment(before.end)
+    system = PhaseSystem(balance, before, build_inflow(balance, before, integration_state.track))
+    now = system.law_context(before.end)
     rise = balance.temperature_rise(y[: balance.n])
     road, behind = mesh.planes(rise)[mesh.road], mesh.x_centre - mesh.x[0]
-    entered = system.undisturbed_road(moment, behind)[:, 0].reshape(road.shape)
+    entered = system.undisturbed_road(now, behind)[:, 0].reshape(road.shape)
+    # road as if nothing had slid over it; heat of earlier passes is added where the track has kept it
     fresh = entered + 0.0 * road
-    if march_state.track is not None and march_state.track.is_endless:
-        march_state.track.clear()
-    elif march_state.track is not None:
-        left = system.earlier_pass_rise(moment, behind).reshape(road.shape) + road - entered
-        march_state.track.store_initial_road(before.end, moment.passed - mesh.x_centre, left)
+    if integration_state.track is not None and integration_state.track.is_endless:
+        integration_state.track.clear()
+    elif integration_state.track is not None:
+        left = system.earlier_pass_rise(now, behind).reshape(road.shape) + road - entered
+        integration_state.track.store_initial_road(before.end, now.passed - mesh.x_centre, left)
         carried = balance.share * left.reshape(mesh.n_lines, -1)
-        fresh = system.road_after_passes(moment, carried)[:, 0].reshape(road.shape)
+        fresh = system.road_after_passes(now, carried)[:, 0].reshape(road.shape)
     everywhere = mesh.everywhere(mesh.road)
     rise[everywhere] = fresh
     y[everywhere] = balance.enthalpy_rise(rise)[everywhere]
-    march_state.removed_heat = march_state.removed_heat + np.subtract(old, balance.stored_heat(y))
-    march_state.y = y
+    integration_state.removed_heat = integration_state.removed_heat + np.subtract(old, balance.stored_heat(y))
+    integration_state.y = y
 
 
-def reverse_direction(balance: HeatBalance, before: Any, phase: Any, march_state: MarchState) -> None:
+def reverse_direction(balance: HeatBalance, before: Any, phase: Any, integration_state: IntegrationState) -> None:
     """Mirror block, road and track at a reversal: the other edge leads from now on."""
-    scene, mesh, y = balance.scene, balance.scene.mesh, march_state.y.copy()
-    if march_state.track is not None and before.sliding and phase.repetition == before.repetition:
+    scene, mesh, y = balance.scene, balance.scene.mesh, integration_state.y.copy()
+    if integration_state.track is not None and before.sliding and phase.repetition == before.repetition:
         store_leaving_column(
-            PhaseSystem(balance, before, build_inflow(balance, before, march_state.track)),
+            PhaseSystem(balance, before, build_inflow(balance, before, integration_state.track)),
             before.end,
-            march_state.y,
-            march_state.track,
+            integration_state.y,
+            integration_state.track,
             1e-9,
         )
-    mesh.planes(y[: balance.n])[:] = mesh.planes(march_state.y[: balance.n])[mesh.mirror]
-    y[balance.worn] = march_state.y[balance.worn].reshape(-1, mesh.n_across)[::-1].ravel()
-    march_state.y = y
-    if march_state.track is not None:
+    mesh.planes(y[: balance.n])[:] = mesh.planes(integration_state.y[: balance.n])[mesh.mirror]
+    y[balance.worn] = integration_state.y[balance.worn].reshape(-1, mesh.n_across)[::-1].ravel()
+    integration_state.y = y
+    if integration_state.track is not None:
         slid = scene.schedule.slid_distance(phase, phase.begin)
-        march_state.track.reverse_direction(phase.slid_before + slid, mesh)
+        integration_state.track.reverse_direction(phase.slid_before + slid, mesh)

@@ -80,6 +80,7 @@ class RoadFrame:
         if not phase.sliding:
             return [(max(math.ceil((phase.slid_before + schedule.distance) / way - LEG_END_RATIO) - 1, 0), phase)]
         begin, end = (phase.slid_before + schedule.slid_distance(phase, t) for t in (phase.begin, phase.end))
+        # a phase that ends at the end of a leg, but for rounding, belongs to that leg and not to the next
         first, last = math.floor(begin / way + LEG_END_RATIO), math.ceil(end / way - LEG_END_RATIO)
         inner = [
             phase.start + float(schedule.speed.time_at_integral(j * way - phase.slid_before))

@@ -19,7 +19,7 @@ from flashtemp.physics.interpolation import line_through_means
 
 @dataclass(frozen=True, repr=False)
 class Run(DisplayMixin):
-    """Result of `march`: temperatures in degC, times in s, lengths in m, energies in J per metre.
+    """Result of `integrate_schedule`: temperatures in degC, times in s, lengths in m, energies in J per metre.
 
     `time` (n,), `repetition` (n,), `slid` (n,) m since the first start, `sliding` (n,) bool;
     `T_block`, `T_spot`, `T_road`, `pressure` (n, lines under the block); `T_wake` (n, lines behind it) road
@@ -246,13 +246,14 @@ class Run(DisplayMixin):
         """Write `run.nc`, `summary.json`, `profiles.csv` and, for a worn block, `worn.csv` to an existing folder."""
         ds = self.dataset()
         ds["time"].encoding["dtype"] = "float64"
+        # built in memory and written at once: a full disk raises OSError, where the HDF5 library may fail otherwise
         (folder / "run.nc").write_bytes(bytes(ds.to_netcdf(engine="h5netcdf")))
         (folder / "summary.json").write_text(json.dumps(self.summary, indent=2) + "\n", encoding="utf-8")
-        head = "x_m,T_block_degC,T_spot_degC,T_road_degC,pressure_Pa,worn_m"
+        profile_header = "x_m,T_block_degC,T_spot_degC,T_road_degC,pressure_Pa,worn_m"
         k = self.last_sliding_index
         along = (self.T_block, self.T_spot, self.T_road, self.pressure, self.worn)
         table = np.column_stack([self.x, *(values[k] for values in along)])
-        tables = {"profiles.csv": (head, table)}
+        tables = {"profiles.csv": (profile_header, table)}
         if self.worn[-1].any():
             tables["worn.csv"] = ("x_m,worn_m", self.worn_profile)
         for name, (head, table) in tables.items():

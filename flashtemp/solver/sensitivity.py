@@ -28,13 +28,13 @@ from flashtemp.solver.circular_track import (
 )
 from flashtemp.solver.conjugate_residuals import solve_shifted_system
 from flashtemp.solver.heat_balance import HeatBalance
-from flashtemp.solver.march import StepHistory, march
-from flashtemp.solver.march_state import MarchState
+from flashtemp.solver.integration_state import IntegrationState
 from flashtemp.solver.mesh_mapping import corresponding_phase, stretch_mesh
 from flashtemp.solver.phase_transitions import remap_road, start_phase
 from flashtemp.solver.recorder import build_run, record_state
 from flashtemp.solver.run import Run
 from flashtemp.solver.system import PhaseSystem
+from flashtemp.solver.time_integration import StepHistory, integrate_schedule
 
 FIRST_STEP_U, MAX_STEP_U = 0.03, 0.1  # first and longest step in u = sqrt(fraction of the segment)
 CORRECTION_RATIO = 0.2  # target of Newton's correction over the largest change in the segment: it sets the next step
@@ -93,7 +93,7 @@ def run_with_sensitivities(
     stretched.  Raises SolverFailure, ValueError.
     """
     integrator = SensitivityIntegrator(scene, perturbations, frozenset(at), dense)
-    run = march(scene, settings, title, sensitivities=integrator)
+    run = integrate_schedule(scene, settings, title, sensitivities=integrator)
     reference, *perturbed = (one.to_run(title) for one in integrator.perturbed_runs)
     runs = dict(zip(perturbations, perturbed, strict=True))
     return RunWithSensitivities(run, reference, runs, {k: m.step for k, m in perturbations.items()})
@@ -116,9 +116,9 @@ class _PerturbedRun:
         if self.step:
             self.s = (own[:m] - start[:m]) / self.step
         self.s = np.append(self.s, np.zeros(base.size - m))
-        self.march_state = MarchState(y=own, removed_heat=np.zeros(2), track=None)
+        self.integration_state = IntegrationState(y=own, removed_heat=np.zeros(2), track=None)
         if has_road_memory(scene):
-            self.march_state.track = build_track(self.balance, scene.schedule.lap)
+            self.integration_state.track = build_track(self.balance, scene.schedule.lap)
 
     def own_state(self, y: np.ndarray, s: np.ndarray) -> np.ndarray:
         """State y + step s of the perturbed run; its ledger is zero if it has other entries than the run's."""
@@ -132,13 +132,13 @@ class _PerturbedRun:
 
     def own_system(self, phase: Phase, leg: int) -> PhaseSystem:
         """The perturbed system during a phase of its own schedule, or during one leg of it."""
-        return PhaseSystem(self.balance, phase, build_inflow(self.balance, phase, self.march_state.track), leg)
+        return PhaseSystem(self.balance, phase, build_inflow(self.balance, phase, self.integration_state.track), leg)
 
     def remap_road(self, phase: Phase, leg: int, y, s) -> np.ndarray:
         """State of the perturbed run after its road was shifted back on the mesh."""
-        self.march_state.y = self.own_state(y, s)
-        remap_road(self.own_system(self.own_phase(phase), leg), self.march_state)
-        return self.march_state.y[: self.m]
+        self.integration_state.y = self.own_state(y, s)
+        remap_road(self.own_system(self.own_phase(phase), leg), self.integration_state)
+        return self.integration_state.y[: self.m]
 
     def phase_segment(self, phase: Phase, leg: int = 0) -> _PhaseSegment:
         """The perturbed run during one phase of the run's schedule, or during one leg of it."""
@@ -148,12 +148,12 @@ class _PerturbedRun:
 
     def start_phase(self, before: Phase, phase: Phase, y, s) -> np.ndarray:
         """State of the perturbed run after a new repetition began, or the block reversed."""
-        self.march_state.y = self.own_state(y, s)
-        start_phase(self.balance, self.own_phase(before), self.own_phase(phase), self.march_state)
-        return self.march_state.y[: self.m]
+        self.integration_state.y = self.own_state(y, s)
+        start_phase(self.balance, self.own_phase(before), self.own_phase(phase), self.integration_state)
+        return self.integration_state.y[: self.m]
 
     def to_run(self, title: str) -> Run:
-        return build_run(self.balance, self.march_state, title)
+        return build_run(self.balance, self.integration_state, title)
 
 
 def _shared_mesh(plain: Scene, scene: Scene) -> Mesh:
@@ -210,22 +210,25 @@ class _PhaseSegment:
             self.system,
             self.own_time(t),
             self.perturbed_run.own_state(y, s),
-            self.perturbed_run.march_state,
+            self.perturbed_run.integration_state,
             frame,
             float,
         )
 
     def store_own_column(self, t, y, s) -> None:
-        if self.perturbed_run.march_state.track is not None:
+        if self.perturbed_run.integration_state.track is not None:
             store_leaving_column(
-                self.system, self.own_time(t), self.perturbed_run.own_state(y, s), self.perturbed_run.march_state.track
+                self.system,
+                self.own_time(t),
+                self.perturbed_run.own_state(y, s),
+                self.perturbed_run.integration_state.track,
             )
 
 
 class SensitivityIntegrator:
     """All perturbed runs of a run.
 
-    `march` calls `integrate_segment` after each segment, `start_phase` at each new repetition or reversal, and
+    `integrate_schedule` calls `integrate_segment` after each segment, `start_phase` at each repetition or reversal, and
     `remap_road` when road in its own frame is shifted back on the mesh.  The first entry of `perturbed_runs` has the
     step 0: it is the reference, evaluated by the same code as the others.
     """
@@ -262,11 +265,11 @@ class SensitivityIntegrator:
         times = self._record_times(phase, records)
         active = [one for one in perturbed if one.start_s < phase.end]
         unchanged = [one for one in perturbed if one.start_s >= phase.end]
-        base_track = reference.march_state.track
+        base_track = reference.integration_state.track
         for one in active:  # until its first difference a perturbed run has the track of the reference
-            if phase.begin <= one.start_s and one.march_state.track is not None and base_track is not None:
+            if phase.begin <= one.start_s and one.integration_state.track is not None and base_track is not None:
                 stored: dict[str, Any] = {k: list(getattr(base_track, k)) for k in TRACK_FIELDS}
-                one.march_state.track = replace(one.march_state.track, **stored)
+                one.integration_state.track = replace(one.integration_state.track, **stored)
         S = np.array([one.s for one in active]).reshape(len(active), len(reference.s))
         S = _integrate_differences(
             phase,
@@ -279,7 +282,7 @@ class SensitivityIntegrator:
         for k, one in enumerate(active):
             one.s = S[k]
         for one in unchanged:  # they have the records of the reference
-            _copy_records(reference.march_state, one.march_state, phase)
+            _copy_records(reference.integration_state, one.integration_state, phase)
 
     def _record_times(self, phase, records) -> list[tuple[float, bool]]:
         """Times (s) at which perturbed runs are recorded in a segment, and whether with all cells."""
@@ -329,7 +332,9 @@ def _integrate_differences(
         moved = np.abs(change[:, :m]).max(axis=1, initial=0.0) / size
         error = float(np.sqrt(np.mean(moved**2))) if perturbed else 0.0
         close = (
-            FINE_CORRECTION_RATIO if fine_until and reference.system.moment(t).slid < fine_until else CORRECTION_RATIO
+            FINE_CORRECTION_RATIO
+            if fine_until and reference.system.law_context(t).slid < fine_until
+            else CORRECTION_RATIO
         )
         h = min(h * float(np.clip(np.sqrt(close / max(error, 1e-12)), 0.5, MAX_STEP_GROWTH)), longest)
     return S
@@ -341,7 +346,7 @@ def _fine_step_distance(phase, reference: _PhaseSegment, times) -> float:
     Long steps would smear that front.  The distance is 0 if no field of all cells is recorded within it.
     """
     reach = FINE_STEP_WINDOWS * float(reference.system.b.scene.mesh.x[-1])
-    is_recorded = phase.sliding and any(frame and reference.system.moment(t).slid < reach for t, frame in times)
+    is_recorded = phase.sliding and any(frame and reference.system.law_context(t).slid < reach for t, frame in times)
     return reach if is_recorded else 0.0
 
 
@@ -364,6 +369,7 @@ def _bdf2_step(
     gamma = dt_du * h * (1 + w) / (1 + 2 * w)
     predicted = S + w * (S - old) if before else S
     history = ((1 + w) ** 2 * S - w * w * old) / (1 + 2 * w) if before else S
+    # a difference of two rates over the step is the derivative along s, with every law and the ledger in it
     start = reference.own_rate(t, y, reference.perturbed_run.s)
     R = np.empty_like(S)
     for k, one in enumerate(perturbed):
@@ -392,7 +398,7 @@ def _record_all(path: StateInterpolant, reference: _PhaseSegment, perturbed: lis
         one.record_own(t, y, s, frame)
 
 
-def _copy_records(source: MarchState, target: MarchState, phase) -> None:
+def _copy_records(source: IntegrationState, target: IntegrationState, phase) -> None:
     """Copy the records of a segment in which a perturbed run does not differ from the reference yet."""
     target.records.setdefault("ledger", source.records["ledger"])
     time, frames = source.records["time"], source.records["frames"]

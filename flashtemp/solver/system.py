@@ -22,7 +22,7 @@ from flashtemp.solver.linearisation import (
     LinearisedSystem,
     ShiftedLinearisation,
     contact_slopes,
-    outflow_slopes,
+    outflow_derivatives,
 )
 
 INTEGRATOR_ATOL_K = 1e-3  # default absolute tolerance of the integrator: smaller undershoots are within its error
@@ -59,7 +59,7 @@ class PhaseSystem:
         object.__setattr__(self, "interface", ContactInterface(self.b))
 
     # --- what acts now -----------------------------------------------------------------------
-    def moment(self, t: float) -> LawContext:
+    def law_context(self, t: float) -> LawContext:
         """The context for laws at time t (s), with the ambient temperature at that time."""
         if self.cache.now is not None and self.cache.now.t == t:
             return self.cache.now
@@ -162,35 +162,35 @@ class PhaseSystem:
             return None
         return self.interface.solve_contact(now, self.b.worn_depth(y), T, self.incoming_road(now), kf, slopes)
 
-    def moment_for_laws(self, contact: SolvedContact | None, now):
+    def context_for_laws(self, contact: SolvedContact | None, now):
         """The context for laws of heat, with contact fields only if a law on a patch or in a zone may use them."""
         return (
             now
             if contact is None or not self.b.boundary.has_local_laws
-            else self.interface.moment_at_contact(contact.state, now)
+            else self.interface.context_at_contact(contact.state, now)
         )
 
-    def uniform_pressure_moment(self, now) -> LawContext:
+    def uniform_pressure_context(self, now) -> LawContext:
         """The context for laws of the contact with the mean pressure everywhere; it does not depend on the state."""
         uniform = np.full(len(self.b.scene.mesh.column_x), now.pressure)
-        context: LawContext = self.interface.moment_at_contact(self.interface.contact_state(now, uniform), now)
+        context: LawContext = self.interface.context_at_contact(self.interface.contact_state(now, uniform), now)
         return context
 
     def coldest_rise(self, t: float) -> float:
         """Rise (K) of the coldest surroundings at time t (s); -inf if a law of heat cools below all of them."""
-        b, now = self.b, self.moment(t)
+        b, now = self.b, self.law_context(t)
         around = [0.0, now.ambient - b.scene.ambient, float(np.min(self.incoming_rise(now)))]
         for entries in b.laws.films.values():
             around += [float(part.far(now, p)) - b.scene.ambient for part, p, _ in entries if part.far is not None]
         low = min(around)
-        return -np.inf if b.boundary.has_cooling_law(self.uniform_pressure_moment, now, low) else low
+        return -np.inf if b.boundary.has_cooling_law(self.uniform_pressure_context, now, low) else low
 
     @cached_property
     def undershoot_floor(self) -> float:
         """Lower bound of the enthalpy rise (K) on faces of the road (theory.md, section 8); -inf if a law cools."""
         phase, b = self.phase, self.b
         times = np.linspace(phase.begin, phase.end, 9)
-        air = min(self.moment(t).ambient for t in times) - b.scene.ambient
+        air = min(self.law_context(t).ambient for t in times) - b.scene.ambient
         low = min(self.coldest_rise(phase.begin), air)
         return float(self.incoming_enthalpy(np.full(len(b.no_inflow), low - INTEGRATOR_ATOL_K))[0])
 
@@ -209,7 +209,7 @@ class PhaseSystem:
     # --- rate --------------------------------------------------------------------------------
     def rate(self, t: float, y: np.ndarray, out: np.ndarray) -> None:
         """dy/dt of cells (K/s), worn depth (units per s) and ledger (W/m) at time t (s)."""
-        now, b = self.moment(t), self.b
+        now, b = self.law_context(t), self.b
         if b.road_frame is None:
             return self._block_frame_rate(now, y, out)
         y, k = self.to_block_frame(now, y), b.road_frame.shifted_lines(now.passed, self.leg)
@@ -235,13 +235,14 @@ class PhaseSystem:
         T_in = self.incoming_rise(now)
         T_enter = T_in + self.revisited_rise(now) if self.phase.turned > -np.inf else T_in
         h_in = self.incoming_enthalpy(T_enter)
+        # the ledger is part of the state and takes every step with the temperatures, so it audits the integration
         led = dict.fromkeys(b.ledger, 0.0)
         contact = self.contact_if_needed(now, y, T, kf)
         if contact is not None and contact.flux is not None:
             self._add_contact_heat(contact.state, contact.flux, q, led)
             if b.abrades:
                 out[b.worn] = self.interface.abrasion_rate(contact.state, contact.flux, now) / b.worn_unit
-        b.boundary.add_heat(self.moment_for_laws(contact, now), self.film_coefficients(now), T, kf, q, led)
+        b.boundary.add_heat(self.context_for_laws(contact, now), self.film_coefficients(now), T, kf, q, led)
         self.solid.heat_to_rates(T, h, T_enter, h_in, self.solid.conductances(kf), advection, q)
         if (bounded := self.solid.limit_undershoots(h, h_in, advection, self.undershoot_floor)) is not None:
             bounded.add_rate(q)
@@ -275,7 +276,7 @@ class PhaseSystem:
     # --- linearisation -------------------------------------------------------------------------
     def linearise(self, t: float, y: np.ndarray, gamma: float) -> LinearisedSystem | ShiftedLinearisation:
         """The balance linearised at (t, y), with the preconditioner P of I - gamma J factorised by depth lines."""
-        now, frame = self.moment(t), self.b.road_frame
+        now, frame = self.law_context(t), self.b.road_frame
         at = self._linearise_state(now, self.to_block_frame(now, y), gamma)
         return at if frame is None else ShiftedLinearisation(at, frame, frame.shifted_lines(now.passed, self.leg))
 
@@ -288,7 +289,7 @@ class PhaseSystem:
         stretch = b.capacity_ratio(T)
         contact = self.contact_if_needed(now, y, T, kf, slopes=True)
         slopes, rows, books = contact_slopes(b, contact, self._wall_slopes(contact, now, T, kf))
-        rows["lane_out"].append(outflow_slopes(b, advection, stretch))
+        rows["lane_out"].append(outflow_derivatives(b, advection, stretch))
         joined: conduction.LedgerRows = {
             name: (np.concatenate([i for i, _ in parts]), np.concatenate([w for _, w in parts]))
             for name, parts in rows.items()
@@ -312,7 +313,7 @@ class PhaseSystem:
         """Derivatives of boundary heat; cached for heat-transfer coefficients on bodies of constant conductivity."""
         recent, boundary, films = self.cache, self.b.boundary, self.film_coefficients(now)
         if boundary.has_local_laws or kf is not self.b.ones:
-            return boundary.heat_slopes(self.moment_for_laws(contact, now), films, T, kf)
+            return boundary.heat_slopes(self.context_for_laws(contact, now), films, T, kf)
         if recent.wall_slopes is None or recent.wall_slopes[0] is not films:
             recent.wall_slopes = films, boundary.heat_slopes(now, films, T, kf)
         return recent.wall_slopes[1]

@@ -10,6 +10,7 @@ With f = p_mean shape - k_n w, the pressure of the worn block before the holder 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -122,10 +123,15 @@ class SpringResponse:
         spread: np.ndarray = self.U @ np.linalg.inv(self.G)
         return spread
 
-    def build_inverse(self, gain: np.ndarray):
-        """r -> (1 - diag(gain) dp/dw)^-1 r by the Woodbury identity; `gain` (columns,) m/Pa."""
-        diagonal = 1.0 + gain * self.K
-        X = (gain / diagonal)[:, None] * self.U
+    def build_wear_inverse(self, depth_per_pressure: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        """The implicit step of the worn depth: solves (1 - diag(g) dp/dw) dw = r for any r.
+
+        `depth_per_pressure` g (columns,) m/Pa is the worn depth of the step per pressure.
+        """
+        # dp/dw = -K + U G^-1 V K: independent springs, and a holder of rank m that moves the load.  The matrix is
+        # diag(1 + g K) minus g U G^-1 V K, so Woodbury's identity leaves one inverse of (m, m).
+        diagonal = 1.0 + depth_per_pressure * self.K
+        X = (depth_per_pressure / diagonal)[:, None] * self.U
         inner = np.linalg.inv(self.G - (self.V * self.K) @ X)
 
         def apply_inverse(r: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ from flashtemp.model.case import load_case
 from flashtemp.model.schema import CASE_TABLES, declared_params
 from flashtemp.physics.effect import Param, catalogue
 from flashtemp.solver import sanity_checks
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 
 SMALL = {
     "numerics.cells": [10, 7, 8], "schedule.distance": 0.02, "output.profiles": 6, "output.fields": 2,
@@ -113,7 +113,7 @@ def coldness(case) -> tuple[object, float]:
 
     checked = sanity_checks.check_temperatures
     with mock.patch.object(sanity_checks, "check", watch):
-        run = march(case.scene, case.settings, case.title)
+        run = integrate_schedule(case.scene, case.settings, case.title)
     return run, worst[0]
 
 

@@ -18,7 +18,7 @@ from flashtemp.physics.quantities import KELVIN
 from flashtemp.solver import sanity_checks
 from flashtemp.solver.contact_flux import ContactState
 from flashtemp.solver.interface import ContactInterface
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 
 SMALL = {
     "schedule.distance": 0.02, "numerics.mesh": "coarse", "output.pictures": False, "output.vtk": False,
@@ -43,7 +43,7 @@ def folder(tmp_path):
 
 def run(folder, **given):
     case = load_case(folder, SMALL | {k.replace("__", "."): v for k, v in given.items()}, trust=True)
-    return march(case.scene, case.settings)
+    return integrate_schedule(case.scene, case.settings)
 
 
 def test_a_run_that_gets_too_hot_fails_with_time_and_place(folder, capsys):

@@ -9,7 +9,7 @@ from flashtemp.camera.importing import thermocouple_files
 from flashtemp.camera.importing.import_options import ImportOptions
 from flashtemp.errors import BadInput
 from flashtemp.physics.interpolation import read_surface, read_xy_pairs
-from flashtemp.physics.tables import wanted
+from flashtemp.physics.tables import column_matching
 from flashtemp.physics.tables.cells import is_missing
 
 HEADER = "Time (s),TC1 (degC),TC2 (degC)\n"
@@ -580,8 +580,8 @@ def test_a_tdms_file_that_cannot_be_read_is_refused(tmp_path, capfd):
 
 
 # --- tables of a case ---------------------------------------------------------------------------------------
-SPEEDS = (wanted.TIME, wanted.SPEED)
-FORCES = (wanted.TIME, wanted.FRICTION)
+SPEEDS = (column_matching.TIME, column_matching.SPEED)
+FORCES = (column_matching.TIME, column_matching.FRICTION)
 
 
 def read_pairs(folder, text, columns, **bounds):
@@ -638,7 +638,12 @@ def test_columns_that_nobody_asks_for_may_stand_beside(tmp_path):
 
 def test_a_friction_table_is_read_by_its_names(tmp_path):
     (tmp_path / "a.csv").write_text("mu,speed (km/h),T (F)\n0.9,3.6,68\n0.8,3.6,212\n0.7,7.2,68\n0.6,7.2,212\n")
-    surface = read_surface("a.csv", tmp_path, "friction.table", (wanted.SPEED, wanted.TEMPERATURE, wanted.FRICTION))
+    surface = read_surface(
+        "a.csv",
+        tmp_path,
+        "friction.table",
+        (column_matching.SPEED, column_matching.TEMPERATURE, column_matching.FRICTION),
+    )
     assert surface.u == pytest.approx((1.0, 2.0))
     assert surface.v == pytest.approx((20.0, 100.0))
     assert surface.z == ((0.9, 0.8), (0.7, 0.6))

@@ -32,7 +32,7 @@ from flashtemp.model.case import assemble_case
 from flashtemp.model.case_file import KeyLocations
 from flashtemp.model.scene import ActiveEffect
 from flashtemp.physics.effect import Term, find_effect
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 
 L, H, W = 0.025, 0.007, 0.05
 
@@ -64,7 +64,7 @@ def slid(lab):
         {}, {"schedule.distance": 0.1, "ambient.convection": 0.0}, lab.KeyLocations("none"), lab.Path(), "x"
     )
     scene = case.scene
-    return scene, march(scene, replace(case.settings, times=(0.5, 1.0)))
+    return scene, integrate_schedule(scene, replace(case.settings, times=(0.5, 1.0)))
 
 
 # --- pixels -----------------------------------------------------------------------------------------
@@ -293,7 +293,7 @@ def test_the_wake_holds_the_heat_of_lanes_and_gaps(lab):
     given = {"schedule.distance": 0.5, "contact.lane_widening": 0.0}
     case = lab.assemble_case({}, given, lab.KeyLocations("none"), lab.Path(), "x")
     scene = case.scene
-    run = march(scene, case.settings)
+    run = integrate_schedule(scene, case.settings)
     k, mesh = len(run.frames) - 1, run.mesh
     lanes = run.field[k][mesh.road[mesh.last :, -1]] - run.ambient_degC
     np.testing.assert_allclose(run.T_wake[run.frames[k]] - run.ambient_degC, 0.2 * lanes, rtol=1e-4, atol=1e-4)
@@ -382,7 +382,7 @@ def test_the_contact_holds_the_face_as_firmly_as_a_run_finds(tilted):
     if tilted:
         given |= {"effects": ["pressure_tilt"], "pressure_tilt.a": 0.5}
     made = assemble_case({}, given, KeyLocations("none"), Path(), "hold")
-    run = march(made.scene, made.settings)
+    run = integrate_schedule(made.scene, made.settings)
     rise, size = run.T_block.astype(float) - run.ambient_degC, run.mesh.dx_block / run.mesh.dx_block.sum()
     hold = effective_contact_conductance(made.scene, run.time, rise, run.pressure, run.worn)
     mid = 0.5 * (run.time[1:] + run.time[:-1])
@@ -520,7 +520,7 @@ def test_walls_and_wakes_of_odd_cases_are_a_little_cooler(name):
     made = assemble_case({}, given | ODD[name], KeyLocations("none"), Path(), "odd")
     end = made.scene.schedule.end_time
     times = np.array([0.0, 0.01, 0.3, 0.5, 0.97, 1.0]) * end
-    run = march(made.scene, replace(made.settings, times=tuple(times)))
+    run = integrate_schedule(made.scene, replace(made.settings, times=tuple(times)))
     bare = replace(made.scene, acting=tuple(a for a in made.scene.acting if a.name != "convection"))
     half = 0.5 * made.scene.width
     for view, u, v in (("sidewall", [0.005, 0.02], [5e-4, 2e-3]), ("wake", [0.026, 0.03], [1e-3 - half, 0.0])):

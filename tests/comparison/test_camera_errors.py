@@ -33,7 +33,7 @@ from flashtemp.discovery.estimation.camera_error_columns import (
 )
 from flashtemp.discovery.estimation.linear_gaussian import DataBlock, LinearSystem, gram_matrices
 from flashtemp.discovery.estimation.nuisance_priors import is_camera_gain, scale_priors
-from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.parameters import ParameterId, ParameterKind
 from flashtemp.discovery.prediction.prediction import Observable
 from flashtemp.errors import BadInput
 
@@ -267,7 +267,7 @@ def test_vignetting_and_lamps_lie_in_the_smooth_maps():
     assert np.abs(rest).max() < 1e-3 * lost.max()
 
 
-@pytest.mark.parametrize("kind", [Kind.OFFSET, Kind.STATIC, Kind.MAP, Kind.OPTICS])
+@pytest.mark.parametrize("kind", [ParameterKind.OFFSET, ParameterKind.STATIC, ParameterKind.MAP, ParameterKind.OPTICS])
 def test_an_error_that_the_model_spans_is_absorbed_and_only_at_a_size_that_is_not_none(kind):
     """Against dense algebra: the evidence of the columns is that of their covariance."""
     rng = np.random.default_rng(11)
@@ -275,7 +275,7 @@ def test_an_error_that_the_model_spans_is_absorbed_and_only_at_a_size_that_is_no
     own = camera_columns(r, shown(r), np.zeros(r.temperature.shape))
     names = [p for p in own if p.kind is kind]
     F = np.stack([own[p].ravel() for p in names], axis=1) / SIGMA
-    size = 0.003 if kind is Kind.MAP else 1.0
+    size = 0.003 if kind is ParameterKind.MAP else 1.0
     error = F @ (size * rng.normal(size=F.shape[1]))
     block = DataBlock("a", 0, False, error, np.zeros((len(error), 0), np.float32),
                   tuple((p.with_scope(0, "a"), k) for k, p in enumerate(names)), F, gram_matrices([F])[0])  # fmt: skip
@@ -293,7 +293,7 @@ def test_an_error_that_the_model_spans_is_absorbed_and_only_at_a_size_that_is_no
 
 def test_evidence_by_elimination_equals_that_of_the_whole_matrix():
     rng = np.random.default_rng(12)
-    names = [ParameterId(Kind.KEY, name="k"), *(ParameterId(Kind.MAP, (m, 0)) for m in (1, 2, 3))]
+    names = [ParameterId(ParameterKind.KEY, name="k"), *(ParameterId(ParameterKind.MAP, (m, 0)) for m in (1, 2, 3))]
     blocks = []
     for number, file in enumerate("abc"):
         C = rng.normal(size=(40, 4))
@@ -308,8 +308,12 @@ def test_evidence_by_elimination_equals_that_of_the_whole_matrix():
 def test_an_ideal_camera_has_the_priors_that_it_had():
     """None of a family leaves the slight gain map of every camera, and nothing else that only real cameras have."""
     file = {"file": "a"}
-    names = [ParameterId(kind, (k,), **file) for kind in (Kind.OFFSET, Kind.STATIC, Kind.OPTICS) for k in (1, 2)]
-    low, high = ParameterId(Kind.MAP, (1, 1), **file), ParameterId(Kind.MAP, (1, 1, 1), **file)
+    names = [
+        ParameterId(kind, (k,), **file)
+        for kind in (ParameterKind.OFFSET, ParameterKind.STATIC, ParameterKind.OPTICS)
+        for k in (1, 2)
+    ]
+    low, high = ParameterId(ParameterKind.MAP, (1, 1), **file), ParameterId(ParameterKind.MAP, (1, 1, 1), **file)
     priors = dict.fromkeys([*names, low, high], (0.0, 1.0))
     assert not is_camera_gain(low)
     assert is_camera_gain(high)

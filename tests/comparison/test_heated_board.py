@@ -13,7 +13,7 @@ import flashtemp
 from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare
 from flashtemp.discovery.diagnostics.adequacy_tests import unnamed_heat_evidence
-from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.parameters import ParameterId, ParameterKind
 from flashtemp.discovery.prediction.prediction import DerivativeRequest, predict_condition
 from flashtemp.discovery.prediction.problem import prepare_problem
 
@@ -85,15 +85,15 @@ def test_where_nothing_slides_no_heat_of_any_shape_is_asked_for():
     )
     [made] = problem.predict(tasks[:1])
     kinds = {p.kind for o in made.observables.values() for p in o.columns}
-    assert not kinds & {Kind.MODE, Kind.TREND, Kind.SCATTER}
-    flux, asked = ParameterId(Kind.FLUX, (1,), condition=0), []
+    assert not kinds & {ParameterKind.MODE, ParameterKind.TREND, ParameterKind.SCATTER}
+    flux, asked = ParameterId(ParameterKind.FLUX, (1,), condition=0), []
 
     def solved(problem, more, equations):
         asked.append(more)
         return SimpleNamespace(solution=SimpleNamespace(ln_evidence=1e-14 * len(asked)))
 
     for names, seen in (
-        ([ParameterId(Kind.GAIN)], []),
+        ([ParameterId(ParameterKind.GAIN)], []),
         ([flux], [flux]),
         ([flux], []),
     ):  # felt by none, or by data held out

@@ -24,7 +24,7 @@ from flashtemp.discovery.prediction.problem import prepare_problem
 from flashtemp.discovery.prediction.sensor_parameters import sensor_gain_id
 from flashtemp.errors import BadInput
 from flashtemp.model.case import load_case
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 
 K, RHO, C, H = 0.08, 256.0, 1070.0, 0.01144  # a light board
 D = K / (RHO * C)
@@ -67,7 +67,7 @@ def write(folder, effects, more=""):
 def end(folder, effects, more="", given=None):
     """The run of a case, and its last field up the block (n,) degC at heights (n,) m."""
     case = load_case(write(folder, effects, more), given)
-    run = march(case.scene, case.settings)
+    run = integrate_schedule(case.scene, case.settings)
     mesh = run.mesh
     return run, run.field[-1][mesh.block[0]], 0.5 * (mesh.height[1:] + mesh.height[:-1])
 
@@ -187,7 +187,7 @@ def test_nothing_acts_on_the_face_while_it_slides(tmp_path):
     text = (tmp_path / "case.toml").read_text().replace("alone = 300.0", "distance = 0.1")
     (tmp_path / "case.toml").write_text(text)
     hot, cold = load_case(tmp_path / "case.toml"), load_case(tmp_path / "case.toml", {"effects": []})
-    a, b = (march(c.scene, c.settings).T_block[-1] for c in (hot, cold))
+    a, b = (integrate_schedule(c.scene, c.settings).T_block[-1] for c in (hot, cold))
     assert np.array_equal(a, b), given
 
 
@@ -428,7 +428,7 @@ def test_twins_are_late_by_what_is_drawn_and_never_early(tmp_path):
     assert np.std(drawn) == pytest.approx(3.0, rel=0.15)
     scene = load_case(tmp_path / "case.toml").scene
     times = tuple(required_times(recording.places, recording.time).tolist())
-    run = march(scene, replace(load_case(tmp_path / "case.toml").settings, times=times, fields=2))
+    run = integrate_schedule(scene, replace(load_case(tmp_path / "case.toml").settings, times=times, fields=2))
     shown = {}
     for lags in ((0.0, 5.0), (-1.0, 0.0), (-9.0, 0.0)):
         faults = synthetic_recording.SyntheticRecordingErrors((0.0, 0.0), 0.0, 1.0, 0.0, lags=lags)
@@ -500,7 +500,7 @@ def test_twins_and_places_for_one_more_thermocouple_have_gains(tmp_path):
     scene, recording = problem.case.scene, made.views[0].recording
     drawn = [synthetic_recording.draw_errors(recording, np.random.default_rng(s), 1.0).gains for s in range(200)]
     assert np.std(drawn) == pytest.approx(0.05, rel=0.15)
-    run = march(scene, replace(problem.case.settings, times=tuple(recording.time), fields=2))
+    run = integrate_schedule(scene, replace(problem.case.settings, times=tuple(recording.time), fields=2))
     plain, larger = (
         synthetic_recording.render_recording(
             run,

@@ -13,11 +13,11 @@ from flashtemp.discovery.decision import EffectSize
 from flashtemp.discovery.diagnostics.setup_errors import ReducedFit
 from flashtemp.discovery.estimation.linearised_fit import FitStatus
 from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD
-from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.parameters import ParameterId, ParameterKind
 
 TESTS = ("amplitude", "heat of", "pressure of", "calibrated", "camera and", "noise left")
 LARGE = EffectSize(rise_fraction=0.05, change_K=0.1, mesh_error_K=0.02)
-LENGTH = ParameterId(Kind.SIZE, name="block.length")
+LENGTH = ParameterId(ParameterKind.SIZE, name="block.length")
 
 
 @pytest.fixture
@@ -111,7 +111,7 @@ def test_an_alternative_is_told_apart_or_not(discovery_benchmark, search):
 
 def test_errors_of_the_setup_are_judged_anew(discovery_benchmark, search):
     """A length that is off by three of its usual sizes, and by six to seven of its standard errors."""
-    usual = NUISANCE_SD[Kind.SIZE]
+    usual = NUISANCE_SD[ParameterKind.SIZE]
     found = ReducedFit((LENGTH,), np.array([15.0 / usual]), np.array([[4.0 / usual**2]]), np.array([usual]))
     stored = search.made(setup=discovery_benchmark.stored.StoredSetup(found, found, {}), kind="null")
     assert discovery_benchmark.replay.replay(stored).record["inputs"] == ["block_length"]

@@ -12,7 +12,7 @@ from flashtemp.comparison import campaign
 from flashtemp.comparison.synthetic_campaign import SyntheticPlan, make_synthetic_campaign
 from flashtemp.discovery import engine
 from flashtemp.model.case import load_case
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 
 CASE = Path(__file__).parents[2] / "cases" / "uniform_pressure"
 SHORT = {
@@ -26,7 +26,7 @@ def pressed(*effects: str, **values: float) -> np.ndarray:
     """Pressure over its mean (columns,) while a block slides that has these effects."""
     given = {"effects": list(effects)} | {k.replace("__", "."): v for k, v in values.items()}
     case = load_case(CASE, SHORT | {"schedule.distance": 0.01} | given)
-    run = march(case.scene, case.settings, case.title)
+    run = integrate_schedule(case.scene, case.settings, case.title)
     return run.pressure[run.sliding > 0.5][0] / case["contact.pressure"]
 
 

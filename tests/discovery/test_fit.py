@@ -35,7 +35,7 @@ from flashtemp.discovery.estimation.nuisance_priors import (
 )
 from flashtemp.discovery.estimation.trust_region import QuadraticModel
 from flashtemp.discovery.hypotheses.candidates import ModelPoint
-from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.parameters import ParameterId, ParameterKind
 from flashtemp.discovery.prediction.problem import _unstated_facts, prepare_problem
 from flashtemp.discovery.selection.scores import MIN_PARTNER_Z, score_candidates, select_for_rescoring
 from flashtemp.errors import BadInput
@@ -129,7 +129,7 @@ def test_what_was_drawn_is_found_again(two):
         assert abs(value(fit, key) - np.log(factor)) < 4 * fit.solution.sd(p), key
         assert 0 < fit.solution.sd(p) < two.problem.key_priors[p]
     for number, own in enumerate(two.truth["recordings"].values()):
-        level = value(fit, "friction.mu") + fit.solution[ParameterId(Kind.LEVEL, condition=number)]
+        level = value(fit, "friction.mu") + fit.solution[ParameterId(ParameterKind.LEVEL, condition=number)]
         drawn = np.log(two.truth["nuisance"]["friction.mu"] * own["friction_jitter"])
         assert level == pytest.approx(drawn, abs=0.01)
     assert fit.solution.chi2 == pytest.approx(fit.solution.count, abs=5 * np.sqrt(2 * fit.solution.count))
@@ -164,10 +164,10 @@ def test_what_an_image_does_not_say_of_its_camera_is_taken_as_usual_and_told(two
     assert found.assumed_camera_facts == {mute.file: ("registration_sigma_px", "psf_sigma_px")}
     taken, told = (v.recording for v in found.campaign.views)
     assert (taken.registration_sigma_px, taken.psf_sigma_px, told.registration_sigma_px) == (0.5, 0.7, 0.0)
-    spread = [ParameterId(Kind.SPREAD, file=v.file) for v in found.campaign.views]
-    shift = ParameterId(Kind.SHIFT_U, file=mute.file)
+    spread = [ParameterId(ParameterKind.SPREAD, file=v.file) for v in found.campaign.views]
+    shift = ParameterId(ParameterKind.SHIFT_U, file=mute.file)
     priors = nuisance_priors(found, [*spread, shift], found.stated_model)
-    assert [priors[p][1] for p in (*spread, shift)] == [UNSTATED_OPTICS_SD, NUISANCE_SD[Kind.SPREAD], 0.5]
+    assert [priors[p][1] for p in (*spread, shift)] == [UNSTATED_OPTICS_SD, NUISANCE_SD[ParameterKind.SPREAD], 0.5]
     solution = replace(two.base.solution, names=tuple(spread), d=np.array([0.4, 0.1]))
     far = normalised_deviations(replace(two.base, priors=priors, solution=solution))
     assert [far[p] for p in spread] == pytest.approx([1.0, 2.0])
@@ -196,7 +196,7 @@ def test_a_turned_image_is_aligned_whatever_its_columns_promise(two):
     """Turned by a third of a degree a side wall is explained by the column of the turn as if it were not; it is turned
     back before anything is concluded."""
     best, file = two.base.model, next(v.file for v in two.problem.campaign.views if v.recording.view == "sidewall")
-    place, p = best.image_placement(file), ParameterId(Kind.TURN, file=file)
+    place, p = best.image_placement(file), ParameterId(ParameterKind.TURN, file=file)
     turned = replace(best, placements=best.placements | {file: replace(place, turn=place.turn + 0.006)})
     found, _ = fitted(two, Hypothesis(two.problem, two.data, turned))
     assert abs(found.model.setup_value(p) - best.setup_value(p)) < 0.001
@@ -206,7 +206,7 @@ def test_a_turned_image_is_aligned_whatever_its_columns_promise(two):
 def test_images_that_promise_next_to_nothing_are_not_predicted_again():
     """What they promise together is less than what no decision turns on; the others step as they would."""
     files = ("a", "b", "c")
-    names = [ParameterId(kind, file=file) for file in files for kind in (Kind.SHIFT_U, Kind.TURN)]
+    names = [ParameterId(kind, file=file) for file in files for kind in (ParameterKind.SHIFT_U, ParameterKind.TURN)]
     gradient = np.array([3.0, 1.0, 0.1, 0.1, 0.2, 0.3])
     model = QuadraticModel(gradient, np.eye(6), np.full(6, -np.inf), np.full(6, np.inf))
     step = model.best_step()
@@ -220,7 +220,7 @@ def test_images_that_promise_next_to_nothing_are_not_predicted_again():
 def test_where_an_image_lies_that_is_held_out_is_estimated_from_that_image(two):
     """Nothing that is fitted knows it; without it the image would be compared where it is stated to lie."""
     base, file = two.base, next(v.file for v in two.problem.campaign.views if v.recording.view == "sidewall")
-    p = ParameterId(Kind.SHIFT_U, file=file)
+    p = ParameterId(ParameterKind.SHIFT_U, file=file)
     blocks = [replace(b, held_out=b.label == file) for b in base.system.blocks]
     [image] = [b for b in blocks if b.held_out]
     one_pixel = np.hstack([image.C, image.F])[:, dict(image.names)[p]]
@@ -237,7 +237,7 @@ def test_the_clock_of_an_image_that_is_held_out_is_followed_beyond_one_run(wakes
     """Fields reach 0.02 s from where a run is sampled.  What is fitted is at its best point from the start, or its
     steps would have the image where it is stated to lie."""
     file = next(v.file for v in wakes.problem.campaign.views if v.recording.view == "wake")
-    p, early = ParameterId(Kind.CLOCK, file=file), 0.15
+    p, early = ParameterId(ParameterKind.CLOCK, file=file), 0.15
 
     def apart(view):
         recording = replace(view.recording, time=view.recording.time - early)
@@ -251,16 +251,16 @@ def test_the_clock_of_an_image_that_is_held_out_is_followed_beyond_one_run(wakes
     assert found.is_converged
     assert clocks == sorted(clocks, reverse=True)  # nothing throws it back
     assert found.model.setup_value(p) == pytest.approx(
-        wakes.base.model.setup_value(p) - early, abs=0.5 * NUISANCE_SD[Kind.CLOCK]
+        wakes.base.model.setup_value(p) - early, abs=0.5 * NUISANCE_SD[ParameterKind.CLOCK]
     )
 
 
 def test_where_all_images_of_a_view_are_off_alike_each_pays_for_what_is_its_own(two):
     """The sum of both errors alone is seen: of all splits the cheapest counts."""
     walls = [v.file for v in two.problem.campaign.views if v.recording.view == "sidewall"]
-    own = tuple(ParameterId(Kind.CLOCK, file=file) for file in walls)
-    view = ParameterId(Kind.CLOCK, name="sidewall")
-    late, usual = 0.15, NUISANCE_SD[Kind.CLOCK]
+    own = tuple(ParameterId(ParameterKind.CLOCK, file=file) for file in walls)
+    view = ParameterId(ParameterKind.CLOCK, name="sidewall")
+    late, usual = 0.15, NUISANCE_SD[ParameterKind.CLOCK]
     model = two.base.model
     for p in own:
         model = model.with_step(p, late - model.setup_value(p))
@@ -277,7 +277,7 @@ def test_where_all_images_of_a_view_are_off_alike_each_pays_for_what_is_its_own(
 
 
 def test_scale_and_floor_are_chosen_together():
-    """As a null had it: with the larger floor a smaller scale is likelier by a trifle, with the smaller floor another
+    """As a null had it: with the larger discrepancy a smaller scale is likelier by a trifle, with the smaller discrepancy another
     one by 13."""
     known = {
         (0.3, LEAST_DISCREPANCY): 0.0,
@@ -285,16 +285,21 @@ def test_scale_and_floor_are_chosen_together():
         (0.3, LARGEST_DISCREPANCY): -1.8,
         (1.0, LARGEST_DISCREPANCY): -2.0,
     }
-    mode, floor = ParameterId(Kind.MODE, (1,)), ParameterId(Kind.FLOOR, (0,), file="condition1_sidewall.nc")
-    priors = {mode: (0.0, PRESSURE_MODE_SD), floor: (0.0, LEAST_DISCREPANCY)}
+    mode, discrepancy = (
+        ParameterId(ParameterKind.MODE, (1,)),
+        ParameterId(ParameterKind.MODEL_DISCREPANCY, (0,), file="condition1_sidewall.nc"),
+    )
+    priors = {mode: (0.0, PRESSURE_MODE_SD), discrepancy: (0.0, LEAST_DISCREPANCY)}
     system = SimpleNamespace(
-        known_columns=lambda priors: (mode, floor),
+        known_columns=lambda priors: (mode, discrepancy),
         evidence_function=lambda priors, equations: (
             lambda sd: known.get((round(sd[0] / PRESSURE_MODE_SD, 6), sd[1]), -99.0)
         ),
     )
-    found = prior_widths.find_likeliest_widths(system, priors, {}, object(), (LARGEST_DISCREPANCY, LEAST_DISCREPANCY))
-    assert (found.scale, found.floor) == (1.0, LEAST_DISCREPANCY)
+    found = prior_widths.maximise_evidence_over_widths(
+        system, priors, {}, object(), (LARGEST_DISCREPANCY, LEAST_DISCREPANCY)
+    )
+    assert (found.scale, found.discrepancy_sd) == (1.0, LEAST_DISCREPANCY)
 
 
 @pytest.mark.parametrize(("behind", "promise", "ends"), [(100.0, 10.0, True), (100.0, 80.0, False), (20.0, 1.0, False)])

@@ -1,4 +1,4 @@
-"""The floor for the model's own error: smooth errors of a thousandth are no evidence, causes above them still are."""
+"""The model discrepancy: smooth errors of a thousandth are no evidence, causes above them still are."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def null(tmp_path_factory):
 
 @pytest.mark.long
 def test_a_smooth_error_of_thirty_millikelvin_is_no_cause(null):
-    """Without the floor `friction_softening` is named with ln Bayes factors of 10 to 40."""
+    """Without the model discrepancy `friction_softening` is named with ln Bayes factors of 10 to 40."""
     found, _ = discover(replace(campaign.load(null), candidates=TRIED), workers=1)
     assert found.kind in ("none_needed", "weak"), str(found)
 

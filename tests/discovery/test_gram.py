@@ -9,14 +9,14 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from flashtemp.discovery.estimation.linear_gaussian import DataBlock, LinearSystem, whitened_residual
-from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.parameters import ParameterId, ParameterKind
 
 MU, PHI = ParameterId.of_key("friction.mu"), ParameterId.of_key("contact.spot_fraction")
-LEVEL = [ParameterId(Kind.LEVEL, condition=n) for n in (0, 1)]
-MODE = ParameterId(Kind.MODE, (1,))
-FLUX = [ParameterId(Kind.FLUX, (1,), condition=n) for n in (0, 1)]
-SHIFT, MAP = ParameterId(Kind.SHIFT_U, file="a"), ParameterId(Kind.MAP, (1, 0), file="b")
-MESH, NOBODY = ParameterId(Kind.MESH, (0,)), ParameterId(Kind.CELL)
+LEVEL = [ParameterId(ParameterKind.LEVEL, condition=n) for n in (0, 1)]
+MODE = ParameterId(ParameterKind.MODE, (1,))
+FLUX = [ParameterId(ParameterKind.FLUX, (1,), condition=n) for n in (0, 1)]
+SHIFT, MAP = ParameterId(ParameterKind.SHIFT_U, file="a"), ParameterId(ParameterKind.MAP, (1, 0), file="b")
+MESH, NOBODY = ParameterId(ParameterKind.MESH, (0,)), ParameterId(ParameterKind.CELL)
 PRIORS = {
     MU: (0.3, 0.5), PHI: (-0.2, 0.8), LEVEL[0]: (0.0, 0.2), LEVEL[1]: (0.1, 0.3), SHIFT: (0.4, 1.5),
     MODE: (0.0, 0.7), FLUX[0]: (0.0, 0.4), FLUX[1]: (-0.5, 0.6), MAP: (0.0, 2.0), MESH: (0.2, 0.9),
@@ -156,7 +156,7 @@ def test_what_is_held_out_is_not_seen(blocks):
 
 def test_what_only_data_know_that_are_held_out_is_estimated_from_them_alone(blocks):
     """As where their image lies: what is fitted, or shared by all, stays as it was without them."""
-    own, view = ParameterId(Kind.SHIFT_U, file="d"), ParameterId(Kind.SCALE, name="profile")
+    own, view = ParameterId(ParameterKind.SHIFT_U, file="d"), ParameterId(ParameterKind.SCALE, name="profile")
     names = (*blocks[3].names, (own, 0), (view, 1))
     blocks[3] = replace(blocks[3], names=names, r=blocks[3].r + 5.0 * blocks[3].C[:, 0])
     system, priors = LinearSystem(blocks), PRIORS | {own: (0.3, 1.2), view: (0.0, 0.5)}
@@ -263,11 +263,11 @@ def test_all_blocks_left_out_gives_the_prior(blocks):
         (MU, "friction.mu"),
         (ParameterId.of_effect("pressure_tilt", "a"), "pressure_tilt.a"),
         (ParameterId.of_effect("heat_depth", "share", 2), "heat_depth.share@2"),
-        (ParameterId(Kind.SHIFT_V).with_scope(3, "wall.nc"), "shift_v|wall.nc"),
-        (ParameterId(Kind.MAP, (1, 0)).with_scope(3, "wall.nc"), "map:1:0|wall.nc"),
-        (ParameterId(Kind.SCATTER, (2,)).with_scope(3, "wall.nc"), "scatter:2|3"),
-        (ParameterId(Kind.MODE, (4,)).with_scope(3, "wall.nc"), "mode:4"),
-        (ParameterId(Kind.CELL).with_scope(3, "mu.csv"), "cell"),
+        (ParameterId(ParameterKind.SHIFT_V).with_scope(3, "wall.nc"), "shift_v|wall.nc"),
+        (ParameterId(ParameterKind.MAP, (1, 0)).with_scope(3, "wall.nc"), "map:1:0|wall.nc"),
+        (ParameterId(ParameterKind.SCATTER, (2,)).with_scope(3, "wall.nc"), "scatter:2|3"),
+        (ParameterId(ParameterKind.MODE, (4,)).with_scope(3, "wall.nc"), "mode:4"),
+        (ParameterId(ParameterKind.CELL).with_scope(3, "mu.csv"), "cell"),
         (LEVEL[0], "level|0"),
     ],
 )
@@ -278,10 +278,11 @@ def test_a_parameter_is_written_where_it_acts(parameter, text):
 
 def test_parameters_are_told_apart_and_sorted():
     """Each of its parts makes another one; equal parts are the same key of a dict."""
-    one = ParameterId(Kind.FLUX, (2,), condition=1)
-    assert {one: 1}[ParameterId(Kind.FLUX, (2,), condition=1)] == 1
+    one = ParameterId(ParameterKind.FLUX, (2,), condition=1)
+    assert {one: 1}[ParameterId(ParameterKind.FLUX, (2,), condition=1)] == 1
     others = [
-        replace(one, **{k: v}) for k, v in {"kind": Kind.TREND, "index": (3,), "file": "a", "condition": 2}.items()
+        replace(one, **{k: v})
+        for k, v in {"kind": ParameterKind.TREND, "index": (3,), "file": "a", "condition": 2}.items()
     ]
     assert len({one, *others}) == 5
     assert sorted([others[1], one]) == [one, others[1]]

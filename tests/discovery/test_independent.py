@@ -307,12 +307,12 @@ def test_a_length_that_is_held_by_the_wrong_end_is_found(tmp_path, calibrate):
     from reference import laboratory
 
     from flashtemp.comparison import campaign
-    from flashtemp.discovery.parameters import Kind, ParameterId
+    from flashtemp.discovery.parameters import ParameterId, ParameterKind
 
     truth = laboratory.write_campaign(
         tmp_path, {}, 7635, test=laboratory.MeasurementProgramme(), setup_errors={"length": 6e-4}
     )
     base = calibrate(campaign.load(tmp_path)).base
-    p = ParameterId(Kind.SIZE, name="block.length")
+    p = ParameterId(ParameterKind.SIZE, name="block.length")
     found = base.model.sizes[p.name] + base.solution[p]
     assert abs(found - (truth["length"] / 0.025 - 1.0)) < 3.0 * base.solution.sd(p)

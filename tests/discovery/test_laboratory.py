@@ -20,7 +20,7 @@ from flashtemp.comparison.synthetic_campaign import SEALED_TRUTH, SyntheticPlan,
 from flashtemp.discovery import engine
 from flashtemp.discovery.estimation.nuisance_priors import position_sd_px
 from flashtemp.discovery.hypotheses.candidates import ModelPoint
-from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.parameters import ParameterId, ParameterKind
 from flashtemp.discovery.prediction import prediction
 from flashtemp.discovery.prediction.problem import prepare_problem
 from flashtemp.model.case import load_case
@@ -116,9 +116,9 @@ def test_a_scale_that_is_off_and_a_mirror_are_found(tiny, calibrate):
 
     found = calibrate(altered(tiny, worse))
     assert [(e.kind, e.files) for e in found.recording_errors] == [("mirrored", ("condition1_sidewall.nc",))]
-    base, p = found.base, ParameterId(Kind.SCALE, file="condition1_sidewall.nc")
+    base, p = found.base, ParameterId(ParameterKind.SCALE, file="condition1_sidewall.nc")
     assert base.is_converged
-    parts = (p, ParameterId(Kind.SCALE, name="sidewall"))  # its own, and what all images of its view share
+    parts = (p, ParameterId(ParameterKind.SCALE, name="sidewall"))  # its own, and what all images of its view share
     at = [base.solution.names.index(q) for q in parts]
     scale = base.model.placements[p.file].scale + sum(base.solution[q] for q in parts)
     sd = float(np.sqrt(base.solution.covariance[np.ix_(at, at)].sum()))
@@ -137,13 +137,13 @@ def test_a_block_much_longer_than_told_is_found(tmp_path, calibrate):
     text = (lab / "case.toml").read_text()
     assert "length = 0.025" in text
     (lab / "case.toml").write_text(text.replace("length = 0.025", f"length = {told}"))
-    base, p = calibrate(campaign.load(lab)).base, ParameterId(Kind.SIZE, name="block.length")
+    base, p = calibrate(campaign.load(lab)).base, ParameterId(ParameterKind.SIZE, name="block.length")
     found = told * (1.0 + base.model.sizes[p.name] + base.solution[p])
     assert base.is_comparable
     assert abs(found - 0.025) < min(1e-4, 3.0 * told * base.solution.sd(p))
 
 
-@pytest.mark.parametrize("kind", [Kind.SCALE, Kind.TURN])
+@pytest.mark.parametrize("kind", [ParameterKind.SCALE, ParameterKind.TURN])
 @pytest.mark.parametrize("where", [(0.0, 0.0, 0.0), (0.006, 0.012, 0.4)])
 def test_columns_of_scale_and_turn_are_differences_of_images(tiny, kind, where):
     """Wherever the image lies already: pixels that are larger also see more at once."""
@@ -151,8 +151,10 @@ def test_columns_of_scale_and_turn_are_differences_of_images(tiny, kind, where):
     problem = prepare_problem(tiny, lambda tasks: [prediction.predict_condition(t) for t in tasks])
     [view] = tiny.views
     p, step = ParameterId(kind, file=view.file), 2e-4
-    model = problem.stated_model.with_step(ParameterId(Kind.SCALE, file=view.file), scale)
-    model = replace(model.with_step(ParameterId(Kind.TURN, file=view.file), turn), shifts={view.file: (shift, 0.0)})
+    model = problem.stated_model.with_step(ParameterId(ParameterKind.SCALE, file=view.file), scale)
+    model = replace(
+        model.with_step(ParameterId(ParameterKind.TURN, file=view.file), turn), shifts={view.file: (shift, 0.0)}
+    )
 
     def seen(model, **derivatives):
         [made] = problem.predict(problem.make_tasks(model, prediction.DerivativeRequest(**derivatives)))
@@ -162,14 +164,14 @@ def test_columns_of_scale_and_turn_are_differences_of_images(tiny, kind, where):
     ahead, behind = (seen(model.with_step(p, s)).values[:, there.inside] for s in (step, -step))
     slope = (ahead - behind) / (2.0 * step)
     off = there.columns[ParameterId(kind)] - slope
-    rough = {Kind.SCALE: 3e-5, Kind.TURN: 4e-4}[kind]  # two shears leave a little of the optics
+    rough = {ParameterKind.SCALE: 3e-5, ParameterKind.TURN: 4e-4}[kind]  # two shears leave a little of the optics
     assert np.sqrt(np.mean(off**2)) < rough * np.sqrt(np.mean(slope**2))
 
 
 @pytest.mark.parametrize("early", [0.015, 0.06])
 def test_a_clock_that_is_off_is_put_right_and_not_along_a_tangent(tiny, calibrate, early):
     """Where road or block has passed a pixel, no tangent reaches so far; the last frame is then of the very end."""
-    p = ParameterId(Kind.CLOCK, file="condition1_sidewall.nc")
+    p = ParameterId(ParameterKind.CLOCK, file="condition1_sidewall.nc")
     base = calibrate(altered(tiny, lambda r: replace(r, time=r.time - early))).base
     assert base.is_converged
     assert base.model.placements[p.file].clock < -0.3 * early  # what is usual draws it back
@@ -185,11 +187,13 @@ def test_a_late_clock_shows_what_an_earlier_stamp_shows(tiny):
         [made] = problem.predict(problem.make_tasks(model, prediction.DerivativeRequest(optics=True)))
         return made.observables[view.file]
 
-    p = ParameterId(Kind.CLOCK, file=view.file)
+    p = ParameterId(ParameterKind.CLOCK, file=view.file)
     moved = seen(tiny, ModelPoint().with_step(p, late))
     stamped = seen(altered(tiny, lambda r: replace(r, time=r.time - late)), ModelPoint())
     np.testing.assert_allclose(moved.values, stamped.values, atol=1e-9)
-    np.testing.assert_allclose(moved.columns[ParameterId(Kind.CLOCK)], stamped.columns[ParameterId(Kind.CLOCK)])
+    np.testing.assert_allclose(
+        moved.columns[ParameterId(ParameterKind.CLOCK)], stamped.columns[ParameterId(ParameterKind.CLOCK)]
+    )
 
 
 def test_frames_moved_beyond_the_end_show_the_end_in_every_column(tiny):
@@ -197,10 +201,12 @@ def test_frames_moved_beyond_the_end_show_the_end_in_every_column(tiny):
     [view], on = tiny.views, prediction.DerivativeRequest(scatter=True)
     problem = prepare_problem(tiny, lambda tasks: [prediction.predict_condition(t) for t in tasks])
     there, beyond = (
-        problem.predict(problem.make_tasks(ModelPoint().with_step(ParameterId(Kind.CLOCK, file=view.file), c), on))[0]
+        problem.predict(
+            problem.make_tasks(ModelPoint().with_step(ParameterId(ParameterKind.CLOCK, file=view.file), c), on)
+        )[0]
         for c in (0.0, -0.01)
     )
-    p = ParameterId(Kind.SCATTER, (1,))
+    p = ParameterId(ParameterKind.SCATTER, (1,))
     told, moved = (o.observables[view.file].columns[p][-1] for o in (there, beyond))
     np.testing.assert_allclose(moved, told, rtol=1e-3)
 

@@ -37,7 +37,7 @@ from flashtemp.discovery.hypotheses.piecewise_linear_law import (
     graded_nodes,
     nodes_at_values,
 )
-from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.parameters import ParameterId, ParameterKind
 from flashtemp.discovery.selection.forward_selection import EffectSearch
 from flashtemp.model.case import load_case
 from flashtemp.physics.quantities import KELVIN
@@ -45,7 +45,7 @@ from flashtemp.physics.user_effects import read_effect
 from flashtemp.runs.checks.effect_check import heat_balance_checks, law_checks, run_checks
 from flashtemp.runs.checks.effect_check.fixtures import EffectUnderTest, SceneCache
 from flashtemp.runs.checks.effect_check.run_checks import run_all_checks
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 
 BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "learned_laws.py"
 CASE = Path(__file__).parents[2] / "cases" / "uniform_pressure"
@@ -113,7 +113,7 @@ def test_the_file_can_be_edited(tmp_path):
     (tmp_path / "learned.py").write_text(text)
     (tmp_path / "case.toml").write_text('effects = ["./learned.py"]\n')
     case = load_case(tmp_path, TINY)
-    run, base = (march(c.scene, c.settings) for c in (case, load_case(tmp_path, TINY | {"effects": []})))
+    run, base = (integrate_schedule(c.scene, c.settings) for c in (case, load_case(tmp_path, TINY | {"effects": []})))
     np.testing.assert_allclose(run.friction[run.sliding], 2.0 * base.friction[base.sliding], rtol=1e-8)
 
 
@@ -121,7 +121,7 @@ def test_the_file_can_be_edited(tmp_path):
 def searched(*conditions, held=()):
     """As much of a search as tells what varied under some conditions, of which some are `held` out."""
     case = load_case(CASE, TINY)
-    runs = [march(c.scene, c.settings) for c in (case.with_values(given) for given in conditions)]
+    runs = [integrate_schedule(c.scene, c.settings) for c in (case.with_values(given) for given in conditions)]
     entries = [[SimpleNamespace(held_out=n in held)] for n in range(len(conditions))]
     told = [SimpleNamespace(given=g, entries=e) for g, e in zip(conditions, entries, strict=True)]
     problem = SimpleNamespace(case=case, conditions=told, mesh_overrides=[{} for _ in conditions])
@@ -253,7 +253,7 @@ def test_what_all_conditions_share_may_be_what_differs():
     rng, p, shared = (
         np.random.default_rng(11),
         ParameterId.of_effect("edge_pressure", "B"),
-        ParameterId(Kind.MODE, (1,)),
+        ParameterId(ParameterKind.MODE, (1,)),
     )
     none = np.zeros((60, 0), dtype=np.float32), np.zeros((0, 0))
     problem = SimpleNamespace(conditions=[SimpleNamespace(words=f"{n}") for n in range(2)])
@@ -492,7 +492,7 @@ def test_what_was_learned_runs_and_reads_like_an_effect(hump):
     told = np.log(np.interp(hump.verdict.law.nodes, hump.verdict.law.at, hump.verdict.law.curve))
     in_case = [case[f"{LEARNED_LAW_NAME}.at_{k + 1}"] for k in range(len(told))]
     np.testing.assert_allclose(told, in_case, atol=2e-3)  # the curve is told at 41 places, not at the nodes
-    run = march(case.scene, case.settings)
+    run = integrate_schedule(case.scene, case.settings)
     assert run.energy_imbalance < 1e-9
     report = flashtemp.check_effect(hump.folder / "learned.py")
     assert [f.says for f in report.findings if not f.ok] == []

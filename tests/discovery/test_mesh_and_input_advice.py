@@ -15,7 +15,7 @@ from flashtemp.discovery.diagnostics.mesh_resolution import (
 from flashtemp.discovery.estimation.linearised_fit import FitStatus
 from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY
 from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD
-from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.parameters import ParameterId, ParameterKind
 from flashtemp.discovery.verdict import InputCorrection, Verdict
 from flashtemp.model.case import load_case
 
@@ -31,7 +31,7 @@ def predicted(change_fraction, number=ACROSS):
     rise[0, 0, 0] = 0.0
     inside = np.ones((2, 3), bool)
     column = change_fraction * np.sqrt(np.mean(rise**2)) * np.ones((rise.size, 1))
-    fixed = SimpleNamespace(names=(ParameterId(Kind.MESH, (number,)),), F=column)
+    fixed = SimpleNamespace(names=(ParameterId(ParameterKind.MESH, (number,)),), F=column)
     case = {"numerics.across": 8, "numerics.first_y": 5e-4}
     data = SimpleNamespace(
         fixed={WALL: fixed}, to_kelvin=lambda file, whitened: whitened, problem=SimpleNamespace(case=case)
@@ -42,7 +42,7 @@ def predicted(change_fraction, number=ACROSS):
 
 @pytest.mark.parametrize(("times", "count"), [(1.2, 1), (0.8, 0)])
 def test_cells_across_that_err_by_more_than_a_model_may_are_told(times, count):
-    data, predictions = predicted(times * LARGEST_DISCREPANCY / NUISANCE_SD[Kind.MESH])
+    data, predictions = predicted(times * LARGEST_DISCREPANCY / NUISANCE_SD[ParameterKind.MESH])
     lines = lateral_resolution_warnings(data, predictions, len(COARSER_CELL_FACTORS))
     assert len(lines) == count
     for line in lines:
@@ -60,7 +60,10 @@ def test_a_mesh_in_2d_is_not_judged_across():
     [(FitStatus.BUDGET, 9.0, 1), (FitStatus.BUDGET, 7.0, 0), (FitStatus.CONVERGED, 9.0, 0), (FitStatus.OUTRUN, 9.0, 0)],
 )
 def test_a_mesh_that_keeps_a_fit_from_its_best_point_is_told(monkeypatch, status, deviation, count):
-    found = {ParameterId(Kind.MESH, (0,), condition=0): -deviation, ParameterId(Kind.GAIN, file=WALL): 99.0}
+    found = {
+        ParameterId(ParameterKind.MESH, (0,), condition=0): -deviation,
+        ParameterId(ParameterKind.GAIN, file=WALL): 99.0,
+    }
     monkeypatch.setattr(mesh_resolution, "normalised_deviations", lambda fit: found)
     fit = SimpleNamespace(status=status, is_comparable=status in (FitStatus.CONVERGED, FitStatus.STALLED))
     lines = unconverged_fit_warnings({frozenset({"track_memory"}): fit}, 0.5)

@@ -34,8 +34,8 @@ from flashtemp.runs.checks.effect_check.fixtures import EffectUnderTest, SceneCa
 from flashtemp.runs.load_run import open_run
 from flashtemp.solver.enthalpy import CapacityTable, TabulatedCapacity
 from flashtemp.solver.heat_balance import HeatBalance
-from flashtemp.solver.march import march
 from flashtemp.solver.sensitivity import Perturbation, run_with_sensitivities
+from flashtemp.solver.time_integration import integrate_schedule
 
 TINY = {
     "numerics.mesh": 0.25, "schedule.distance": 0.2, "schedule.repetitions": 2, "schedule.wait": 2.0,
@@ -96,7 +96,7 @@ def plain_case(given=None):
 def plain_run():
     """Its run."""
     made = plain_case()
-    return march(made.scene, made.settings)
+    return integrate_schedule(made.scene, made.settings)
 
 
 # --- the file -----------------------------------------------------------------------------------------------------
@@ -148,7 +148,7 @@ def test_the_file_of_a_layer_names_it_whatever_its_name(name, tmp_path):
 # --- which laws are offered -----------------------------------------------------------------------------------------
 def offered(made, run=None):
     """{(quantity, regressor): law} of what a campaign of one condition offers."""
-    run = run or march(made.scene, made.settings)
+    run = run or integrate_schedule(made.scene, made.settings)
     return {(w.quantity.name, w.regressor.name): w for w in candidate_laws([run], [made.scene])}
 
 
@@ -230,7 +230,7 @@ def test_a_case_with_the_files_runs(tmp_path, capsys):
 def test_a_law_of_zeros_changes_nothing(pair, tmp_path):
     """A factor of 1, a term or film of 0: cells that no law moves keep their state to the last bit."""
     off = case(tmp_path, law(*pair, shares=(0.0,) * 5))
-    run, same = plain_run(), march(off.scene, off.settings)
+    run, same = plain_run(), integrate_schedule(off.scene, off.settings)
     if pair[1] == "wall":  # heat of a patch is summed beside that of films
         np.testing.assert_allclose(same.T_block, run.T_block, rtol=1e-9)
     else:
@@ -263,7 +263,9 @@ def test_derivatives_by_nodes_are_those_of_full_marches(pair, tmp_path):
     hood = run_with_sensitivities(
         made.scene, settings, {pair: Perturbation(moved(0.01 * size), 0.01 * size)}, "", times, True
     )
-    up, down = (at_times(march(moved(s * size), replace(settings, rtol=1e-5, atol=1e-4))) for s in (0.1, -0.1))
+    up, down = (
+        at_times(integrate_schedule(moved(s * size), replace(settings, rtol=1e-5, atol=1e-4))) for s in (0.1, -0.1)
+    )
     slope = (up - down) / (0.2 * size)
     assert np.abs(slope).max() * size > 0.05  # K: it is seen at all
     assert np.sqrt(np.mean((hood.derivative_of(at_times, pair) - slope) ** 2)) < 0.05 * np.sqrt(np.mean(slope**2))
@@ -293,7 +295,7 @@ def test_a_law_that_equals_an_effect_of_the_catalogue_gives_its_temperatures(qua
     alone = {f"{effect}.block": 0.0, f"{effect}.road": 0.0} | {key: slope}
     other = case(tmp_path, given={"effects": [effect], "numerics.rtol": 1e-5} | alone)
     own = case(tmp_path, made, given={"numerics.rtol": 1e-5})
-    run, imitated = (march(c.scene, c.settings) for c in (other, own))
+    run, imitated = (integrate_schedule(c.scene, c.settings) for c in (other, own))
     rise = run.T_block.max() - 20.0
     moved = np.abs(run.T_block - plain_run().T_block).max()
     rounding = 1e-4  # of values written with five digits, and of the integrator
@@ -317,7 +319,7 @@ def test_a_film_over_the_temperature_of_the_wall_radiates(tmp_path):
         {"effects": [made.name, "heated_face"]} | alone
     )
     others = (case(tmp_path, given=alone | {"effects": ["heated_face", *e]}) for e in (["radiation"], []))
-    run, radiating, insulated = (march(c.scene, c.settings) for c in (own, *others))
+    run, radiating, insulated = (integrate_schedule(c.scene, c.settings) for c in (own, *others))
     lost = insulated.T_block.max() - radiating.T_block.max()
     assert lost > 5.0
     # an error of the film moves what is lost by its share
@@ -370,7 +372,7 @@ def test_each_layer_has_the_heat_capacity_of_its_own_law(tmp_path):
     np.testing.assert_array_equal(relative[mesh.block[:, hard]], 1.0)
     np.testing.assert_allclose(relative[mesh.block[:, soft]], expected, rtol=1e-4)
     np.testing.assert_array_equal(relative[mesh.road], 1.0)
-    run = march(made.scene, made.settings)
+    run = integrate_schedule(made.scene, made.settings)
     assert abs(run.energy_imbalance) < 1e-12
 
 

@@ -17,8 +17,8 @@ from flashtemp.discovery.measurement_errors.initial_registration import register
 from flashtemp.discovery.measurement_errors.recording_errors import (
     ErrorKind,
     correct_recordings,
+    find_misassigned_recordings,
     find_recording_errors,
-    find_schedule_errors,
 )
 from flashtemp.discovery.measurement_errors.recording_fit import HypothesisEvidence, flip_recording
 from flashtemp.discovery.prediction.prediction import predict_again, predict_condition
@@ -100,7 +100,7 @@ def condition_of(problem):
 def test_recordings_as_stated_are_left_as_they_are(plain):
     problem, first = plain
     assert find_recording_errors(problem, first) == ()
-    assert find_schedule_errors(problem) == ()
+    assert find_misassigned_recordings(problem) == ()
     assert register_images(problem, first) is problem
 
 
@@ -213,9 +213,9 @@ def test_frames_that_cannot_be_of_their_condition_tell_where_they_belong(plain):
     stated = replace(
         plain[0], conditions=(slow, fast), campaign=replace(plain[0].campaign, views=slow.views + fast.views)
     )
-    assert find_schedule_errors(stated) == ()
+    assert find_misassigned_recordings(stated) == ()
     conditions = (replace(slow, views=fast.views), replace(fast, views=slow.views))
-    found = find_schedule_errors(wrong := replace(stated, conditions=conditions))
+    found = find_misassigned_recordings(wrong := replace(stated, conditions=conditions))
     assert [e.kind for e in found] == [ErrorKind.EXCHANGED, ErrorKind.EXCHANGED]
     assert all(e.evidence.ln_bayes == np.inf for e in found)
     assert condition_of(correct_recordings(wrong, found)) == condition_of(stated)
@@ -227,7 +227,7 @@ def test_a_schedule_that_is_stated_wrongly_is_no_misfiled_recording(plain):
     short = replace(slow, given=slow.given | {"schedule.distance": 0.2})
     views = tuple(faster(v, 0.5) for v in other.views)
     longer = replace(other, given=other.given | {"schedule.distance": 0.6}, views=views)
-    assert find_schedule_errors(replace(plain[0], conditions=(short, longer))) == ()
+    assert find_misassigned_recordings(replace(plain[0], conditions=(short, longer))) == ()
 
 
 def faster(view, factor=3.0):

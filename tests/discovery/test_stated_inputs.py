@@ -16,14 +16,14 @@ from flashtemp.comparison.synthetic_campaign import SyntheticPlan, make_syntheti
 from flashtemp.discovery import assessment
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.diagnostics.effect_size import change_per_unit
-from flashtemp.discovery.diagnostics.input_checks import InputVerdict, check_inputs, group_inputs
+from flashtemp.discovery.diagnostics.input_checks import InputVerdict, compare_inputs_with_data, group_inputs
 from flashtemp.discovery.diagnostics.stated_inputs import INPUT_CELL_FACTORS, add_input_columns, list_stated_inputs
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
 from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD, nuisance_priors
 from flashtemp.discovery.estimation.whitening import WhitenedData
 from flashtemp.discovery.hypotheses.candidates import DEFAULT_KEY_PRIOR_SD, KEY_PRIOR_SD
 from flashtemp.discovery.hypotheses.input_kinds import INPUT_KINDS, LAW_PARAMETER, exemption_reason, input_kind
-from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.parameters import ParameterId, ParameterKind
 from flashtemp.discovery.prediction.prediction import DerivativeRequest, Observable, Prediction, predict_condition
 from flashtemp.discovery.prediction.problem import prepare_problem
 from flashtemp.errors import BadInput
@@ -72,9 +72,9 @@ def checked(made, factor, keys):
     known = nuisance_priors(problem, system.names, problem.stated_model)
     out = {}
     for cell, total in ((True, None), (False, system.normal_equations(lambda block: not block.label.endswith(".csv")))):
-        checks = {c.input.key: c for c in check_inputs(system, known, total, inputs, changes)}
+        checks = {c.input.key: c for c in compare_inputs_with_data(system, known, total, inputs, changes)}
         groups = [{i.key for i in g} for g in group_inputs(system, known, total, inputs)]
-        faint = check_inputs(system, known, total, inputs, lambda p: 1e-3 * changes(p))
+        faint = compare_inputs_with_data(system, known, total, inputs, lambda p: 1e-3 * changes(p))
         faint = {c.input.key: c for c in faint}
         out[cell] = SimpleNamespace(checks=checks, groups=groups, changes=changes, faint=faint)
     return out
@@ -136,7 +136,7 @@ def test_kinds_agree_with_what_calibration_and_sensitivity_use():
     for key, sd in KEY_PRIOR_SD.items():
         assert input_kind(key, "1").sd == sd, key
     assert INPUT_KINDS[LAW_PARAMETER].sd == DEFAULT_KEY_PRIOR_SD
-    assert INPUT_KINDS["geometry"].sd == NUISANCE_SD[Kind.SIZE]
+    assert INPUT_KINDS["geometry"].sd == NUISANCE_SD[ParameterKind.SIZE]
     for name, (sd, relative, _) in (priors.USUAL_MATERIAL_SD | priors.USUAL_LAYER_SD).items():
         found = input_kind(f"materials.any.{name}", "")
         assert (found.sd, found.relative) == (sd, relative), name
@@ -263,7 +263,7 @@ def test_inputs_of_a_view_have_columns_and_a_size_of_the_block_has_one_column_on
         problem.make_tasks(problem.stated_model, DerivativeRequest(optics=True, block_sizes=True, inputs=asked))
     )
     wall, wake = (seen.observables[v.file].columns for v in problem.campaign.views)
-    gain = wall[ParameterId(Kind.GAIN)]
+    gain = wall[ParameterId(ParameterKind.GAIN)]
     assert np.abs(wall[asked[0]] - gain).max() < 0.02 * np.abs(gain).max()
     mirrored = wall[asked[1]]  # (1 - emissivity)/emissivity at the reflected temperature, less where it is hotter
     assert 0.03 < mirrored.min() < mirrored.max() < 1.01 * 0.05 / 0.95
@@ -339,9 +339,9 @@ def test_inputs_that_data_contradict_are_asked_again_on_the_mesh_of_the_data(mon
 
     for name, answer in (("list_stated_inputs", lambda problem: tuple(keys)), ("add_input_columns", add)):
         monkeypatch.setattr(assessment, name, answer)
-    monkeypatch.setattr(assessment, "_assess_inputs", question)
+    monkeypatch.setattr(assessment, "_assess_with_sensitivities", question)
     final = SimpleNamespace(model=None, predictions=())
-    assessment.question_inputs(SimpleNamespace(problem=None), final, lambda text: None)
+    assessment.assess_inputs(SimpleNamespace(problem=None), final, lambda text: None)
     assert asked == list(zip((tuple(keys), contradicted), meshes, strict=False))
     assert shown[0][height].tolist() == shown[-1][mu].tolist() == [1.0, 1.0]
     assert shown[-1][height].tolist() == ([0.0, 0.0] if contradicted else [1.0, 1.0])

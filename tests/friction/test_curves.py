@@ -114,19 +114,19 @@ def test_peak_of_a_parabola_in_the_logarithm():
 )
 def test_constant_force_holds_the_rising_branch_only(mu, holds):
     """C9."""
-    assert friction_curves.held_by_slope_tester(np.array(mu, dtype=float)).tolist() == holds
+    assert friction_curves.is_steady_in_slope_tester(np.array(mu, dtype=float)).tolist() == holds
 
 
 def test_a_slope_tester_on_concrete_and_on_asphalt(concrete, asphalt):
     """C9: below the maximum; all of it where the maximum does not lie inside."""
     for branch in concrete.branches.values():
         top = find_peak(concrete.speed, branch.mu)
-        on = friction_curves.held_by_slope_tester(branch.mu)
+        on = friction_curves.is_steady_in_slope_tester(branch.mu)
         assert 0.02 < top.at < 0.5
         assert np.all(on[concrete.speed < 0.9 * top.at])
         assert not np.any(on[concrete.speed > 1.2 * top.at])
     assert find_peak(asphalt.speed, asphalt.cold.mu).last
-    assert friction_curves.held_by_slope_tester(asphalt.cold.mu).all()
+    assert friction_curves.is_steady_in_slope_tester(asphalt.cold.mu).all()
     assert not find_peak(asphalt.speed, asphalt.hot.mu).is_at_edge
     assert asphalt.as_dict()["maximum"].keys() == {"cold", "hot"}
     assert asphalt.as_dict()["maximum"]["hot"].keys() == {"speed", "mu"}

@@ -10,7 +10,7 @@ from scipy.interpolate import PchipInterpolator
 from flashtemp import load
 from flashtemp.model.build import find_theory
 from flashtemp.physics.friction import flash_temperature, friction_table
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 
 CALM = {  # what Level K leaves out: conduction along the block, cooling by air
     "conductivity_anisotropy.excess": -0.9,
@@ -39,7 +39,7 @@ def both(case, speed, effects=(), friction=None, widening=True, **values):
     scene = made.scene
     block = KernelBlock(scene.block, scene.road, scene.length, speed, P, scene.spot_fraction, 3e-3, AIR, widening)
     law = friction(scene) if friction else lambda spot, face: np.ones_like(spot)
-    return march(scene, made.settings), block.march(3.5 / speed, law, 50, 40)
+    return integrate_schedule(scene, made.settings), block.march(3.5 / speed, law, 50, 40)
 
 
 def at(x, values, places):
@@ -85,7 +85,7 @@ def test_hot_branch(case, speed):
     }  # fmt: skip
     made = case("persson_friction", values=values)
     scene, acting = find_theory(made)
-    run = march(scene, made.settings)
+    run = integrate_schedule(scene, made.settings)
     face = run.T_block[-1][len(run.x) // 2] + 273.15
     theory = acting.p.theory
     phi = float(theory.contact_fraction(2 * np.pi / 3e-3, speed, face, P))

@@ -26,7 +26,7 @@ from flashtemp.runs.studies.load_dependence import (
     compute_case_friction,
     list_subsets,
 )
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 from flashtemp.viz.studies import load_dependence as picture
 
 CASE = Path(__file__).parents[2] / "cases" / "mu_of_p"
@@ -179,7 +179,7 @@ def test_the_command_tells_of_the_case_itself(plain, capsys):
     assert set(told["ln_shares"]) == set(PROCESS_NAMES)
     runs = [load_case(plain, PLAIN | {"contact.pressure": p}) for p in (1e5, 3e5)]
     np.testing.assert_allclose(
-        told["mu"]["every"][0], [march(c.scene, c.settings).friction[-1] for c in runs], rtol=1e-12
+        told["mu"]["every"][0], [integrate_schedule(c.scene, c.settings).friction[-1] for c in runs], rtol=1e-12
     )
     assert sorted(p.name for p in out.iterdir()) == ["case.toml", "loads.csv", "loads.json", "loads.png"]
     assert main(["loads", str(out), "--pressures", "1e5,2e5", "--speeds", "1", "--out", str(out)]) == 2  # exists

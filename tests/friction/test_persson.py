@@ -26,8 +26,8 @@ from flashtemp.physics.friction import (
 from flashtemp.physics.friction.adhesive_shear import AdhesiveShear
 from flashtemp.physics.material import LIBRARY
 from flashtemp.solver.heat_balance import HeatBalance
-from flashtemp.solver.march import march
 from flashtemp.solver.system import PhaseSystem
+from flashtemp.solver.time_integration import integrate_schedule
 
 A, ASPHALT, CONCRETE = (
     rheology.READY_RUBBERS["A"],
@@ -472,7 +472,7 @@ def marched(folder, **given):
     """A run of a case with the effect; keys as table__key."""
     (folder / "case.toml").write_text('effects = ["persson_friction"]\n')
     case = cases.load_case(folder, QUICK | {k.replace("__", "."): v for k, v in given.items()})
-    return march(case.scene, case.settings)
+    return integrate_schedule(case.scene, case.settings)
 
 
 def test_spots_follow_the_temperature_of_the_face(tmp_path):
@@ -483,7 +483,7 @@ def test_spots_follow_the_temperature_of_the_face(tmp_path):
     system = PhaseSystem(HeatBalance(scene), scene.schedule.phases[0])
     rise, y = 40.0 * np.exp(-((system.b.scene.mesh.column_x / 0.01) ** 2)), system.b.initial_state()
     y[system.b.cell_block] = rise
-    phi = system.solve_contact(system.moment(0.1), y).state.phi
+    phi = system.solve_contact(system.law_context(0.1), y).state.phi
     exactly = acting.p.theory.contact_fraction(2 * np.pi / scene.spot_diameter, 1.0, scene.ambient + rise, scene.load)
     np.testing.assert_allclose(phi, exactly, rtol=1e-4)
     assert exactly[0] > 1.3 * exactly[-1]

@@ -12,7 +12,7 @@ from flashtemp.errors import BadInput
 from flashtemp.model.case import load_case
 from flashtemp.physics.friction import contact_map
 from flashtemp.physics.friction.spot_patterns import read_contact_map
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 
 ROUGH = {"length": 0.03, "width": 0.02, "pixel": 1.5e-4, "hurst": 0.85, "rms": 3e-4, "rolloff": 5e-3}
 E = 1.33e7
@@ -85,7 +85,7 @@ fields = 3
 """
     )
     case = load_case(tmp_path)
-    run = march(case.scene, case.settings)
+    run = integrate_schedule(case.scene, case.settings)
     assert run.maps["cover"].mean() == pytest.approx(told["fraction"], rel=0.35)
     assert run.energy_imbalance < 1e-10
     assert run.T_spot[-1].max() > run.T_block[-1].max() + 1.0

@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from flashtemp.model.case import assemble_case, load_case
 from flashtemp.model.case_file import KeyLocations
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 
 CASES = Path(__file__).parents[2] / "cases"
 FOLDERS = sorted(file.parent for file in CASES.glob("*/case.toml"))
@@ -80,7 +80,7 @@ def run_of(folder, overrides):
     case = load_case(folder, overrides)
     key = (folder.name, case.toml())
     if key not in RUNS:
-        run = RUNS[key] = march(case.scene, case.settings, case.title)
+        run = RUNS[key] = integrate_schedule(case.scene, case.settings, case.title)
         assert run.energy_imbalance < 1e-6, f"{folder.name} {overrides}: energy {run.energy_imbalance:.1e}"
     return RUNS[key]
 

@@ -22,9 +22,9 @@ from flashtemp.physics.effect import Effect, Factor, find_effect
 from flashtemp.physics.material import LIBRARY
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.solver.heat_balance import HeatBalance
-from flashtemp.solver.march import march
-from flashtemp.solver.march_state import MarchState
+from flashtemp.solver.integration_state import IntegrationState
 from flashtemp.solver.system import PhaseSystem
+from flashtemp.solver.time_integration import integrate_schedule
 
 RUBBER, ROAD, STONE = (LIBRARY[name] for name in ("tread_rubber", "asphalt", "granite"))
 L, D, S = 0.025, 1e-5, 0.05
@@ -57,10 +57,13 @@ def at_the_end(lab, scene):
     """Fluxes at the end of a slide and the worn depth (columns,) m, with all that the state says."""
     balance = HeatBalance(scene)
     y = balance.initial_state()
-    state = MarchState(t=0.0, phase=0, y=y, removed_heat=-np.array(balance.stored_heat(y)))
-    assert march(scene, SolverSettings(choose_binding(None), 1e-7, profiles=4), state=state).energy_imbalance < lab.LEAK
+    state = IntegrationState(t=0.0, phase=0, y=y, removed_heat=-np.array(balance.stored_heat(y)))
+    assert (
+        integrate_schedule(scene, SolverSettings(choose_binding(None), 1e-7, profiles=4), state=state).energy_imbalance
+        < lab.LEAK
+    )
     system = PhaseSystem(balance, scene.schedule.phases[-1])
-    return system.solve_contact(system.moment(scene.schedule.end_time), state.y).flux, balance.worn_depth(state.y)
+    return system.solve_contact(system.law_context(scene.schedule.end_time), state.y).flux, balance.worn_depth(state.y)
 
 
 # --- what is asked once ------------------------------------------------------------------------------
@@ -91,9 +94,9 @@ def test_a_contact_that_is_asked_once_is_what_it_is_at_every_moment(monkeypatch,
     plain = made.scene
     if name == "warm":
         plain = replace(plain, acting=(*plain.acting, ActiveEffect("warmed", Warmed(), SimpleNamespace())))
-    once = march(plain, made.settings)
+    once = integrate_schedule(plain, made.settings)
     monkeypatch.setattr(HeatBalance, "is_contact_static", False)
-    always = march(plain, made.settings)
+    always = integrate_schedule(plain, made.settings)
     for what in ("time", "T_block", "T_spot", "T_road", "T_wake", "pressure", "friction"):
         np.testing.assert_array_equal(getattr(once, what), getattr(always, what), err_msg=what)
 

@@ -11,7 +11,7 @@ import pytest
 from flashtemp.errors import BadInput
 from flashtemp.model.case import load_case
 from flashtemp.physics.effect import catalogue
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 
 ROOT = Path(__file__).parents[2]
 UNIFORM = ROOT / "cases" / "uniform_pressure"
@@ -55,7 +55,7 @@ def hold_to_physics(given: dict) -> str:
     """Run a case and assert what every result must be; 'refused' where the case is bad input in one line."""
     try:
         case = load_case(UNIFORM, given)
-        run = march(case.scene, case.settings, case.title)
+        run = integrate_schedule(case.scene, case.settings, case.title)
     except BadInput as fault:
         return "refused" if all("\n" not in line and len(line) < 600 for line in fault.lines) else f"{fault.lines}"
     for name in ("T_block", "T_spot", "T_road", "T_wake", "pressure", "worn", "field"):

@@ -257,7 +257,7 @@ NAMED = {  # modules whose code names an effect, and why it must
     "runs/studies/friction_study.py": {"persson_friction"},  # asks for the table that this effect's theory makes
     "api/templates.py": {"friction_softening", "track_memory", "edge_pressure"},  # examples in texts to begin with
     "cli/friction.py": {"persson_friction", "resolved_spots"},  # helps of commands that serve one effect
-    "physics/tables/wanted.py": {"wear"},  # a word in headers of tables of worn depth
+    "physics/tables/column_matching.py": {"wear"},  # a word in headers of tables of worn depth
     "physics/friction/friction_table.py": {"persson_friction"},  # the table is that effect's
 }
 

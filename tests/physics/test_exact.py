@@ -170,7 +170,7 @@ def test_V8_any_profile_agrees_with_the_three_closed_ones():
 
 def test_V8_wake_and_wall():
     assert analytical_solutions.road_wake(ROAD, 0.1, 7.5e4, L, L + 0.1) == printed("6.757681")
-    assert analytical_solutions.wall_conductance(ROAD, 0.1, L) == printed("3335.8827")
+    assert analytical_solutions.isothermal_wall_coefficient(ROAD, 0.1, L) == printed("3335.8827")
 
 
 @pytest.mark.parametrize(
@@ -302,9 +302,9 @@ def test_V13_slab():
 
 def test_V14_cooling():
     assert analytical_solutions.half_space_cooling(RUBBER, 15.0, 10.0) == printed("0.92925248")
-    zeta, C1, tau = analytical_solutions.slab_mode(RUBBER, 7e-3, 10.0)
+    zeta, C1, tau = analytical_solutions.slowest_slab_mode(RUBBER, 7e-3, 10.0)
     assert [zeta, C1, tau] == [printed("0.50568382"), printed("1.04233469"), printed("1563.609")]
-    zeta, C1, tau = analytical_solutions.slab_mode(RUBBER, 7e-3, 20.0)
+    zeta, C1, tau = analytical_solutions.slowest_slab_mode(RUBBER, 7e-3, 20.0)
     assert [zeta, C1, tau] == [printed("0.68519350"), printed("1.07697471"), printed("851.647")]
 
 
@@ -313,7 +313,7 @@ def test_V14_slab_series_joins_its_two_limits():
     assert analytical_solutions.slab_cooling(RUBBER, 7e-3, 20.0, 0.5, z) == pytest.approx(
         analytical_solutions.half_space_cooling(RUBBER, 20.0, 0.5, z), rel=1e-9
     )
-    _, C1, tau = analytical_solutions.slab_mode(RUBBER, 7e-3, 20.0)
+    _, C1, tau = analytical_solutions.slowest_slab_mode(RUBBER, 7e-3, 20.0)
     assert analytical_solutions.slab_cooling(RUBBER, 7e-3, 20.0, 1000.0, 7e-3) == pytest.approx(
         C1 * np.exp(-1000.0 / tau), rel=1e-9
     )
@@ -325,8 +325,8 @@ def test_V15_scaling():
 
 
 def test_V16_road_driven():
-    assert analytical_solutions.road_driven(RUBBER, ROAD, L, 0.2, 3.5) == printed("0.899516")
-    assert analytical_solutions.road_driven(RUBBER, ROAD, L, 0.2 / 3, 3.5) == printed("0.726663")
+    assert analytical_solutions.approach_to_final_temperature(RUBBER, ROAD, L, 0.2, 3.5) == printed("0.899516")
+    assert analytical_solutions.approach_to_final_temperature(RUBBER, ROAD, L, 0.2 / 3, 3.5) == printed("0.726663")
 
 
 def test_V17_wear():

@@ -23,7 +23,7 @@ from flashtemp.physics import user_effects
 from flashtemp.physics.effect import catalogue
 from flashtemp.runs import job
 from flashtemp.runs.studies import sweep
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 
 DUST = '''"""Abrasion dust lubricates the contact: friction falls with the distance slid."""
 
@@ -90,14 +90,14 @@ def test_the_stem_names_effect_and_table(case):
     assert loaded.effects == ("dust",)
     assert loaded["dust.rate"] == 1.0
     assert loaded.scene.acting[-1].name == "dust"
-    run = march(loaded.scene, loaded.settings)
+    run = integrate_schedule(loaded.scene, loaded.settings)
     sliding = run.friction[run.sliding]
     np.testing.assert_allclose(sliding, 1.0 - run.slid[run.sliding], rtol=1e-12)
 
 
 def test_off_is_the_base_bit_for_bit(case):
     off, base = load_case(case, {"dust.rate": 0.0}), load_case(case, {"effects": []})
-    runs = [march(c.scene, c.settings) for c in (off, base)]
+    runs = [integrate_schedule(c.scene, c.settings) for c in (off, base)]
     assert np.array_equal(runs[0].field, runs[1].field)
 
 

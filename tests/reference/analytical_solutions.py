@@ -81,9 +81,10 @@ def persson_kernel(a: float, b: float, diffusivity: float, tau: Value) -> Value:
 def persson_step(a: float, b: float, diffusivity: float, t: Value) -> Value:
     """V4: step response, the integral of the kernel from 0 to t, s/m (a != b)."""
 
-    def step_term(c: Value) -> Value:
-        y = c * np.sqrt(diffusivity * t)
-        return (erfcx(y) - 1 + 2 * y / ROOT_PI) / (c * c * diffusivity)
+    def step_term(decay: Value) -> Value:
+        """Integral (s) of erfcx(decay sqrt(D tau)) over tau from 0 to t; `decay` in 1/m."""
+        y = decay * np.sqrt(diffusivity * t)
+        return (erfcx(y) - 1 + 2 * y / ROOT_PI) / (decay * decay * diffusivity)
 
     return a * b / (b * b - a * a) * (b * step_term(a) - a * step_term(b))
 
@@ -185,7 +186,7 @@ def road_wake(road: HalfSpace, speed: float, flux: float, length: float, x: Valu
     return road_rise(road, speed, flux, x) - road_rise(road, speed, flux, x - length)
 
 
-def wall_conductance(road: HalfSpace, speed: float, length: float) -> float:
+def isothermal_wall_coefficient(road: HalfSpace, speed: float, length: float) -> float:
     """V8: mean flux per kelvin (W/m2K) from an isothermal wall into the road, per spot area."""
     found: float = 2 * road.effusivity * np.sqrt(speed / (np.pi * length))
     return found
@@ -289,7 +290,7 @@ def half_space_cooling(body: HalfSpace, h: float, t: Value, z: Value = 0.0) -> V
     return erf(z / (2 * s)) + np.exp(-np.square(z / (2 * s))) * erfcx(y)
 
 
-def slab_mode(body: HalfSpace, height: float, h: float) -> tuple[float, float, float]:
+def slowest_slab_mode(body: HalfSpace, height: float, h: float) -> tuple[float, float, float]:
     """V14: slowest mode of a slab cooled on one face: zeta, its amplitude C1, its time constant (s)."""
     zeta = _slab_root(h * height / body.conductivity, 0)
     return zeta, _mode_amplitude(zeta), height**2 / (body.diffusivity * zeta**2)
@@ -318,9 +319,11 @@ def speed_scaling(speed: float, reference: float) -> float:
     return float(np.sqrt(speed / reference))
 
 
-def road_driven(rubber: HalfSpace, road: HalfSpace, length: float, spot_fraction: float, distance: Value) -> Value:
+def approach_to_final_temperature(
+    rubber: HalfSpace, road: HalfSpace, length: float, spot_fraction: float, distance: Value
+) -> Value:
     """V16: temperature rise of the rubber's surface after sliding `distance` (m), over its final value; an estimate."""
-    per_root_speed = spot_fraction * wall_conductance(road, 1.0, length)
+    per_root_speed = spot_fraction * isothermal_wall_coefficient(road, 1.0, length)
     return 1 - erfcx(per_root_speed * np.sqrt(distance) / rubber.effusivity)
 
 

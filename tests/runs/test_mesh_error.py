@@ -12,7 +12,7 @@ from flashtemp.__main__ import main
 from flashtemp.model.case import load_case
 from flashtemp.runs.checks import mesh_error
 from flashtemp.runs.checks.mesh_error import FACE_ERROR_PERCENT, estimate_face_error
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 
 ROOT = Path(__file__).parents[2]
 CASE = ROOT / "cases" / "uniform_pressure"
@@ -72,7 +72,8 @@ def test_the_estimate_is_what_was_measured():
 def test_a_run_at_the_mesh_it_warns_of_is_so_far_off():
     """The estimate of 0.2 times the cells, against a run that is ten times as fine."""
     coarse, fine = (
-        march(c.scene, c.settings) for c in (load_case(CASE, SHORT | {"numerics.mesh": m}) for m in (0.2, 2.0))
+        integrate_schedule(c.scene, c.settings)
+        for c in (load_case(CASE, SHORT | {"numerics.mesh": m}) for m in (0.2, 2.0))
     )
     k = coarse.last_sliding_index
     length = 0.025

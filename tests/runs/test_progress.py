@@ -86,7 +86,7 @@ def test_discovery_says_how_long_it_takes_as_soon_as_it_can(monkeypatch):
     for at, text in (
         (0.0, "simulating the stated model"), (10.0, "simulating coarser meshes"), (30.0, "calibrating the stated model"),
         (35.0, "  evaluation 1"), (60.0, "sensitivities of 8 candidates"), (80.0, "fitting tilt"), (85.0, "judging"),
-        (90.0, "questioning 22 stated inputs"), (90.0, "identifying a law: 20 are scored"), (95.0, "judging"),
+        (90.0, "checking 22 stated inputs"), (90.0, "identifying a law: 20 are scored"), (95.0, "judging"),
     ):  # fmt: skip
         now[0] = at
         say(text)
@@ -94,7 +94,7 @@ def test_discovery_says_how_long_it_takes_as_soon_as_it_can(monkeypatch):
     assert left[:2] == [None, None]
     parts = [
         engine.STAGE_START_FRACTIONS[stage]
-        for stage in ("calibrating", "sensitivities", "fitting", "judging", "questioning")
+        for stage in ("calibrating", "sensitivities", "fitting", "judging", "checking")
     ]
     assert parts == sorted(parts)
     after = (parts[0], parts[0], *parts[1:], parts[-1], 0.5 * (1.0 + parts[-1]))

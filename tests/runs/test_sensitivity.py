@@ -25,7 +25,7 @@ from flashtemp.runs.studies.uncertainty_propagation import (
     compute_linear_sensitivity,
     study_uncertainty,
 )
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 
 SMALL = {
     "block.height": 0.005, "road.depth": 0.01, "schedule.distance": 0.2, "numerics.mesh": 0.3,
@@ -122,7 +122,7 @@ def coverage(made, found, count):
     inside = []
     for row in variance_decomposition.latin_hypercube(count, len(found.inputs), seed=11):
         values = {i.key: float(i.at(z)) for i, z in zip(found.inputs, row, strict=True)}
-        truth = march(full.with_values(values).scene, full.settings)
+        truth = integrate_schedule(full.with_values(values).scene, full.settings)
         k = truth.last_sliding_index
         parts = []
         for name in ("T_spot", "T_block"):

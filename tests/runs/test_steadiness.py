@@ -14,7 +14,7 @@ def ran(lab, **given):
         {}, {k.replace("__", "."): v for k, v in ({"numerics__mesh": 0.3, "schedule__distance": 0.2} | given).items()},
         lab.KeyLocations("none"), lab.Path(), "",
     )  # fmt: skip
-    return made.scene, lab.march(made.scene, made.settings)
+    return made.scene, lab.integrate_schedule(made.scene, made.settings)
 
 
 FALLS = {"effects": ["friction_speed", "friction_softening"], "friction_speed__exponent": -0.3}

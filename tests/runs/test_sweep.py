@@ -20,7 +20,7 @@ from flashtemp.model.case import load_case
 from flashtemp.runs.results import resumable_batch
 from flashtemp.runs.results.worker_pool import stream_results
 from flashtemp.runs.studies import sweep
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 from flashtemp.viz.studies import sweep as picture
 
 CASE = """title = "small"
@@ -61,7 +61,7 @@ def test_every_combination_is_the_run_itself(case, tmp_path):
     assert found["contact.pressure"].attrs["units"] == "Pa"
     given = {"contact.pressure": 2e5, "schedule.speed": 0.2, "friction.mu": 0.8}
     made = load_case(case, given)
-    run = march(made.scene, made.settings)
+    run = integrate_schedule(made.scene, made.settings)
     one = found.sel({"contact.pressure": 2e5, "schedule.speed": 0.2})
     assert float(one.rise_trailing_K) == run.summary["rise_trailing_K"]
     last = np.interp(found.place * 0.025, run.x, run.T_spot[run.last_sliding_index])

@@ -78,7 +78,7 @@ def test_answer_is_long_enough_and_a_tenth_less_is_not(case, file, capsys, of, c
 def test_text_and_progress(file, capsys, monkeypatch):
     """The printed wait is rounded up; every march is told on stderr."""
     monkeypatch.setattr(
-        "flashtemp.runs.studies.wait_time._march_with_wait",
+        "flashtemp.runs.studies.wait_time._simulate_with_wait",
         lambda case, wait, of: PeakTemperature(wait, 30 + 20 / (1 + wait / 7), 3, 29, 9000),
     )
     assert main(arguments(file, "--below", "40")) == 0
@@ -97,7 +97,7 @@ def test_text_and_progress(file, capsys, monkeypatch):
 def test_few_marches_suffice(case, monkeypatch, constant, level):
     """Cooling like exp(-sqrt(wait/constant)), hot by 20 K: within the tolerance in at most 12 marches."""
     monkeypatch.setattr(
-        "flashtemp.runs.studies.wait_time._march_with_wait",
+        "flashtemp.runs.studies.wait_time._simulate_with_wait",
         lambda case, wait, of: PeakTemperature(wait, 40 + 20 * exp(-sqrt(wait / constant)), 3, 40, 0),
     )
     below, exact = 40 + 20 * level, constant * log(level) ** 2

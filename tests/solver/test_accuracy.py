@@ -181,7 +181,7 @@ def test_bounded_faces_conserve_heat_and_their_derivative_is_exact(across):
     b, rng = HeatBalance(scene), np.random.default_rng(5)
     system, y, v = PhaseSystem(b, scene.schedule.phases[0]), np.zeros(b.size), np.zeros(b.size)
     y[: b.n], v[: b.n] = rng.normal(size=b.n), rng.normal(size=b.n)
-    now = system.moment(1e-3)
+    now = system.law_context(1e-3)
     bounded = system.solid.limit_undershoots(
         y[: b.n],
         system.incoming_enthalpy(system.incoming_rise(now)),

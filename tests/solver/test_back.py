@@ -191,7 +191,7 @@ def test_what_a_turn_takes_along_is_continuous(lab):
     given = {"effects": ["edge_pressure", "wear"], "schedule.speed": speed, "schedule.distance": distance}
     made = lab.assemble_case({}, given | {"numerics.mesh": 0.4}, lab.KeyLocations("none"), lab.Path(), "")
     [turn] = made.scene.schedule.turns
-    run = lab.march(made.scene, replace(made.settings, rtol=1e-6, times=(turn + 1e-4,)))
+    run = lab.integrate_schedule(made.scene, replace(made.settings, rtol=1e-6, times=(turn + 1e-4,)))
     k = int(np.flatnonzero(run.direction > 0)[-1])
     assert run.time[k : k + 2].tolist() == [turn, turn + 1e-4]
     for name, atol in (("T_block", 0.05), ("T_road", 0.05), ("worn", 1e-9)):
@@ -283,7 +283,7 @@ def camera(u, time):
 def test_cameras_see_the_wake_on_the_side_where_it_is(lab):
     made = [lab.assemble_case({}, {k.replace("__", "."): v for k, v in (SMALL | {"schedule__speed": w}).items()},
                          lab.KeyLocations("none"), lab.Path(), "") for w in (V, -V)]  # fmt: skip
-    forward, back = (lab.march(m.scene, m.settings) for m in made)
+    forward, back = (lab.integrate_schedule(m.scene, m.settings) for m in made)
     u, time = np.linspace(0.0265, 0.0335, 15), [1.0, 3.0]
     seen = observe(forward, made[0].scene, camera(u, time)).temperature
     mirrored = observe(back, made[1].scene, camera(np.sort(L - u), time)).temperature

@@ -104,5 +104,5 @@ def test_response_is_the_derivative(moment, turning):
     direct = np.imag(BED.solve_equilibrium(free - 1e-30j * K_N * worn, MEAN, moment, turning).pressure) / 1e-30
     np.testing.assert_allclose(response(worn), direct, atol=1e-12 * np.abs(step).max())
     gain, r = 1e-9 * rng.uniform(size=len(X)), rng.normal(size=len(X))
-    z = response.build_inverse(gain)(r)
+    z = response.build_wear_inverse(gain)(r)
     np.testing.assert_allclose(z - gain * response(z), r, atol=1e-12)

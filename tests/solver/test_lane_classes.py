@@ -11,8 +11,8 @@ from reference.lane_classes import SlidingPair, simulate_sliding
 
 from flashtemp import load
 from flashtemp.solver.heat_balance import HeatBalance
-from flashtemp.solver.march import march
 from flashtemp.solver.system import PhaseSystem
+from flashtemp.solver.time_integration import integrate_schedule
 
 L, P = 0.025, 1.5e5
 BARE = {  # what the classes leave out, and a mesh whose own error stays small
@@ -55,7 +55,7 @@ def test_lanes_in_contact_are_as_warm_as_their_classes(tmp_path, given, shape, e
     """Block's face, and rubber in the spots."""
     given = BARE | given | {"contact.spot_exponent": exponent} | other
     case = made(tmp_path, given)
-    run = march(case.scene, case.settings)
+    run = integrate_schedule(case.scene, case.settings)
     s = SlidingPair()
     fraction = np.minimum(0.2 * shape(s.x) ** exponent, 1.0)
     flash = "contact.flash_factor" not in other
@@ -80,7 +80,7 @@ def test_slopes_know_how_lanes_follow_what_the_block_leaves_them(tmp_path, monke
         rate(system, t, y, out)
 
     monkeypatch.setattr(PhaseSystem, "rate", watched)
-    march(case.scene, case.settings)
+    integrate_schedule(case.scene, case.settings)
     system, t, y = seen["system"], seen["t"], seen["y"]
     b: HeatBalance = system.b
     v = np.zeros(b.size)

@@ -15,9 +15,9 @@ from flashtemp.model import priors
 from flashtemp.model.case import load_case
 from flashtemp.runs.results import vtk
 from flashtemp.solver.heat_balance import HeatBalance
-from flashtemp.solver.march import march
 from flashtemp.solver.sensitivity import Perturbation, run_with_sensitivities
 from flashtemp.solver.system import PhaseSystem
+from flashtemp.solver.time_integration import integrate_schedule
 from flashtemp.viz.run import case_sketch
 
 STACK = (("disc", 15.0, 3.9e6, 0.002), ("glue", 0.2, 1.8e6, 2e-4), ("board", 1.1, 2.0e6, 0.006))  # W/mK, J/m3K, m
@@ -86,7 +86,7 @@ def wall(z):
 @pytest.mark.parametrize("across", [1, 3])
 def test_a_composite_wall_with_contacts_is_exact_when_steady(tmp_path, lab, across):
     """Linear in every layer, a jump at every contact: half cells in series are exact, what is left is float32."""
-    run = march(*parts(case(tmp_path, {"numerics.across": across, "numerics.rtol": 1e-7})))
+    run = integrate_schedule(*parts(case(tmp_path, {"numerics.across": across, "numerics.rtol": 1e-7})))
     z, T = up(run)
     assert len(run.mesh.joints) == 2
     assert abs(run.energy_imbalance) < 1e-13
@@ -104,7 +104,7 @@ def test_conductivity_may_change_in_one_layer_alone(tmp_path, lab, across):
     more = f'[conductivity_slope]\nblock = {s}\nlayer = "board"\n'
     given = {"numerics.across": across, "numerics.rtol": 1e-6, "numerics.finer": [1, 2, 1]}
     effects = ("driven_faces", "conductivity_slope")
-    z, T = up(march(*parts(case(tmp_path, given, effects=effects, more=more))))
+    z, T = up(integrate_schedule(*parts(case(tmp_path, given, effects=effects, more=more))))
     (_, _, _, thick) = STACK[-1]
     before = sum(t / k for _, k, _, t in STACK[:-1]) + sum(CONTACT)
 
@@ -166,7 +166,7 @@ def test_two_layers_that_warm_follow_the_laplace_transform_in_second_order(tmp_p
         given = {"numerics.mesh": mesh, "numerics.finer": [1 / mesh, 1, 1 / mesh], "numerics.rtol": 1e-8}
         given |= {"schedule.alone": 10.0, "numerics.cells": [3, 32, 3], "numerics.first_block": 2e-4}
         made = case(tmp_path, given, stack=TWO, contact=R2, back=False)
-        run = march(*parts(made))
+        run = integrate_schedule(*parts(made))
         z, T = up(run)
         errors.append(float(np.abs(T - COLD - (HOT - COLD) * slab(z, 10.0)).max()))
         assert abs(run.energy_imbalance) < 1e-13
@@ -188,7 +188,9 @@ SLIDING = {
 def test_a_sliding_block_of_layers_conserves_heat(tmp_path, across):
     """Rubber on a plate with a contact between, in 2D and 3D: the ledger closes to rounding."""
     stack = (("rubber", 0.25, 2.04e6, 0.003), ("plate", 45.0, 3.7e6, 0.004))
-    run = march(*parts(case(tmp_path, SLIDING | {"numerics.across": across}, stack=stack, contact=(1e-4,), **SLIDES)))
+    run = integrate_schedule(
+        *parts(case(tmp_path, SLIDING | {"numerics.across": across}, stack=stack, contact=(1e-4,), **SLIDES))
+    )
     assert abs(run.energy_imbalance) < 1e-13
     assert run.T_block[-1].max() > 22.0
 
@@ -203,8 +205,8 @@ def test_layers_of_one_material_without_contact_are_one_block(tmp_path, across):
     (tmp_path / "plain.toml").write_text(
         plain[0] + '[block]\nmaterial = "rubber"\nheight = 0.007' + plain[1].split("[block]")[1]
     )
-    one = march(*parts(load_case(tmp_path / "plain.toml", given))).T_block[-1] - 20.0
-    many = march(*parts(whole)).T_block[-1] - 20.0
+    one = integrate_schedule(*parts(load_case(tmp_path / "plain.toml", given))).T_block[-1] - 20.0
+    many = integrate_schedule(*parts(whole)).T_block[-1] - 20.0
     assert np.abs(many - one).max() < 0.01 * one.max()
 
 
@@ -245,14 +247,14 @@ def test_traces_of_layers_are_differences_of_runs(tmp_path, key, value):
     def back(run):
         return up(run)[1][-1]
 
-    exact = (back(march(*parts(moved))) - back(march(*parts(made)))) / step
+    exact = (back(integrate_schedule(*parts(moved))) - back(integrate_schedule(*parts(made)))) / step
     assert abs(exact) * step > 2e-3  # far above float32
     assert near.derivative_of(back, key) == pytest.approx(exact, rel=0.02)
 
 
 def test_a_thermocouple_reads_its_own_side_of_a_contact(tmp_path):
     """No spline runs over the jump; a bead at the joint is in the layer nearer the face."""
-    run = march(*parts(case(tmp_path)))
+    run = integrate_schedule(*parts(case(tmp_path)))
     flux = (HOT - COLD) / (sum(t / k for _, k, _, t in STACK) + sum(CONTACT))
     below = HOT - flux * 0.002 / 15.0
     places = positions_from_rows([{"x": 0.01, "z": z} for z in (0.002, 0.0020001, 0.0001, 0.0075)])
@@ -264,7 +266,7 @@ def test_a_thermocouple_reads_its_own_side_of_a_contact(tmp_path):
 
 
 def test_heat_flux_in_the_file_for_paraview_is_even_through_the_wall(tmp_path):
-    run = march(*parts(case(tmp_path)))
+    run = integrate_schedule(*parts(case(tmp_path)))
     mesh, body = run.mesh, vtk.body_grids(run)["block"]
     flux = body.heat_flux(run.field[-1][body.cells]).reshape(mesh.last - mesh.first, -1, 3)[..., 2]
     even = (HOT - COLD) / (sum(t / k for _, k, _, t in STACK) + sum(CONTACT))

@@ -7,7 +7,7 @@ import pytest
 from scipy.special import ndtr
 
 from flashtemp.model.case import load_case
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 
 K, RC, L, H, W = 40.0, 3.7e6, 0.04, 0.006, 0.015  # a small steel block
 CASE = f"""
@@ -40,7 +40,7 @@ SPEED, WIDTH, STRENGTH = 2e-3, 2e-3, 1e3
 def run(folder, given):
     (folder / "case.toml").write_text(CASE)
     case = load_case(folder / "case.toml", {k if "." in k else f"moving_source.{k}": v for k, v in given.items()})
-    return march(case.scene, case.settings)
+    return integrate_schedule(case.scene, case.settings)
 
 
 def series(x, z, t, enters=2.0, modes=40, deep=150):

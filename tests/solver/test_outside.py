@@ -10,7 +10,7 @@ import pytest
 from reference.sliding import SlidingPair, simulate_sliding
 
 from flashtemp import load
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 
 L, P = 0.025, 1.5e5
 BARE = {  # what the other program leaves out, and a mesh whose own error stays small
@@ -40,7 +40,7 @@ def check_face(tmp_path, given, shape, speeds, bound, other=None, exponent=0.0):
     speed, distance = speeds[0][0] if len(speeds) == 1 else "speed.csv", sum(s for _, s in speeds)
     given = given | {"schedule.speed": speed, "schedule.distance": distance, "contact.spot_exponent": exponent}
     made = load(tmp_path / "case.toml", BARE | given)
-    run = march(made.scene, made.settings)
+    run = integrate_schedule(made.scene, made.settings)
     other = other or SlidingPair()
     rise, _ = simulate_sliding(other, speeds, P * shape(other.x), fraction=0.2 * shape(other.x) ** exponent)
     error = np.interp(other.x, run.x, run.T_block[run.last_sliding_index] - 20.0) - rise

@@ -20,9 +20,9 @@ from flashtemp.model.numerics import SolverSettings, choose_binding
 from flashtemp.physics.effects.resolved_spots import ResolvedSpots
 from flashtemp.physics.friction.spot_patterns import DiscPattern
 from flashtemp.solver.heat_balance import HeatBalance
-from flashtemp.solver.march import march, remap_road
-from flashtemp.solver.march_state import MarchState
+from flashtemp.solver.integration_state import IntegrationState
 from flashtemp.solver.system import PhaseSystem
+from flashtemp.solver.time_integration import integrate_schedule, remap_road
 
 D, SPEED, LENGTH, WIDTH, WAY = 3e-3, 0.1, 0.0255, 0.0045, 6  # the disc moves by so many diameters
 WAVES = 1.172e-4  # K m2/W, mean rise of the disc between block and road over its heat: waves, 36 pixels, 96 steps
@@ -207,7 +207,7 @@ def test_road_that_goes_takes_its_heat_along(small):
     b = HeatBalance(small)
     legs = b.road_frame.split_phase(small.schedule, small.schedule.phases[0])
     leg, part = legs[1]
-    now = MarchState(y=np.random.default_rng(4).uniform(0, 30, b.size), removed_heat=np.zeros(2))
+    now = IntegrationState(y=np.random.default_rng(4).uniform(0, 30, b.size), removed_heat=np.zeros(2))
     before, out = b.stored_heat(now.y), now.y[b.ledger_index["lane_out"]]
     remap_road(PhaseSystem(b, part, leg=leg), now)
     after = b.stored_heat(now.y)
@@ -217,17 +217,17 @@ def test_road_that_goes_takes_its_heat_along(small):
 
 
 @pytest.mark.long
-def test_a_march_goes_on_where_it_was_cut_off(lab, small):
+def test_an_integration_goes_on_where_it_was_cut_off(lab, small):
     """Cut off in the second leg and gone on: as in one go."""
     settings = SolverSettings(choose_binding(None), 1e-6, profiles=4)
-    whole, state = march(small, settings), MarchState()
+    whole, state = integrate_schedule(small, settings), IntegrationState()
 
     def enough(now):
         return now.t > 0.6 * small.schedule.end_time
 
     with pytest.raises(KeyboardInterrupt):
-        march(small, settings, state=state, watch=enough)
-    rest = march(small, settings, state=state)
+        integrate_schedule(small, settings, state=state, watch=enough)
+    rest = integrate_schedule(small, settings, state=state)
     np.testing.assert_array_equal(rest.time, whole.time)
     np.testing.assert_allclose(rest.T_spot[-1], whole.T_spot[-1], atol=2e-3)
     assert rest.energy_imbalance < lab.LEAK
@@ -238,5 +238,5 @@ def test_spots_wait_and_slide_again(lab):
     """Lifted or not, over more legs than one: heat is kept."""
     for lifted in (True, False):
         scene = one_disc(lab, 3, cells=8, time=0.15, wait=0.5, lifted=lifted)
-        run = march(scene, SolverSettings(choose_binding(None), 1e-4, profiles=4))
+        run = integrate_schedule(scene, SolverSettings(choose_binding(None), 1e-4, profiles=4))
         assert run.energy_imbalance < lab.LEAK

@@ -14,8 +14,8 @@ from flashtemp.meshes import block_on_road
 from flashtemp.model.case import load_case
 from flashtemp.physics.effect import Term, find_effect
 from flashtemp.solver.heat_balance import HeatBalance
-from flashtemp.solver.march import march
 from flashtemp.solver.system import PhaseSystem
+from flashtemp.solver.time_integration import integrate_schedule
 
 CASES = Path(__file__).parents[2] / "cases"
 L, W, K_N = 0.025, 0.05, 1.4e9
@@ -160,7 +160,7 @@ def test_where_the_block_lifts_off_it_exchanges_no_heat_with_the_road(lab):
     rise = np.zeros(system.b.n)
     rise[mesh.block] = 30.0
     met = system.interface.solve_contact(
-        system.moment(0.5), np.zeros(20), rise, np.zeros((2, mesh.n_road)), system.b.ones
+        system.law_context(0.5), np.zeros(20), rise, np.zeros((2, mesh.n_road)), system.b.ones
     )
     lifted = met.pressure_solution.pressure == 0
     assert 3 < lifted.sum() < 17
@@ -233,7 +233,7 @@ def test_error_in_time_follows_the_tolerance_through_all_events(lab):
 def test_worn_profile_of_backward_is_that_of_chosen_peak():
     """cases/backward begins where cases/chosen_peak ends: the file there is what the run writes."""
     case = load_case(CASES / "chosen_peak")
-    run = march(case.scene, case.settings)
+    run = integrate_schedule(case.scene, case.settings)
     kept = np.loadtxt(CASES / "backward" / "worn.csv", delimiter=",", skiprows=1)
     np.testing.assert_allclose(kept, run.worn_profile, rtol=1e-4, atol=1e-9)
 
@@ -244,7 +244,7 @@ def new_block():
     case = load_case(
         CASES / "run_in", {"schedule.repetitions": 1, "numerics.cells": [40, 10, 12], "output.profiles": 6}
     )
-    return march(case.scene, case.settings)
+    return integrate_schedule(case.scene, case.settings)
 
 
 def test_new_block_of_run_in_is_hottest_near_its_leading_edge(new_block):
@@ -357,7 +357,7 @@ SOFT_HOLDER = {"friction_moment.compliance": 1.0, "numerics.mesh": 0.6, "output.
 def test_a_block_under_a_soft_holder_is_pressed_from_the_start():
     """While its contact is sought, trials pull on columns."""
     case = load_case(CASES / "run_in", SOFT_HOLDER | {"friction_moment.arm": 0.015, "schedule.distance": 0.02})
-    run = march(case.scene, case.settings)
+    run = integrate_schedule(case.scene, case.settings)
     np.testing.assert_allclose(mean(run, run.pressure)[run.sliding], 1.5e5, rtol=1e-10)
     assert run.pressure.min() >= 0.0
 
@@ -365,7 +365,7 @@ def test_a_block_under_a_soft_holder_is_pressed_from_the_start():
 def test_a_holder_that_snaps_over_is_explained():
     case = load_case(CASES / "run_in", SOFT_HOLDER | {"friction_moment.arm": 0.04, "wear.rate": 2.5e-10})
     with pytest.raises(SolverFailure, match="snaps over"):
-        march(case.scene, case.settings)
+        integrate_schedule(case.scene, case.settings)
 
 
 def test_a_block_worn_through_is_a_failure_and_says_when(lab):

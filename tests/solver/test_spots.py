@@ -125,7 +125,7 @@ def test_V12_stripes_heat_on_and_off(lab, phi, excess):
     scene = resolved(lab, mesh, phi, lab.NO_ROAD, time, speed, pattern="stripes")
     run, rise = lab.slide(scene, rtol=1e-4)
     system = PhaseSystem(HeatBalance(scene), scene.schedule.phases[-1])
-    now = system.moment(scene.schedule.end_time)
+    now = system.law_context(scene.schedule.end_time)
     state, _, flux, _ = system.interface.solve_contact(now, 0.0, rise, system.incoming_road(now), system.b.ones)
     spot = np.sum(state.phi * flux.spot) / np.sum(state.phi) - scene.ambient
     mean = np.mean(run.T_block[-1]) - run.ambient_degC

@@ -16,11 +16,11 @@ from flashtemp.model.case import assemble_case
 from flashtemp.model.case_file import KeyLocations
 from flashtemp.solver.conjugate_residuals import MAX_RESIDUAL_RATIO, solve_shifted_system
 from flashtemp.solver.heat_balance import HeatBalance
-from flashtemp.solver.march import march
 from flashtemp.solver.mesh_mapping import stretch_mesh
 from flashtemp.solver.run import Run
 from flashtemp.solver.sensitivity import Perturbation, run_with_sensitivities
 from flashtemp.solver.system import PhaseSystem
+from flashtemp.solver.time_integration import integrate_schedule
 
 SMALL = {
     "block.height": 0.005, "road.depth": 0.01, "road.track_length": 0.1, "schedule.distance": 0.2,
@@ -99,7 +99,7 @@ def asked(given, **changed):
 @cache
 def _exact(given):
     given = {k: list(v) if isinstance(v, tuple) else v for k, v in given}
-    return march(scene(given), asked(given, rtol=1e-7, atol=1e-6, order=5))
+    return integrate_schedule(scene(given), asked(given, rtol=1e-7, atol=1e-6, order=5))
 
 
 def exact(given):
@@ -217,7 +217,9 @@ def test_trace_of_what_slid_first_as_long_as_it_may_be_seen():
         times,
     )
     tight = replace(case({}).settings, times=times, rtol=1e-7, atol=1e-6, order=5)
-    above, below = (see(march(scene(moved({}, key, base + s * apart)), tight), "T_wake", times) for s in (1.0, -1.0))
+    above, below = (
+        see(integrate_schedule(scene(moved({}, key, base + s * apart)), tight), "T_wake", times) for s in (1.0, -1.0)
+    )
     expected = (above - below) / (2.0 * apart)
     found = hood.derivative_of(lambda run: see(run, "T_wake", times), key)
     assert rms((found - expected)[np.isfinite(expected)]) < 0.02 * rms(expected[np.isfinite(expected)])
@@ -244,7 +246,7 @@ def arrays(run):
 @pytest.mark.sample("laps")
 def test_the_run_is_bit_for_bit_the_run_alone(given):
     hood = traces(given, ["friction.mu"])
-    alone = march(scene(given), asked(given))
+    alone = integrate_schedule(scene(given), asked(given))
     for name, values in arrays(alone).items():
         np.testing.assert_array_equal(arrays(hood.run)[name], values, err_msg=name)
     for name in ("steps", "rhs_evaluations", "preconditioner_solves"):
@@ -266,7 +268,7 @@ def test_level_is_the_run_at_the_times_that_both_keep(bare):
 def test_no_neighbours_at_all():
     hood = run_with_sensitivities(scene({}), asked({}), {}, "", moments({}))
     assert hood.perturbed == {}
-    np.testing.assert_array_equal(hood.run.T_block, march(scene({}), asked({})).T_block)
+    np.testing.assert_array_equal(hood.run.T_block, integrate_schedule(scene({}), asked({})).T_block)
 
 
 def test_a_scene_that_is_not_moved_differs_by_nothing():
@@ -374,7 +376,7 @@ def check_stretched(given, keys, share, bound):
     tight = replace(plain.settings, rtol=1e-7, atol=1e-6, order=5)
     for key in keys:
         scenes = [other(key, f) for f in (1 - share, 1 + share)]
-        a, b = (last(march(replace(s, mesh=stretch_mesh(plain.scene, s)), tight)) for s in scenes)
+        a, b = (last(integrate_schedule(replace(s, mesh=stretch_mesh(plain.scene, s)), tight)) for s in scenes)
         expected, found = (b - a) / (2 * share), hood.derivative_of(last, key)
         for what, at in (("profiles", slice(None, -4)), ("split", slice(-3, None))):
             error = rms(found[at] - expected[at]) / max(rms(expected[at]), LEAST[what])

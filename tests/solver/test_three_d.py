@@ -18,8 +18,8 @@ from flashtemp.model.case import assemble_case
 from flashtemp.model.case_file import KeyLocations
 from flashtemp.physics.effect import Factor, Heat
 from flashtemp.solver.heat_balance import HeatBalance
-from flashtemp.solver.march import march
 from flashtemp.solver.system import PhaseSystem
+from flashtemp.solver.time_integration import integrate_schedule
 
 W = 0.02
 SMALL = {
@@ -114,7 +114,7 @@ def rises(view, times, u, v, **more):
     images = []
     for across in ({}, {"numerics.across": 60, "numerics.first_y": 3e-5}):
         made = assemble_case({}, COOLED | across | more, KeyLocations("none"), Path(), "wall")
-        run = march(made.scene, replace(made.settings, times=tuple(times)))
+        run = integrate_schedule(made.scene, replace(made.settings, times=tuple(times)))
         images.append(observe(run, made.scene, seen(view, times, u, v)).temperature - run.ambient_degC)
         if not across:
             bare = replace(made.scene, acting=tuple(a for a in made.scene.acting if a.name != "convection"))
@@ -167,7 +167,7 @@ def test_camera_sees_the_wall_near_the_contact(lab):
     for sized in ({"numerics.across": 20}, {"numerics.across": 60, "numerics.first_y": 2e-5}):
         made = assemble_case({}, given | sized, KeyLocations("none"), Path(), "wall")
         scene = made.scene
-        run = march(scene, made.settings)
+        run = integrate_schedule(scene, made.settings)
         image = observe(run, scene, seen("sidewall", run.time[-1:], np.array([0.0125]), z)).temperature
         walls.append(image[0, :, 0] - run.ambient_degC)
     near, fine = walls
@@ -218,7 +218,7 @@ def test_camera_sees_the_wall_and_the_width(lab):
     made = assemble_case({}, {k.replace("__", "."): v for k, v in given.items()} | {
         "numerics.across": 20, "effects": ["pressure_roll"], "pressure_roll.a": 0.5}, KeyLocations("none"), Path(), "seen")  # fmt: skip
     scene = made.scene
-    run = march(scene, made.settings)
+    run = integrate_schedule(scene, made.settings)
     mesh = run.mesh
     end = np.array([run.time[-1]])
     u, v = (np.arange(10) + 0.5) * 2e-3, (np.arange(12) + 0.5) * 3e-4

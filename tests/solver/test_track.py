@@ -14,9 +14,9 @@ from flashtemp.model.case import load_case
 from flashtemp.solver import contact_lanes
 from flashtemp.solver.circular_track import CircularTrack, build_inflow, build_track
 from flashtemp.solver.heat_balance import HeatBalance
-from flashtemp.solver.march import march
-from flashtemp.solver.march_state import MarchState
+from flashtemp.solver.integration_state import IntegrationState
 from flashtemp.solver.system import PhaseSystem, RoadInflow
+from flashtemp.solver.time_integration import integrate_schedule
 
 CASES = Path(__file__).parents[2] / "cases"
 
@@ -63,8 +63,8 @@ def test_columns_stand_where_no_step_ends(rtol):
         CASES / "chosen_peak",
         {"schedule.repetitions": 1, "schedule.distance": 1.0, "numerics.mesh": 0.4, "numerics.rtol": rtol},
     )
-    now = MarchState()
-    march(case.scene, case.settings, state=now)
+    now = IntegrationState()
+    integrate_schedule(case.scene, case.settings, state=now)
     places, spacing = np.array(now.track.place[1:]), now.track.min_spacing
     assert len(places) > 10
     np.testing.assert_allclose(places / spacing, np.rint(places / spacing), atol=1e-6)
@@ -84,7 +84,7 @@ def test_lanes_mix_with_their_surroundings(fraction):
     t.store_column(0.0, 0.0, 100.0 * np.exp(-(depth**2) / (4 * D * young)))
     asked = PhaseSystem(b, phase, lambda now: RoadInflow(t.stored_rise(now.t, 3.5)))
     for age in (0.5, 1.0, 3.0, 10.0, 30.0):
-        now = asked.moment(phase.begin)._replace(t=age)
+        now = asked.law_context(phase.begin)._replace(t=age)
         road = asked.incoming_road(now)
         state = asked.interface.contact_state(now, np.full(len(b.cell_road), now.pressure))
         T = np.zeros(b.n)
@@ -126,7 +126,7 @@ def slid_in(parts: int, tmp_path):
         "schedule.distance": 0.12 / parts, "numerics.mesh": "coarse", "numerics.rtol": 1e-6,
     }  # fmt: skip
     case = load_case(tmp_path, given)
-    return march(case.scene, case.settings)
+    return integrate_schedule(case.scene, case.settings)
 
 
 def test_a_new_start_without_a_wait_changes_nothing(tmp_path):
@@ -159,8 +159,8 @@ def test_road_that_enters_is_that_of_its_own_moment():
     asked = PhaseSystem(b, phase, build_inflow(b, phase, t))
     for at in (46.0, 55.0, 46.0, 62.0):
         fresh = PhaseSystem(b, phase, build_inflow(b, phase, t))
-        assert np.array_equal(asked.incoming_rise(asked.moment(at)), fresh.incoming_rise(fresh.moment(at)))
-    now, behind = asked.moment(62.0), np.array([0.0, 0.011, 0.03, 0.5, 1.1])
+        assert np.array_equal(asked.incoming_rise(asked.law_context(at)), fresh.incoming_rise(fresh.law_context(at)))
+    now, behind = asked.law_context(62.0), np.array([0.0, 0.011, 0.03, 0.5, 1.1])
     rows = [asked.incoming_rise(now._replace(passed=now.passed - way)) for way in behind]
     np.testing.assert_allclose(asked.undisturbed_road(now, behind)[:, 0], rows, rtol=1e-14)
     assert np.ptp(rows, axis=0).max() > 0.1

@@ -366,6 +366,6 @@ def test_V15_V16_V18_default_case(lab):
     lab.check(
         "V15 case, rise at L/2, ratio relative to 3.162278", abs(share[1.0][1] / share[0.1][1] / 3.162278 - 1), 0.00018
     )
-    guide = analytical_solutions.road_driven(RUBBER, ROAD, L, 0.2, 3.5)
+    guide = analytical_solutions.approach_to_final_temperature(RUBBER, ROAD, L, 0.2, 3.5)
     lab.check("V16 share of the final rise against its guide 0.8995", abs(share[0.1][0] - guide), 0.04)
     lab.check("V16 the share depends on distance alone", abs(share[1.0][0] - share[0.1][0]), 0.001)

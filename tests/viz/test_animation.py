@@ -13,7 +13,7 @@ from flashtemp import BadInput
 from flashtemp.api.simulation import simulate
 from flashtemp.model.case import assemble_case
 from flashtemp.model.case_file import KeyLocations
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 from flashtemp.viz import theme, time_axis
 from flashtemp.viz.run import animation, animation_frame
 
@@ -35,7 +35,7 @@ def small(**more):
 
 @pytest.fixture(scope="module")
 def run():
-    return march(small().scene, small().settings, "small")
+    return integrate_schedule(small().scene, small().settings, "small")
 
 
 def decode(path):

@@ -629,7 +629,7 @@ def test_all_scores_are_drawn_with_the_alarm_level():
     v = verdict("named")
     ax = candidate_scores.draw_scores(v).axes[0]
     assert sorted(p.get_width() for p in ax.patches) == sorted([CAUSE.ln_bayes, *(r.score for r in RIVALS)])
-    assert any(set(line.get_xdata()) == {candidate_scores.LN_BAYES_ALARM} for line in ax.lines)
+    assert any(set(line.get_xdata()) == {CRITERIA.ln_bayes_named} for line in ax.lines)
     assert to_hex(ax.patches[0].get_facecolor()) == candidate_scores.ACCEPTED_COLOUR.lower()
     assert ax.get_xscale() == "symlog"
     kinds = {to_hex(p.get_edgecolor()) for p in candidate_scores.draw_scores(verdict("group")).axes[0].patches}

@@ -19,7 +19,7 @@ import flashtemp.viz
 from flashtemp.meshes.mesh import centres
 from flashtemp.model.case import assemble_case
 from flashtemp.model.case_file import KeyLocations
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 from flashtemp.viz import theme, time_axis
 from flashtemp.viz.run import animation, budget, field, friction, profile, run_in_maps, space_time, wear_profile
 
@@ -38,7 +38,7 @@ RUNS = {
 def simulate(name):
     small = {"numerics.mesh": 0.3, "output.profiles": 8, "output.fields": 2}
     case = assemble_case({}, small | RUNS[name], KeyLocations("x"), Path("."), name)
-    return march(case.scene, case.settings, f"{name}, 0.15 MPa")
+    return integrate_schedule(case.scene, case.settings, f"{name}, 0.15 MPa")
 
 
 @pytest.fixture(scope="module")

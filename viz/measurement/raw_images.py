@@ -41,7 +41,7 @@ def draw(look) -> Figure:
     theme.add_colour_bar(above, shown, list(axes[:n]), label, fraction=0.04)
     *left, right = below.subplots(1, 2, width_ratios=[1.5, 1.0]) if len(look.mean) > 1 else [below.subplots()]
     for ax in left:  # one value makes no curve
-        _draw_mean_course(ax, look)
+        _draw_mean_over_time(ax, look)
     right.stairs(look.counts, look.edges, fill=True, color=theme.BLOCK_COLOUR)
     right.set(xlabel=label, ylabel="values", yscale="log")
     return fig
@@ -58,7 +58,7 @@ def _describe_time(look, number: int) -> str:
     return f"frame {number}"
 
 
-def _draw_mean_course(ax, look) -> None:
+def _draw_mean_over_time(ax, look) -> None:
     """Mean of every frame over the time in the file, or over the frame number."""
     x, label = np.arange(len(look.mean)), "frame"
     if look.time is not None:

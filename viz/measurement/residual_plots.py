@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from flashtemp.viz import theme
 from flashtemp.viz.key_labels import describe_condition
 
-MEASURED_COLOUR, COMPUTED_COLOUR = "#2B2B2B", "#0072B2"
+MEASURED_COLOUR, COMPUTED_COLOUR = "#2B2B2B", theme.BLUE
 BAND_COLOUR, BEYOND_COLOUR = "#C3D8E8", "#C8420B"
 BAND_SIGMA = 2.0  # standard errors: half the width of the bands
 VIEW_LABELS = {

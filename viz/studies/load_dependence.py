@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from flashtemp.viz import theme
 
 PROCESS_COLOURS = {
-    "saturation": "#0072B2", "softening": "#CC79A7", "skewness": theme.HOLDER_COLOUR, "adhesion": theme.BLOCK_COLOUR,
+    "saturation": theme.BLUE, "softening": "#CC79A7", "skewness": theme.HOLDER_COLOUR, "adhesion": theme.BLOCK_COLOUR,
     "heating": theme.SPOT_COLOUR,
 }  # fmt: skip
 MAX_SPEED_PANELS = 4

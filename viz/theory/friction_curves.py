@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from flashtemp.physics.friction.curve_peak import find_peak
-from flashtemp.physics.friction.friction_curves import held_by_slope_tester
+from flashtemp.physics.friction.friction_curves import is_steady_in_slope_tester
 from flashtemp.physics.quantities import KELVIN
 from flashtemp.viz import theme
 
@@ -78,7 +78,7 @@ def _draw_branches(ax, curves) -> None:
 
 def _stable_part(mu: np.ndarray, rising: bool) -> np.ndarray:
     """mu where a slope tester is stable, or (not `rising`) where it is not, with the point where that begins."""
-    on = held_by_slope_tester(mu)
+    on = is_steady_in_slope_tester(mu)
     if not rising:
         on = ~on | np.append(~on[1:], False)
     return np.where(on, mu, np.nan)
@@ -87,7 +87,7 @@ def _stable_part(mu: np.ndarray, rising: bool) -> np.ndarray:
 def _legend_lines(curves) -> list:
     lines = [Line2D([], [], color=c, lw=LINE_WIDTHS[name], label=words) for name, (c, words) in BRANCH_STYLES.items()]
     lines.append(Line2D([], [], color=theme.SLIDING_COLOUR, lw=0.9, label="viscoelastic part"))
-    if not all(held_by_slope_tester(b.mu).all() for b in curves.branches.values()):
+    if not all(is_steady_in_slope_tester(b.mu).all() for b in curves.branches.values()):
         lines.append(
             Line2D([], [], color=theme.SLIDING_COLOUR, lw=1.2, ls=FALLING_DASH, label="unstable in a slope tester")
         )

@@ -13,7 +13,7 @@ from flashtemp.viz import theme
 from flashtemp.viz.verdict import plot_helpers
 from flashtemp.viz.verdict.residual_images import add_profile_legend, draw_profile_curves
 
-BASE_COLOUR, EXTENDED_COLOUR = "#D55E00", "#0072B2"
+BASE_COLOUR, EXTENDED_COLOUR = theme.VERMILION, theme.BLUE
 RMSE_LABELS = (
     ("rmse_K", "all that was fitted"),
     ("mean_map_rmse_K", "means over frames"),

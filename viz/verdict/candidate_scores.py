@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
+from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.hypotheses.piecewise_linear_law import LEARNED_LAW_NAME
 from flashtemp.viz import theme
 from flashtemp.viz.literal_text import escape_mathematics
@@ -14,14 +15,14 @@ from flashtemp.viz.measurement.residual_plots import BAND_COLOUR
 from flashtemp.viz.number_format import format_number
 from flashtemp.viz.verdict import plot_helpers
 
-LN_BAYES_ALARM = 8.0  # ln Bayes factor that noise alone exceeds in fewer than 1 of 200 campaigns
+LN_BAYES_ALARM = CRITERIA.ln_bayes_named  # above it a cause is named, for each of its effects
 LN_BAYES_LINEAR_AXIS = 10.0  # ln Bayes factor up to which the axis is linear
 ACCEPTED_COLOUR, AMBIGUOUS_COLOUR, REJECTED_COLOUR = theme.BLOCK_COLOUR, theme.HOLDER_COLOUR, "#B4B4B4"
 BAR_HEIGHT_IN = 0.185  # inches
 MIN_PRINTED_CORRELATION = 0.6  # smaller correlations are drawn without a number
 MAX_NUISANCES_DRAWN = 24  # also: effects in the matrix whose cells still have room for numbers
 SIGMA_95 = 1.96
-COMMON_VALUE_COLOUR = "#0072B2"
+COMMON_VALUE_COLOUR = theme.BLUE
 
 
 def ranked_scores(verdict) -> list[tuple[str, float, str, bool]]:

@@ -27,7 +27,7 @@ UPWARD_LABELS = {"sidewall": "z (mm)", "wake": "y (mm)"}
 COLUMN_TITLES = ("measured", "computed (base)", "measured − computed")
 COLOUR_BAR_STEPS = 6  # steps of a colour bar of temperatures
 TICK_SLACK_STEPS = 0.25  # steps by which a round tick may exceed the end of a colour bar
-FIRST_REPETITION_COLOUR, LAST_REPETITION_COLOUR = "#0072B2", "#D55E00"
+FIRST_REPETITION_COLOUR, LAST_REPETITION_COLOUR = theme.BLUE, theme.VERMILION
 
 
 @theme.styled

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from flashtemp.camera.importing import readers
-from flashtemp.camera.importing.formats.raw_frames import UNSCALED, RawFrames, ScaleMissing
+from flashtemp.camera.importing.formats.raw_frames import UNSTATED_SCALE, RawFrames, ScaleMissing
 from flashtemp.camera.importing.import_options import ImportOptions
 from flashtemp.camera.importing.import_request import describe_order
 from flashtemp.camera.radiometry import PlanckCalibration
@@ -139,7 +139,7 @@ def preview_files(
     first: RawFrames | None = None
     dead: np.ndarray | None = None
     outside, low, high, number, notes = 0, np.inf, -np.inf, 0, list[str]()
-    counted = _Histogram(1.0 if facts.scale is UNSCALED else 0.01)
+    counted = _Histogram(1.0 if facts.scale is UNSTATED_SCALE else 0.01)
     kept = _FrameSample()
     for done, path in enumerate(names, 1):
         for frames in iter_frames(path, facts):
@@ -202,7 +202,7 @@ def _without_scale(names: Sequence[Path], facts: ImportOptions) -> ImportOptions
         for path in names:
             next(iter(iter_frames(path, facts)), None)
     except ScaleMissing:
-        return replace(facts, scale=UNSCALED, offset=0.0)
+        return replace(facts, scale=UNSTATED_SCALE, offset=0.0)
     return facts
 
 

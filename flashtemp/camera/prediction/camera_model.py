@@ -23,7 +23,7 @@ from flashtemp.camera.recording import Recording
 from flashtemp.model.scene import ActiveEffect, Scene
 from flashtemp.physics.quantities import KELVIN
 
-BLUR_STEP_FRACTION = 0.01  # relative step of the point spread, for a numerical derivative
+PSF_STEP_FRACTION = 0.01  # relative step of the point spread, for a numerical derivative
 TYPICAL_EMISSIVITY = 0.95  # emissivity of a recording that states none
 
 
@@ -41,8 +41,8 @@ class CameraModel:
         return base + sum(part.law(None, now, p) for part, p in self.laws if part.target == f"camera.{quantity}")
 
     @property
-    def blur(self) -> float:
-        """Standard deviation of the Gaussian point spread, px."""
+    def psf_sigma(self) -> float:
+        """Standard deviation of the Gaussian point spread, px; the quantity `camera.blur` of effects adds to it."""
         return float(self("blur", self.recording.psf_sigma_px or 0.0))
 
     def with_recording(self, recording: Recording) -> CameraModel:
@@ -140,7 +140,7 @@ class ImageFormation:
         return sample_aligned(light, nodes, self.axes, slopes)
 
     def _placement_derivatives(self, sampled: SampledImage) -> dict[str, np.ndarray]:
-        """Derivatives of the pixels' radiance with respect to shift, scale, rotation and blur of the image.
+        """Derivatives of the pixels' radiance with respect to shift, scale, rotation and point spread of the image.
 
         Scale and rotation move pixels along u and v.  A pixel whose variances along u and v differ also turns: that is
         the mixed derivative.
@@ -150,23 +150,23 @@ class ImageFormation:
         square = self.recording.view == "profile" or u.variance == v.variance
         oblong = 0.0 if square else (u.variance - v.variance) * mixed_derivative(sampled.seen, u, v)
         x, y = u.centres, 0.0 if self.recording.view == "profile" else v.centres[:, None]
-        larger = sampled.along_u * (x - origin) + sampled.along_v * y + sampled.larger
+        by_scale = sampled.along_u * (x - origin) + sampled.along_v * y + sampled.by_scale
         return {
             "shift_u": sampled.along_u * u.pitch,
             "shift_v": sampled.along_v * v.pitch,
-            "scale": larger / magnification,
+            "scale": by_scale / magnification,
             "turn": sampled.along_v * (x - across) - sampled.along_u * (y - above) + oblong,
-            "spread": sampled.wider * self._blur_ratio,
+            "spread": sampled.by_psf * self._psf_ratio,
         }
 
     @property
-    def _blur_ratio(self) -> float:
+    def _psf_ratio(self) -> float:
         """Relative change of the point spread per relative change of the one that the recording states."""
-        now = self.camera.blur
+        now = self.camera.psf_sigma
         if not now:
             return 0.0
-        wide = replace(self.recording, psf_sigma_px=(1.0 + BLUR_STEP_FRACTION) * (self.recording.psf_sigma_px or 0.0))
-        return (self.camera.with_recording(wide).blur / now - 1.0) / BLUR_STEP_FRACTION
+        wide = replace(self.recording, psf_sigma_px=(1.0 + PSF_STEP_FRACTION) * (self.recording.psf_sigma_px or 0.0))
+        return (self.camera.with_recording(wide).psf_sigma / now - 1.0) / PSF_STEP_FRACTION
 
 
 def _pixel_axis(camera: CameraModel, axis: int, shift, place: ImagePlacement, length: float) -> PixelAxis:
@@ -179,4 +179,4 @@ def _pixel_axis(camera: CameraModel, axis: int, shift, place: ImagePlacement, le
     if place.scale:
         about = 0.0 if axis else scale_origin(recording, length)
         centres, pitch = about + (centres - about) * (1.0 + place.scale), pitch * (1.0 + place.scale)
-    return PixelAxis(centres, pitch, camera.blur * pitch)
+    return PixelAxis(centres, pitch, camera.psf_sigma * pitch)

@@ -47,6 +47,7 @@ def align_image(run, scene, recording: Recording, plain: PredictedImage, weigh, 
         good = np.isfinite(residual)
         normal = J[good].T @ J[good] + np.eye(len(axes)) / known**2
         step = np.linalg.solve(normal, J[good].T @ residual[good] - shift[axes] / known**2)
+        # an image is linear over less than a pixel at an edge
         step = np.clip(step, -1.0, 1.0)
         shift[axes] += step
         seen = observe(run, scene, recording, acting, shift, slopes=True)

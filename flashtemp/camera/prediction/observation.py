@@ -36,7 +36,7 @@ POINTS_PER_CELL = 3  # of the refined fields that are sampled
 BATCH = 64  # frames that are predicted at a time: refined fields are large
 EDGE_MARGIN_PX = 1.5  # px around the edge of a body that no comparison uses
 BLOCK_SIZE_TOLERANCE = 0.01  # relative uncertainty of the block's length and width, and so of its edges
-BLUR_TAIL_WIDTHS = 4.0  # widths of the point spread within which the edge of the wake shows
+PSF_TAIL_WIDTHS = 4.0  # widths of the point spread within which the edge of the wake shows
 
 
 @dataclass(frozen=True)
@@ -135,6 +135,7 @@ def observe(
     predicted: dict[str, np.ndarray] = {}
     batches = np.array_split(np.arange(len(times)), max(1, -(-len(times) // BATCH)))
     for batch in batches:
+        # refined fields are large, so each batch uses only those around its own times
         near = run if len(batches) == 1 else _run_around(run, times[batch])
         body, along, up = _visible_temperatures(near, scene, recording, times[batch], face, kept)
         for name, part in formation.apparent_temperatures(body, (along, up), kept, slopes).items():
@@ -261,7 +262,7 @@ def _interior_mask(recording: Recording, along: np.ndarray, up: np.ndarray) -> n
     masks, moved = [], max(0.0, 3.0 * (recording.registration_sigma_px or 0.0) - 0.5)
     rims, ends = [EDGE_MARGIN_PX + moved] * 2, [(0.0, BLOCK_SIZE_TOLERANCE * (along[-1] - along[0])), (0.0, 0.0)]
     if recording.view == "wake":
-        rims[1] = max(EDGE_MARGIN_PX, 0.5 + BLUR_TAIL_WIDTHS * (recording.psf_sigma_px or 0.0)) + moved
+        rims[1] = max(EDGE_MARGIN_PX, 0.5 + PSF_TAIL_WIDTHS * (recording.psf_sigma_px or 0.0)) + moved
         ends = [(0.0, 0.0), (0.5 * BLOCK_SIZE_TOLERANCE * (up[-1] - up[0]),) * 2]
     axes = zip((recording.u, recording.v), recording.pitch, (along, up), rims, ends, strict=True)
     for centres, pitch, nodes, least, (first, last) in axes:

@@ -1,4 +1,7 @@
-"""Pixel averages of a radiance field that is linear between nodes, and their derivatives by position, size and blur."""
+"""Gaussian point spread of a camera: averages of the radiance over pixels, and their derivatives.
+
+Radiance is linear between nodes.  Derivatives are with respect to position, scale and width of the point spread.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ import numpy as np
 
 from flashtemp.physics.just_in_time import njit
 
-BLUR_REACH_WIDTHS = 7.0  # widths of the point spread beyond the edge of a pixel that contribute to it
+PSF_REACH_WIDTHS = 7.0  # widths of the point spread beyond the edge of a pixel that contribute to it
 NORMAL_CUTOFF_WIDTHS = 8.5  # widths beyond which the normal distribution function is 0 or 1 in double precision
 MIN_ROTATED_ROWS = 24  # rows of nodes of a rotated body, at least: rotated lines are straight between them
 
@@ -19,60 +22,60 @@ MatrixCache = dict[bytes, Any]  # matrices that the images of one recording shar
 
 
 class PixelAxis(NamedTuple):
-    """Pixels along an axis: `centres` (n,), `pitch` and width `sigma` of a Gaussian point spread, all m."""
+    """Pixels along an axis: `centres` (n,), `pitch` and width `psf_sigma` of a Gaussian point spread, all m."""
 
     centres: Array
     pitch: float
-    sigma: float
+    psf_sigma: float
 
     @property
     def variance(self) -> float:
         """Variance of the pixel's response (point spread and box), m2."""
-        return self.sigma**2 + self.pitch**2 / 12.0
+        return self.psf_sigma**2 + self.pitch**2 / 12.0
 
 
 class SampledImage(NamedTuple):
     """Averages over pixels, `seen` (frames, nv, nu), and their derivatives where required (else empty).
 
-    `along_u` and `along_v` are per metre of shift; `larger` per relative growth of pixels and point spread together,
-    `wider` per relative growth of the point spread alone.
+    `along_u` and `along_v` are per metre of shift; `by_scale` per relative growth of pixels and point spread together,
+    `by_psf` per relative growth of the point spread alone.
     """
 
     seen: Array
     along_u: Array = EMPTY_IMAGE
     along_v: Array = EMPTY_IMAGE
-    larger: Array = EMPTY_IMAGE
-    wider: Array = EMPTY_IMAGE
+    by_scale: Array = EMPTY_IMAGE
+    by_psf: Array = EMPTY_IMAGE
 
 
 @njit(cache=True)
-def _ramps(x: float, pitch: float, sigma: float, once, twice):
+def _response_integrals(x: float, pitch: float, psf_sigma: float, once, twice):
     """First and second integral of a pixel's response, `once` and `twice` (4,), at `x` (m) beyond a node.
 
-    Index 0 is the integral, 1 its derivative by position, 2 by size (pitch and sigma) and 3 by sigma alone.  The
-    response is a box convolved with a Gaussian, so its integrals are differences over the two edges of the box.
+    Index 0 is the integral, 1 its derivative by position, 2 by scale (pitch and psf_sigma) and 3 by psf_sigma alone.
+    The response is a box convolved with a Gaussian, so its integrals are differences over the two edges of the box.
     """
     half, density, integral, ramp = np.empty(2), np.empty(2), np.empty(2), np.empty(2)
     for side in range(2):
         at = x + (0.5 - side) * pitch
-        if abs(at) >= NORMAL_CUTOFF_WIDTHS * sigma:
+        if abs(at) >= NORMAL_CUTOFF_WIDTHS * psf_sigma:
             half[side] = 1.0 if at > 0.0 else 0.0
             density[side] = 0.0
         else:
-            half[side] = 0.5 * math.erfc(-at / (math.sqrt(2.0) * sigma))
-            density[side] = math.exp(-0.5 * (at / sigma) ** 2) / math.sqrt(2.0 * math.pi)
+            half[side] = 0.5 * math.erfc(-at / (math.sqrt(2.0) * psf_sigma))
+            density[side] = math.exp(-0.5 * (at / psf_sigma) ** 2) / math.sqrt(2.0 * math.pi)
         # closed integrals of the Gaussian, so that eq. (36) is exact for a field that is linear between nodes
-        integral[side] = at * half[side] + sigma * density[side]
-        ramp[side] = 0.5 * (at * integral[side] + sigma * sigma * half[side])
+        integral[side] = at * half[side] + psf_sigma * density[side]
+        ramp[side] = 0.5 * (at * integral[side] + psf_sigma * psf_sigma * half[side])
     once[0], twice[0] = (integral[0] - integral[1]) / pitch, (ramp[0] - ramp[1]) / pitch
     once[1], twice[1] = (half[0] - half[1]) / pitch, once[0]  # derivative by position
-    once[3], twice[3] = sigma * (density[0] - density[1]) / pitch, sigma * sigma * once[1]
+    once[3], twice[3] = psf_sigma * (density[0] - density[1]) / pitch, psf_sigma * psf_sigma * once[1]
     once[2] = 0.5 * (half[0] + half[1]) - once[0] + once[3]
     twice[2] = 0.5 * (integral[0] + integral[1]) - twice[0] + twice[3]
 
 
 @njit(cache=True)
-def _fill_hat_weights(at, nodes, first, start, pitch: float, sigma: float, out):
+def _fill_hat_weights(at, nodes, first, start, pitch: float, psf_sigma: float, out):
     """Fills `out` with the weights of `hat_weights`, one by one: arrays would pass through memory twenty times.
 
     Pixel i has `start[i + 1] - start[i]` nodes, the first of them number `first[i]`.  The weight of a hat function is
@@ -83,10 +86,11 @@ def _fill_hat_weights(at, nodes, first, start, pitch: float, sigma: float, out):
     for i in range(at.shape[0]):
         for k in range(start[i + 1] - start[i]):
             node, place = first[i] + k, start[i] + k
-            _ramps(at[i] - nodes[node], pitch, sigma, once, twice)
+            _response_integrals(at[i] - nodes[node], pitch, psf_sigma, once, twice)
             for d in range(slopes):
                 if k > 0:
                     apart = nodes[node] - nodes[node - 1]
+                    # each interval between nodes adds to the hat functions of both
                     later = (before[d] - twice[d] - apart * once[d]) / apart
                     out[d, place - 1] += last[d] - once[d] - later
                     out[d, place] = later
@@ -98,10 +102,10 @@ def hat_weights(at: Array, nodes: Array, first: Array, start: Array, axis: Pixel
 
     The response is a box of the pitch of `axis` convolved with its Gaussian; integrals are exact.  Each pixel has nodes
     from number `first` (n,) on, and its weights begin at index `start` (n + 1,).  With `slopes` (4, total): the weights
-    and their derivatives per metre of `at`, per relative growth of pitch and sigma, and of sigma alone.
+    and their derivatives per metre of `at`, per relative growth of pitch and psf_sigma, and of psf_sigma alone.
     """
     out = np.zeros((4 if slopes else 1, int(start[-1])))
-    _fill_hat_weights(at, nodes, first, start, float(axis.pitch), float(axis.sigma), out)
+    _fill_hat_weights(at, nodes, first, start, float(axis.pitch), float(axis.psf_sigma), out)
     return out
 
 
@@ -167,11 +171,11 @@ def sample_rotated(
     if not slopes:
         return SampledImage(seen + skew * mixed_derivative(seen, u, v))
     first, second = image(columns[0] @ (lines[1] @ flat)), image(columns[1] @ sheared)
-    larger, wider = (image(columns[d] @ sheared + columns[0] @ (lines[d] @ flat)) for d in (2, 3))
+    by_scale, by_psf = (image(columns[d] @ sheared + columns[0] @ (lines[d] @ flat)) for d in (2, 3))
     bent = 2.0 * sin / cos * mixed_derivative(seen, u, v)
-    changes = (seen, first / cos + sin * second, cos * second, larger, wider)
-    seen, along_u, along_v, larger, wider = (c + skew * mixed_derivative(c, u, v) for c in changes)
-    return SampledImage(seen, along_u, along_v, larger + bent * u.variance, wider + bent * u.sigma**2)
+    changes = (seen, first / cos + sin * second, cos * second, by_scale, by_psf)
+    seen, along_u, along_v, by_scale, by_psf = (c + skew * mixed_derivative(c, u, v) for c in changes)
+    return SampledImage(seen, along_u, along_v, by_scale + bent * u.variance, by_psf + bent * u.psf_sigma**2)
 
 
 def mixed_derivative(image: Array, u: PixelAxis, v: PixelAxis) -> Array:
@@ -206,7 +210,7 @@ def _sparse_weights(
     """Sparse matrices (pixels, size) for pixels `at` (a, b) m; node k of a pixel is column `begin` + `stride` k."""
     from scipy.sparse import csr_array
 
-    reach = 0.5 * axis.pitch + BLUR_REACH_WIDTHS * axis.sigma
+    reach = 0.5 * axis.pitch + PSF_REACH_WIDTHS * axis.psf_sigma
     flat, nodes = np.ascontiguousarray(at.ravel(), float), np.ascontiguousarray(nodes, float)
     first = np.clip(np.searchsorted(nodes, flat - reach) - 1, 0, len(nodes) - 2)
     last = np.clip(np.searchsorted(nodes, flat + reach) + 1, 2, len(nodes))
@@ -214,6 +218,7 @@ def _sparse_weights(
     start = np.concatenate([[0], np.cumsum(width)])
     which = np.arange(start[-1]) - np.repeat(start[:-1] - first, width)
     weights = hat_weights(flat, nodes, first, start, axis, slopes)
+    # 32-bit indices halve the memory of the index arrays
     column = (np.repeat(begin, width) + stride * which).astype(np.int32)
     row = start.astype(np.int32)
     return [csr_array((w, column, row), shape=(len(flat), size)) for w in weights]

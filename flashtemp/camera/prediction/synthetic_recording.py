@@ -24,7 +24,7 @@ VIEW_GEOMETRY = {  # view: pixel pitch, margin around the body, visible road beh
 
 @dataclass(frozen=True)
 class SyntheticRecordingErrors:
-    """Errors of a recording that its file does not state: shift in px, fixed pattern in K, true emissivity and blur.
+    """Errors that a recording does not state: shift in px, fixed pattern in K, true emissivity and point spread.
 
     For sensors: the errors of each position up the block, `astray` (m), of the gains and of the lags (s).
     """

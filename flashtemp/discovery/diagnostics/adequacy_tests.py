@@ -20,7 +20,7 @@ from flashtemp.discovery.estimation.nuisance_priors import (
     unnamed_heat_priors,
 )
 from flashtemp.discovery.estimation.per_condition import estimate_effect_by_condition
-from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.parameters import ParameterId, ParameterKind
 from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.discovery.verdict import StructureTest
 
@@ -37,9 +37,18 @@ def run_adequacy_tests(problem: Problem, fit: LinearisedFit, criteria: Criteria)
     every = refit_all_data(fit)
     fitted = fit.system.fitted_columns
     pulls = normalised_deviations(every) | {p: v for p, v in normalised_deviations(fit).items() if p in fitted}
-    setup = (Kind.SIZE, Kind.SCALE, Kind.TURN, Kind.CLOCK, Kind.SHIFT_U, Kind.SHIFT_V)  # see `setup_errors`
-    keys = max((abs(v) for p, v in pulls.items() if p.kind is Kind.KEY), default=0.0)
-    other = max((abs(v) for p, v in pulls.items() if p.kind is not Kind.KEY and p.kind not in setup), default=0.0)
+    setup = (
+        ParameterKind.SIZE,
+        ParameterKind.SCALE,
+        ParameterKind.TURN,
+        ParameterKind.CLOCK,
+        ParameterKind.SHIFT_U,
+        ParameterKind.SHIFT_V,
+    )  # see `setup_errors`
+    keys = max((abs(v) for p, v in pulls.items() if p.kind is ParameterKind.KEY), default=0.0)
+    other = max(
+        (abs(v) for p, v in pulls.items() if p.kind is not ParameterKind.KEY and p.kind not in setup), default=0.0
+    )
     scatter = [
         s.probability for e in fit.model.effects for s in estimate_effect_by_condition(problem, fit, e, every=True)
     ]
@@ -88,7 +97,7 @@ def unnamed_heat_evidence(problem: Problem, fit: LinearisedFit) -> float:
 
 def pressure_mode_chi2(fit: LinearisedFit) -> float:
     """chi2 of the pressure modes against their prior, at its nominal width."""
-    modes = [p for p in fit.solution.names if p.kind is Kind.MODE]
+    modes = [p for p in fit.solution.names if p.kind is ParameterKind.MODE]
     return float(sum((fit.solution[p] / (PRESSURE_MODE_SD / p.index[0])) ** 2 for p in modes))
 
 
@@ -106,7 +115,7 @@ def normalised_deviations(fit: LinearisedFit) -> dict[ParameterId, float]:
     for p in fit.solution.names:
         mean, sd = fit.priors[p]
         # priors of these kinds depend on the camera; those of other kinds may have been widened by hyperparameters
-        is_of_camera = p.kind is Kind.SPREAD or (gains and p.kind is Kind.MAP)
+        is_of_camera = p.kind is ParameterKind.SPREAD or (gains and p.kind is ParameterKind.MAP)
         prior_sd = sd if is_of_camera else NUISANCE_SD.get(p.kind, sd)
         out[p] = (fit.solution[p] - mean) / prior_sd
     return out

@@ -15,7 +15,7 @@ from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
 from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD
 from flashtemp.discovery.estimation.whitening import WhitenedData
 from flashtemp.discovery.hypotheses.candidates import CandidateEffect
-from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.parameters import ParameterId, ParameterKind
 from flashtemp.discovery.prediction.prediction import Prediction
 
 
@@ -66,9 +66,9 @@ def _mesh_error(data: WhitenedData, file: str) -> float:
     """
     if (fixed := data.fixed.get(file)) is None:
         return 0.0
-    columns = [fixed.F[:, k].astype(float) for k, p in enumerate(fixed.names) if p.kind is Kind.MESH]
+    columns = [fixed.F[:, k].astype(float) for k, p in enumerate(fixed.names) if p.kind is ParameterKind.MESH]
     coarser = [float(np.sqrt(np.mean(data.to_kelvin(file, c) ** 2))) for c in columns]
-    return CRITERIA.mesh_error_left * NUISANCE_SD[Kind.MESH] * max(coarser, default=0.0)
+    return CRITERIA.mesh_error_left * NUISANCE_SD[ParameterKind.MESH] * max(coarser, default=0.0)
 
 
 def change_per_unit(

@@ -32,8 +32,8 @@ from flashtemp.discovery.parameters import (
     CAMERA_ERROR_KINDS,
     SETUP_KINDS,
     SHIFT_KINDS,
-    Kind,
     ParameterId,
+    ParameterKind,
 )
 from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.discovery.selection.forward_selection import EffectSearch
@@ -42,10 +42,10 @@ from flashtemp.discovery.verdict import CandidateReport, Cause, FitMetrics, Norm
 
 STDERR_INFLATION = 1.2  # errors scatter 1.13 times their standard errors (benchmarks/discover.py, seeds below 1000)
 CAMERA_ERROR_WORDS = {
-    Kind.OFFSET: "offset in time",
-    Kind.STATIC: "static map",
-    Kind.MAP: "gain map",
-    Kind.OPTICS: "smear and stray light",
+    ParameterKind.OFFSET: "offset in time",
+    ParameterKind.STATIC: "static map",
+    ParameterKind.MAP: "gain map",
+    ParameterKind.OPTICS: "smear and stray light",
 }
 MIN_REPORTED_ERROR_K = 5e-3  # rms below which a camera error is not reported
 
@@ -210,7 +210,7 @@ def calibrated_parameters(search: EffectSearch, fit: LinearisedFit) -> tuple[Nor
     free, other, away = [], [], normalised_deviations(fit)
     for p in fit.solution.names:
         step, sd = fit.solution[p], fit.solution.sd(p)
-        if p.kind is Kind.KEY:
+        if p.kind is ParameterKind.KEY:
             value = search.problem.case[p.name] * float(np.exp(fit.model.free[p.name] + step))
             free.append(NormalisedDeviation(str(p), value, value * sd, away[p], _key_unit(search, p.name)))
         elif p.kind in SHIFT_KINDS:
@@ -220,14 +220,19 @@ def calibrated_parameters(search: EffectSearch, fit: LinearisedFit) -> tuple[Nor
                 )
             )
         elif p.kind in SETUP_KINDS:
-            unit = {Kind.TURN: "rad", Kind.CLOCK: "s"}.get(p.kind, "1")
+            unit = {ParameterKind.TURN: "rad", ParameterKind.CLOCK: "s"}.get(p.kind, "1")
             other.append(NormalisedDeviation(describe_nuisance(p), fit.model.setup_value(p) + step, sd, away[p], unit))
         elif p.kind in BEAD_KINDS:
-            unit = "m" if p.kind is Kind.PLACE else "s"
+            unit = "m" if p.kind is ParameterKind.PLACE else "s"
             other.append(
                 NormalisedDeviation(describe_nuisance(p), fit.model.bead_offsets.get(p, 0.0) + step, sd, away[p], unit)
             )
-        elif p.kind not in (Kind.EFFECT, Kind.MODE, Kind.FLOOR, *CAMERA_ERROR_KINDS) and not is_camera_gain(p):
+        elif p.kind not in (
+            ParameterKind.EFFECT,
+            ParameterKind.MODE,
+            ParameterKind.MODEL_DISCREPANCY,
+            *CAMERA_ERROR_KINDS,
+        ) and not is_camera_gain(p):
             other.append(NormalisedDeviation(describe_nuisance(p), 0.0 + step, sd, away[p], "1"))
     return (*free, *sorted(other, key=lambda p: -abs(p.pull)))
 
@@ -238,7 +243,7 @@ def _key_unit(search: EffectSearch, key: str) -> str:
 
 def assumed_priors(problem: Problem) -> dict[str, float]:
     """Prior standard deviations of free keys, and of every kind of nuisance in words; relative if no unit is given."""
-    units = {Kind.TURN: " (rad)", Kind.CLOCK: " (s)"}
+    units = {ParameterKind.TURN: " (rad)", ParameterKind.CLOCK: " (s)"}
     kinds = {NUISANCE_WORDS[k].rstrip(",").removesuffix(" of").removesuffix(" in") + units.get(k, ""): sd
              for k, sd in NUISANCE_SD.items()}  # fmt: skip
     return {str(p): sd for p, sd in problem.key_priors.items()} | kinds
@@ -257,7 +262,7 @@ def camera_error_warnings(data: WhitenedData, fit: LinearisedFit) -> tuple[str, 
     return tuple(out)
 
 
-def _family_rms(data: WhitenedData, fit: LinearisedFit, block: DataBlock, kind: Kind) -> float:
+def _family_rms(data: WhitenedData, fit: LinearisedFit, block: DataBlock, kind: ParameterKind) -> float:
     """Root mean square (K) of the estimated errors of one family in a recording."""
     keep = {p for p in fit.solution.names if p.kind is kind and p.file == block.label and _is_camera_error(p)}
     if not keep:

@@ -17,7 +17,7 @@ import numpy as np
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.diagnostics.stated_inputs import StatedInput
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem, NormalEquations
-from flashtemp.discovery.parameters import Kind, ParameterId, Prior, Priors
+from flashtemp.discovery.parameters import ParameterId, ParameterKind, Prior, Priors
 
 MIN_GROUP_CORRELATION = 0.9  # of the columns of two inputs after nuisances were projected out
 MAX_INPUT_LN_FACTOR = 100.0  # limit of an estimate: without information in the data it may be any number
@@ -80,7 +80,7 @@ class InputCheck:
         return f"{stated}; the data require {estimate}, {abs(self.pull):.1f} standard deviations away"
 
 
-def check_inputs(
+def compare_inputs_with_data(
     system: LinearSystem, nuisance_priors: Priors, equations: NormalEquations | None, inputs: Sequence[StatedInput],
     change_per_unit: Callable[[ParameterId], float],
 ) -> tuple[InputCheck, ...]:  # fmt: skip
@@ -144,13 +144,15 @@ def _classify_pull(ratio: float, pull: float) -> InputVerdict:
 
 def find_column(system: LinearSystem, i: StatedInput) -> ParameterId | None:
     """The column of an input in a system: its own, that of a block size or that of a free key; None without any."""
-    ways = (i.column_id, ParameterId(Kind.SIZE, name=i.key), ParameterId.of_key(i.key))
+    ways = (i.column_id, ParameterId(ParameterKind.SIZE, name=i.key), ParameterId.of_key(i.key))
     return next((p for p in ways if p in system.index), None)
 
 
 def _same_nuisance(nuisances: Priors, i: StatedInput) -> ParameterId | None:
     """The nuisance that is the same number as an input."""
-    return next((p for p in (ParameterId(Kind.SIZE, name=i.key), ParameterId.of_key(i.key)) if p in nuisances), None)
+    return next(
+        (p for p in (ParameterId(ParameterKind.SIZE, name=i.key), ParameterId.of_key(i.key)) if p in nuisances), None
+    )
 
 
 def group_inputs(

@@ -12,7 +12,7 @@ from flashtemp.discovery.estimation.linearised_fit import FitStatus, LinearisedF
 from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY
 from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD
 from flashtemp.discovery.estimation.whitening import WhitenedData
-from flashtemp.discovery.parameters import Kind
+from flashtemp.discovery.parameters import ParameterKind
 from flashtemp.discovery.prediction.prediction import Prediction
 from flashtemp.model.case import Case
 
@@ -37,7 +37,7 @@ def lateral_resolution_warnings(
     worst = (0.0, 0.0, "")
     for prediction in predictions:
         for file, observable in prediction.observables.items():
-            columns = {p.index: k for k, p in enumerate(data.fixed[file].names) if p.kind is Kind.MESH}
+            columns = {p.index: k for k, p in enumerate(data.fixed[file].names) if p.kind is ParameterKind.MESH}
             if observable.values.ndim != 3 or (coarser_across,) not in columns:
                 continue
             change = data.to_kelvin(file, data.fixed[file].F[:, columns[coarser_across,]].astype(float))
@@ -45,7 +45,7 @@ def lateral_resolution_warnings(
             change_K, rise_K = (float(np.sqrt(np.mean(a**2))) for a in (change, rise))
             worst = max(worst, (change_K / max(rise_K, 1e-9), change_K, file))
     fraction, change_K, file = worst
-    if NUISANCE_SD[Kind.MESH] * fraction < LARGEST_DISCREPANCY:
+    if NUISANCE_SD[ParameterKind.MESH] * fraction < LARGEST_DISCREPANCY:
         return []
     case = data.problem.case
     first = f" with numerics.first_y = {case['numerics.first_y']:g}" if case["numerics.first_y"] else ""
@@ -61,7 +61,7 @@ def unconverged_fit_warnings(fits: Mapping[frozenset[str], LinearisedFit], mesh:
     far = []
     for names, fit in fits.items():
         if not fit.is_comparable and fit.status is not FitStatus.OUTRUN:
-            of_mesh = (abs(v) for p, v in normalised_deviations(fit).items() if p.kind is Kind.MESH)
+            of_mesh = (abs(v) for p, v in normalised_deviations(fit).items() if p.kind is ParameterKind.MESH)
             far.append((max(of_mesh, default=0.0), " with ".join(sorted(names)) or "the stated model"))
     worst, cause = max(far, default=(0.0, ""))
     if worst < CRITERIA.pull_nuisance:

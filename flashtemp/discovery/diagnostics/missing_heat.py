@@ -11,7 +11,7 @@ from flashtemp.comparison.campaign import Condition
 from flashtemp.discovery.estimation.linear_gaussian import Array, Solution
 from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
 from flashtemp.discovery.estimation.nuisance_priors import PRESSURE_MODE_SD, unnamed_heat_priors
-from flashtemp.discovery.parameters import Kind
+from flashtemp.discovery.parameters import ParameterKind
 from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.discovery.verdict import MissingHeatFlux
 from flashtemp.solver.run import Run
@@ -55,14 +55,14 @@ def _collect_series(solution: Solution, number: int, run: Run) -> CosineSeries:
     """The estimated series of heat and pressure of one condition."""
     free = unnamed_heat_priors(solution.names)
     names = [p for p in solution.names if p in free and p.condition == number]
-    names += [p for p in solution.names if p.kind is Kind.MODE]
+    names += [p for p in solution.names if p.kind is ParameterKind.MODE]
     at = [solution.names.index(p) for p in names]
     order = np.array([p.index[0] for p in names])
     sd = np.array([free[p][1] if p in free else PRESSURE_MODE_SD / p.index[0] for p in names])
     length = run.mesh.x[run.mesh.last]
     return CosineSeries(
         np.cos(np.outer(run.x, order) * np.pi / length), solution.d[at], solution.covariance[np.ix_(at, at)], sd,
-        np.array([p.kind is not Kind.TREND for p in names]),
+        np.array([p.kind is not ParameterKind.TREND for p in names]),
     )  # fmt: skip
 
 

@@ -22,13 +22,18 @@ from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
 from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY
 from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD
 from flashtemp.discovery.estimation.whitening import WhitenedData
-from flashtemp.discovery.parameters import PLACEMENT_KINDS, Kind, ParameterId, Priors
+from flashtemp.discovery.parameters import PLACEMENT_KINDS, ParameterId, ParameterKind, Priors
 from flashtemp.discovery.prediction.problem import Problem
 
 MAX_LISTED_ALTERNATIVES = 3  # in one sentence
-SETUP_ERROR_NAMES = {Kind.SCALE: "pixel_scale", Kind.TURN: "image_turn", Kind.CLOCK: "clock"}
+SETUP_ERROR_NAMES = {ParameterKind.SCALE: "pixel_scale", ParameterKind.TURN: "image_turn", ParameterKind.CLOCK: "clock"}
 BLOCK_SIZE_NAMES = {"block.length": "block_length", "block.width": "block_width"}
-SETUP_ERROR_UNITS = {Kind.SCALE: "1", Kind.TURN: "degree", Kind.CLOCK: "s", Kind.SIZE: "1"}
+SETUP_ERROR_UNITS = {
+    ParameterKind.SCALE: "1",
+    ParameterKind.TURN: "degree",
+    ParameterKind.CLOCK: "s",
+    ParameterKind.SIZE: "1",
+}
 ALL_IMAGES_WORDS = {
     "sidewall": "all side walls",
     "wake": "all wakes",
@@ -58,7 +63,7 @@ class SetupError:
     @property
     def is_input(self) -> bool:
         """Whether it is a stated number of the case, not the placement of an image or a size of the block."""
-        return self.parameter.kind is Kind.INPUT
+        return self.parameter.kind is ParameterKind.INPUT
 
     def is_unusual(self, criteria: Criteria) -> bool:
         """Whether it exceeds the limit of its kind; for placements and block sizes less two standard errors."""
@@ -104,7 +109,7 @@ def find_setup_errors(
     `with_inputs`: the system of the fit with columns of all stated inputs.
     """
     known = {i.column_id: i for i in inputs}
-    system, largest = (_reduce_fit(problem, fit, with_inputs, known, floor) for floor in (None, LARGEST_DISCREPANCY))
+    system, largest = (_reduce_fit(problem, fit, with_inputs, known, sd) for sd in (None, LARGEST_DISCREPANCY))
     if system is None or largest is None:
         return ()
     sets = _select_stepwise(system, criteria.ln_bayes_named)
@@ -183,27 +188,29 @@ def _reduce_fit(
     fit: LinearisedFit,
     system: LinearSystem,
     known: Mapping[ParameterId, StatedInput],
-    discrepancy: float | None,
+    discrepancy_sd: float | None,
 ) -> ReducedFit | None:
     """Reduce a fit to set-up errors: block sizes, placements common to a view or of one of several recordings, inputs.
 
-    `discrepancy`: prior width of the model discrepancy; None for that of the fit.  Returns None without any such error.
+    `discrepancy_sd`: prior width of the model discrepancy; None for that of the fit.  Returns None without any.
     """
     views = {v.file: v.recording.view for v in problem.campaign.views}
     count = {view: sum(v == view for v in views.values()) for view in views.values()}
     names = tuple(
         p for p in fit.solution.names
-        if p.kind is Kind.SIZE or (p.kind in PLACEMENT_KINDS and (not p.file or count[views[p.file]] > 1))
+        if p.kind is ParameterKind.SIZE or (p.kind in PLACEMENT_KINDS and (not p.file or count[views[p.file]] > 1))
     )  # fmt: skip
-    sizes = {p.name for p in names if p.kind is Kind.SIZE}
+    sizes = {p.name for p in names if p.kind is ParameterKind.SIZE}
     names = (*names, *(p for p in known if p in system.index and p.name not in sizes))
     if not names:
         return None
     priors: Priors = {
-        p: v for p, v in fit.free_priors.items() if p.kind not in PLACEMENT_KINDS and p.kind is not Kind.SIZE
+        p: v for p, v in fit.free_priors.items() if p.kind not in PLACEMENT_KINDS and p.kind is not ParameterKind.SIZE
     }
-    if discrepancy is not None:
-        priors |= {p: (mean, discrepancy) for p, (mean, _) in priors.items() if p.kind is Kind.FLOOR}
+    if discrepancy_sd is not None:
+        priors |= {
+            p: (mean, discrepancy_sd) for p, (mean, _) in priors.items() if p.kind is ParameterKind.MODEL_DISCREPANCY
+        }
     # for the only recording of a view, its placement and that of the view are the same unknown
     alone = {
         views[p.file]: p
@@ -239,7 +246,7 @@ def _make_error(
     others: tuple[tuple[str, str], ...],
 ) -> SetupError:  # fmt: skip
     key, sentence = _name_and_words(problem, known, p, value)
-    factor = 180.0 / np.pi if p.kind is Kind.TURN else 1.0
+    factor = 180.0 / np.pi if p.kind is ParameterKind.TURN else 1.0
     usual, unit = (known[p].sd, "1") if p in known else (NUISANCE_SD[p.kind], SETUP_ERROR_UNITS[p.kind])
     return SetupError(key, p, factor * value, factor * sd, unit, value / usual, gain, sentence, others)
 
@@ -267,23 +274,23 @@ def _visible_fraction(
 def setup_error_name(p: ParameterId) -> str:
     """The name of a set-up error in files, as a cause.
 
-    >>> setup_error_name(ParameterId(Kind.SCALE, file="wall.nc"))
+    >>> setup_error_name(ParameterId(ParameterKind.SCALE, file="wall.nc"))
     'pixel_scale'
-    >>> setup_error_name(ParameterId(Kind.SIZE, name="block.length"))
+    >>> setup_error_name(ParameterId(ParameterKind.SIZE, name="block.length"))
     'block_length'
     """
-    return BLOCK_SIZE_NAMES[p.name] if p.kind is Kind.SIZE else SETUP_ERROR_NAMES[p.kind]
+    return BLOCK_SIZE_NAMES[p.name] if p.kind is ParameterKind.SIZE else SETUP_ERROR_NAMES[p.kind]
 
 
 def describe_setup_error(problem: Problem, p: ParameterId, value: float) -> str:
     """A set-up error in words; its `value` is relative for scales and sizes, else in rad or s."""
     where = ALL_IMAGES_WORDS.get(p.name, p.name) if p.name else p.file.rpartition("/")[2]
-    if p.kind is Kind.SCALE:
+    if p.kind is ParameterKind.SCALE:
         return f"the pixel scale of {where} is {100.0 * abs(value):.2g} % too {'small' if value > 0 else 'large'}"
-    if p.kind is Kind.TURN:
+    if p.kind is ParameterKind.TURN:
         way = "anticlockwise" if value > 0 else "clockwise"
         return f"the image of {where} has to be rotated {way} by {np.degrees(abs(value)):.2g} degrees"
-    if p.kind is Kind.CLOCK:
+    if p.kind is ParameterKind.CLOCK:
         return f"the time stamps of {where} are {abs(value):.2g} s too {'late' if value > 0 else 'early'}"
     stated = problem.case[p.name]
     side = p.name.rpartition(".")[2]

@@ -18,10 +18,10 @@ from flashtemp.comparison.known_inputs import VIEW_KEYS, StatedUncertainty
 from flashtemp.discovery.hypotheses.candidates import ModelPoint
 from flashtemp.discovery.hypotheses.input_kinds import (
     MODEL_CHOICE,
-    course_values,
     exemption_reason,
     input_kind,
     physical_keys,
+    time_series_values,
 )
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction.prediction import DerivativeRequest, Observable, Prediction, Single
@@ -83,7 +83,7 @@ def _case_inputs(problem: Problem, cases: list[Case]) -> Iterator[StatedInput]:
         units |= {k: case.declared_params(t)[n].unit for t, n, k in _uncertain_choices(case, problem.campaign.known)}
     for key, unit in units.items():
         if key not in problem.campaign.free:
-            values = [v for case in cases if (v := course_values(case, key))]
+            values = [v for case in cases if (v := time_series_values(case, key))]
             about = cases[0].declared_params(key.rpartition(".")[0])[key.rpartition(".")[2]].about
             yield _make_input(
                 problem, key, _describe_key(key, about), unit, tuple(dict.fromkeys(max(v, key=abs) for v in values))

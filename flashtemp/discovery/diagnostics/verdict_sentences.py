@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flashtemp.discovery.criteria import CRITERIA
-from flashtemp.discovery.parameters import ALL_CONDITIONS, POINT_KINDS, Kind, ParameterId
+from flashtemp.discovery.parameters import ALL_CONDITIONS, POINT_KINDS, ParameterId, ParameterKind
 from flashtemp.discovery.prediction.problem import ASSUMED_CAMERA_VALUES
 from flashtemp.discovery.verdict import (
     Cause,
@@ -30,15 +30,29 @@ SHIFT_STANDARD_ERRORS = 2.0  # by which a calibrated parameter must change to be
 CHANGE_STANDARD_ERRORS = 2.0  # by which an rms value must change not to be called unchanged: 1 in 20 by chance
 LN_BAYES_IMPOSSIBLE = 1e6  # what the engine reports of recordings that cannot be as stated
 NUISANCE_WORDS = {
-    Kind.SHIFT_U: "shift along u of", Kind.SHIFT_V: "shift along v of", Kind.GAIN: "camera gain of",
-    Kind.SPREAD: "optics of", Kind.MAP: "gain map of", Kind.OFFSET: "offset of",
-    Kind.STATIC: "static offset map of", Kind.OPTICS: "smear and stray light of", Kind.WALL: "cooler wall of",
-    Kind.SCATTER: "friction of a repetition in", Kind.LEVEL: "friction of", Kind.TREND: "drifting pressure in",
-    Kind.MESH: "coarser mesh in", Kind.CELL: "load cell's gain", Kind.SCALE: "pixel scale of",
-    Kind.PLACE: "place of a point of", Kind.LAG: "time constant of a point of", Kind.SENSOR: "gain of a point of",
-    Kind.TURN: "turn of the image of", Kind.CLOCK: "clock of",
-    Kind.SIZE: "size of the block,", Kind.FLOOR: "model discrepancy in",
-}  # fmt: skip
+    ParameterKind.SHIFT_U: "shift along u of",
+    ParameterKind.SHIFT_V: "shift along v of",
+    ParameterKind.GAIN: "camera gain of",
+    ParameterKind.SPREAD: "optics of",
+    ParameterKind.MAP: "gain map of",
+    ParameterKind.OFFSET: "offset of",
+    ParameterKind.STATIC: "static offset map of",
+    ParameterKind.OPTICS: "smear and stray light of",
+    ParameterKind.WALL: "cooler wall of",
+    ParameterKind.SCATTER: "friction of a repetition in",
+    ParameterKind.LEVEL: "friction of",
+    ParameterKind.TREND: "drifting pressure in",
+    ParameterKind.MESH: "coarser mesh in",
+    ParameterKind.CELL: "load cell's gain",
+    ParameterKind.SCALE: "pixel scale of",
+    ParameterKind.PLACE: "place of a point of",
+    ParameterKind.LAG: "time constant of a point of",
+    ParameterKind.SENSOR: "gain of a point of",
+    ParameterKind.TURN: "turn of the image of",
+    ParameterKind.CLOCK: "clock of",
+    ParameterKind.SIZE: "size of the block,",
+    ParameterKind.MODEL_DISCREPANCY: "model discrepancy in",
+}
 
 
 @dataclass(frozen=True)
@@ -134,14 +148,14 @@ def explain_uncertainty(v: Verdict) -> str:
 def describe_nuisance(p: ParameterId) -> str:
     """A nuisance parameter in words.
 
-    >>> describe_nuisance(ParameterId(Kind.MAP, (1, 0), file="day 2/wall.nc"))
+    >>> describe_nuisance(ParameterId(ParameterKind.MAP, (1, 0), file="day 2/wall.nc"))
     'gain map of wall.nc (1, 0)'
-    >>> describe_nuisance(ParameterId(Kind.LEVEL, condition=1))
+    >>> describe_nuisance(ParameterId(ParameterKind.LEVEL, condition=1))
     'friction of condition 2'
     """
     if p.kind in POINT_KINDS:
         point = p.name or f"{p.index[0] + 1} of {p.file.rpartition('/')[2]}"
-        along = f" along {'xyz'[p.index[-1]]}" if p.kind is Kind.PLACE else ""
+        along = f" along {'xyz'[p.index[-1]]}" if p.kind is ParameterKind.PLACE else ""
         return f"{NUISANCE_WORDS[p.kind].removesuffix('a point of')}point {point}{along}"
     where = p.name or p.file.rpartition("/")[2] if p.condition == ALL_CONDITIONS else f"condition {p.condition + 1}"
     number = f" ({', '.join(map(str, p.index))})" if p.index else ""

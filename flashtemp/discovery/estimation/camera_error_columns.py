@@ -17,7 +17,7 @@ from scipy.ndimage import binary_dilation, gaussian_filter
 from flashtemp.camera.camera_classes import CAMERA_CLASSES, CameraErrors
 from flashtemp.camera.image_screening import find_shutter_events, temporal_noise
 from flashtemp.camera.recording import Recording
-from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.parameters import ParameterId, ParameterKind
 from flashtemp.discovery.prediction.prediction import Observable, Single, flatten_valid_pixels
 
 Array = npt.NDArray[np.float64]
@@ -29,14 +29,14 @@ MIN_JUMP_PIXEL_FRACTION = (
 )
 HALO_WIDTH_FRACTIONS = (0.05, 0.2)  # fractions of an image over which light goes astray
 UNTRACKED_MOTION_FRACTIONS = (0.1, 0.3)  # fractions of the motion that a camera which follows the body may miss
-CAMERA_ERROR_SCALES: dict[Kind, tuple[float, ...]] = {  # times its usual size that a family of errors may have
-    Kind.OFFSET: (0.0, 0.3, 1.0, 3.0),
-    Kind.STATIC: (0.0, 0.3, 1.0, 3.0),
-    Kind.MAP: (0.0, 0.5, 1.0, 2.0),
-    Kind.OPTICS: (0.0, 1.0),
+CAMERA_ERROR_SCALES: dict[ParameterKind, tuple[float, ...]] = {  # times its usual size that a family of errors may have
+    ParameterKind.OFFSET: (0.0, 0.3, 1.0, 3.0),
+    ParameterKind.STATIC: (0.0, 0.3, 1.0, 3.0),
+    ParameterKind.MAP: (0.0, 0.5, 1.0, 2.0),
+    ParameterKind.OPTICS: (0.0, 1.0),
 }
-NO_CAMERA_ERRORS: Mapping[Kind, float] = dict.fromkeys(CAMERA_ERROR_SCALES, 0.0)
-USUAL_CAMERA_ERRORS: Mapping[Kind, float] = dict.fromkeys(CAMERA_ERROR_SCALES, 1.0)
+NO_CAMERA_ERRORS: Mapping[ParameterKind, float] = dict.fromkeys(CAMERA_ERROR_SCALES, 0.0)
+USUAL_CAMERA_ERRORS: Mapping[ParameterKind, float] = dict.fromkeys(CAMERA_ERROR_SCALES, 1.0)
 
 
 def camera_columns(
@@ -53,18 +53,20 @@ def camera_columns(
     ones = np.ones((1, *predicted.values.shape[1:]))
     out: dict[ParameterId, Single] = {}
     for k, wave in enumerate(_iter_offsets(r, residual, sizes)):
-        out[ParameterId(Kind.OFFSET, (k,))] = flatten_valid_pixels(wave[:, None, None] * ones, predicted.inside)
+        out[ParameterId(ParameterKind.OFFSET, (k,))] = flatten_valid_pixels(
+            wave[:, None, None] * ones, predicted.inside
+        )
     rise = predicted.values - _reflected_temperature(r, predicted.values)
     ramp = ((r.time - r.time.mean()) / max(float(np.ptp(r.time)), 1e-12))[:, None, None]
     for (m, n), shape in smooth_maps(r, MAX_MAP_ORDER):
         if m + n:  # the constant one is the offset's, or the gain's
             flat = np.broadcast_to(sizes.map_K * shape, predicted.values.shape)
-            out[ParameterId(Kind.STATIC, (m, n))] = flatten_valid_pixels(flat, predicted.inside)
+            out[ParameterId(ParameterKind.STATIC, (m, n))] = flatten_valid_pixels(flat, predicted.inside)
             if m + n <= MAX_GROWING_MAP_ORDER:
-                out[ParameterId(Kind.STATIC, (m, n, 1))] = flatten_valid_pixels(ramp * flat, predicted.inside)
-            out[ParameterId(Kind.MAP, (m, n, 1))] = flatten_valid_pixels(rise * shape, predicted.inside)
+                out[ParameterId(ParameterKind.STATIC, (m, n, 1))] = flatten_valid_pixels(ramp * flat, predicted.inside)
+            out[ParameterId(ParameterKind.MAP, (m, n, 1))] = flatten_valid_pixels(rise * shape, predicted.inside)
     for k, change in enumerate((*_iter_smear(r, predicted, sizes, speed), *_iter_stray_light(predicted.values, sizes))):
-        out[ParameterId(Kind.OPTICS, (k,))] = flatten_valid_pixels(change, predicted.inside)
+        out[ParameterId(ParameterKind.OPTICS, (k,))] = flatten_valid_pixels(change, predicted.inside)
     return out
 
 

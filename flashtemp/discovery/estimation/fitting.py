@@ -30,7 +30,7 @@ from flashtemp.discovery.estimation.linearised_fit import FitStatus, LinearisedF
 from flashtemp.discovery.estimation.trust_region import GOOD_RATIO, POOR_RATIO, QuadraticModel, TrustRegion
 from flashtemp.discovery.estimation.whitening import WhitenedData
 from flashtemp.discovery.hypotheses.candidates import CandidateEffect, ModelPoint, parameter_spec
-from flashtemp.discovery.parameters import Kind, ParameterId, Priors
+from flashtemp.discovery.parameters import ParameterId, ParameterKind, Priors
 from flashtemp.discovery.prediction.prediction import DerivativeRequest, Prediction, PredictionTask
 from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.display import ProgressMessage
@@ -89,16 +89,16 @@ class Hypothesis:
 
     def stepped_parameters(self, system: LinearSystem) -> tuple[ParameterId, ...]:
         """The parameters that Gauss-Newton steps: those of the physics that have columns in a system."""
-        sizes = [p for p in system.names if p.kind is Kind.SIZE]
+        sizes = [p for p in system.names if p.kind is ParameterKind.SIZE]
         return tuple(p for p in (*self.problem.free_keys, *self.effect_priors, *sizes) if p in system.index)
 
     def can_borrow(self, p: ParameterId) -> bool:
         """Whether a derivative of another fit may be used: not for effects outside this model, nor for fixed keys."""
         if self.keeps_candidates:
             return True
-        if p.kind is Kind.EFFECT:
+        if p.kind is ParameterKind.EFFECT:
             return p in self.effect_priors
-        return p.kind is not Kind.INPUT and (p.kind is not Kind.KEY or p in self.problem.free_keys)
+        return p.kind is not ParameterKind.INPUT and (p.kind is not ParameterKind.KEY or p in self.problem.free_keys)
 
     def all_derivatives(self) -> DerivativeRequest:
         own = (*self.problem.free_keys, *self.effect_priors)
@@ -315,7 +315,7 @@ def _quadratic_model(h: Hypothesis, point: LinearisedPoint) -> tuple[QuadraticMo
 
 def _distance_from_off(h: Hypothesis, p: ParameterId, model: ModelPoint) -> float:
     """Distance of a strength from its neutral value; a strength with a wide range may be stepped by that much."""
-    if p.kind is not Kind.EFFECT:
+    if p.kind is not ParameterKind.EFFECT:
         return 0.0
     off = h.problem.case.known_effects[p.effect].params()[p.name].off
     return 0.0 if off is None else model.effect_value(p) - off
@@ -323,12 +323,13 @@ def _distance_from_off(h: Hypothesis, p: ParameterId, model: ModelPoint) -> floa
 
 def _step_limits(h: Hypothesis, p: ParameterId, model: ModelPoint) -> tuple[float, float]:
     """The largest steps down and up that keep a parameter within its bounds."""
-    if p.kind is Kind.EFFECT:
+    if p.kind is ParameterKind.EFFECT:
         param, value = h.problem.case.known_effects[p.effect].params()[p.name], model.effect_value(p)
         low = param.low + (1e-3 * abs(param.value) if param.open_low else 0.0)
         return min(low - value, 0.0), max(param.high - value, 0.0)
-    if p.kind is Kind.KEY:
+    if p.kind is ParameterKind.KEY:
         param, case = parameter_spec(h.problem.case, p.name), h.problem.case
+        # a free key is the ln of a factor on its value, so its bounds are logarithms of ratios
         now = case[p.name] * np.exp(model.free.get(p.name, 0.0))
         low = np.log(param.low / now) if param.low > 0.0 else -np.inf
         return min(low, 0.0), max(float(np.log(param.high / now)), 0.0)
@@ -342,7 +343,7 @@ def _take_step(h: Hypothesis, point: LinearisedPoint, steps: Mapping[ParameterId
     model = move_images(at.model, predict_image_steps(h.problem, at.system, own, steps, point.hyper))
     for p, step in steps.items():
         model = model.with_step(p, step)
-        if p.kind is Kind.EFFECT:  # rounding must not move it across a bound
+        if p.kind is ParameterKind.EFFECT:  # rounding must not move it across a bound
             low, high = _step_limits(h, p, model)
             model = model.with_step(p, float(np.clip(0.0, low, high)))
     return model
@@ -415,6 +416,7 @@ def run_fits(
                 fitting.close()
                 fits[key] = replace(request.best, status=FitStatus.OUTRUN)
                 del live[key]
+        # all fits of a round are simulated together, so that one batch keeps every worker busy
         pending = list(live.items())
         live.clear()
         answers = iter(problem.run([t for _, (_, request) in pending for t in request.tasks]))

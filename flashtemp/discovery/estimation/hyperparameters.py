@@ -18,9 +18,9 @@ from flashtemp.discovery.estimation.camera_error_columns import NO_CAMERA_ERRORS
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem, NormalEquations, Solution
 from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY, LEAST_DISCREPANCY
 from flashtemp.discovery.estimation.nuisance_priors import is_camera_gain, nuisance_priors, scale_priors
-from flashtemp.discovery.estimation.prior_widths import LN_ODDS_AGAINST_FAMILY, find_likeliest_widths
+from flashtemp.discovery.estimation.prior_widths import LN_ODDS_AGAINST_FAMILY, maximise_evidence_over_widths
 from flashtemp.discovery.hypotheses.candidates import ModelPoint
-from flashtemp.discovery.parameters import CAMERA_ERROR_KINDS, Kind, Priors
+from flashtemp.discovery.parameters import CAMERA_ERROR_KINDS, ParameterKind, Priors
 from flashtemp.discovery.prediction.problem import Problem
 
 MAX_NOISE_SWEEPS = 6  # alternations of noise variances and prior widths
@@ -29,13 +29,13 @@ VARIANCE_TOLERANCE = 0.02  # relative change of a noise variance below which the
 
 @dataclass(frozen=True)
 class Hyperparameters:
-    """Values of largest evidence: `scale` of free pressure shapes and friction scatter, model `discrepancy` (fraction
-    of the temperature rise), `families` of camera errors (times the usual size), noise `variances` {label: times the
-    stated variance, at least 1}."""
+    """Values of largest evidence: `scale` of free pressure shapes and friction scatter, `discrepancy_sd` of the model
+    discrepancy (fraction of the temperature rise), `families` of camera errors (times the usual size), noise
+    `variances` {label: times the stated variance, at least 1}."""
 
     scale: float
-    discrepancy: float
-    families: Mapping[Kind, float] = field(default_factory=lambda: NO_CAMERA_ERRORS)
+    discrepancy_sd: float
+    families: Mapping[ParameterKind, float] = field(default_factory=lambda: NO_CAMERA_ERRORS)
     variances: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -56,21 +56,21 @@ def maximise_evidence(
     *,
     variances: Mapping[str, float] | None = None,
     equations: NormalEquations | None = None,
-    discrepancies: tuple[float, ...] = (LARGEST_DISCREPANCY, LEAST_DISCREPANCY),
+    discrepancy_sds: tuple[float, ...] = (LARGEST_DISCREPANCY, LEAST_DISCREPANCY),
 ) -> EvidenceMaximum:
     """Solve for all nuisances and the parameters in `more` at the hyperparameters of largest evidence.
 
     Priors are relative to `model`.  With `variances`, the noise is fixed; `equations` are then the normal equations
-    with these variances, if they exist already.  `discrepancies`: allowed sizes of the model discrepancy.
+    with these variances, if they exist already.  `discrepancy_sds`: allowed sizes of the model discrepancy.
     """
     plain = nuisance_priors(problem, system.names, model)
     if variances is not None:
         total = equations or system.normal_equations(variances=variances)
-        return _maximise_at_noise(system, plain, more, total, variances, discrepancies, problem)
+        return _maximise_at_noise(system, plain, more, total, variances, discrepancy_sds, problem)
     found, now = None, {b.label: 1.0 for b in system.blocks}
     for _ in range(MAX_NOISE_SWEEPS):
         found = _maximise_at_noise(
-            system, plain, more, system.normal_equations(variances=now), now, discrepancies, problem
+            system, plain, more, system.normal_equations(variances=now), now, discrepancy_sds, problem
         )
         # variances and widths depend on each other (eqs. (41) and (43)), so they alternate
         wanted = estimate_noise_variances(system, found.solution)
@@ -93,16 +93,16 @@ def estimate_noise_variances(system: LinearSystem, solution: Solution) -> dict[s
 
 def _maximise_at_noise(
     system: LinearSystem, plain: Priors, more: Priors, equations: NormalEquations, variances: Mapping[str, float],
-    discrepancies: tuple[float, ...], problem: Problem,
+    discrepancy_sds: tuple[float, ...], problem: Problem,
 ) -> EvidenceMaximum:  # fmt: skip
-    best = find_likeliest_widths(system, plain | more, more, equations, discrepancies)
-    priors = scale_priors(plain, best.scale, best.floor, best.families) | more
+    best = maximise_evidence_over_widths(system, plain | more, more, equations, discrepancy_sds)
+    priors = scale_priors(plain, best.scale, best.discrepancy_sd, best.families) | more
     solution = system.fit_heldout_nuisances(system.solve(priors, equations), priors)
     families = {p.kind for p in priors if p.kind in CAMERA_ERROR_KINDS or is_camera_gain(p)}
     # a larger variance of n data costs n/2 of its logarithm: the normalisation in eq. (41)
     noise = 0.5 * sum(b.count * np.log(variances.get(b.label, 1.0)) for b in system.blocks if not b.held_out)
     solution = replace(solution, ln_evidence=solution.ln_evidence - LN_ODDS_AGAINST_FAMILY * len(families) - noise)
-    return EvidenceMaximum(solution, priors, Hyperparameters(best.scale, best.floor, best.families, variances))
+    return EvidenceMaximum(solution, priors, Hyperparameters(best.scale, best.discrepancy_sd, best.families, variances))
 
 
 def priors_at_hyperparameters(
@@ -110,4 +110,4 @@ def priors_at_hyperparameters(
 ) -> Priors:
     """Priors of the nuisances relative to a point, and of `more`, at given hyperparameters."""
     plain = nuisance_priors(problem, system.names, model)
-    return scale_priors(plain, hyper.scale, hyper.discrepancy, hyper.families) | more
+    return scale_priors(plain, hyper.scale, hyper.discrepancy_sd, hyper.families) | more

@@ -18,7 +18,7 @@ from flashtemp.discovery.estimation.nuisance_priors import nuisance_priors
 from flashtemp.discovery.estimation.trust_region import QuadraticModel, TrustRegion
 from flashtemp.discovery.estimation.whitening import WhitenedData
 from flashtemp.discovery.hypotheses.candidates import ModelPoint
-from flashtemp.discovery.parameters import BEAD_KINDS, PLACEMENT_KINDS, SHIFT_KINDS, Kind, ParameterId, Priors
+from flashtemp.discovery.parameters import BEAD_KINDS, PLACEMENT_KINDS, SHIFT_KINDS, ParameterId, ParameterKind, Priors
 from flashtemp.discovery.prediction.prediction import CLOCK_STEP_S, Prediction, PredictionTask, predict_again
 from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.errors import FlashtempError, SolverFailure
@@ -28,9 +28,14 @@ NEGLIGIBLE_ALIGNMENT_GAIN = 0.1  # ln evidence; a smaller change affects no deci
 FIXED_STEP_SD = 1e-6  # relative prior width of a fixed parameter: small enough to fix it, large enough not to overflow
 # Scale of a step of each kind: the image is linear over less than a pixel at an edge, fields are stored near each frame
 IMAGE_STEP_SCALES = {
-    Kind.SHIFT_U: 0.5, Kind.SHIFT_V: 0.5, Kind.SCALE: 0.01, Kind.TURN: 0.01, Kind.CLOCK: 0.5 * CLOCK_STEP_S,
-    Kind.PLACE: 2.5e-4, Kind.LAG: 0.25,
-}  # fmt: skip
+    ParameterKind.SHIFT_U: 0.5,  # px
+    ParameterKind.SHIFT_V: 0.5,
+    ParameterKind.SCALE: 0.01,
+    ParameterKind.TURN: 0.01,  # rad
+    ParameterKind.CLOCK: 0.5 * CLOCK_STEP_S,
+    ParameterKind.PLACE: 2.5e-4,  # m
+    ParameterKind.LAG: 0.25,  # s
+}
 
 
 @dataclass(frozen=True)
@@ -57,10 +62,10 @@ def align_images(
     problem: Problem, data: WhitenedData, start: Linearisation, hyper: Hyperparameters, fixed: frozenset[ParameterId]
 ) -> Linearisation:
     """Align images with the data, with the physics (`fixed` parameters) unchanged.  Raises SolverFailure."""
-    marched, region = start.model, TrustRegion()
+    simulated, region = start.model, TrustRegion()
     value = profile_objective(problem, start, hyper, fixed, with_heldout=True)
     for _ in range(MAX_ALIGNMENTS):
-        names, model = _quadratic_model(problem, start, hyper, fixed, marched)
+        names, model = _quadratic_model(problem, start, hyper, fixed, simulated)
         if model.predicted_reduction(model.best_step()) < NEGLIGIBLE_ALIGNMENT_GAIN:
             break
         scale = step_scales(names)
@@ -131,15 +136,15 @@ def step_scales(names: Iterable[ParameterId]) -> Array:
 
 def _quadratic_model(
     problem: Problem, at: Linearisation, hyper: Hyperparameters, fixed: frozenset[ParameterId],
-    marched: ModelPoint | None = None,
+    simulated: ModelPoint | None = None,
 ) -> tuple[tuple[ParameterId, ...], QuadraticModel]:  # fmt: skip
-    """The objective to second order in image and sensor parameters; clocks within the fields of `marched`."""
+    """The objective to second order in image and sensor parameters; clocks within the fields of `simulated`."""
     images = image_parameters(at.system)
     free = _nuisance_priors(problem, at, hyper, fixed)
     keep = at.system.normal_equations(lambda b: True, hyper.variances)  # images of held-out data are aligned too
     found = at.system.project_out(free, list(images), keep)
     mean, precision = _image_prior(problem, at, images)
-    limits = [_clock_limits(p, at.model, marched) for p in images]
+    limits = [_clock_limits(p, at.model, simulated) for p in images]
     low, high = (np.array([limit[i] for limit in limits]) for i in (0, 1))
     return images, QuadraticModel(found.score + precision @ mean, found.information + precision, low, high)
 
@@ -197,11 +202,11 @@ def move_images(model: ModelPoint, steps: Mapping[ParameterId, float]) -> ModelP
     return model
 
 
-def _clock_limits(p: ParameterId, model: ModelPoint, marched: ModelPoint | None) -> tuple[float, float]:
+def _clock_limits(p: ParameterId, model: ModelPoint, simulated: ModelPoint | None) -> tuple[float, float]:
     """The largest steps of a clock down and up: fields are stored within CLOCK_STEP_S of the simulated one."""
-    if p.kind is not Kind.CLOCK or marched is None:
+    if p.kind is not ParameterKind.CLOCK or simulated is None:
         return -np.inf, np.inf
-    now, middle = model.setup_value(p), marched.setup_value(p)
+    now, middle = model.setup_value(p), simulated.setup_value(p)
     return min(middle - CLOCK_STEP_S - now, 0.0), max(middle + CLOCK_STEP_S - now, 0.0)
 
 

@@ -82,14 +82,16 @@ class DataBlock:
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """`matrix` C'C (k, k), `right` C'r (k,), `square` r'r and the number `count` of data; `eliminated` is a cache of
-    `EvidenceFunction`."""
+    """`matrix` C'C (k, k), `right` C'r (k,), `square` r'r and the number `count` of data.
+
+    `schur_complements` is a cache of `EvidenceFunction`.
+    """
 
     matrix: Array
     right: Array
     square: float
     count: int
-    eliminated: dict[bytes, Eliminated] = field(default_factory=dict, init=False, repr=False, compare=False)
+    schur_complements: dict[bytes, SchurComplement] = field(default_factory=dict, init=False, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -242,7 +244,7 @@ class LinearSystem:
         """Sum of squared residuals of every block with a solution."""
         values, out = solution.as_dict(), []
         d = np.array([values.get(n, 0.0) for n in self.names])
-        for part in self.parts:
+        for part in self.parts:  # |r - C d|^2 from the products: the data themselves are not read again
             own, equations = d[part.at], part.equations
             out.append(equations.square + float(own @ (equations.matrix @ own - 2.0 * equations.right)))
         return out
@@ -252,7 +254,7 @@ class LinearSystem:
         total = equations or self.normal_equations()
         names = self.known_columns(priors)
         right, matrix = self._select_columns(names, total)
-        found = _solve_posterior(right, matrix, total.square, *_prior_moments(priors, names))
+        found = _solve_posterior(right, matrix, total.square, *_prior_means_and_sds(priors, names))
         inverse = cho_solve((found.lower, True), np.eye(len(names)), check_finite=False)
         covariance = found.sd[:, None] * inverse * found.sd[None]
         return Solution(names, found.sd * found.u, covariance, found.ln_evidence, found.chi2, total.count)
@@ -273,12 +275,14 @@ class LinearSystem:
             return solution
         total, at = self.normal_equations(lambda b: b.held_out), np.array([self.index[n] for n in solution.names])
         matrix, others = total.matrix[np.ix_(at, at)], np.setdiff1d(np.arange(len(at)), own)
+        # held-out data may not move the shared parameters: these stay as they are and only shift the right-hand side
         right = total.right[at[own]] - matrix[np.ix_(own, others)] @ solution.d[others]
-        mean, sd = _prior_moments(priors, tuple(solution.names[i] for i in own.tolist()))
+        mean, sd = _prior_means_and_sds(priors, tuple(solution.names[i] for i in own.tolist()))
         found = _solve_posterior(right, matrix[np.ix_(own, own)], total.square, mean, sd)
         inverse = sd[:, None] * cho_solve((found.lower, True), np.diag(sd), check_finite=False)
         follow = -inverse @ matrix[np.ix_(own, others)]  # change of the own parameters per unit of the shared ones
         d, covariance = solution.d.copy(), solution.covariance.copy()
+        # own = (own data at given shared parameters) + follow shared, so the error of the shared ones adds to theirs
         d[own] = found.sd * found.u
         covariance[np.ix_(own, others)] = follow @ covariance[np.ix_(others, others)]
         covariance[np.ix_(others, own)] = covariance[np.ix_(own, others)].T
@@ -295,7 +299,7 @@ class LinearSystem:
         ]
         shared = np.array([i for i, f in enumerate(files) if not f], dtype=int)
         everything = np.array([i for i, n in enumerate(self.names) if not n.file], dtype=int)
-        return EvidenceFunction(total, at, _prior_moments(priors, names)[0], shared, tuple(groups), everything)
+        return EvidenceFunction(total, at, _prior_means_and_sds(priors, names)[0], shared, tuple(groups), everything)
 
     def known_columns(self, priors: Priors) -> tuple[ParameterId, ...]:
         """The parameters in `priors` that have a column."""
@@ -314,6 +318,7 @@ class LinearSystem:
         mean, sd = (np.array([priors[n][i] for n in free.names]) for i in (0, 1))
         A = sd[:, None] * total.matrix[np.ix_(at, at)] * sd[None] + np.eye(len(at))
         rhs, middle = sd * total.right[at] + mean / sd, mean / sd
+        # |L' u - L^-1 rhs|^2 is the quadratic form of A up to a constant, which lsq_linear minimises within bounds
         L = np.linalg.cholesky(A)
         u = lsq_linear(L.T, np.linalg.solve(L, rhs), (middle - max_deviation, middle + max_deviation)).x
         chi2 = total.square + float(middle @ middle) + float(u @ A @ u - 2.0 * rhs @ u)
@@ -343,11 +348,13 @@ def _number_columns(blocks: Iterable[DataBlock]) -> dict[ParameterId, int]:
     return {n: i for i, n in enumerate(dict.fromkeys(n for b in blocks for n, _ in b.names))}
 
 
-class Eliminated(NamedTuple):
-    """The Schur complement of the columns of one recording: `taken` (s + 1, s + 1) is subtracted from the products of
-    the shared columns, with the right-hand side last; `ln_det` is its ln determinant."""
+class SchurComplement(NamedTuple):
+    """What eliminating the columns of one recording subtracts from the products of the shared columns, eq. (42).
 
-    taken: Array
+    `matrix` (s + 1, s + 1) has the right-hand side last; `ln_det` is ln det of the eliminated block.
+    """
+
+    matrix: Array
     ln_det: float
 
 
@@ -372,6 +379,7 @@ class EvidenceFunction:
     def __call__(self, sd: Array) -> float:
         """ln evidence with standard deviations `sd` (k,); a parameter with sd 0 is left out."""
         s = self.shared[sd[self.shared] > 0.0]
+        # the right-hand side is the last column, so one subtraction eliminates a recording from both (eq. (42))
         wide, at = np.append(sd[s], 1.0), self.at[s]
         left = np.zeros((len(s) + 1, len(s) + 1))
         left[:-1, :-1] = self.total.matrix[np.ix_(at, at)]
@@ -379,8 +387,8 @@ class EvidenceFunction:
         ln_det, squares = 0.0, self.total.square
         places = np.append(np.searchsorted(self.everything, at), len(self.everything))
         for group in self.groups:
-            found = self._eliminated(group[sd[group] > 0.0], sd)
-            left -= found.taken[np.ix_(places, places)]  # Schur complement (eq. (42)): its ln det adds to eq. (41)
+            found = self._schur_complement(group[sd[group] > 0.0], sd)
+            left -= found.matrix[np.ix_(places, places)]  # Schur complement (eq. (42)): its ln det adds to eq. (41)
             ln_det += found.ln_det
         left *= wide[:, None] * wide
         own = np.flatnonzero(sd > 0.0)
@@ -392,9 +400,9 @@ class EvidenceFunction:
         u = cho_solve((lower, True), rhs, check_finite=False)
         return -0.5 * (squares - float(rhs @ u) + ln_det + 2.0 * float(np.sum(np.log(np.diag(lower)))))
 
-    def _eliminated(self, own: Indices, sd: Array) -> Eliminated:
+    def _schur_complement(self, own: Indices, sd: Array) -> SchurComplement:
         """The Schur complement of the parameters `own` of one recording, from the cache if it is there."""
-        at, wide, mean, kept = self.at[own], sd[own], self.mean[own], self.total.eliminated
+        at, wide, mean, kept = self.at[own], sd[own], self.mean[own], self.total.schur_complements
         key = at.tobytes() + wide.tobytes() + mean.tobytes()
         if key not in kept:
             A = wide[:, None] * self.total.matrix[np.ix_(at, at)] * wide
@@ -402,10 +410,11 @@ class EvidenceFunction:
             right = wide * self.total.right[at] + mean / wide
             cross = np.column_stack([wide[:, None] * self.total.matrix[np.ix_(at, self.everything)], right])
             lower = np.linalg.cholesky(A)
+            # cross' A^-1 cross = half' half, symmetric to the last digit and at half the cost of a solve
             half = solve_triangular(lower, cross, lower=True, check_finite=False)
             if len(kept) >= MAX_KEPT_BYTES / (8 * cross.shape[1] ** 2):
                 kept.clear()
-            kept[key] = Eliminated(half.T @ half, 2.0 * float(np.sum(np.log(np.diag(lower)))))
+            kept[key] = SchurComplement(half.T @ half, 2.0 * float(np.sum(np.log(np.diag(lower)))))
         return kept[key]
 
 
@@ -419,7 +428,7 @@ class _PosteriorEstimate(NamedTuple):
     ln_evidence: float
 
 
-def _prior_moments(priors: Priors, names: tuple[ParameterId, ...]) -> tuple[Array, Array]:
+def _prior_means_and_sds(priors: Priors, names: tuple[ParameterId, ...]) -> tuple[Array, Array]:
     """Prior means and standard deviations (k,) of some parameters."""
     both = np.array([priors[n] for n in names]).reshape(-1, 2)
     return both[:, 0], both[:, 1]
@@ -454,7 +463,7 @@ def predicted_change(block: DataBlock, solution: Solution) -> Array:
     values = solution.as_dict()
     k = block.C.shape[1]
     d = np.zeros(k + block.F.shape[1])
-    for name, column in block.names:
+    for name, column in block.names:  # several parameters may share a column: their values add
         d[column] += values.get(name, 0.0)
     out = np.empty(block.count)
     for first in range(0, len(out), GRAM_CHUNK_ROWS):

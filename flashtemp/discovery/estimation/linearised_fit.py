@@ -109,6 +109,11 @@ class LinearisedFit:
     def evidence_at_max_discrepancy(self, problem: Problem, more: Priors) -> float:
         """ln evidence with priors `more` where the model discrepancy is as large as it may be (LARGEST_DISCREPANCY)."""
         found = maximise_evidence(
-            problem, self.system, self.model, more, variances=self.hyper.variances, discrepancies=(LARGEST_DISCREPANCY,)
+            problem,
+            self.system,
+            self.model,
+            more,
+            variances=self.hyper.variances,
+            discrepancy_sds=(LARGEST_DISCREPANCY,),
         )
         return found.solution.ln_evidence

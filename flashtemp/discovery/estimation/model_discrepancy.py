@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import RecordingEntry
-from flashtemp.discovery.parameters import Kind, ParameterId
+from flashtemp.discovery.parameters import ParameterId, ParameterKind
 from flashtemp.discovery.prediction.prediction import Observable, Single, flatten_valid_pixels
 
 # of the rise, rms over a view: errors of discretisation and closures (docs: verification); evidence chooses one
@@ -40,6 +40,7 @@ def discrepancy_basis(view: RecordingEntry, predicted: Observable) -> dict[Param
         for k in product(range(MAX_DISCREPANCY_ORDER + 1), repeat=4)
         if sum(k) <= MAX_DISCREPANCY_ORDER and (up or not k[1])
     ]
+    # a wave in time needs several frames, or several repetitions: without them it equals the constant one
     found = [(m, n, q, s) for m, n, q, s in found if (not q or np.ptp(inside[1])) and (not s or np.ptp(between[1]))]
     weight = np.array([1.0 / (1.0 + sum(k)) for k in found])
     square = [np.mean(x[m] ** 2) * np.mean(y[n] ** 2) * np.mean((inside[q] * between[s]) ** 2) for m, n, q, s in found]
@@ -47,7 +48,9 @@ def discrepancy_basis(view: RecordingEntry, predicted: Observable) -> dict[Param
     out = {}
     for (m, n, q, s), w in zip(found, weight, strict=True):
         wave = (w * inside[q] * between[s])[:, None, None] * y[n][:, None] * x[m]
-        out[ParameterId(Kind.FLOOR, (m, n, q, s))] = flatten_valid_pixels(rise * wave, predicted.inside)
+        out[ParameterId(ParameterKind.MODEL_DISCREPANCY, (m, n, q, s))] = flatten_valid_pixels(
+            rise * wave, predicted.inside
+        )
     return out
 
 

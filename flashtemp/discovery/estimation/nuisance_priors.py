@@ -20,8 +20,8 @@ from flashtemp.discovery.parameters import (
     POINT_KINDS,
     SETUP_KINDS,
     SHIFT_KINDS,
-    Kind,
     ParameterId,
+    ParameterKind,
     Priors,
 )
 from flashtemp.discovery.prediction.prediction import DerivativeRequest, Observable, Single, flatten_valid_pixels
@@ -30,41 +30,41 @@ from flashtemp.discovery.prediction.sensor_parameters import sensor_priors
 
 PRESSURE_MODE_COUNT = 6  # cosines of the pressure along the block
 NUISANCE_SD = {  # standard deviations, by the kind of nuisance
-    Kind.SCATTER: 0.01,  # of friction from repetition to repetition
-    Kind.LEVEL: 0.02,  # of friction from condition to condition
-    Kind.GAIN: 0.01,  # relative gain of a view on the radiance
-    Kind.SPREAD: 0.05,  # relative width of the optics
-    Kind.MAP: 0.003,  # gain along and up a view
-    Kind.WALL: 0.01,  # relative cooling of the wall against the section behind it
-    Kind.MESH: 0.5,  # of the difference to a mesh that is coarser in one direction, or in all
-    Kind.CELL: 0.005,  # gain of the load cell
-    Kind.FLOOR: TYPICAL_DISCREPANCY,  # model discrepancy over the temperature rise; 1e-3 to 3e-3, chosen by evidence
-    Kind.SCALE: 0.01,  # pixel scale of a view
-    Kind.TURN: np.pi / 180.0,  # rad: turn of an image, 1 degree
-    Kind.CLOCK: 0.02,  # s: clock of a camera against the schedule, half a frame of 25 Hz
-    Kind.SIZE: 0.01,  # length and width of the block
+    ParameterKind.SCATTER: 0.01,  # of friction from repetition to repetition
+    ParameterKind.LEVEL: 0.02,  # of friction from condition to condition
+    ParameterKind.GAIN: 0.01,  # relative gain of a view on the radiance
+    ParameterKind.SPREAD: 0.05,  # relative width of the optics
+    ParameterKind.MAP: 0.003,  # gain along and up a view
+    ParameterKind.WALL: 0.01,  # relative cooling of the wall against the section behind it
+    ParameterKind.MESH: 0.5,  # of the difference to a mesh that is coarser in one direction, or in all
+    ParameterKind.CELL: 0.005,  # gain of the load cell
+    ParameterKind.MODEL_DISCREPANCY: TYPICAL_DISCREPANCY,  # of the temperature rise; evidence chooses 1e-3 or 3e-3
+    ParameterKind.SCALE: 0.01,  # pixel scale of a view
+    ParameterKind.TURN: np.pi / 180.0,  # rad: turn of an image, 1 degree
+    ParameterKind.CLOCK: 0.02,  # s: clock of a camera against the schedule, half a frame of 25 Hz
+    ParameterKind.SIZE: 0.01,  # length and width of the block
 }
 UNSTATED_OPTICS_SD = 0.4  # relative, of the width of the optics if a recording does not state it
 PRESSURE_MODE_SD = 0.01  # of the first pressure mode; the n-th has an n-th of it
 GAIN_MAP_HALF_WAVES = ((1, 0), (2, 0), (0, 1), (1, 1), (0, 2))
 PIVOT_SD_FRACTION = 3.0**-0.5  # of half an image: standard deviation of the point about which it is rotated
-USUAL_SCALE_FRACTION = (
-    0.5  # of a usual scale: from where the point about which it is off is not the one that was marked
-)
-SCALED_KINDS = (Kind.SCATTER, Kind.MAP, Kind.WALL)  # widened with pressure shapes, up to MAX_SCALED_FACTOR
+# of a usual scale: from where the point about which it is off is not the one that was marked
+USUAL_SCALE_FRACTION = 0.5
+# widened with pressure shapes, up to MAX_SCALED_FACTOR
+SCALED_KINDS = (ParameterKind.SCATTER, ParameterKind.MAP, ParameterKind.WALL)
 MAX_SCALED_FACTOR = 3.0
 HEAT_MODE_SD = 0.05  # of the local heat: standard deviation of modes of additional heat
 RIGID_KINDS = frozenset(  # kinds that a model without flexible terms calibrates too
     {
-        Kind.KEY,
+        ParameterKind.KEY,
         *SHIFT_KINDS,
         *PLACEMENT_KINDS,
-        Kind.GAIN,
-        Kind.SPREAD,
-        Kind.LEVEL,
-        Kind.CELL,
-        Kind.MESH,
-        Kind.SIZE,
+        ParameterKind.GAIN,
+        ParameterKind.SPREAD,
+        ParameterKind.LEVEL,
+        ParameterKind.CELL,
+        ParameterKind.MESH,
+        ParameterKind.SIZE,
         *POINT_KINDS,
         *CAMERA_ERROR_KINDS,
     }
@@ -83,6 +83,7 @@ def nuisance_priors(problem: Problem, names: Iterable[ParameterId], model: Model
     free = problem.key_priors
     recordings = {v.file: v.recording for v in problem.campaign.views}
     points = sensor_priors(problem.campaign.views)
+    # priors are about the usual values; relative to a point the mean is minus what the point contains already
     for p in names:
         if p in free:
             out[p] = (-model.free[p.name], free[p])
@@ -95,10 +96,10 @@ def nuisance_priors(problem: Problem, names: Iterable[ParameterId], model: Model
             out[p] = (0.0, _camera_error_sd(recordings[p.file], p))
         elif p.kind in SETUP_KINDS:
             out[p] = (-model.setup_value(p), NUISANCE_SD[p.kind])
-        elif p.kind in (Kind.MODE, Kind.TREND):
+        elif p.kind in (ParameterKind.MODE, ParameterKind.TREND):
             out[p] = (0.0, PRESSURE_MODE_SD / p.index[0])
         elif p.kind in NUISANCE_SD:
-            unsure = p.kind is Kind.SPREAD and "psf_sigma_px" in problem.assumed_camera_facts.get(p.file, ())
+            unsure = p.kind is ParameterKind.SPREAD and "psf_sigma_px" in problem.assumed_camera_facts.get(p.file, ())
             out[p] = (0.0, UNSTATED_OPTICS_SD if unsure else NUISANCE_SD[p.kind])
     return out
 
@@ -118,7 +119,7 @@ def position_sd_px(recording: Recording, place: ImagePlacement, axis: int) -> fl
     if recording.view != "sidewall":
         return recording.registration_sigma_px or 0.0
     wrong = (
-        max(abs(place.scale) - USUAL_SCALE_FRACTION * NUISANCE_SD[Kind.SCALE], 0.0),
+        max(abs(place.scale) - USUAL_SCALE_FRACTION * NUISANCE_SD[ParameterKind.SCALE], 0.0),
         PIVOT_SD_FRACTION * abs(place.turn),
     )
     reach = [0.5 * float(centres[-1] - centres[0]) for centres in (recording.u, recording.v)]
@@ -126,31 +127,42 @@ def position_sd_px(recording: Recording, place: ImagePlacement, axis: int) -> fl
     return float(np.hypot(recording.registration_sigma_px or 0.0, moved / recording.pitch[axis]))
 
 
-def prior_scale_factors(scale: float) -> dict[Kind, float]:
+def prior_scale_factors(scale: float) -> dict[ParameterKind, float]:
     """Factors on the prior widths of pressure shapes and friction scatter at a `scale`."""
-    return {Kind.MODE: scale, Kind.TREND: scale, **dict.fromkeys(SCALED_KINDS, min(scale, MAX_SCALED_FACTOR))}
+    return {
+        ParameterKind.MODE: scale,
+        ParameterKind.TREND: scale,
+        **dict.fromkeys(SCALED_KINDS, min(scale, MAX_SCALED_FACTOR)),
+    }
 
 
 def is_camera_gain(p: ParameterId) -> bool:
     """Whether a parameter belongs to the gain map of a real camera, not to the slight one of every camera."""
-    return p.kind is Kind.MAP and len(p.index) > 2
+    return p.kind is ParameterKind.MAP and len(p.index) > 2
 
 
-def width_factors(scale: float, families: Mapping[Kind, float]) -> dict[tuple[Kind, bool], float]:
+def width_factors(scale: float, families: Mapping[ParameterKind, float]) -> dict[tuple[ParameterKind, bool], float]:
     """Factors on prior widths, by kind and `is_camera_gain`: `scale` for pressure shapes and friction scatter, and the
     sizes of the `families` of camera errors; 0 for errors that a camera does not have."""
     out = {(kind, False): times for kind, times in (dict(families) | prior_scale_factors(scale)).items()}
-    return out | {(Kind.MAP, True): families[Kind.MAP]}
+    return out | {(ParameterKind.MAP, True): families[ParameterKind.MAP]}
 
 
 def scale_priors(
-    priors: Priors, scale: float, floor: float, families: Mapping[Kind, float] = NO_CAMERA_ERRORS
+    priors: Priors, scale: float, discrepancy_sd: float, families: Mapping[ParameterKind, float] = NO_CAMERA_ERRORS
 ) -> Priors:
-    """Priors at a `scale` of pressure shapes and friction scatter, a `floor` of the model discrepancy, and sizes of the
-    `families` of camera errors; families of size 0 are left out."""
+    """Priors at given hyperparameters; families of size 0 are left out.
+
+    `scale`: of pressure shapes and friction scatter.  `discrepancy_sd`: of the model discrepancy.  `families`: sizes of
+    camera errors.
+    """
     out, times = {}, width_factors(scale, families)
     for p, (mean, sd) in priors.items():
-        wide = floor if p.kind is Kind.FLOOR else sd * times.get((p.kind, is_camera_gain(p)), 1.0)
+        wide = (
+            discrepancy_sd
+            if p.kind is ParameterKind.MODEL_DISCREPANCY
+            else sd * times.get((p.kind, is_camera_gain(p)), 1.0)
+        )
         if wide > 0.0:
             out[p] = (mean, wide)
     return out
@@ -159,13 +171,15 @@ def scale_priors(
 def rigid_priors(priors: Priors) -> Priors:
     """Priors without free pressure shapes, wall terms and friction of repetitions; gain maps only for a camera that
     clearly has one."""
-    kinds = RIGID_KINDS | ({Kind.MAP} if any(map(is_camera_gain, priors)) else set())
+    kinds = RIGID_KINDS | ({ParameterKind.MAP} if any(map(is_camera_gain, priors)) else set())
     return {p: v for p, v in priors.items() if p.kind in kinds}
 
 
 def unnamed_heat_priors(names: Iterable[ParameterId]) -> Priors:
     """Priors of heat of any shape along the block, by condition, constant or growing over repetitions."""
-    return {p: (0.0, HEAT_MODE_SD / p.index[0] ** 0.5) for p in names if p.kind in (Kind.FLUX, Kind.TREND)}
+    return {
+        p: (0.0, HEAT_MODE_SD / p.index[0] ** 0.5) for p in names if p.kind in (ParameterKind.FLUX, ParameterKind.TREND)
+    }
 
 
 def camera_smooth_basis(view: RecordingEntry, predicted: Observable) -> dict[ParameterId, Single]:
@@ -179,10 +193,10 @@ def camera_smooth_basis(view: RecordingEntry, predicted: Observable) -> dict[Par
     for m, n in GAIN_MAP_HALF_WAVES:
         if n and len(r.v) == 1:
             continue
-        out[ParameterId(Kind.MAP, (m, n))] = rise * np.cos(n * np.pi * y)[:, None] * np.cos(m * np.pi * x)
+        out[ParameterId(ParameterKind.MAP, (m, n))] = rise * np.cos(n * np.pi * y)[:, None] * np.cos(m * np.pi * x)
     if r.view == "sidewall":
         for k, depth in enumerate(WALL_COOLING_DEPTHS_M):
-            out[ParameterId(Kind.WALL, (k,))] = rise * np.exp(-np.maximum(r.v, 0.0) / depth)[:, None]
+            out[ParameterId(ParameterKind.WALL, (k,))] = rise * np.exp(-np.maximum(r.v, 0.0) / depth)[:, None]
     return {k: flatten_valid_pixels(values, predicted.inside) for k, values in out.items()}
 
 

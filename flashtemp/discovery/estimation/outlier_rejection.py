@@ -36,6 +36,7 @@ def calibrated_residual(view: RecordingEntry, predicted: Observable) -> Array:
     if view.recording.places is not None or not columns or known.sum() < 2 * len(columns):
         return left
     C = np.stack(columns, axis=1)
+    # columns of unit rms, so that one ridge bounds all nearly dependent ones alike
     C /= np.maximum(np.sqrt(np.mean(C**2, axis=0)), 1e-12)
     inside = left[:, predicted.inside]
     square = C.T @ C
@@ -54,6 +55,7 @@ def reject_outliers(problem: Problem, first: Sequence[Prediction]) -> Problem:
                 continue
             left = calibrated_residual(view, prediction.observables[view.file])
             sigma = temporal_noise(view.recording.temperature)
+            # lines first: every pixel of a flickering line would stand out by itself
             rows, columns = (find_flickering_lines(left, axis, sigma) for axis in (1, 2))
             left[:, list(rows)], left[:, :, list(columns)] = np.nan, np.nan
             bad = find_outlying_pixels(left)

@@ -17,14 +17,14 @@ from flashtemp.discovery.estimation.linear_gaussian import Array, DataBlock, gra
 from flashtemp.discovery.estimation.model_discrepancy import discrepancy_basis
 from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD, camera_smooth_basis
 from flashtemp.discovery.estimation.outlier_rejection import calibrated_residual
-from flashtemp.discovery.parameters import PLACEMENT_KINDS, Kind, ParameterId
+from flashtemp.discovery.parameters import PLACEMENT_KINDS, ParameterId, ParameterKind
 from flashtemp.discovery.prediction.prediction import Observable, Prediction, Single, flatten_valid_pixels
 from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.errors import BadInput, SolverFailure
 from flashtemp.solver.run import Run
 
 # small, or of unknown shape: their sensitivities from the first predictions are used in all fits
-FIXED_KINDS = (Kind.SCATTER, Kind.MODE, Kind.TREND)
+FIXED_KINDS = (ParameterKind.SCATTER, ParameterKind.MODE, ParameterKind.TREND)
 CLOCK_STANDARD_DEVIATIONS = 3.0  # of the clock prior, within which a frame may belong to another phase
 FRICTION_LEVEL_KEY = "friction.mu"  # the free key for which each condition has an additional level
 
@@ -70,6 +70,7 @@ class WhitenedData:
                 own = {p: v for p, v in seen.columns.items() if p.kind in FIXED_KINDS}
                 own |= _mesh_differences(seen, [other.observables[entry.file] for other in rough])
                 if isinstance(entry, RecordingEntry):
+                    # noise is estimated from what no smooth shape explains: a missing effect is not noise
                     rest = calibrated_residual(entry, seen)
                     own |= camera_smooth_basis(entry, seen) | discrepancy_basis(entry, seen)
                     own |= camera_columns(entry.recording, seen, rest, _sliding_speed(fine.run, entry.recording.time))
@@ -80,7 +81,7 @@ class WhitenedData:
                     if not data.noises[entry.file].lines.is_none:
                         data.inside[entry.file] = seen.inside
                 else:
-                    own[ParameterId(Kind.CELL)] = seen.values
+                    own[ParameterId(ParameterKind.CELL)] = seen.values
                     good = data.is_compared[entry.file] = seen.inside & np.isfinite(seen.values)
                     data.sigmas[entry.file] = entry.sigma or estimate_reading_noise(
                         (np.array(entry.mu) - seen.values)[good]
@@ -141,10 +142,10 @@ class WhitenedData:
                 entry, RecordingEntry
             ):  # all recordings of a view may have it alike
                 out.append((ParameterId(p.kind, name=entry.recording.view), i))
-            if p.kind is Kind.KEY and p.name == FRICTION_LEVEL_KEY and p in self.problem.free_keys:
-                out.append((ParameterId(Kind.LEVEL, condition=number), i))
-            if p.kind is Kind.MODE:
-                out.append((ParameterId(Kind.FLUX, p.index, condition=number), i))
+            if p.kind is ParameterKind.KEY and p.name == FRICTION_LEVEL_KEY and p in self.problem.free_keys:
+                out.append((ParameterId(ParameterKind.LEVEL, condition=number), i))
+            if p.kind is ParameterKind.MODE:
+                out.append((ParameterId(ParameterKind.FLUX, p.index, condition=number), i))
         return tuple(out)
 
     def _whitened_residual(self, entry: RecordingEntry | LoadCellEntry, predicted: Observable) -> Array:
@@ -184,7 +185,7 @@ def _mesh_differences(predicted: Observable, coarser: list[Observable]) -> dict[
     out = {}
     for k, other in enumerate(coarser):
         change = predicted.values - other.values
-        out[ParameterId(Kind.MESH, (k,))] = (
+        out[ParameterId(ParameterKind.MESH, (k,))] = (
             flatten_valid_pixels(change, predicted.inside) if change.ndim == 3 else change
         )
     return out
@@ -217,7 +218,7 @@ def _is_near_start(view: RecordingEntry, run: Run) -> npt.NDArray[np.bool_]:
     if view.recording.view != "wake" or not len(begun):
         return np.zeros(len(t), bool)
     starts = run.time[np.maximum(begun - 1, 0)]  # a wait is recorded to its end
-    near = (np.abs(t[:, None] - starts) < CLOCK_STANDARD_DEVIATIONS * NUISANCE_SD[Kind.CLOCK]).any(axis=1)
+    near = (np.abs(t[:, None] - starts) < CLOCK_STANDARD_DEVIATIONS * NUISANCE_SD[ParameterKind.CLOCK]).any(axis=1)
     return near if not near.all() else np.zeros(len(t), bool)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flashtemp.camera.image_placement import STATED_PLACEMENT, ImagePlacement
-from flashtemp.discovery.parameters import BEAD_KINDS, PLACEMENT_KINDS, Kind, ParameterId, Priors
+from flashtemp.discovery.parameters import BEAD_KINDS, PLACEMENT_KINDS, ParameterId, ParameterKind, Priors
 from flashtemp.errors import BadInput
 from flashtemp.model.case import Case
 from flashtemp.physics.effect import Effect, Param
@@ -87,7 +87,7 @@ class ModelPoint:
 
     def setup_value(self, p: ParameterId) -> float:
         """The value of scale, rotation or clock of a recording, or of a block size; 0 for other kinds."""
-        if p.kind is Kind.SIZE:
+        if p.kind is ParameterKind.SIZE:
             return self.sizes.get(p.name, 0.0)
         return (
             float(getattr(self.image_placement(p.file), p.kind.value)) if p.kind in PLACEMENT_KINDS and p.file else 0.0
@@ -97,12 +97,12 @@ class ModelPoint:
         """The point with a step of a free key, of an image placement, of a block size or of an effect parameter."""
         if p.kind in BEAD_KINDS:
             return replace(self, bead_offsets=self.bead_offsets | {p: self.bead_offsets.get(p, 0.0) + step})
-        if p.kind is Kind.SIZE:
+        if p.kind is ParameterKind.SIZE:
             return replace(self, sizes=self.sizes | {p.name: self.setup_value(p) + step})
         if p.kind in PLACEMENT_KINDS:
             there = replace(self.image_placement(p.file), **{p.kind.value: self.setup_value(p) + step})
             return replace(self, placements=self.placements | {p.file: there})
-        if p.kind is Kind.KEY:
+        if p.kind is ParameterKind.KEY:
             return replace(self, free=self.free | {p.name: self.free.get(p.name, 0.0) + step})
         return self.with_effect(p.effect, self.effects[p.effect] | {p.name: self.effect_value(p) + step})
 

@@ -109,7 +109,7 @@ EXEMPT_KEYS = {
 }
 EXEMPT_NAMES = {"reference": LAW_DEFINITION, "weight": "switch of an effect", "cells": "count of cells"}
 SLIDING_TABLES = ("road", "contact", "friction", "schedule")  # no meaning where the block meets no road
-COURSE_KEYS = ("contact.pressure", "schedule.speed")  # may be a file or rows over time, with one common factor
+TIME_SERIES_KEYS = ("contact.pressure", "schedule.speed")  # may be a file or rows over time, with one common factor
 
 
 def input_kind(key: str, unit: str) -> InputKind:
@@ -163,7 +163,7 @@ def _missing_sd_reason(key: str, value: Any, param: Param) -> str:
     if isinstance(value, bool) or "number" not in param.kinds:
         return "no number"
     if not isinstance(value, (int, float)):
-        return "" if key in COURSE_KEYS else "a table, not one number"
+        return "" if key in TIME_SERIES_KEYS else "a table, not one number"
     if not math.isfinite(value):
         return "infinite: an ideal limit"
     return "zero: switched off" if value == 0 and param.unit != "degC" else ""
@@ -180,13 +180,13 @@ def physical_keys(case: Case) -> dict[str, str]:
     return out
 
 
-def course_values(case: Case, key: str) -> tuple[float, ...]:
+def time_series_values(case: Case, key: str) -> tuple[float, ...]:
     """The value of a key, or all values of its time series; empty if it is not an input of the case."""
     table, name = key.rsplit(".", 1)
     if name not in case.values.get(table, {}) or exemption_reason(case, key) not in ("", MODEL_CHOICE):
         return ()
     value = case.values[table][name]
-    return (float(value),) if isinstance(value, (int, float)) else _read_course(value, key, case.folder)[1]
+    return (float(value),) if isinstance(value, (int, float)) else _read_time_series(value, key, case.folder)[1]
 
 
 def scale_value(case: Case, key: str, factor: float) -> Any:
@@ -198,16 +198,16 @@ def scale_value(case: Case, key: str, factor: float) -> Any:
     value = case.values[table][name]
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         return value * factor
-    if key not in COURSE_KEYS:
+    if key not in TIME_SERIES_KEYS:
         raise BadInput(f"{key}: {value!r} is no number")
-    times, values = _read_course(value, key, case.folder)
+    times, values = _read_time_series(value, key, case.folder)
     return [[t, v * factor] for t, v in zip(times, values, strict=True)]
 
 
-def _read_course(value: Any, key: str, folder: Path) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _read_time_series(value: Any, key: str, folder: Path) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Times and values of a file or list of rows.  Raises BadInput."""
     from flashtemp.physics.interpolation import read_xy_pairs
-    from flashtemp.physics.tables.wanted import PRESSURE, SPEED, TIME
+    from flashtemp.physics.tables.column_matching import PRESSURE, SPEED, TIME
 
     return read_xy_pairs(value, folder, key, columns=(TIME, SPEED if key == "schedule.speed" else PRESSURE))
 

@@ -17,7 +17,7 @@ from flashtemp.camera.image_placement import STATED_PLACEMENT, ImagePlacement, r
 from flashtemp.camera.recording import Recording
 from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD, position_sd_px
 from flashtemp.discovery.hypotheses.candidates import KEY_PRIOR_SD, ModelPoint
-from flashtemp.discovery.parameters import Kind
+from flashtemp.discovery.parameters import ParameterKind
 from flashtemp.discovery.prediction.prediction import Observable
 from flashtemp.discovery.prediction.problem import Problem
 
@@ -113,7 +113,7 @@ class _MeanImage:
         self.noise = max(float(np.sqrt(np.mean(self.rise_difference(np.zeros(4)) ** 2))) if known.any() else 0.0, 1e-12)
 
     def to_pose(self, z: Array) -> ImagePose:
-        scale, turn = NUISANCE_SD[Kind.SCALE] * z[2], NUISANCE_SD[Kind.TURN] * z[3]
+        scale, turn = NUISANCE_SD[ParameterKind.SCALE] * z[2], NUISANCE_SD[ParameterKind.TURN] * z[3]
         return ImagePose(ImagePlacement(scale=float(scale), turn=float(turn)), (float(z[0]), float(z[1])))
 
     def rise_difference(self, z: Array) -> Array:

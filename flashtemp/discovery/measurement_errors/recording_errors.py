@@ -17,22 +17,22 @@ import numpy as np
 
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import RecordingEntry
-from flashtemp.comparison.compare import check_recording
 from flashtemp.comparison.noise import NoiseLevels
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.estimation.nuisance_priors import all_derivatives
 from flashtemp.discovery.measurement_errors.image_pose import MAX_RISE_FACTOR, STATED_POSE, ImagePose, with_poses
 from flashtemp.discovery.measurement_errors.recording_fit import (
-    NO_COMPANIONS,
-    Companions,
+    NO_UNAFFECTED_DATA,
     HypothesisEvidence,
     RecordingFit,
     RecordingHypothesis,
+    UnaffectedData,
     compare_fits,
     fit_recording,
     fit_traces,
     flip_recording,
-    has_same_moments,
+    has_same_times,
+    is_schedule_possible,
     predict_hypothesis,
     resample_images,
 )
@@ -87,7 +87,7 @@ class RecordingError:
 
 
 # --- errors that the schedules show, before any simulation -------------------------------------------------------
-def find_schedule_errors(problem: Problem) -> tuple[RecordingError, ...]:
+def find_misassigned_recordings(problem: Problem) -> tuple[RecordingError, ...]:
     """Recordings whose frames contradict the schedule of their condition but match that of another one.
 
     Two recordings are exchanged if each fits the condition of the other and no third one does.  One is moved if only
@@ -95,21 +95,28 @@ def find_schedule_errors(problem: Problem) -> tuple[RecordingError, ...]:
     """
     scenes = _condition_scenes(problem)
     entries = [(n, v) for n, c in enumerate(problem.conditions) for v in c.views]
-    homes = {v.file: [n for n, scene in enumerate(scenes) if is_schedule_possible(v, scene)] for _, v in entries}
-    lost = [(n, v) for n, v in entries if n not in homes[v.file]]
+    possible_conditions = {
+        v.file: [n for n, scene in enumerate(scenes) if is_schedule_possible(v, scene)] for _, v in entries
+    }
+    impossible = [(n, v) for n, v in entries if n not in possible_conditions[v.file]]
     out: list[RecordingError] = []
-    for number, view in lost:
+    for number, view in impossible:
         if any(view.file in e.files for e in out):
             continue
+        possible = possible_conditions[view.file]
         partners = [
-            (n, v) for n, v in entries if _has_same_view(v, view) and n in homes[view.file] and number in homes[v.file]
+            (n, v)
+            for n, v in entries
+            if _has_same_view(v, view) and n in possible and number in possible_conditions[v.file]
         ]
-        partners = [pair for pair in partners if pair in lost] or partners
+        # an exchange makes both impossible where they stand, so such pairs come first; where the other recording is
+        # possible in both conditions, only this one shows the exchange
+        partners = [pair for pair in partners if pair in impossible] or partners
         if len(partners) == 1:
-            [(other, their)] = partners
-            out.append(_exchange_error((view, other), (their, number), IMPOSSIBLE_EVIDENCE))
-        elif not partners and len(homes[view.file]) == 1 and _has_same_end(problem, view, homes[view.file][0]):
-            out.append(_moved_error(problem, view, homes[view.file][0], IMPOSSIBLE_EVIDENCE))
+            [(their_condition, their_view)] = partners
+            out.append(_exchange_error((view, their_condition), (their_view, number), IMPOSSIBLE_EVIDENCE))
+        elif not partners and len(possible) == 1 and _has_same_end(problem, view, possible[0]):
+            out.append(_moved_error(problem, view, possible[0], IMPOSSIBLE_EVIDENCE))
     return tuple(out)
 
 
@@ -278,22 +285,24 @@ class _ErrorSearch:
                 [self.aligned_stated_fit(a) for a in recordings],
                 [fit.with_aligned_image() for fit in fits],
             )
-            evidence = compare_fits(self.problem, stated, aligned, self._find_companions(recordings, fits))
+            evidence = compare_fits(self.problem, stated, aligned, self._find_unaffected_data(recordings, fits))
         except FlashtempError:
             return None
         if is_expected and evidence.ln_bayes > CRITERIA.ln_bayes_distinct:
             return evidence
         return evidence if evidence.is_clear(self.count_hypotheses(recordings[0])) else None
 
-    def _find_companions(self, recordings: Sequence[_StatedRecording], fits: Sequence[RecordingFit]) -> Companions:
+    def _find_unaffected_data(
+        self, recordings: Sequence[_StatedRecording], fits: Sequence[RecordingFit]
+    ) -> UnaffectedData:
         """All other data of the conditions between which recordings may have to be moved."""
         numbers = {a.number for a in recordings} | {fit.hypothesis.condition for fit in fits}
         if all(a.number == fit.hypothesis.condition for a, fit in zip(recordings, fits, strict=True)):
-            return NO_COMPANIONS
+            return NO_UNAFFECTED_DATA
         files = {a.view.file for a in recordings}
         others = tuple(o for o in self.entries if o.number in numbers and o.view.file not in files)
         traces = (fit_traces(self.problem, self.predictions[n], n) for n in sorted(numbers))
-        return Companions(tuple(map(self.aligned_stated_fit, others)), tuple(b for found in traces for b in found))
+        return UnaffectedData(tuple(map(self.aligned_stated_fit, others)), tuple(b for found in traces for b in found))
 
 
 # --- copies ------------------------------------------------------------------------------------------------------
@@ -417,7 +426,7 @@ def _fit_at_host(search: _ErrorSearch, e: _StatedRecording, host: _StatedRecordi
     if not is_schedule_possible(e.view, search.scenes[host.number]):
         return None
     hypothesis = RecordingHypothesis(e.view, host.number)
-    if has_same_moments(e.view, host.view):
+    if has_same_times(e.view, host.view):
         return search.fit_under_hypothesis(e, hypothesis, host.view)
     if search.aligned_stated_fit(e).is_adequate:
         return None
@@ -431,15 +440,6 @@ def _fit_at_host(search: _ErrorSearch, e: _StatedRecording, host: _StatedRecordi
         return None
 
 
-def is_schedule_possible(view: RecordingEntry, scene: Scene) -> bool:
-    """Whether the frames of a recording can belong to the schedule of a scene."""
-    try:
-        check_recording(view, scene)
-    except FlashtempError:
-        return False
-    return True
-
-
 def _find_exchanged_views(search: _ErrorSearch, entries: Sequence[_StatedRecording]) -> Iterator[RecordingError]:
     """Pairs of recordings of one condition whose images have the view and pixel positions of each other."""
     for k, a in enumerate(entries):
@@ -448,7 +448,7 @@ def _find_exchanged_views(search: _ErrorSearch, entries: Sequence[_StatedRecordi
             views = {a.view.recording.view, b.view.recording.view}
             if a.number != b.number or len(views) < 2 or "points" in views or shapes[0] != shapes[1]:
                 continue
-            if not has_same_moments(a.view, b.view):
+            if not has_same_times(a.view, b.view):
                 continue
             if error := _view_error(search, a, b):
                 yield error

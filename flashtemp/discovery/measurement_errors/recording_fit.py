@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import RecordingEntry
+from flashtemp.comparison.compare import check_recording
 from flashtemp.comparison.noise import NoiseLevels
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.estimation.hyperparameters import EvidenceMaximum, maximise_evidence
@@ -22,7 +23,7 @@ from flashtemp.discovery.estimation.image_alignment import Linearisation, align_
 from flashtemp.discovery.estimation.linear_gaussian import DataBlock, LinearSystem, gram_matrices
 from flashtemp.discovery.estimation.whitening import WhitenedData
 from flashtemp.discovery.measurement_errors.image_pose import STATED_POSE, ImagePose, register_image
-from flashtemp.discovery.parameters import ALL_CONDITIONS, Kind, ParameterId
+from flashtemp.discovery.parameters import ALL_CONDITIONS, ParameterId, ParameterKind
 from flashtemp.discovery.prediction.prediction import (
     Observable,
     Prediction,
@@ -33,6 +34,7 @@ from flashtemp.discovery.prediction.prediction import (
 )
 from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.errors import BadInput, FlashtempError
+from flashtemp.model.scene import Scene
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -235,20 +237,20 @@ class HypothesisEvidence:
 
 
 @dataclass(frozen=True)
-class Companions:
+class UnaffectedData:
     """The other data of the conditions between which recordings may be moved: `fits` of recordings and `traces`
-    (blocks) of load cells, which are as stated under every hypothesis."""
+    (blocks) of load cells.  They are as stated under every hypothesis."""
 
     fits: tuple[RecordingFit, ...] = ()
     traces: tuple[DataBlock, ...] = ()
 
 
-NO_COMPANIONS = Companions()
+NO_UNAFFECTED_DATA = UnaffectedData()
 
 
 def compare_fits(
     problem: Problem, stated: Sequence[RecordingFit], other: Sequence[RecordingFit],
-    companions: Companions = NO_COMPANIONS,
+    unaffected: UnaffectedData = NO_UNAFFECTED_DATA,
 ) -> HypothesisEvidence:  # fmt: skip
     """Joint evidence of fits of recordings against fits as stated, from the data that both predict."""
     before, after = [], []
@@ -259,28 +261,28 @@ def compare_fits(
         before.append(a.restrict_to(common))
         after.append(b.restrict_to(common))
     (ln_stated, chi2_stated, count), (ln_other, chi2_other, _) = (
-        _joint_fit(problem, fits, companions) for fits in (before, after)
+        _joint_fit(problem, fits, unaffected) for fits in (before, after)
     )
     return HypothesisEvidence(ln_other - ln_stated, chi2_stated, chi2_other, count)
 
 
-def _joint_fit(problem: Problem, fits: Sequence[RecordingFit], companions: Companions) -> tuple[float, float, int]:
-    """ln evidence, chi2 per datum and number of data of recordings and their companions together.
+def _joint_fit(problem: Problem, fits: Sequence[RecordingFit], unaffected: UnaffectedData) -> tuple[float, float, int]:
+    """ln evidence, chi2 per datum and number of data of recordings and the unaffected data together.
 
     Each condition has its own friction, because the case may lack a law.  The size of a temperature rise alone then
     does not show the condition of a recording, but one friction must explain all data of a condition.
     """
-    if len(fits) == 1 and companions == NO_COMPANIONS:
+    if len(fits) == 1 and unaffected == NO_UNAFFECTED_DATA:
         return fits[0].ln_evidence, fits[0].chi2_per_datum, fits[0].block.count
-    together = (*fits, *companions.fits)
+    together = (*fits, *unaffected.fits)
     views = tuple(fit.hypothesis.view for fit in together)
     whole = replace(problem, campaign=replace(problem.campaign, views=views, forces=()))
     model = whole.stated_model
     for fit in together:
         model = fit.pose.apply_to(model, fit.hypothesis.file)
     blocks = [number_block(fit.block, fit.hypothesis.condition) for fit in together]
-    system = LinearSystem([*blocks, *companions.traces])
-    levels = {p: (0.0, FRICTION_LAW_SD) for p in system.names if p.kind is Kind.LEVEL}
+    system = LinearSystem([*blocks, *unaffected.traces])
+    levels = {p: (0.0, FRICTION_LAW_SD) for p in system.names if p.kind is ParameterKind.LEVEL}
     solution = maximise_evidence(whole, system, model, levels).solution
     count = sum(b.count for b in system.blocks)
     return solution.ln_evidence, sum(system.block_chi2(solution)) / max(count, 1), count
@@ -369,7 +371,7 @@ def resample_images(observable: Observable, source: RecordingEntry, wanted: Reco
     """
     a, b = source.recording, wanted.recording
     images = np.where(observable.inside, observable.values, np.nan).astype(np.float32)
-    if not has_same_moments(source, wanted):
+    if not has_same_times(source, wanted):
         at = np.clip(b.time, a.time[0], a.time[-1])
         images = _interpolate_axis(images, _linear_weights(a.time, at), 0)
     images = _interpolate_axis(images, _linear_weights(a.v, b.v), 1)
@@ -393,9 +395,18 @@ def _interpolate_axis(images: Single, weights: Weights, axis: int) -> Single:
     return np.asarray(lower + share * (images.take(high, axis) - lower), np.float32)
 
 
-def has_same_moments(first: RecordingEntry, second: RecordingEntry) -> bool:
+def has_same_times(first: RecordingEntry, second: RecordingEntry) -> bool:
     """Whether the frames of two recordings are at the same times."""
     a, b = first.recording, second.recording
     if len(a.time) != len(b.time) or first.means != second.means:
         return False
     return bool(np.allclose(a.time, b.time, rtol=0.0, atol=TIME_TOLERANCE * max(float(a.time[-1]), 1e-12)))
+
+
+def is_schedule_possible(view: RecordingEntry, scene: Scene) -> bool:
+    """Whether the frames of a recording can belong to the schedule of a scene."""
+    try:
+        check_recording(view, scene)
+    except FlashtempError:
+        return False
+    return True

@@ -34,16 +34,16 @@ from flashtemp.discovery.hypotheses.input_kinds import (
     is_neighbour,
     iter_stepped_cases,
 )
-from flashtemp.discovery.parameters import SHIFT_KINDS, Kind, ParameterId
+from flashtemp.discovery.parameters import SHIFT_KINDS, ParameterId, ParameterKind
 from flashtemp.discovery.prediction import sensor_parameters
 from flashtemp.model.case import Case
 from flashtemp.model.numerics import SolverSettings
 from flashtemp.model.scene import ActiveEffect, Scene
 from flashtemp.physics.effect import Effect, Param
 from flashtemp.physics.quantities import KELVIN
-from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
 from flashtemp.solver.sensitivity import Perturbation, RunWithSensitivities, run_with_sensitivities
+from flashtemp.solver.time_integration import integrate_schedule
 
 Array = npt.NDArray[np.float64]
 Single = npt.NDArray[np.float32]
@@ -174,7 +174,7 @@ def predict_condition(task: PredictionTask) -> Prediction:
     if moves:
         near = run_with_sensitivities(scene, settings, moves, case.title, frames, bool(task.forces))
     else:
-        near = RunWithSensitivities[ParameterId](march(scene, settings, case.title), None, {}, {})
+        near = RunWithSensitivities[ParameterId](integrate_schedule(scene, settings, case.title), None, {}, {})
     other = _run_separate_scenes(point, settings, moves)
     shown = {view.file: _predict_recording(point, view, near, moves, other) for view in task.views}
     shown |= {force.file: _predict_trace(force, near, other) for force in task.forces}
@@ -207,13 +207,13 @@ def _iter_perturbations(point: EvaluationPoint) -> Iterator[tuple[ParameterId, P
         yield from _perturb_sizes(point)
     for c in asked.candidates:
         if not c.is_optical:
-            yield from _perturb_strengths(point, c)
+            yield from _iter_strength_perturbations(point, c)
 
 
 def _perturb_model(point: EvaluationPoint, p: ParameterId) -> Iterator[tuple[ParameterId, Perturbation]]:
     """Scenes with a step of a free key or of a parameter of an effect in the model."""
     model = point.task.model
-    if p.kind is Kind.KEY:
+    if p.kind is ParameterKind.KEY:
         now = model.case_overrides(point.case).get(p.name, point.case[p.name])
         step = (
             -LN_FACTOR_STEP
@@ -232,11 +232,11 @@ def _perturb_friction(scene: Scene) -> Iterator[tuple[ParameterId, Perturbation]
     for r in range(2, scene.schedule.repetitions + 1):
         begin = next(p.begin for p in scene.schedule.phases if p.repetition == r)
         yield (
-            ParameterId(Kind.SCATTER, (r,)),
+            ParameterId(ParameterKind.SCATTER, (r,)),
             Perturbation(add_friction_scatter(scene, r, FRICTION_SCATTER_STEP), FRICTION_SCATTER_STEP, begin),
         )
     yield (
-        ParameterId(Kind.SCATTER, (1,)),
+        ParameterId(ParameterKind.SCATTER, (1,)),
         Perturbation(add_friction_scatter(scene, 1, FRICTION_SCATTER_STEP), FRICTION_SCATTER_STEP),
     )
 
@@ -244,12 +244,12 @@ def _perturb_friction(scene: Scene) -> Iterator[tuple[ParameterId, Perturbation]
 def _perturb_modes(scene: Scene, modes: int, trends: bool) -> Iterator[tuple[ParameterId, Perturbation]]:
     for n in range(1, modes + 1):
         yield (
-            ParameterId(Kind.MODE, (n,)),
+            ParameterId(ParameterKind.MODE, (n,)),
             Perturbation(add_pressure_mode(scene, n, PRESSURE_MODE_STEP), PRESSURE_MODE_STEP),
         )
         if trends and scene.schedule.repetitions > 1:
             yield (
-                ParameterId(Kind.TREND, (n,)),
+                ParameterId(ParameterKind.TREND, (n,)),
                 Perturbation(add_pressure_mode(scene, n, PRESSURE_MODE_STEP, True), PRESSURE_MODE_STEP),
             )
 
@@ -261,17 +261,21 @@ def _perturb_sizes(point: EvaluationPoint) -> Iterator[tuple[ParameterId, Pertur
         for step in (BLOCK_SIZE_STEP, -BLOCK_SIZE_STEP):
             scene = point.task.model.apply_to(point.case.with_values({key: point.case[key] * (1.0 + step)})).scene
             if all(len(getattr(scene.mesh, k)) == len(getattr(mesh, k)) for k in ("x", "depth", "height", "y")):
-                yield ParameterId(Kind.SIZE, name=key), Perturbation(scene, step, is_stretched=True)
+                yield ParameterId(ParameterKind.SIZE, name=key), Perturbation(scene, step, is_stretched=True)
                 break
 
 
-def _perturb_strengths(point: EvaluationPoint, c: CandidateEffect) -> Iterator[tuple[ParameterId, Perturbation]]:
-    for number in range(len(c.shape_variants)):
-        off = c.neutral_values(number)
-        for k, a in c.strengths.items():
-            step = a if c.params[k].curved else STRENGTH_STEP_FRACTION * a
-            moved = point.task.model.with_effect(c.effect, off | {k: off[k] + step})
-            yield c.strength_column(k, number), Perturbation(point.perturbed_scene(moved), step)
+def _iter_strength_perturbations(
+    point: EvaluationPoint, candidate: CandidateEffect
+) -> Iterator[tuple[ParameterId, Perturbation]]:
+    """The candidate at work with a small strength, one strength and shape variant at a time."""
+    for variant in range(len(candidate.shape_variants)):
+        off = candidate.neutral_values(variant)
+        for name, usual_size in candidate.strengths.items():
+            # a curved law is flat at its off value: a small step would show no effect, so it gets the usual size
+            step = usual_size if candidate.params[name].curved else STRENGTH_STEP_FRACTION * usual_size
+            moved = point.task.model.with_effect(candidate.effect, off | {name: off[name] + step})
+            yield candidate.strength_column(name, variant), Perturbation(point.perturbed_scene(moved), step)
 
 
 def _perturb_inputs(point: EvaluationPoint) -> Iterator[tuple[ParameterId, Perturbation]]:
@@ -320,7 +324,9 @@ def _run_separate_scenes(
         if ways:
             scene, step = max(ways, key=lambda way: way[0].schedule.end_time)
             times = tuple(sorted({*required_times(views, scene, clocks)}))
-            out[p] = SeparateRun(scene, march(scene, replace(settings, times=times), point.case.title), step)
+            out[p] = SeparateRun(
+                scene, integrate_schedule(scene, replace(settings, times=times), point.case.title), step
+            )
     return out
 
 
@@ -377,7 +383,7 @@ def _predict_recording(
             for name, change in sensor_parameters.sensor_columns(predict_images, recording, rise).items():
                 keep_column(name, change)
         later = predict_images(place=replace(place, clock=place.clock + CLOCK_STEP_S))
-        keep_column(ParameterId(Kind.CLOCK), (later - seen.temperature) / CLOCK_STEP_S)
+        keep_column(ParameterId(ParameterKind.CLOCK), (later - seen.temperature) / CLOCK_STEP_S)
     return Observable(seen.temperature, seen.inside, columns)
 
 
@@ -394,7 +400,7 @@ def _iter_camera_columns(
             for k, a in c.strengths.items():
                 yield c.strength_column(k), _candidate_column(point, predict_images, c, k, a, plain)
     for p in point.task.derivatives.model_parameters:
-        if p.kind is Kind.EFFECT and point.case.known_effects[p.effect].heat is Effect.heat:
+        if p.kind is ParameterKind.EFFECT and point.case.known_effects[p.effect].heat is Effect.heat:
             yield p, _effect_column(point, predict_images, p, plain)
 
 
@@ -434,10 +440,10 @@ def _optics_columns(image: PredictedImage, recording: Recording) -> Columns:
     unknown = {
         SHIFT_KINDS[0]: is_stated and wide,
         SHIFT_KINDS[1]: is_stated and high and recording.view != "wake",
-        Kind.SCALE: True,
-        Kind.TURN: wide and high,
-        Kind.GAIN: recording.view != "profile",
-        Kind.SPREAD: bool(recording.psf_sigma_px),
+        ParameterKind.SCALE: True,
+        ParameterKind.TURN: wide and high,
+        ParameterKind.GAIN: recording.view != "profile",
+        ParameterKind.SPREAD: bool(recording.psf_sigma_px),
     }
     return {ParameterId(k): slopes[k.value] for k, is_so in unknown.items() if is_so and slopes}
 

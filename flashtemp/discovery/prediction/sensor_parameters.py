@@ -12,7 +12,7 @@ from flashtemp.camera.recording import Recording
 from flashtemp.camera.sensors import SensorPositions
 from flashtemp.comparison.campaign import RecordingEntry
 from flashtemp.discovery.hypotheses.candidates import ModelPoint
-from flashtemp.discovery.parameters import ALL_CONDITIONS, Kind, ParameterId
+from flashtemp.discovery.parameters import ALL_CONDITIONS, ParameterId, ParameterKind
 
 Array = npt.NDArray[np.float64]
 SENSOR_STEP_FRACTION = 0.25  # of the uncertainty of a position or time constant: step of its derivative
@@ -78,15 +78,15 @@ def _iter_bead_parameters(places: SensorPositions) -> Iterator[tuple[int, Parame
     """Uncertain values of points: number, parameter, key of its table, standard deviation (m, s)."""
     for i, name in enumerate(places.names):
         for axis, key in enumerate("xyz"):
-            yield i, _point_parameter(Kind.PLACE, name, i, axis), key, float(places.place_sigma(axis)[i])
-        yield i, _point_parameter(Kind.LAG, name, i), "lag_s", float(places.lag_sigma_s[i])
+            yield i, _point_parameter(ParameterKind.PLACE, name, i, axis), key, float(places.place_sigma(axis)[i])
+        yield i, _point_parameter(ParameterKind.LAG, name, i), "lag_s", float(places.lag_sigma_s[i])
 
 
-def _point_parameter(kind: Kind, name: str, number: int, *axis: int) -> ParameterId:
+def _point_parameter(kind: ParameterKind, name: str, number: int, *axis: int) -> ParameterId:
     """A parameter of a point: named points are one thermocouple in all recordings, unnamed ones are not."""
     return ParameterId(kind, (number, *axis)) if name.isdigit() else ParameterId(kind, axis, name=name)
 
 
 def sensor_gain_id(name: str, number: int) -> ParameterId:
     """The gain of a point, identified in the same way."""
-    return _point_parameter(Kind.SENSOR, name, number)
+    return _point_parameter(ParameterKind.SENSOR, name, number)

@@ -120,6 +120,7 @@ def select_effects(problem: Problem, data: WhitenedData, base: LinearisedFit, wa
 def _fit_shortlist(search: EffectSearch, ranked: Sequence[CandidateScore], watch: ProgressCallback) -> EffectSearch:
     """Fit the candidates with the best scores in full, and the best pair if it scores far better than each alone."""
     groups: list[tuple[CandidateEffect, ...]] = [(s.candidate,) for s in shortlist_candidates(ranked)]
+    # with an effect accepted, every single candidate makes a pair with it
     if not effect_names(search.best):
         groups += [tuple(s.candidate for s in p.scores) for p in _promising_pairs(search, ranked)]
     if not groups:
@@ -155,14 +156,17 @@ def describe_search(search: EffectSearch) -> dict[str, Any]:
 
 
 def shortlist_candidates(ranked: Sequence[CandidateScore]) -> list[CandidateScore]:
-    """The candidates that are fitted in full: those above a hint whose score is near the best one."""
+    """The candidates that are fitted in full: those above a hint whose score is near the best one, at most three.
+
+    `ranked` are scores, best first.  A score is near within a range or above a fraction of the best, whichever is less.
+    """
     likely = [s for s in ranked if s.ln_bayes > CRITERIA.ln_bayes_hint]
     if not likely:
         return []
     best = likely[0].ln_bayes
-    return [s for s in likely if s.ln_bayes > min(best - CRITERIA.shortlist_range, CRITERIA.shortlist_fraction * best)][
-        : int(CRITERIA.shortlist)
-    ]
+    # errors of linearised scores have a size of their own while scores are small, and grow with large ones
+    lowest = min(best - CRITERIA.shortlist_range, CRITERIA.shortlist_fraction * best)
+    return [s for s in likely if s.ln_bayes > lowest][: int(CRITERIA.shortlist)]
 
 
 def _promising_pairs(search: EffectSearch, ranked: Sequence[CandidateScore]) -> list[EffectPair]:
@@ -179,6 +183,7 @@ def _promising_pairs(search: EffectSearch, ranked: Sequence[CandidateScore]) -> 
 def _best_extension(search: EffectSearch) -> LinearisedFit | None:
     """The extension with the largest evidence, if each new effect is worth `ln_bayes_named`; else None."""
     own = effect_names(search.best)
+    # ranked after the price of each effect, so that two effects replace one only if both are worth it
     extended = [
         f
         for names, f in search.fits.items()

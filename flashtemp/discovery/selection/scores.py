@@ -115,6 +115,7 @@ def select_for_rescoring(
     Candidates without influence there are kept too, because the added effects may give them an influence.
     """
     system = before.system.with_residuals({b.label: b.r for b in found.blocks})
+    # new residuals with the sensitivities of the fit before: no candidate is simulated again
     at = replace(before, model=found.model, system=system, hyper=found.hyper)
 
     def solve_evidence(sensitivities: dict[ParameterId, float]) -> float:
@@ -151,7 +152,9 @@ def _score_variant(base: ScoringContext, c: CandidateEffect, variant: int) -> Ca
     priors = {n: (0.0, abs(a)) for n, a in zip(names, c.strengths.values(), strict=True)}
     solution = fit.solve_with(base.problem, _free_effect_priors(fit) | priors, base.equations).solution
     amplitude, errors = tuple(solution[n] for n in names), tuple(solution.sd(n) for n in names)
+    # u' I^-1 u of eq. (42): what the data say of the effect beyond all nuisances
     z = float(np.sqrt(max(float(u @ np.linalg.pinv(info, hermitian=True) @ u), 0.0)))
+    # the best of n variants is reported, each as likely as the others a priori: that costs ln n
     gain = (
         solution.ln_evidence - base.ln_evidence - (np.log(len(c.shape_variants)) if len(c.shape_variants) > 1 else 0.0)
     )
@@ -213,6 +216,7 @@ def compute_separability(fit: LinearisedFit, tried: Sequence[CandidateEffect]) -
     sd = np.array(list(sizes.values()))
     z = np.sqrt(np.maximum(np.diag(info), 0.0)) * sd
     good = z > MIN_EFFECT_Z
+    # cosines between signatures: at +-1 the calibrated data cannot tell two effects apart
     norm = np.sqrt(np.maximum(np.diag(info), 1e-300))
     rho = np.where(np.outer(good, good), info / np.outer(norm, norm), 0.0)
     np.fill_diagonal(rho, 1.0)
@@ -234,6 +238,7 @@ def score_pairs(
 ) -> list[EffectPair]:
     """Score all pairs of the `max_effects` candidates with the largest z, best first."""
     base = ScoringContext.from_fit(problem, fit)
+    # the number of pairs grows with the square, so only the candidates with the largest z take part
     best = sorted((s for s in ranked if s.typical_z > MIN_PARTNER_Z), key=lambda s: -s.z)[:max_effects]
 
     def solve_together(*together: CandidateScore) -> Solution:

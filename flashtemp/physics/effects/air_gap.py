@@ -1,14 +1,15 @@
-"""Air in the gap around the spots conducts heat from the rubber to the road between the lanes.
+"""Conduction through the air in the gap around the spots: heat loss of the rubber towards a road at air temperature.
 
     h = 1/(u/k_air + r),    r = (4/3) sqrt(t/pi)/e_S
 
 u is the mean height of the gap.  r is the mean temperature rise of the road per unit of a uniform flux, while it passes
-under the block in t = L/v; the road enters at ambient temperature.
+under the block in t = L/v; the road enters at ambient temperature.  The law warms the road only in this resistance:
+the energy audit books the heat as a loss to the air, and the cells of the road between the lanes stay as they are.
 
 >>> from types import SimpleNamespace as N
 >>> from flashtemp.physics.material import LIBRARY
 >>> p = N(conductivity=0.026, height=5e-4)
->>> [patch] = AirGap().heat(N(length=0.025, road=LIBRARY["asphalt"]), p)
+>>> [patch] = GapConduction().heat(N(length=0.025, road=LIBRARY["asphalt"]), p)
 >>> now = N(touching=True, spot_fraction=0.2, ambient=20.0, last_speed=0.1, contact_time=9.0, waited=0.0)
 >>> round(float(patch.law(30.0, now, p)), 2)
 -410.57
@@ -21,8 +22,8 @@ import numpy as np
 from flashtemp.physics.effect import Effect, Heat, Param
 
 
-class AirGap(Effect):
-    """Loss (1 - phi) h (T - T_air) of the block's face outside the spots by conduction through the air."""
+class GapConduction(Effect):
+    """Loss (1 - phi) h (T - T_air) of the block's face outside the spots, conducted through the air of the gap."""
 
     cause = "the block loses heat through the air between the spots"
     source = (

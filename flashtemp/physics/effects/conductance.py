@@ -20,7 +20,7 @@ from flashtemp.errors import BadInput
 from flashtemp.physics.effect import Effect, Param, Term
 from flashtemp.physics.interpolation import Curve, read_xy_pairs
 from flashtemp.physics.material import Material
-from flashtemp.physics.tables.wanted import CONDUCTANCE, SPEED
+from flashtemp.physics.tables.column_matching import CONDUCTANCE, SPEED
 
 
 class Conductance(Effect):

@@ -16,7 +16,7 @@ from flashtemp.errors import BadInput
 from flashtemp.physics.effect import Effect, Heat, Param, Term
 from flashtemp.physics.interpolation import Curve, read_xy_pairs
 from flashtemp.physics.quantities import KELVIN
-from flashtemp.physics.tables.wanted import TEMPERATURE, TIME
+from flashtemp.physics.tables.column_matching import TEMPERATURE, TIME
 
 DRIVEN_SITES = {"face": "block.face", "back": "block.holder"}
 

@@ -16,7 +16,7 @@ import numpy as np
 from flashtemp.errors import BadInput
 from flashtemp.physics.effect import Effect, Param, Term
 from flashtemp.physics.interpolation import Curve, read_xy_pairs
-from flashtemp.physics.tables.wanted import PLACE_X, WORN_DEPTH
+from flashtemp.physics.tables.column_matching import PLACE_X, WORN_DEPTH
 
 
 class FaceShape(Effect):

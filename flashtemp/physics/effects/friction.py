@@ -12,7 +12,7 @@ from flashtemp.errors import BadInput
 from flashtemp.physics.effect import Deposit, Effect, Param, Term
 from flashtemp.physics.interpolation import read_rows, read_surface
 from flashtemp.physics.quantities import KELVIN
-from flashtemp.physics.tables.wanted import FRICTION, SHARE, SOURCE_DEPTH, SPEED, TEMPERATURE
+from flashtemp.physics.tables.column_matching import FRICTION, SHARE, SOURCE_DEPTH, SPEED, TEMPERATURE
 
 
 class Friction(Effect):

@@ -1,7 +1,7 @@
-"""Heat loss of the rubber across the gap between the spots, by a heat-transfer coefficient.
+"""Convection in the gap between the spots: heat loss of the rubber by a heat-transfer coefficient.
 
 >>> from types import SimpleNamespace as N
->>> [patch] = Gap().heat(None, N(gap_coefficient=10.0))
+>>> [patch] = GapConvection().heat(None, N(gap_coefficient=10.0))
 >>> patch.law(30.0, N(touching=True, spot_fraction=0.2, ambient=20.0), N(gap_coefficient=10.0))
 -80.0
 """
@@ -11,7 +11,7 @@ from __future__ import annotations
 from flashtemp.physics.effect import Effect, Heat, Param
 
 
-class Gap(Effect):
+class GapConvection(Effect):
     """Loss (1 - phi) h_gap (T - T_air) of the block's face outside the spots; theory.md, eq. (9)."""
 
     cause = "heat crosses the gap between the spots"

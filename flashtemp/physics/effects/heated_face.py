@@ -14,7 +14,7 @@ import numpy as np
 
 from flashtemp.physics.effect import Effect, Heat, Param
 from flashtemp.physics.interpolation import Curve, read_xy_pairs
-from flashtemp.physics.tables.wanted import PLACE_X, RELATIVE_VALUE, TIME
+from flashtemp.physics.tables.column_matching import PLACE_X, RELATIVE_VALUE, TIME
 
 
 class HeatedFace(Effect):

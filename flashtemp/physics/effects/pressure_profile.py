@@ -14,7 +14,7 @@ from scipy.interpolate import RegularGridInterpolator
 from flashtemp.errors import BadInput
 from flashtemp.physics.effect import Effect, Factor, Param
 from flashtemp.physics.interpolation import Curve, read_surface, read_xy_pairs
-from flashtemp.physics.tables.wanted import PLACE_X, PLACE_Y, RELATIVE_PRESSURE
+from flashtemp.physics.tables.column_matching import PLACE_X, PLACE_Y, RELATIVE_PRESSURE
 
 
 class PressureProfile(Effect):

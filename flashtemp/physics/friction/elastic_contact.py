@@ -13,7 +13,7 @@ from flashtemp.physics.arrays import Value
 
 
 @contextmanager
-def suppress_warnings() -> Iterator[None]:
+def suppress_library_warnings() -> Iterator[None]:
     """Suppress the libraries' warnings about deprecated functions that they still use, and optional dependencies."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -23,7 +23,7 @@ def suppress_warnings() -> Iterator[None]:
 def load_topography_library() -> Value:
     """Import SurfaceTopography with its generators.  Raises BadInput where it is not installed."""
     try:
-        with suppress_warnings():
+        with suppress_library_warnings():
             import SurfaceTopography.Generation
     except ImportError as fault:
         raise BadInput("SurfaceTopography is not installed; pip install 'flashtemp[topography]'") from fault
@@ -38,13 +38,13 @@ def solve_contact_area(heights: np.ndarray, size: tuple[float, float], modulus: 
     """
     surface = load_topography_library()
     try:
-        with suppress_warnings():
+        with suppress_library_warnings():
             import ContactMechanics.Systems as systems
     except ImportError as fault:
         raise BadInput("ContactMechanics is not installed; pip install 'flashtemp[topography]'") from fault
     import ContactMechanics
 
-    with suppress_warnings():
+    with suppress_library_warnings():
         road = surface.Topography(heights, size, periodic=True)
         rubber = ContactMechanics.PeriodicFFTElasticHalfSpace(heights.shape, modulus, size)
         system = systems.NonSmoothContactSystem(rubber, road)

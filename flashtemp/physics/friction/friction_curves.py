@@ -38,7 +38,7 @@ CSV_COLUMN_PATHS = {
 }  # fmt: skip
 
 
-def held_by_slope_tester(mu: np.ndarray) -> np.ndarray:
+def is_steady_in_slope_tester(mu: np.ndarray) -> np.ndarray:
     """Points of mu(v), in order of increasing speed, at which a tester with prescribed force slides steadily.
 
     These are the points with at least the friction of all slower ones: where friction falls with speed, a constant
@@ -112,7 +112,7 @@ class FrictionCurves:
             "pressure_Pa": self.p,
             "spot_diameter_m": self.spots.diameter,
             "maximum": {k: None if t.is_at_edge else {"speed": t.at, "mu": t.value} for k, t in tops.items()},
-            "held_by_slope_tester": {k: held_by_slope_tester(b.mu).tolist() for k, b in self.branches.items()},
+            "held_by_slope_tester": {k: is_steady_in_slope_tester(b.mu).tolist() for k, b in self.branches.items()},
             "heat_deeper_m": [
                 {"speed": float(v)}
                 | {
@@ -138,7 +138,7 @@ class FrictionCurves:
 
     def save(self, folder: Path) -> None:
         """Write friction.csv, a row per speed, and mu_table.nc, mu over speed and temperature."""
-        data = self.columns() | {f"held_{name}": held_by_slope_tester(b.mu) for name, b in self.branches.items()}
+        data = self.columns() | {f"held_{name}": is_steady_in_slope_tester(b.mu) for name, b in self.branches.items()}
         lines = [",".join(data), *(",".join(f"{x:.8g}" for x in row) for row in zip(*data.values(), strict=True))]
         (Path(folder) / CURVES_CSV_NAME).write_text("\n".join(lines) + "\n", encoding="utf-8")
         self.to_dataset().to_netcdf(Path(folder) / CURVES_TABLE_NAME, engine="h5netcdf")
@@ -193,7 +193,7 @@ class FrictionCurves:
             )
         if top.first:
             return f"  {name}: highest at the slowest speed; a slope tester, which sets the force, holds none of it"
-        if held_by_slope_tester(mu).all():
+        if is_steady_in_slope_tester(mu).all():
             return f"  {name}: rises throughout; a slope tester reaches all of it"
         return f"  {name}: highest at the fastest speed; a slope tester skips what falls before"
 

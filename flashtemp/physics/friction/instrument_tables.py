@@ -42,13 +42,13 @@ class ColumnSpec:
     default: tuple[tuple[str, str], ...]
     usual: str
 
-    def is_named(self, raw: str) -> bool:
-        """Whether a header cell without its unit names this quantity."""
-        return re.fullmatch(self.pattern, normalise_name(raw)) is not None
+    def is_named_by(self, heading: str) -> bool:
+        """Whether a `heading` without its unit names this quantity."""
+        return re.fullmatch(self.pattern, normalise_name(heading)) is not None
 
-    def assumed_unit(self, raw: str) -> str:
-        """The unit where the file states none."""
-        return next(unit for pattern, unit in self.default if re.search(pattern, normalise_name(raw)))
+    def assumed_unit(self, heading: str) -> str:
+        """The unit of a column with a `heading` (without unit) where the file states none."""
+        return next(unit for pattern, unit in self.default if re.search(pattern, normalise_name(heading)))
 
 
 @dataclass(frozen=True)
@@ -247,13 +247,13 @@ def _match_cell(cell: str, quantity: ColumnSpec) -> tuple[str, str | None] | Non
         return None
     bracket = re.fullmatch(r"(.*?)(\s*)[(\[]([^()\[\]]*)[)\]]", cell)
     if bracket and (bracket[2] or normalise_unit(bracket[3]) in quantity.units):
-        return (bracket[1], normalise_unit(bracket[3])) if quantity.is_named(bracket[1]) else None
+        return (bracket[1], normalise_unit(bracket[3])) if quantity.is_named_by(bracket[1]) else None
     for sign in "_/, ":
         for name, _, unit in (cell.partition(sign), cell.rpartition(sign)):
             word = normalise_unit(unit.strip().removeprefix("in "))
-            if word and word in quantity.units and quantity.is_named(name.removesuffix(" in")):
+            if word and word in quantity.units and quantity.is_named_by(name.removesuffix(" in")):
                 return name, word
-    return (cell, None) if quantity.is_named(cell) else None
+    return (cell, None) if quantity.is_named_by(cell) else None
 
 
 def normalise_unit(text: str) -> str:

@@ -1,10 +1,16 @@
 """Power spectra of measured roads, read from a file or computed from heights by SurfaceTopography.
 
 flashtemp's C(q) is isotropic with <h^2> = 2 pi int q C dq (m^4).  The spectra of SurfaceTopography differ by powers of
-2 pi: <h^2> = 1/(2 pi) int q C2 dq for areas, so that C = C2/(4 pi^2), and <h^2> = 1/pi int C1 dk for lines, whose
-two-sided density is S(k) = C1/(2 pi).  A line scan contains every wave that crosses it, also obliquely:
+2 pi:
+
+    area:  C = C2/(4 pi^2),       from <h^2> = 1/(2 pi) int q C2 dq
+    line:  S(k) = C1/(2 pi),      two-sided, from <h^2> = 1/pi int C1 dk
+
+A line scan at an angle to a wave sees a longer wave, so S(k) collects all waves with q >= k:
+
     S(k) = 2 int_k^inf C(q) q dq/sqrt(q^2 - k^2),      C(q) = -1/pi int_q^inf S'(k) dk/sqrt(k^2 - q^2)    (Abel)
-and S ~ k^(-1-2H) gives C = S(q)/q Gamma(1 + H)/(sqrt(pi) Gamma(H + 1/2)).
+
+S ~ k^(-1-2H) gives C = S(q)/q Gamma(1 + H)/(sqrt(pi) Gamma(H + 1/2)).
 """
 
 from __future__ import annotations
@@ -20,7 +26,7 @@ from flashtemp.display import atomic_write
 from flashtemp.errors import BadInput
 from flashtemp.physics import interpolation, safe_text
 from flashtemp.physics.arrays import Value
-from flashtemp.physics.friction.elastic_contact import load_topography_library, suppress_warnings
+from flashtemp.physics.friction.elastic_contact import load_topography_library, suppress_library_warnings
 from flashtemp.physics.friction.instrument_tables import ColumnSpec, read_instrument_table, table_of_rows
 from flashtemp.physics.friction.roughness_spectrum import MeasuredSpectrum, RoughnessSpectrum, SelfAffineLaw
 from flashtemp.physics.interpolation import Source
@@ -210,7 +216,7 @@ def _scan_of_library(file: Path, key: str) -> LineScan | None:
         return None
     surface = load_topography_library()
     try:
-        with suppress_warnings(), surface.open_topography(str(file)) as opened:
+        with suppress_library_warnings(), surface.open_topography(str(file)) as opened:
             if opened.default_channel.dim != 1 or opened.default_channel.unit is None:
                 return None
             line = opened.topography().to_unit("m")
@@ -239,7 +245,7 @@ def remove_spikes(heights: np.ndarray) -> np.ndarray:
     Raises BadInput where more than half of the heights are missing.
     """
     h = np.array(heights, dtype=float)
-    _check_missing(h)
+    _require_mostly_measured(h)
     away = np.abs(h - np.nanmedian(h))
     limit = SPIKE_SD * 1.4826 * np.nanmedian(away)
     return np.where(away > limit, np.nan, h) if limit > 0 else h
@@ -255,9 +261,10 @@ def spectrum_of_topography(heights: np.ndarray, pixel: Value, longest: float = n
     if h.ndim != 2 or min(h.shape) < 16:
         raise BadInput(f"topography: {' x '.join(map(str, h.shape))} heights; give 16 x 16 or more")
     size = tuple(n * d for n, d in zip(h.shape, np.broadcast_to(pixel, 2), strict=True))
-    masked = np.ma.masked_invalid(h) if _check_missing(h) else h
+    _require_mostly_measured(h)
+    masked = np.ma.masked_invalid(h) if _has_missing_heights(h) else h
     road = load_topography_library().Topography(masked, size)
-    if _check_missing(h):
+    if _has_missing_heights(h):
         road = load_topography_library().Topography(np.asarray(road.interpolate_undefined_data().heights()), size)
     q, C = road.detrend("height").power_spectrum_from_area(nb_points_per_decade=AREA_BINS_PER_DECADE)
     return _select_points(q, C / (4 * np.pi**2), min(longest, max(size) / 2), "topography")
@@ -406,7 +413,8 @@ def _line_spectrum(heights: np.ndarray, step: float) -> tuple[np.ndarray, np.nda
 def _prepare_line(heights: np.ndarray, step: float, cut: bool = True) -> Value:
     """A line without tilt; gaps are interpolated linearly, missing ends `cut` off or extended as constants."""
     h = np.asarray(heights, dtype=float)
-    if _check_missing(h):
+    _require_mostly_measured(h)
+    if _has_missing_heights(h):
         measured = np.flatnonzero(np.isfinite(h))
         span = (measured[0], measured[-1] + 1) if cut else (0, len(h))
         h = np.interp(np.arange(*span), measured, h[measured])
@@ -415,12 +423,16 @@ def _prepare_line(heights: np.ndarray, step: float, cut: bool = True) -> Value:
     return load_topography_library().UniformLineScan(h, len(h) * step).detrend("height")
 
 
-def _check_missing(h: np.ndarray) -> bool:
-    """Whether heights are missing.  Raises BadInput where more than half of them are."""
+def _require_mostly_measured(h: np.ndarray) -> None:
+    """Raise BadInput where more than half of the heights are missing."""
     missing = np.mean(~np.isfinite(h)) if h.size else 1.0
     if missing > MAX_MISSING_FRACTION:
         raise BadInput(f"heights: {100 * missing:.0f} % are missing; give a measurement with half of them or more")
-    return missing > 0
+
+
+def _has_missing_heights(h: np.ndarray) -> bool:
+    """Whether heights are missing."""
+    return not np.isfinite(h).all()
 
 
 def _select_points(q: Value, C: Value, longest: float, where: str) -> MeasuredSpectrum:

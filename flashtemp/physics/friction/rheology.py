@@ -1,7 +1,7 @@
 """Viscoelastic modulus of rubber, E(omega, T) = E(omega a_T, T_ref): Cole-Cole, Prony series or measured.
 
 >>> rubber = READY_RUBBERS["A"]
->>> E = rubber(1e4, 293.15) / 1e6
+>>> E = rubber.complex_modulus(1e4, 293.15) / 1e6
 >>> print(f"{E.real:.6f} {E.imag:.6f} {rubber.shift_factor(333.15):.6f}")
 22.084178 13.887775 0.010681
 """
@@ -130,9 +130,11 @@ class Rubber:
         """Shift factor a_T at T (K)."""
         return self.shift(T)
 
-    def __call__(self, omega: Value, T: Value) -> Value:
-        """E (Pa, complex) at angular frequency (rad/s) and T (K)."""
+    def complex_modulus(self, omega: Value, T: Value) -> Value:
+        """E (Pa, complex) at angular frequency `omega` (rad/s) and temperature `T` (K)."""
         return self.modulus(np.asarray(omega) * self.shift_factor(T))
+
+    __call__ = complex_modulus
 
 
 def fit_prony_series(curve: ColeCole, per_decade: int = 2, decades: float = 12.0) -> PronySeries:

@@ -185,7 +185,7 @@ def describe_assumptions(values: dict[str, Any]) -> list[str]:
 
 def macroasperity_modulus(theory: PerssonTheory) -> float:
     """Contact modulus |E|/(1 - nu^2) (Pa) at the longest waves of the road in slow sliding at 20 degC."""
-    E = theory.rubber(theory.road.q0 * MACROASPERITY_SPEED_M_S, 293.15)
+    E = theory.rubber.complex_modulus(theory.road.q0 * MACROASPERITY_SPEED_M_S, 293.15)
     return float(np.abs(E) / (1 - theory.rubber.poisson**2))
 
 

@@ -57,7 +57,7 @@ def read_time_axis(table: TextTable, taken: Sequence[int] = (), named: str | Non
     `taken` are numbers of columns with other quantities; `named` is the name or the number of the time column.
     Raises BadInput, naming line and cells, where no column is the time or its format is ambiguous.
     """
-    main = _named_column(table, named) if named is not None else _find_column(table, taken)
+    main = _named_column(table, named) if named is not None else _find_time_column(table, taken)
     if main is None:
         axis = _counted_axis(table, taken)
     else:
@@ -96,7 +96,7 @@ def _column_kind(table: TextTable, column: TableColumn) -> str:
     return "stamp" if parse_stamp(cell) else "text"
 
 
-def _find_column(table: TextTable, taken: Sequence[int]) -> TableColumn | None:
+def _find_time_column(table: TextTable, taken: Sequence[int]) -> TableColumn | None:
     """The column that is the time by its name or its cells; None where readings are only counted."""
     free = [c for c in table.columns if c.number not in taken]
     kinds = {c.number: _column_kind(table, c) for c in free}
@@ -105,6 +105,7 @@ def _find_column(table: TextTable, taken: Sequence[int]) -> TableColumn | None:
     ]
     times += [c for c in free if kinds[c.number] == "stamp" and c not in times]
     if times:
+        # a full stamp needs no other column, while a date alone must be joined with a clock
         full = [c for c in times if not _is_only_date(table, c)]
         return min(full or times, key=lambda c: c.number)
     if not free or any(header.is_counter_label(c) for c in free if kinds[c.number] == "number"):
@@ -154,7 +155,7 @@ def _read_axis(table: TextTable, column: TableColumn, taken: Sequence[int]) -> T
             )
     kind = _column_kind(table, column)
     if kind == "number" and not _is_only_date(table, column):
-        axis = _numeric_axis(table, column)
+        axis = _axis_from_numbers(table, column)
         if axis.is_clock and not axis.starts:
             axis = _add_date(table, axis, taken)
         return axis
@@ -229,7 +230,7 @@ def _add_milliseconds(table: TextTable, axis: TimeAxis) -> TimeAxis:
     return axis
 
 
-def _numeric_axis(table: TextTable, column: TableColumn) -> TimeAxis:
+def _axis_from_numbers(table: TextTable, column: TableColumn) -> TimeAxis:
     """Times from numbers: in the stated unit, as clock digits, as days or seconds since an epoch, or in s."""
     cells = table.cells(column)
     header.check_units_agree(column, "s", table.where)
@@ -246,16 +247,16 @@ def _numeric_axis(table: TextTable, column: TableColumn) -> TimeAxis:
         if len(suffixes) > 1:
             raise BadInput(f"{table.where}: {column}: units {sorted(suffixes)} in one column; give one unit")
         unit = suffixes.pop()
-    own, at = np.asarray(values), (column.number,)
+    numbers, columns = np.asarray(values), (column.number,)
     is_name = header.TIME_NAME.fullmatch(header.bare_name(unit)) and not header.is_unit_text(unit, "s")
     if not unit or is_name or header.FORMAT_HINT.fullmatch(unit) or unit.casefold() in header.UNITLESS_MARKS:
-        return _axis_without_unit(table, column, own, cells)
-    seconds = own * _seconds_per_unit(table, column, unit)
+        return _axis_without_unit(table, column, numbers, cells)
+    seconds = numbers * _seconds_per_unit(table, column, unit)
     start = _epoch_seconds(seconds)
     if start is not None:
-        return TimeAxis(seconds - seconds[0], at, (start + seconds[0],), True, 0.0)
+        return TimeAxis(seconds - seconds[0], columns, starts=(start + seconds[0],), is_clock=True, zone=0.0)
     note = "" if unit in ("s", "sec") else f"time from {column} in {unit}"
-    return TimeAxis(seconds, at, notes=(note,) if note else ())
+    return TimeAxis(seconds, columns, notes=(note,) if note else ())
 
 
 def _seconds_per_unit(table: TextTable, column: TableColumn, unit: str) -> float:
@@ -266,36 +267,39 @@ def _seconds_per_unit(table: TextTable, column: TableColumn, unit: str) -> float
         raise BadInput(f"{fault}; correct the header, or name the time with --time-column") from fault
 
 
-def _axis_without_unit(table: TextTable, column: TableColumn, own: np.ndarray, cells: Sequence[str]) -> TimeAxis:
+def _axis_without_unit(table: TextTable, column: TableColumn, numbers: np.ndarray, cells: Sequence[str]) -> TimeAxis:
     """Times from numbers without a unit in the header."""
-    at, bare = (column.number,), header.bare_name(column.label)
+    columns, bare = (column.number,), header.bare_name(column.label)
+    # from the most to the least specific magnitude: digits of a date, epochs, days, digits of a clock; then elapsed s
     if all(re.fullmatch(r"\d{14}", c) for c in cells):
         moments = parse_moments([f"{c[:8]} {c[8:10]}:{c[10:12]}:{c[12:]}" for c in cells], table.locate_row)
-        return TimeAxis(moments.seconds, at, moments.starts, True)
+        return TimeAxis(moments.seconds, columns, moments.starts, is_clock=True)
     for factor, unit in ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns")):
-        start = _epoch_seconds(own * factor)
+        start = _epoch_seconds(numbers * factor)
         if start is not None:
             since = "1904 (LabVIEW), UTC" if start else "1970 (Unix), UTC"
-            seconds = (own - own[0]) * factor
+            seconds = (numbers - numbers[0]) * factor
             note = f"time from {column}, {unit} since {since}"
-            return TimeAxis(seconds, at, (start + own[0] * factor,), True, 0.0, (note,))
+            starts = (start + numbers[0] * factor,)
+            return TimeAxis(seconds, columns, starts, is_clock=True, zone=0.0, notes=(note,))
     for days, epoch, kind in (
         (SPREADSHEET_RANGE_DAYS, SPREADSHEET_EPOCH_DAYS, "days of a spreadsheet"),
         (DATENUM_RANGE_DAYS, DATENUM_EPOCH_DAYS, "days of MATLAB's datenum"),
     ):
-        if days[0] <= own.min() and own.max() <= days[1] and _is_in_days(bare, own):
-            start_s = DAY_S * (own[0] + epoch)
-            return TimeAxis(DAY_S * (own - own[0]), at, (start_s,), True, notes=(f"time from {column}, {kind}",))
+        if days[0] <= numbers.min() and numbers.max() <= days[1] and _is_in_days(bare, numbers):
+            start_s = DAY_S * (numbers[0] + epoch)
+            note = f"time from {column}, {kind}"
+            return TimeAxis(DAY_S * (numbers - numbers[0]), columns, (start_s,), is_clock=True, notes=(note,))
     digits = _clock_digits(cells)
-    if digits is not None and _is_clock_digits(table, column, own, digits):
-        return TimeAxis(digits, at, (), True, notes=(f"time from {column}, HHMMSS of a clock",))
-    if len(own) > 2 and own.min() > 0 and own.max() < 1 and _is_day_fraction(own):
+    if digits is not None and _is_clock_digits(table, column, numbers, digits):
+        return TimeAxis(digits, columns, is_clock=True, notes=(f"time from {column}, HHMMSS of a clock",))
+    if len(numbers) > 2 and numbers.min() > 0 and numbers.max() < 1 and _is_day_fraction(numbers):
         raise BadInput(
-            f"{table.where}: {column}: steps of {own[1] - own[0]:.3g} may be parts of a day; write the unit behind"
-            " the name, as Time (d) or Time (s)"
+            f"{table.where}: {column}: steps of {numbers[1] - numbers[0]:.3g} may be parts of a day; write the unit"
+            " behind the name, as Time (d) or Time (s)"
         )
     where = str(column) if column.label else f"{column} (no header)"
-    return TimeAxis(own, at, notes=(f"time from {where}, unit not stated, taken as s",))
+    return TimeAxis(numbers, columns, notes=(f"time from {where}, unit not stated, taken as s",))
 
 
 def _epoch_seconds(seconds: np.ndarray) -> float | None:
@@ -306,18 +310,18 @@ def _epoch_seconds(seconds: np.ndarray) -> float | None:
     return LABVIEW_EPOCH_S if LABVIEW_RANGE_S[0] <= low and high <= LABVIEW_RANGE_S[1] else None
 
 
-def _is_in_days(bare: str, own: np.ndarray) -> bool:
+def _is_in_days(bare: str, numbers: np.ndarray) -> bool:
     """Whether numbers are days: their name is a date, or their steps would be below a millisecond if in s."""
     if re.match(header.DATE_NAME, bare) or "date" in bare or "datum" in bare:
         return True
-    return len(own) > 1 and bool(header.TIME_NAME.fullmatch(bare)) and float(np.median(np.diff(own))) < 1e-3
+    return len(numbers) > 1 and bool(header.TIME_NAME.fullmatch(bare)) and float(np.median(np.diff(numbers))) < 1e-3
 
 
-def _is_day_fraction(own: np.ndarray) -> bool:
+def _is_day_fraction(numbers: np.ndarray) -> bool:
     """Whether numbers below 1 are fractions of a day: steps below 1e-3 that are whole seconds of a day."""
-    whole = np.round(DAY_S * own)
+    whole = np.round(DAY_S * numbers)
     digits = 1e-3 * SECOND_S
-    return bool(np.max(np.abs(np.diff(own))) < digits and np.max(np.abs(DAY_S * own - whole)) < 1e2 * digits)
+    return bool(np.max(np.abs(np.diff(numbers))) < digits and np.max(np.abs(DAY_S * numbers - whole)) < 1e2 * digits)
 
 
 def _clock_digits(cells: Sequence[str]) -> np.ndarray | None:
@@ -333,12 +337,12 @@ def _clock_digits(cells: Sequence[str]) -> np.ndarray | None:
     return np.asarray(seconds + DAY_S * np.concatenate([[0.0], np.cumsum(np.diff(seconds) < -DAY_S / 2)]))
 
 
-def _is_clock_digits(table: TextTable, column: TableColumn, own: np.ndarray, digits: np.ndarray) -> bool:
+def _is_clock_digits(table: TextTable, column: TableColumn, numbers: np.ndarray, digits: np.ndarray) -> bool:
     """Whether numbers are HHMMSS: by their name, or because only then their steps are more uniform."""
     bare = header.bare_name(column.label)
-    if header.CLOCK_NAME.fullmatch(bare) or np.any(np.diff(own) < 0):
+    if header.CLOCK_NAME.fullmatch(bare) or np.any(np.diff(numbers) < 0):
         return True
-    plain, clock = np.diff(own), np.diff(digits)
+    plain, clock = np.diff(numbers), np.diff(digits)
     if np.allclose(plain, clock, rtol=0.0, atol=1e-6):
         return False  # within a minute both are the same
     spread_plain, spread_clock = (float(np.ptp(d)) for d in (plain, clock))

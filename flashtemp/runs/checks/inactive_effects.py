@@ -13,8 +13,8 @@ from flashtemp.model.case import Case
 from flashtemp.model.scene import ActiveEffect, Scene
 from flashtemp.solver.circular_track import has_road_memory
 from flashtemp.solver.heat_balance import MEAN_PRESSURE_EFFECT_K, HeatBalance
-from flashtemp.solver.march import find_failing_law
 from flashtemp.solver.system import PhaseSystem, RoadInflow
+from flashtemp.solver.time_integration import find_failing_law
 
 MAX_STATE_RISE_K = 120.0  # K above ambient, highest temperature of the random states
 SAMPLED_PHASES = 6  # phases of the schedule at which the balance is evaluated, including the first and the last
@@ -74,7 +74,7 @@ def _has_same_rates(base: Scene, extended: Scene) -> bool:
     for phase, t in _sample_times(base):
         y = _random_state(one, rng)
         pair = [PhaseSystem(b, phase, _warm_inflow(b.scene, phase)) for b in (one, other)]
-        now = pair[0].moment(t)
+        now = pair[0].law_context(t)
         if one.laws("march.rate", 0.0, None, now) != other.laws("march.rate", 0.0, None, now):
             return False
         rates = [np.zeros(b.size) for b in (one, other)]

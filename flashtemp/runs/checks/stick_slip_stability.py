@@ -38,7 +38,7 @@ def estimate_velocity_weakening(scene: Scene, run: Run) -> VelocityWeakening:
     order, across = (1 if run.leading_line_index(k) == 0 else -1), scene.mesh.n_across  # from the leading edge
     pressure, T = (np.repeat(a[k][::order], across) for a in (run.pressure, run.T_spot + KELVIN))
     system = PhaseSystem(HeatBalance(scene), phase)
-    at = system.interface.moment_at_contact(system.interface.contact_state(now, pressure), now)._replace(face=T)
+    at = system.interface.context_at_contact(system.interface.contact_state(now, pressure), now)._replace(face=T)
 
     def mean_friction(speed: float) -> float:
         mu = system.b.laws("friction.mu", 0.0, T, at._replace(speed=speed, last_speed=speed)) + 0.0 * T

@@ -21,7 +21,7 @@ from flashtemp.physics import safe_hdf5
 from flashtemp.runs.results.processes import sync_to_disk
 from flashtemp.solver.circular_track import TRACK_FIELDS
 from flashtemp.solver.field_store import FieldStore
-from flashtemp.solver.march_state import MarchState
+from flashtemp.solver.integration_state import IntegrationState
 
 CHECKPOINT_FILE, FRAMES_FILE, RESERVE_FILE = "checkpoint.h5", "frames.bin", "reserve.bin"
 HEADER_BYTES = 512  # header before the HDF5 image (a user block, which HDF5 skips): file type and checksum
@@ -31,7 +31,7 @@ NUMERIC_KINDS = re.compile("[<>|=]?[fiub][0-9]{1,2}")  # dtypes of numbers
 RESERVE_MARGIN_BYTES = 1 << 18
 
 
-def save_checkpoint(work: Path, progress: MarchState) -> None:
+def save_checkpoint(work: Path, progress: IntegrationState) -> None:
     """Write the state of a run; replaces the last checkpoint only when the new one is complete and on disk.
 
     On a full disk the reserved space is released for it.  Raises OSError.
@@ -49,7 +49,7 @@ def save_checkpoint(work: Path, progress: MarchState) -> None:
         _reserve_space(work / RESERVE_FILE, 2 * len(image) + RESERVE_MARGIN_BYTES)
 
 
-def _build_image(work: Path, progress: MarchState) -> bytes:
+def _build_image(work: Path, progress: IntegrationState) -> bytes:
     name = work / f".{CHECKPOINT_FILE}.image"  # never written, but HDF5 requires a name
     with h5py.File(name, "w", driver="core", backing_store=False) as file:
         file.attrs.update(
@@ -105,7 +105,7 @@ def _reserve_space(file: Path, size: int) -> None:
             os.posix_fallocate(handle.fileno(), 0, size)
 
 
-def load_checkpoint(work: Path) -> MarchState:
+def load_checkpoint(work: Path) -> IntegrationState:
     """The state of a checkpoint.  Raises BadInput when it or its fields are damaged, or its case has changed."""
     file = work / CHECKPOINT_FILE
     try:
@@ -145,7 +145,7 @@ def _describe_dtype(dtype: np.dtype | None) -> str:
     return json.dumps(parts)
 
 
-def _read_progress(file, work: Path) -> MarchState:
+def _read_progress(file, work: Path) -> IntegrationState:
     """The state in an open checkpoint; the track is rebuilt from its columns when the run continues."""
     a = file.attrs
     records = {k: list(v[:]) for k, v in file["records"].items()} if "records" in file else {}
@@ -160,7 +160,7 @@ def _read_progress(file, work: Path) -> MarchState:
     if odd := [kind for _, kind, _ in fields if not NUMERIC_KINDS.fullmatch(kind)]:
         raise ValueError(f"fields of kind {odd[0]!r}")
     sums = [bytes(s.tolist()) for s in file["sums"][:]]
-    return MarchState(
+    return IntegrationState(
         t=float(a["t"]),
         phase=phase,
         y=y,

@@ -10,8 +10,8 @@ import numpy as np
 from flashtemp.display import DisplayMixin, DisplayTable
 from flashtemp.model import case as cases
 from flashtemp.model import schema
-from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
+from flashtemp.solver.time_integration import integrate_schedule
 
 WATCHED_QUANTITIES = ("rise at the leading edge", "rise at the middle", "rise at the trailing edge", "mean friction")
 WATCHED_UNITS = ("K", "K", "K", "")
@@ -86,9 +86,9 @@ def estimate_convergence(case: cases.Case, watch: Callable[[str], None] = lambda
     for factor in (0.5, 1.0, 2.0):
         watch(f"mesh x {factor:g}")
         finer = replace(case, values=case.values | {"numerics": case.values["numerics"] | {"mesh": level * factor}})
-        runs.append(march(finer.scene, tight))
+        runs.append(integrate_schedule(finer.scene, tight))
     watch("tolerance of the case")
-    own = march(scene, replace(numerics, profiles=4, fields=2))
+    own = integrate_schedule(scene, replace(numerics, profiles=4, fields=2))
     values = np.array([watched_values(r) for r in runs])
     coarse, fine = values[1] - values[0], values[2] - values[1]
     with np.errstate(divide="ignore", invalid="ignore"):

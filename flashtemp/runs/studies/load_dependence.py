@@ -26,8 +26,8 @@ from flashtemp.model.build import find_theory
 from flashtemp.model.scene import ActiveEffect, Scene
 from flashtemp.runs.results.worker_pool import stream_results
 from flashtemp.solver.heat_balance import HeatBalance
-from flashtemp.solver.march import march
 from flashtemp.solver.system import PhaseSystem
+from flashtemp.solver.time_integration import integrate_schedule
 
 NEGLIGIBLE_LN_CHANGE = 0.01  # change of ln mu over the loads below which no process is reported
 MIN_INTERACTION_LN, MAX_SHOWN_INTERACTIONS = 1e-3, 3  # smallest reported dividend; number of reported dividends
@@ -85,14 +85,16 @@ def compute_case_friction(case: cases.Case, cold: bool) -> float:
     """Load-weighted friction at the end of the last repetition; `cold`: everything at ambient temperature."""
     scene = case.scene
     if not cold:
-        run = march(scene, case.settings, case.title)
+        run = integrate_schedule(scene, case.settings, case.title)
         return float(run.friction[run.last_sliding_index])
     phase = [phase for phase in scene.schedule.phases if phase.sliding][-1]
     system = PhaseSystem(HeatBalance(scene), phase)
-    now, y = system.moment(phase.end), system.b.initial_state()
+    now, y = system.law_context(phase.end), system.b.initial_state()
     state, press, *_ = system.solve_contact(now, y)
     T = np.full(len(press.pressure), now.ambient)
-    mu = system.b.laws("friction.mu", 0.0, T, system.interface.moment_at_contact(state, now)._replace(face=T)) + 0.0 * T
+    mu = (
+        system.b.laws("friction.mu", 0.0, T, system.interface.context_at_contact(state, now)._replace(face=T)) + 0.0 * T
+    )
     load = press.pressure * scene.mesh.column_area
     return float(mu @ load / load.sum())
 

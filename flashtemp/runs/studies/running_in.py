@@ -21,9 +21,9 @@ import numpy as np
 from flashtemp.display import DisplayMixin, DisplayTable
 from flashtemp.errors import BadInput, FlashtempError, shorten_text, suggest_name
 from flashtemp.physics.quantities import KELVIN
+from flashtemp.physics.tables.column_matching import FRICTION, RequiredColumn, read_required_columns
 from flashtemp.physics.tables.header import split_label
 from flashtemp.physics.tables.table import read_table
-from flashtemp.physics.tables.wanted import FRICTION, WantedColumn, read_wanted
 from flashtemp.runs.studies.relaxation_fit import MeanRecord, RelaxationFit, drop_first
 
 MIN_FIT_VALUES = 4  # three parameters are fitted
@@ -33,9 +33,9 @@ INTERVAL_CONFIDENCE = 0.95
 MISFIT_CONFIDENCE = 0.99  # of the remark that the values are not exponential
 RELAXATION_PARAMETERS = 2  # additional parameters of a relaxation compared with a constant
 RECORD_QUANTITIES, CSV_HEADER_WORDS = ("friction", "pressure"), "repetition,mu[,sigma] or slid_m,mu[,sigma]"
-REPETITION_COLUMN = WantedColumn("repetition", "1", "repetition")
-SLID_COLUMN = WantedColumn("slid distance", "m", "slid")
-SIGMA_COLUMN = WantedColumn("standard deviation", "1", "sigma")
+REPETITION_COLUMN = RequiredColumn("repetition", "1", "repetition")
+SLID_COLUMN = RequiredColumn("slid distance", "m", "slid")
+SIGMA_COLUMN = RequiredColumn("standard deviation", "1", "sigma")
 
 
 @dataclass(frozen=True, repr=False)
@@ -334,7 +334,7 @@ def _read_columns(path: Path) -> dict[str, np.ndarray]:
     if not table.has_header:
         raise BadInput(f"{path}: no column names; write the header {CSV_HEADER_WORDS}")
     known = {"repetition": REPETITION_COLUMN, "slid_m": SLID_COLUMN, "mu": FRICTION, "sigma": SIGMA_COLUMN}
-    columns: dict[str, WantedColumn] = {}
+    columns: dict[str, RequiredColumn] = {}
     for column in table.columns:
         name = "slid_m" if split_label(column.label, "m")[0] == "slid" else column.label
         if name not in known:
@@ -345,4 +345,4 @@ def _read_columns(path: Path) -> dict[str, np.ndarray]:
     if "mu" not in columns or ("repetition" in columns) == ("slid_m" in columns) or len(columns) < len(table.columns):
         labels = ",".join(c.label for c in table.columns)
         raise BadInput(f"{path}: header '{shorten_text(labels)}'; write {CSV_HEADER_WORDS}")
-    return dict(zip(columns, read_wanted(table, list(columns.values())).T, strict=True))
+    return dict(zip(columns, read_required_columns(table, list(columns.values())).T, strict=True))

@@ -18,7 +18,7 @@ from flashtemp.model import case as cases
 from flashtemp.model import case_file, schema
 from flashtemp.physics import units
 from flashtemp.runs.results.resumable_batch import open_batch_folder, run_batch
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 
 PROFILE_PLACES = np.linspace(0.0, 1.0, 101)  # x/L at which profiles are saved
 POINT_PROFILES = {
@@ -189,7 +189,7 @@ def _split_values(text: str) -> list[str]:
 
 def compute_point(case: cases.Case) -> dict[str, np.ndarray]:
     """Run one combination; returns profiles (repetitions, places) and numbers."""
-    run = march(case.scene, case.settings, case.title)
+    run = integrate_schedule(case.scene, case.settings, case.title)
     ends = [int(np.flatnonzero(run.sliding & (run.repetition == r))[-1]) for r in np.unique(run.repetition)]
     at = PROFILE_PLACES * run.mesh.x[run.mesh.last]
     out = {name: np.array([np.interp(at, run.x, getattr(run, name)[k]) for k in ends]) for name in POINT_PROFILES}

@@ -24,9 +24,9 @@ from flashtemp.runs.results.resumable_batch import open_batch_folder, run_batch
 from flashtemp.runs.studies import variance_decomposition
 from flashtemp.runs.studies.friction_trends import find_trends
 from flashtemp.runs.studies.sensitivity_result import OUTPUT_SPECS, PredictedNumber, PredictionBand, SensitivityResult
-from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
 from flashtemp.solver.sensitivity import Perturbation, RunWithSensitivities, run_with_sensitivities
+from flashtemp.solver.time_integration import integrate_schedule
 
 Array = npt.NDArray[np.float64]
 Watch = Callable[[int, int], Any]
@@ -62,7 +62,7 @@ def sample_outputs(run: Run, places: Array, moments: Array) -> dict[str, Array]:
 
 def _run_sample(case: Case) -> dict[str, Array]:
     """The outputs of one run of a sample at its cells and records."""
-    run = march(case.scene, case.settings, case.title)
+    run = integrate_schedule(case.scene, case.settings, case.title)
     return sample_outputs(run, run.x / run.mesh.x[run.mesh.last], np.linspace(0.0, 1.0, len(run.time)))
 
 

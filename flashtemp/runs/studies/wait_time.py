@@ -15,7 +15,7 @@ import numpy as np
 from flashtemp.display import DisplayMixin, DisplayTable
 from flashtemp.errors import BadInput
 from flashtemp.model import case as cases
-from flashtemp.solver.march import march
+from flashtemp.solver.time_integration import integrate_schedule
 
 TRIED_WAITS_S = (600.0, 21600.0)  # s, upper bounds of the search in this order
 TEMPERATURE_TOLERANCE_K = 0.02  # K below the limit at which the search stops
@@ -109,7 +109,7 @@ def find_minimum_wait(
         """K above the limit at u = asinh(wait in s); 0 within the tolerance, which ends the root search."""
         wait = math.sinh(u)
         if wait not in tried:
-            tried[wait] = peak = _march_with_wait(case, wait, of)
+            tried[wait] = peak = _simulate_with_wait(case, wait, of)
             watch(f"wait {wait:.4g} s: {peak.highest:.2f} degC in repetition {peak.repetition}")
         over = tried[wait].highest - below
         return 0.0 if -TEMPERATURE_TOLERANCE_K <= over <= 0 else over
@@ -169,11 +169,11 @@ def _check_question(case: cases.Case, below: float, of: str) -> None:
         raise BadInput(f"{file}: schedule.repetitions: {repetitions} leaves nothing to wait for; give 2 or more")
 
 
-def _march_with_wait(case: cases.Case, wait: float, of: str) -> PeakTemperature:
+def _simulate_with_wait(case: cases.Case, wait: float, of: str) -> PeakTemperature:
     """Run the case with another wait (s), without writing files."""
     other = replace(case, values=case.values | {"schedule": case.values["schedule"] | {"wait": wait}})
     scene = other.scene
-    run = march(scene, replace(other.settings, fields=2))
+    run = integrate_schedule(scene, replace(other.settings, fields=2))
     highest = np.nanmax(getattr(run, SURFACE_PROFILES[of]), axis=1)
     k = int(np.nanargmax(highest))
     first = float(np.nanmax(highest[run.repetition == 1]))

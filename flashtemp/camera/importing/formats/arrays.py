@@ -18,7 +18,7 @@ from flashtemp.camera.image_validation import check_memory
 from flashtemp.camera.importing.formats import matlab
 from flashtemp.camera.importing.formats.camera_file import CameraFile
 from flashtemp.camera.importing.formats.raw_frames import (
-    UNSCALED,
+    UNSTATED_SCALE,
     RawFrames,
     agree_on_unit,
     as_frame_stack,
@@ -150,7 +150,9 @@ def _iter_frames(
         T = np.where(np.isfinite(T), T, np.nan)
         notes = (f"array '{shorten_text(name)}'", *([note] if note else []))
         at = None if time is None else time[chosen]
-        yield RawFrames(kind, T, time=at, outside=int(np.isnan(T).sum()), notes=notes, is_unscaled=scale is UNSCALED)
+        yield RawFrames(
+            kind, T, time=at, outside=int(np.isnan(T).sum()), notes=notes, is_unscaled=scale is UNSTATED_SCALE
+        )
 
 
 def _frame_times(arrays: dict[str, StoredArray], frames: int, limit) -> np.ndarray | None:

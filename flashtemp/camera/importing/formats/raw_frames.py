@@ -144,7 +144,7 @@ def to_celsius(values: np.ndarray, unit: str | None, difference: bool = False) -
     return scale * values + (0.0 if difference else offset), ""
 
 
-class Unscaled(float):
+class UnstatedScale(float):
     """Scale of counts that stay counts, because it is not stated yet."""
 
 
@@ -152,7 +152,7 @@ class ScaleMissing(BadInput):
     """The scale or unit of a file's numbers is missing, and only the user knows it."""
 
 
-UNSCALED = Unscaled(1.0)
+UNSTATED_SCALE = UnstatedScale(1.0)
 
 
 def scale_counts(counts: np.ndarray, scale: float | None, offset: float | None, what: str) -> np.ndarray:
@@ -163,7 +163,7 @@ def scale_counts(counts: np.ndarray, scale: float | None, offset: float | None, 
             f"{what} of {counts.min()} to {counts.max()} counts; give {missing}: T = scale count + offset in degC,"
             " often --scale 0.01, 0.04, 0.1 or 0.4 and --offset -273.15"
         )
-    if scale is UNSCALED:
+    if scale is UNSTATED_SCALE:
         return counts.astype(float)
     T = scale * counts.astype(float) + offset
     middle = float(np.median(T))
@@ -192,7 +192,7 @@ def frames_from_pixels(values: np.ndarray, kind: str, unit, scale, offset) -> Ra
     else:
         raise BadInput(f"{kind} of {values.dtype}; give 16-bit counts or floating-point temperatures")
     T = np.where(np.isfinite(T), T, np.nan)
-    outside, counted = int(np.isnan(T).sum()), scale is UNSCALED
+    outside, counted = int(np.isnan(T).sum()), scale is UNSTATED_SCALE
     return RawFrames(f"{bits}-bit {kind}", T, outside=outside, notes=(note,) if note else (), is_unscaled=counted)
 
 

@@ -16,7 +16,7 @@ from flashtemp.camera.importing.formats import fast_text, infratec_ascii
 from flashtemp.camera.importing.formats.camera_file import CameraFile
 from flashtemp.camera.importing.formats.cell_parsing import count_numeric, count_units, parse_cells
 from flashtemp.camera.importing.formats.raw_frames import (
-    UNSCALED,
+    UNSTATED_SCALE,
     RawFrames,
     scale_counts,
     temperature_unit,
@@ -115,7 +115,7 @@ def read_text(
         stated_parameters=head.stated_parameters,
         outside=int((marked | ends).sum()),
         notes=(*notes, *([remark] if remark else [])),
-        is_unscaled=scale is UNSCALED,
+        is_unscaled=scale is UNSTATED_SCALE,
     )
 
 

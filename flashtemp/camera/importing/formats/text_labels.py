@@ -202,11 +202,15 @@ def _without_words(values: np.ndarray) -> tuple[np.ndarray, list[str]]:
 
 
 def _remove_stated_labels(values: np.ndarray, choice: str, notes: list[str]) -> TrimmedMatrix:
+    """The matrix without the labels that the user stated with `choice`, "columns", "rows", "both" or "none".
+
+    Labels of columns stand in the first row, which is left out; labels of rows in the first column.
+    """
     columns, rows = choice in ("columns", "both"), choice in ("rows", "both")
     if columns:
-        notes = [*notes, "the first row left out: labels, as said"]
+        notes = [*notes, "the first row left out: labels, as stated by --labels"]
     if rows:
-        notes = [*notes, "the first column left out: labels, as said"]
+        notes = [*notes, "the first column left out: labels, as stated by --labels"]
     return TrimmedMatrix(values[int(columns) :, int(rows) :], tuple(notes))
 
 

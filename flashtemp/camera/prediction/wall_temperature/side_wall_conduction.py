@@ -1,18 +1,19 @@
 """Heat conduction in the corner between the block's face and its side wall, which a 2D run does not resolve.
 
 T is the rise above the air, y the depth behind the wall, z the height above the face, and x runs along the block.
-Equations have their numbers in docs/explanation/theory.md.  Far from the wall, eqs. (8) and (9) hold for the section;
-near it, air cools the wall:
+Equations have their numbers in docs/explanation/theory.md.  Far from the wall, eqs. (8) and (9) hold for the section,
+the plane (x, z) of the 2D run; near it, air cools the wall:
 
     rho c dT/dt = k (d2T/dy2 + d2T/dz2) + k_x d2T/dx2                                          (27)
     k dT/dy = h T at y = 0        (h heat-transfer coefficient of the wall)                    (28)
     -k dT/dz = q(x, t) - H T at z = 0        (H conductance of the contact, q even across y)   (29)
 
-A separable boundary condition makes T a sum of products of the modes of two slabs, one with (28) and one with (29).
-The product of mode i across and mode j up the block decays as exp(-(lambda_i + mu_j) dt), without error in time.
-Conduction along x follows as a separate step (operator splitting), because H varies along x.  The flux q is constant
-in a step.  It is found from the section: a block without side wall must reach the face temperature that the 2D run
-has computed.  The same q then enters the corner, so that only the cooling of the wall makes a difference.
+T is a sum of products of slab modes: mode i across the width satisfies (28), mode j over the height satisfies (29).
+Their product decays as exp(-(lambda_i + mu_j) dt), without error in time.  Conduction along x follows as a separate
+step (operator splitting), because H varies along x.
+
+The flux q is constant in a step.  It is chosen so that a block without cooled side wall reaches the face temperature of
+the 2D run.  The corner then uses the same q, so it differs from the 2D run only by the cooling of the wall.
 """
 
 from __future__ import annotations

@@ -15,8 +15,8 @@ from flashtemp.model.case_file import KeyLocations
 from flashtemp.model.numerics import SolverSettings, read_settings
 from flashtemp.model.scene import ActiveEffect, Scene
 from flashtemp.physics.effect import Effect, catalogue
-from flashtemp.solver.march import march
 from flashtemp.solver.run import Run
+from flashtemp.solver.time_integration import integrate_schedule
 
 SMALL_CASE = {  # heat reaches the back of the thin block; two repetitions are longer than one lap
     "block.height": 0.002,
@@ -117,7 +117,7 @@ class SceneCache:
         identity = (trial.name, trial.effect, repr(sorted(trial.values.items()))) if trial else None
         key = (identity, tuple(added_effects), repr(sorted((values or {}).items())))
         if key not in self._runs:
-            self._runs[key] = march(*self.build_scene_settings(trial, added_effects, values))
+            self._runs[key] = integrate_schedule(*self.build_scene_settings(trial, added_effects, values))
         return self._runs[key]
 
     def run_without(self, trial: EffectUnderTest, values: Mapping[str, Any]) -> Run:

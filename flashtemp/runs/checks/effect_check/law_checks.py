@@ -99,9 +99,9 @@ def record_law_calls(bench: SceneCache, trial: EffectUnderTest) -> tuple[list[La
         for balance, system, t, y, _ in sample_states(replace(scene, acting=acting)):
             out = np.zeros(balance.size)
             system.rate(t, y, out)
-            now = system.moment(t)
+            now = system.law_context(t)
             contact_lanes.spreading_loss_at_depth(
-                balance, system.interface.moment_at_contact(system.solve_contact(now, y).state, now)
+                balance, system.interface.context_at_contact(system.solve_contact(now, y).state, now)
             )
             for q in recorder.calls:
                 calls.setdefault((q.number, shape, system.phase.sliding), q)

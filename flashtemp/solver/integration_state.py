@@ -1,4 +1,4 @@
-"""The state of a march: all that is needed to resume it from a checkpoint."""
+"""The state of a time integration: all that is needed to resume it from a checkpoint."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from flashtemp.solver.field_store import FieldStore
 
 
 @dataclass
-class MarchState:
-    """Time (s), number of the phase and state vector of a march, and everything recorded so far."""
+class IntegrationState:
+    """Time (s), number of the phase and state vector of a time integration, and everything recorded so far."""
 
     t: float = 0.0
     phase: int = 0

@@ -27,17 +27,24 @@ EXIT_STOPPED = 130
 
 @dataclass
 class Job(LoggedJob):
-    """A command of this server: its `process`, None while it waits for its turn; `cancelled` if that never came."""
+    """A command of this server: its `process`, None while it waits for its turn; `cancelled` if that never came.
+
+    `interrupted`: the user stopped it while it ran.
+    """
 
     process: subprocess.Popen[bytes] | None = None
     cancelled: bool = False
+    interrupted: bool = False
 
     @property
     def exit_code(self) -> int | None:
         """Exit code, None while the command waits or runs."""
         if self.process is None:
             return EXIT_STOPPED if self.cancelled else None
-        return self.process.poll()
+        code = self.process.poll()
+        # Python that is interrupted before the command has begun ends with 1, as if it had failed
+        unbegun = code == 1 and self.interrupted and self.live.number("began") is None
+        return EXIT_STOPPED if unbegun else code
 
     @property
     def is_running(self) -> bool:
@@ -55,6 +62,7 @@ class Job(LoggedJob):
             self.cancelled = True
             LiveFile(self.state_file).write_end(EXIT_STOPPED)
         elif self.process.poll() is None:
+            self.interrupted = True
             with suppress(ProcessLookupError):
                 interrupt_process(self.process.pid)
 
@@ -100,9 +108,9 @@ class JobList:
 
     def _await_end(self, process: subprocess.Popen[bytes], job: Job) -> None:
         """Wait for the end of a process; record it where the command could not, and start the next job."""
-        code = process.wait()
+        process.wait()
         if job.live.number("end", "exit_code") is None:
-            LiveFile(job.state_file).write_end(code)
+            LiveFile(job.state_file).write_end(job.exit_code or 0)
         self._start_waiting()
 
     def list_past(self, most: int) -> list[LoggedJob]:

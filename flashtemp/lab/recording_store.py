@@ -20,7 +20,7 @@ from flashtemp.errors import BadInput, FlashtempError
 from flashtemp.lab.page_layout import refuse_damaged
 from flashtemp.lab.workspace import escape_control, resolve_inside
 from flashtemp.physics.interpolation import read_xy_pairs
-from flashtemp.physics.tables.wanted import FRICTION, TIME
+from flashtemp.physics.tables.column_matching import FRICTION, TIME
 
 MAX_READ_GB: Final = 1.0  # of memory for one recording
 MAX_SAMPLE_VALUES: Final = 500_000  # of the frames that are kept of one recording

@@ -189,6 +189,8 @@ def serve(
 
         from flashtemp.lab.pages import make_application
     except ModuleNotFoundError as fault:
+        if (fault.name or "").startswith("flashtemp"):
+            raise
         raise BadInput(f"lab: {fault.name} is not installed; pip install 'flashtemp[lab]'") from fault
     token = secrets.token_urlsafe(24)
     with socket.create_server((HOST, 0)) as listening:

@@ -246,6 +246,7 @@ WORDS = {  # that are quantities or parts of a camera's image before they are ef
     "emissivity": (
         "camera", "physics/quantities.py", "lab/import_form.py", "comparison/known_inputs.py",
         "discovery/hypotheses", "discovery/prediction/prediction.py", "discovery/diagnostics/stated_inputs.py",
+        "discovery/live_evidence.py", "lab/free_keys.py",
     ),
     "blur": ("camera", "physics/quantities.py"),
     "radiation": ("camera/radiometry.py",),

@@ -151,7 +151,7 @@ def _write_campaign(case: Case, plan: SyntheticPlan, work: Path, watch) -> None:
         if case["schedule.alone"]
         else NUISANCE_SDS
     )
-    drawn = {k: float(np.exp(plan.nuisance * s * rng.normal())) for k, s in known.items()}
+    drawn = {k: _allowed_factor(case, k, float(np.exp(plan.nuisance * s * rng.normal()))) for k, s in known.items()}
     fastest = max(f for _, f in CONDITION_FACTORS[: plan.conditions]) * case["schedule.speed"]
     numerics = draw_discretisation(case.with_values({"schedule.speed": fastest}), rng)
     truth: dict[str, Any] = {
@@ -198,6 +198,18 @@ def _clip_to_bounds(key: str, value: float) -> float:
     table, name = key.rsplit(".", 1)
     param = declared_params(table)[name]
     return float(np.clip(value, param.low, param.high))
+
+
+def _allowed_factor(case: Case, key: str, factor: float) -> float:
+    """A factor on a key's value that keeps it within its bounds: the inverse, or 1, of one that does not.
+
+    A spot fraction of 1 can only be smaller: its prior is then the half of the log-normal below 1.
+    """
+    table, name = key.rsplit(".", 1)
+    param, value = case.declared_params(table)[name], case[key]
+    if not isinstance(value, (int, float)):
+        return factor
+    return next(f for f in (factor, 1.0 / factor, 1.0) if f == 1.0 or param.low <= f * value <= param.high)
 
 
 def draw_effect_parameters(name: str, case: Case, rng) -> dict[str, float]:

@@ -83,7 +83,7 @@ def write_free(free: dict[str, float | None]) -> Any:
     """The value of `free`: a list without standard deviations, else a table in which every key has one.
 
     >>> write_free({"friction.mu": None}), write_free({"friction.mu": 0.1, "block.length": None})
-    (['friction.mu'], {'friction.mu': 0.1, 'block.length': 0.5})
+    (['friction.mu'], {'friction.mu': 0.1, 'block.length': 0.2})
     """
     if all(sd is None for sd in free.values()):
         return list(free)

@@ -22,6 +22,7 @@ from flashtemp.comparison.compare import compare, summary_line
 from flashtemp.comparison.synthetic_campaign import (
     SEALED_TRUTH,
     SyntheticPlan,
+    _allowed_factor,
     draw_discretisation,
     draw_effect_parameters,
     make_synthetic_campaign,
@@ -377,3 +378,13 @@ def test_from_a_folder_of_images_to_the_comparison(case, made, tmp_path, capsys)
     assert s.noise.estimated == ("white", "pattern")
     assert s.chi2_per_dof == pytest.approx(1.0, abs=0.05)
     assert s.is_white
+
+
+@pytest.mark.parametrize(("key", "value", "factor", "allowed"), [
+    ("contact.spot_fraction", 1.0, 1.25, 0.8), ("contact.spot_fraction", 1.0, 0.9, 0.9), ("contact.spot_fraction", 0.2, 1.25, 1.25),
+    ("friction.mu", 1.0, 1.25, 1.25),
+])  # fmt: skip
+def test_what_is_drawn_stays_within_the_bounds_of_its_key(key, value, factor, allowed):
+    """A truth outside of them could not be found: a fit stays within."""
+    case = load_case(CASES / "uniform_pressure", {key: value})
+    assert _allowed_factor(case, key, factor) == pytest.approx(allowed)

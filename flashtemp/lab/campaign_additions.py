@@ -216,7 +216,7 @@ class CampaignAdditions:
             multiple=True, auto_upload=True,
             on_multi_upload=self._store_files, max_total_size=MAX_UPLOAD_BYTES, max_files=MAX_UPLOAD_FILES,
         ).on_rejected(_notify_rejected)  # fmt: skip
-        drop.classes("ft-drop w-full").props("flat bordered")
+        drop.classes("ft-drop-bare w-full").props("flat bordered")
         with drop.add_slot("list"), ui.row().classes("items-center gap-3"):
             ui.label("Drop recordings, tables or camera files here, or").classes("ft-muted")
             choose = ui.button("Choose files", icon="upload_file").props("outline no-caps")

@@ -88,7 +88,7 @@ def test_an_empty_folder_says_what_belongs_there_and_an_example_runs(browser, tm
         (tmp_path / "examples" / "run_in.toml").write_text(CASE)  # the user's own file of that name stays
         seen.get_by_role("button", name="Try: a run-in").click()
         seen.wait_for_url(re.compile("/runs"))
-        seen.get_by_role("link", name=re.compile("open the result|run_in-run")).first.wait_for(timeout=120_000)
+        seen.get_by_role("link", name="Open the result").first.wait_for(timeout=120_000)
         assert (tmp_path / "examples" / "run_in.toml").read_text() == CASE
         seen.goto(address.split("/?")[0])
         seen.get_by_role("link", name="open results/run_in-run").wait_for()

@@ -12,6 +12,7 @@ import numpy as np
 from nicegui import ui
 
 from flashtemp.lab.page_layout import add_script
+from flashtemp.lab.workspace import escape_control
 
 N_SERIES_COLOURS = 5  # --series-1 ... --series-5 of the style sheet
 MAX_CHART_POINTS = 5000  # of a line; longer ones are thinned to their extremes, so that no peak is lost
@@ -31,15 +32,22 @@ def line_series(name: str, x: Any, y: Any, number: int = 0, **more: Any) -> dict
     """A line through the finite points of x and y (n,), in the colour of that number; `more` are keys of ECharts."""
     colour = f"var(--series-{number % N_SERIES_COLOURS + 1})"
     style = {"lineStyle": {"color": colour, "width": 2}, "itemStyle": {"color": colour}}
-    return {"type": "line", "name": name, "showSymbol": False, "data": chart_points(x, y), **style, **more}
+    return {
+        "type": "line",
+        "name": escape_control(name),
+        "showSymbol": False,
+        "data": chart_points(x, y),
+        **style,
+        **more,
+    }
 
 
 def bar_series(name: str, labels: Sequence[str], values: Any, number: int = 0, **more: Any) -> dict[str, Any]:
     """A bar for the finite value (n,) of each label (n,), in the colour of that number; `more` are keys of ECharts."""
     values = np.asarray(values, float)
-    data = [[str(a), float(b)] for a, b in zip(labels, values, strict=True) if np.isfinite(b)]
+    data = [[escape_control(str(a)), float(b)] for a, b in zip(labels, values, strict=True) if np.isfinite(b)]
     colour = {"color": f"var(--series-{number % N_SERIES_COLOURS + 1})"}
-    return {"type": "bar", "name": name, "data": data, "itemStyle": colour, "barMaxWidth": 28, **more}
+    return {"type": "bar", "name": escape_control(name), "data": data, "itemStyle": colour, "barMaxWidth": 28, **more}
 
 
 def chart_points(x: Any, y: Any) -> list[list[float]]:
@@ -71,8 +79,8 @@ def chart_options(
         "legend": {"show": len(series) > 1, "top": 4, "type": "scroll", "itemGap": 22,
                    "textStyle": {"color": "var(--text)", "padding": [0, 6, 0, 0]},
                    "pageTextStyle": {"color": "var(--text)"}},
-        "xAxis": {"name": x_label, "nameGap": 30, **AXIS_STYLE},
-        "yAxis": {"name": y_label, "nameGap": 46, "min": low, "max": high, **AXIS_STYLE},
+        "xAxis": {"name": escape_control(x_label), "nameGap": 30, **AXIS_STYLE},
+        "yAxis": {"name": escape_control(y_label), "nameGap": 46, "min": low, "max": high, **AXIS_STYLE},
         "dataZoom": [{"type": "inside", "filterMode": "none", axis: 0} for axis in ("xAxisIndex", "yAxisIndex")],
         "series": list(series),
     }  # fmt: skip
@@ -83,7 +91,12 @@ def bar_options(
 ) -> dict[str, Any]:
     """Options of ECharts for horizontal bars, the first label at the top; `label_width` is the room of labels in px."""
     options = chart_options([_swap_axes(s) for s in series], value_label, "")
-    category = {"type": "category", "data": [str(label) for label in labels], "inverse": True, "nameGap": 12}
+    category = {
+        "type": "category",
+        "data": [escape_control(str(label)) for label in labels],
+        "inverse": True,
+        "nameGap": 12,
+    }
     label_style = {**AXIS_STYLE["axisLabel"], "width": label_width, "overflow": "truncate"}
     options["yAxis"] = {**options["yAxis"], **category, "axisLabel": label_style, "splitLine": {"show": False}}
     options["xAxis"] = {**options["xAxis"], "scale": False}

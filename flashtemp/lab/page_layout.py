@@ -85,7 +85,7 @@ def card(title: str = "", about: str = "") -> Iterator[Any]:
             heading(2, title)
             element.props["aria-label"] = escape_control(title)
         if about:
-            ui.label(about).classes("ft-muted")
+            ui.label(escape_control(about)).classes("ft-muted")
         yield element
 
 

@@ -10,10 +10,12 @@ from typing import Any
 from nicegui import ui
 
 from flashtemp.errors import BadInput
+from flashtemp.lab.live_state import finite_number
 from flashtemp.lab.page_layout import chip, file_address, page_address
 from flashtemp.lab.workspace import RESULT_COMMANDS, escape_control, resolve_inside
 
 MAX_BRIEF_BYTES = 4 * 2**20  # of a JSON file that is read for one sentence
+MAX_SENTENCE_CHARACTERS = 1000
 MAIN_PICTURES = {  # of a command's result, the first that exists
     "run": ("profile.png", "field.png"),
     "discover": ("what_is_wrong.png", "why.png"),
@@ -35,14 +37,14 @@ def describe_result(folder: Path, result: Path, command: str) -> str:
     """The answer of a result in one sentence, "" where its file does not say."""
     if command == "run":
         found = _read_json(folder, result / "summary.json")
-        values = found.get("T_max_degC"), found.get("rise_trailing_K")
-        if all(isinstance(v, (int, float)) for v in values):
-            return f"highest {values[0]:.1f} °C, rise at the trailing edge {values[1]:.1f} K"
-        return ""
+        hottest, rise = (finite_number(found.get(key)) for key in ("T_max_degC", "rise_trailing_K"))
+        if hottest is None or rise is None:
+            return ""
+        return f"highest {hottest:.1f} °C, rise at the trailing edge {rise:.1f} K"
     for name in ("verdict.json", "compare.json", "plan.json", "sensitivity.json"):
         says = _read_json(folder, result / name).get("says")
         if isinstance(says, list) and says and isinstance(says[0], str):
-            return says[0]
+            return says[0][:MAX_SENTENCE_CHARACTERS]
     return ""
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -107,6 +108,31 @@ def open_result(folder: Path, name: str) -> ResultFolder:
     result = ResultFolder(folder.resolve(), path.relative_to(folder.resolve()), "")
     command = next((c for file, c in RESULT_COMMANDS.items() if result.find_file(file) is not None), "")
     return ResultFolder(result.folder, result.here, command)
+
+
+@contextmanager
+def open_dataset(file: Path, max_bytes: int, left_out: str = "") -> Iterator[Any]:
+    """Context manager: a NetCDF file of a result whose data lie in the file and fit into `max_bytes` of memory.
+
+    Variables whose names end with `left_out` are not read by the page.  Raises BadInput.
+    """
+    import h5py
+    import xarray
+
+    from flashtemp.physics.safe_hdf5 import count_values_in_memory, list_datasets
+
+    with refuse_damaged(file):
+        with h5py.File(file) as content:
+            found = list_datasets(content)  # raises for links into other files and for data that lie there
+            n_bytes = sum(
+                count_values_in_memory(values) * values.dtype.itemsize
+                for name, values in found.items()
+                if not left_out or not name.endswith(left_out)
+            )
+        if n_bytes > max_bytes:
+            raise BadInput(f"{file}: holds {n_bytes / 2**20:.0f} MiB of profiles; open it with xarray")
+        with xarray.open_dataset(file, engine="h5netcdf") as data:
+            yield data
 
 
 def list_pictures(result: ResultFolder) -> list[str]:
@@ -232,4 +258,7 @@ def describe_size(n_bytes: int) -> str:
 def describe_age(result: ResultFolder, names: Sequence[str]) -> str:
     """When a result was written, from the first of its files that exists."""
     file = next((f for name in names if (f := result.find_file(name)) is not None), None)
-    return "" if file is None else time.strftime("%Y-%m-%d %H:%M", time.localtime(file.stat().st_mtime))
+    try:
+        return "" if file is None else time.strftime("%Y-%m-%d %H:%M", time.localtime(file.stat().st_mtime))
+    except (OSError, ValueError, OverflowError):  # removed meanwhile, or a time beyond the calendar
+        return ""

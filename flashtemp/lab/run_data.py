@@ -12,13 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from flashtemp.errors import BadInput
-from flashtemp.lab.page_layout import refuse_damaged
-from flashtemp.lab.result_files import ResultFolder
+from flashtemp.lab.result_files import ResultFolder, open_dataset
 from flashtemp.lab.result_parts import MainNumber
 from flashtemp.lab.workspace import escape_control
 
 MAX_PROFILE_BYTES = 512 * 2**20  # of arrays that the page loads at once
 MAX_QUANTITIES = 30
+MAX_TIMES, MAX_REPETITIONS = 200_000, 2000  # stored; the plots take a line per repetition
 PLACES = ("leading edge", "middle", "trailing edge")
 TEMPERATURES = "temperature"
 CURVE_LABELS = {  # in the order of the charts
@@ -122,15 +122,10 @@ class RunData:
 
 def read_run(result: ResultFolder) -> RunData:
     """The content of `run.nc`.  Raises BadInput for a damaged file or one without temperatures."""
-    import xarray
-
     file = result.find_file("run.nc")
     if file is None:
         raise BadInput(f"{result.name}: has no run.nc")
-    with refuse_damaged(file), xarray.open_dataset(file) as data:
-        n_bytes = sum(data[k].nbytes for k in data.variables if not str(k).endswith("_map"))
-        if n_bytes > MAX_PROFILE_BYTES:
-            raise BadInput(f"{file}: holds {n_bytes / 2**20:.0f} MiB of profiles; open it with xarray")
+    with open_dataset(file, MAX_PROFILE_BYTES, left_out="_map") as data:
         return _collect_data(result, file, data)
 
 
@@ -139,6 +134,9 @@ def _collect_data(result: ResultFolder, file: Path, data: Any) -> RunData:
     quantities = _collect_quantities(data)
     if not len(time) or not quantities or quantities[0].name != TEMPERATURES:
         raise BadInput(f"{file}: has no temperatures over time and x; it is not a run of flashtemp")
+
+    if len(time) > MAX_TIMES:
+        raise BadInput(f"{file}: holds {len(time)} times, at most {MAX_TIMES} are shown; open it with xarray")
 
     def over_time(name: str, otherwise: float) -> Array:
         values = np.asarray(data[name].values, float) if name in data else np.zeros(0)
@@ -149,9 +147,12 @@ def _collect_data(result: ResultFolder, file: Path, data: Any) -> RunData:
         for name, (label, sign) in LEDGER_ENTRIES.items()
         if f"energy_{name}" in data and data[f"energy_{name}"].shape == time.shape
     }
+    repetition = over_time("repetition", 1.0).astype(np.int64)
+    if len(np.unique(repetition)) > MAX_REPETITIONS:
+        raise BadInput(f"{file}: holds more than {MAX_REPETITIONS} repetitions; open it with xarray")
     return RunData(
         result.name, escape_control(str(data.attrs.get("title", ""))), time,
-        over_time("repetition", 1.0).astype(np.int64), over_time("slid", math.nan),
+        repetition, over_time("slid", math.nan),
         over_time("sliding", 1.0) > 0.5, over_time("friction", math.nan), quantities, ledger,
         float(data.attrs.get("ambient_degC", math.nan)),
     )  # fmt: skip

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import base64
+import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,7 @@ from flashtemp.lab.result_files import ResultFolder
 from flashtemp.lab.result_parts import load_later
 
 MAX_FIELD_BYTES = 8 * 2**30
+MAX_FIELD_VALUES = 100_000_000  # numbers that are read at once
 MAX_RAW = 65535  # temperatures are sent as 16-bit numbers
 MAGNIFICATIONS = {1: "true to scale", 2: "height × 2", 4: "height × 4"}
 LIFT_SHARE = 0.5  # of the block's height, by which it is lifted to show the contact
@@ -77,11 +80,29 @@ def read_fields(result: ResultFolder, width: Any) -> StoredFields | None:
     with refuse_damaged(file):
         if file.stat().st_size > MAX_FIELD_BYTES:
             raise BadInput(f"{file}: larger than {MAX_FIELD_BYTES // 2**30} GiB; open it with `flashtemp view`")
+        _check_field_sizes(file)
         fields = open_fields(file.parent)
         _, y, z, _ = fields.tensor("block", float(fields.times[-1]))
         low, high = temperature_limits(fields)
         drawn = float(width) if isinstance(width, (int, float)) and 0 < width < 10 else DEFAULT_WIDTH_M
         return StoredFields(fields, fields.times, low, high, drawn, len(y) < 2, LIFT_SHARE * float(z[-1] - z[0]))
+
+
+def _check_field_sizes(file: Path) -> None:
+    """Check that one stored time fits into memory, whatever sizes a compressed file declares.  Raises BadInput."""
+    import h5py
+
+    from flashtemp.physics.safe_hdf5 import list_datasets
+
+    with h5py.File(file) as content:
+        found = list_datasets(content)
+        sizes = [int(found["VTKHDF/block/Steps/Values"].size)]
+        for body in ("block", "road"):
+            group = f"VTKHDF/{body}"
+            sizes += [int(found[f"{group}/Points"].size), int(found[f"{group}/NumberOfCells"][:1].max())]
+        sizes += [math.prod(values.chunks) for values in found.values() if values.chunks]
+    if max(sizes) > MAX_FIELD_VALUES:
+        raise BadInput(f"{file}: too large for this page; open it with `flashtemp view`")
 
 
 def _encode_bytes(values: np.ndarray) -> str:

@@ -16,7 +16,7 @@ from flashtemp.lab.conditions import show_conditions
 from flashtemp.lab.job_start import file_word
 from flashtemp.lab.jobs import command_text
 from flashtemp.lab.page_layout import card, note, refuse_damaged, show_errors
-from flashtemp.lab.result_files import ResultFolder
+from flashtemp.lab.result_files import ResultFolder, open_dataset
 from flashtemp.lab.result_parts import (
     MainNumber,
     folded_part,
@@ -59,6 +59,11 @@ def _record_list(value: Any) -> list[dict[str, Any]]:
     return [v for v in value if isinstance(v, dict)][:MAX_ROWS] if isinstance(value, list) else []
 
 
+def _text_list(value: Any) -> list[str]:
+    """The entries of a list of a JSON file as texts."""
+    return [str(v) for v in value[:MAX_ROWS]] if isinstance(value, list) else []
+
+
 def _finite_number(value: Any) -> float:
     """A number of a JSON file, infinite ones as text; NaN for null and for anything else."""
     return float(value) if isinstance(value, (int, float)) or value in ("inf", "-inf") else math.nan
@@ -86,8 +91,8 @@ def show_comparison(result: ResultFolder, data: dict[str, Any]) -> None:
             MainNumber("Largest chi2/dof", _number_text(ratio), "", "1: noise explains everything"),
             MainNumber("Energy error", _number_text(data.get("energy_imbalance")), "", "of all heat that moved"),
         ])  # fmt: skip
-        for line in data.get("warnings") or ():
-            note(str(line), "warning")
+        for line in _text_list(data.get("warnings")):
+            note(line, "warning")
     if recordings:
         with card("Misfit of every recording", "Measured minus computed, for the case as stated."):
             files = [escape_control(str(r.get("file"))) for r in recordings]
@@ -185,10 +190,11 @@ def _effect_text(name: Any) -> str:
 # --- sensitivity -------------------------------------------------------------------------------------------
 def show_sensitivity(result: ResultFolder, data: dict[str, Any]) -> None:
     """Show the predicted numbers with their 95 % bands, and which input decides each."""
-    numbers = {str(k): v for k, v in dict(data.get("numbers") or {}).items() if isinstance(v, dict)}
+    named = list(dict(data.get("numbers") or {}).items())[:MAX_ROWS]
+    numbers = {str(k): v for k, v in named if isinstance(v, dict)}
     with card(escape_control(str(data.get("title", ""))) or "Sensitivity"):
         show_figures([_band_number(n) for n in list(numbers.values())[:6]])
-        show_list([str(line) for line in data.get("conclusions") or ()])
+        show_list(_text_list(data.get("conclusions")))
     if not numbers:
         raise BadInput(f"{result.name}/sensitivity.json: holds no numbers; run `flashtemp sensitivity` again")
     with card(
@@ -255,14 +261,10 @@ class SweepData:
 
 def read_sweep(result: ResultFolder) -> SweepData:
     """The content of sweep.nc.  Raises BadInput for a damaged file."""
-    import xarray
-
     file = result.find_file("sweep.nc")
     if file is None:
         raise BadInput(f"{result.name}: has no sweep.nc")
-    with refuse_damaged(file), xarray.open_dataset(file) as data:
-        if data.nbytes > MAX_SWEEP_BYTES:
-            raise BadInput(f"{file}: larger than {MAX_SWEEP_BYTES // 2**20} MiB; open it with xarray")
+    with open_dataset(file, MAX_SWEEP_BYTES) as data:
         keys = [str(d) for d in data["T_max_degC"].dims]
         axes = {key: np.asarray(data[key].values) for key in keys}
         numbers, profiles = {}, {}

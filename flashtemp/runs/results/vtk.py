@@ -14,6 +14,7 @@ import numpy as np
 
 from flashtemp.display import DisplayMixin
 from flashtemp.errors import BadInput, RenamedAttribute, suggest_name
+from flashtemp.physics import safe_hdf5
 from flashtemp.solver.run import Run
 
 LINE, QUAD, HEXAHEDRON = 3, 9, 12  # VTK cell types
@@ -304,6 +305,7 @@ def open_fields(path) -> RunFields:
         raise BadInput(f"{path}: no fields.vtkhdf there; give the folder of a finished run with output.vtk = true")
     try:
         with h5py.File(file) as handle:
+            safe_hdf5.list_datasets(handle)  # raises for links into other files and for data that lie there
             times = handle["VTKHDF/block/Steps/Values"][:]
     except (OSError, KeyError) as fault:
         raise BadInput(f"{file}: not a field file of flashtemp; give the folder of a finished run") from fault

@@ -64,7 +64,8 @@ class WatchEvent:
             text = "; ".join(parts)
         else:
             text = f"{place}: {self.kind}: {self.words}" if place else f"{self.kind}: {self.words}"
-        return f"{self.time[11:19]} {text}"
+        line = text.replace("\n", "\\n")  # of a file name; each event is one line
+        return f"{self.time[11:19]} {line}"
 
 
 @dataclass(frozen=True)
@@ -95,6 +96,10 @@ def find_templates(folder: Path, campaign: Campaign) -> dict[str, RecordingTempl
         name = None if template is None else files.get(template.out)
         if template is None or name is None:
             continue
+        if not any(template.out.is_relative_to(place) for place in places):
+            raise BadInput(
+                f"{path}: out: {name} lies outside of {campaign.folder}; a watch writes recordings inside it"
+            )
         if name in found:
             raise BadInput(f"{path}: out: {name} is also made by {found[name].path}; keep one template of a recording")
         found[name] = template

@@ -11,6 +11,7 @@ import pytest
 from nicegui.client import Client
 from nicegui.page import page
 
+from flashtemp.api.reports import report
 from flashtemp.api.simulation import open_fields
 from flashtemp.errors import BadInput
 from flashtemp.lab import result_files, run_data, scene_3d, study_results
@@ -189,3 +190,25 @@ def test_no_chart_or_card_shows_control_characters_of_a_file():
 def test_a_result_is_opened_by_a_plain_name_only(tmp_path):
     with pytest.raises(BadInput):
         open_result(tmp_path, "..")
+
+
+# --- reports as PDF --------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"<div>" * 3000,
+        b"\xff\xfe\x00",
+        b"<table><tr><td colspan=100000000 rowspan=100000000>x</table>",
+        b"<style>@page{size:1e9cm} p{font-size:1e30px;margin:1e38cm}</style><p>x",
+        b'<p style="columns:1000000000;width:calc(1px/0)">x',
+    ],
+    ids=["deep", "undecodable", "spans", "sizes", "columns"],
+)
+def test_a_report_that_cannot_be_laid_out_is_refused_in_words(tmp_path, content):
+    pytest.importorskip("weasyprint")
+    (tmp_path / "report.html").write_bytes(content)
+    (tmp_path / "report.pdf").write_bytes(b"old")
+    with pytest.raises(BadInput, match="print it from a browser"):
+        report(tmp_path, pdf=True)
+    assert (tmp_path / "report.pdf").read_bytes() == b"old"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["report.html", "report.pdf"]

@@ -38,7 +38,8 @@ def read_state(path: Path) -> FileState | None:
 class FolderScanner:
     """Scanner of a folder and the folders in it; a file is complete if two scans in a row find the same state.
 
-    An empty file is never complete.  Hidden files are left out, because copying programs write them.
+    An empty file is never complete.  Hidden files are left out, because copying programs write them, and so are links
+    out of the folder, because whoever fills it chooses what they read.
     """
 
     folder: Path
@@ -49,13 +50,13 @@ class FolderScanner:
 
         A file is absent from both while the operating system does not let it be examined.
         """
-        now = dict(_iter_files(self.folder))
+        now = dict(_iter_files(self.folder, self.folder.resolve()))
         complete = {p: s for p, s in now.items() if s.size and self._last.get(p) == s}
         self._last = now
         return complete, {p: s for p, s in now.items() if p not in complete}
 
 
-def _iter_files(folder: Path, depth: int = 0) -> Iterator[tuple[Path, FileState]]:
+def _iter_files(folder: Path, home: Path, depth: int = 0) -> Iterator[tuple[Path, FileState]]:
     try:
         entries = sorted(os.scandir(folder), key=lambda entry: entry.name)
     except OSError as fault:
@@ -68,7 +69,9 @@ def _iter_files(folder: Path, depth: int = 0) -> Iterator[tuple[Path, FileState]
         with suppress(OSError):  # it has been removed, or its writer has locked it
             if entry.is_dir(follow_symlinks=False):
                 if depth < MAX_FOLDER_DEPTH:
-                    yield from _iter_files(Path(entry.path), depth + 1)
+                    yield from _iter_files(Path(entry.path), home, depth + 1)
+            elif entry.is_symlink() and not Path(entry.path).resolve().is_relative_to(home):
+                continue
             elif entry.is_file() and Path(entry.name).suffix.lower() not in NO_CAMERA_FILE:
                 state = entry.stat()
                 yield Path(entry.path), FileState(state.st_size, state.st_mtime_ns)

@@ -111,7 +111,7 @@ class CampaignPage:
         ui.timer(0.5, lambda: ui.run_javascript(find_text + name_text), once=True)
 
     def _add_file_controls(self) -> None:
-        cases = [str(p) for p in self.listing.cases]
+        cases = {str(p): escape_control(str(p)) for p in self.listing.cases}
         with ui.element("div").classes("ft-form-row"):
             self.name = ui.input("file", value=self.document.name, on_change=lambda: self._rename())
             self.name.props("outlined dense").classes("grow")

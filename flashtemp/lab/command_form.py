@@ -89,7 +89,8 @@ class CommandForm:
         self.fields = {}
         with self.place:
             choices = self._file_choices(about, filled.file)
-            self.of = ui.select(choices, value=filled.file or None, label="file", with_input=True)
+            names = {name: escape_control(name) for name in choices}
+            self.of = ui.select(names, value=filled.file or None, label="file", with_input=True)
             self.of.props("outlined dense").classes("wide").on_value_change(self._show_command)
             self.words = None
             if about.words_label:

@@ -40,6 +40,9 @@ class EntryRow:
     fault_row: Any = None
 
 
+MAX_ROWS, MAX_COLUMNS = 200, 40  # that are shown; each cell is a control of the page
+
+
 class RecordingTable:
     """All entries of a campaign in one table; `duplicate` is called with kind and number of an entry."""
 
@@ -63,11 +66,15 @@ class RecordingTable:
     def update_values(self) -> None:
         """Show the text as it stands; controls that already show it stay as they are."""
         entries = [(kind, n, e) for kind in NOISE_KEYS for n, e in enumerate(self.document.list_entries(kind), 1)]
-        columns = self._list_columns([entry for _, _, entry in entries])
+        left_out, entries = len(entries) - MAX_ROWS, entries[:MAX_ROWS]
+        columns = self._list_columns([entry for _, _, entry in entries])[:MAX_COLUMNS]
         signature = (tuple((kind, n, str(e.get("file")), str(e.get("view"))) for kind, n, e in entries), columns)
         if signature != self.signature:
             self.signature = signature
             self._build_rows(entries, columns)
+            if left_out > 0:
+                with self.body:
+                    ui.label(f"and {left_out} more; they are in the text below").classes("ft-muted")
         for row, (_, _, entry) in zip(self.rows, entries, strict=True):
             self._fill_row(row, entry)
 

@@ -14,12 +14,15 @@ from nicegui.page import page
 from flashtemp.api.reports import report
 from flashtemp.api.simulation import open_fields
 from flashtemp.errors import BadInput
-from flashtemp.lab import result_files, run_data, scene_3d, study_results
+from flashtemp.lab import recording_table, result_files, run_data, scene_3d, study_results
+from flashtemp.lab.campaign_page import CampaignPage
 from flashtemp.lab.charts import bar_options, bar_series, chart_options, line_series
+from flashtemp.lab.command_form import CommandForm
 from flashtemp.lab.home_page import HomePage
 from flashtemp.lab.jobs import JobList
 from flashtemp.lab.page_layout import card
 from flashtemp.lab.programs import AllowedPrograms
+from flashtemp.lab.recording_store import RecordingStore
 from flashtemp.lab.result_files import ResultFolder, open_result
 from flashtemp.lab.run_data import read_run
 from flashtemp.lab.scene_3d import read_fields
@@ -212,3 +215,30 @@ def test_a_report_that_cannot_be_laid_out_is_refused_in_words(tmp_path, content)
         report(tmp_path, pdf=True)
     assert (tmp_path / "report.pdf").read_bytes() == b"old"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["report.html", "report.pdf"]
+
+
+# --- cases and campaigns ---------------------------------------------------------------------------------------
+def test_a_campaign_of_thousands_of_recordings_becomes_no_huge_page(tmp_path):
+    row = '[[recording]]\nfile = "a.nc"\n[recording.with]\n'
+    keys = "".join(f'"load.key{k}" = 1\n' for k in range(100))
+    (tmp_path / "campaign.toml").write_text('case = "case.toml"\n' + row + keys + row * 400)
+    shown = CampaignPage(tmp_path, AllowedPrograms(), RecordingStore(tmp_path))
+    text, _ = shown_texts(lambda: shown.show("campaign.toml"))
+    assert len(shown.table.rows) == recording_table.MAX_ROWS
+    assert len(shown.table.rows[0].fields) < recording_table.MAX_COLUMNS + 10
+    assert "and 201 more" in text
+
+
+def test_lists_of_files_show_no_control_characters(tmp_path):
+    (tmp_path / f"{MARK}.toml").write_text("[block]\n")
+    (tmp_path / "campaign.toml").write_text('case = "case.toml"\n[[recording]]\nfile = "a.nc"\n')
+
+    def show():
+        CommandForm(tmp_path).show("run", "")
+        CampaignPage(tmp_path, AllowedPrograms(), RecordingStore(tmp_path)).show("campaign.toml")
+
+    with Client(page("/shown"), request=None) as client:
+        show()
+        labels = [o["label"] for e in client.elements.values() for o in e.props.get("options", []) if "label" in o]
+    assert [label for label in labels if label.endswith(".toml")] == ["a\\u202eb\\nc.toml"] * 2
+    assert all(label.isprintable() for label in labels)

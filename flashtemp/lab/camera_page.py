@@ -449,7 +449,14 @@ class CameraPage:
         return out, template
 
     def _show_saved(self, result: ImportResult) -> None:
-        """Show the saved recording with its picture."""
+        """Show the saved recording with its picture, and where to go from there."""
+        with card("Saved", "Is the outline on the block?  If not, correct the marks and save again."):
+            self._show_result(result)
+            with ui.row().classes("gap-2"):
+                action("Other camera files", lambda: ui.navigate.to("/camera"))
+                action("To the campaigns", lambda: ui.navigate.to("/campaign"), icon="arrow_forward")
+
+    def _show_result(self, result: ImportResult) -> None:
         text = escape_lines(relative_names(str(result), self.folder))
         ui.label(text).classes("whitespace-pre-wrap font-mono text-sm")
         for note in result.notes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from base64 import b64encode
 from pathlib import Path
 
@@ -21,6 +22,7 @@ UPLOAD_FOLDER = "camera"  # name of the folder for several files uploaded at onc
 EXAMPLE_FOLDER = "camera_example"
 MAX_CARDS = 24  # of camera files that are shown with a thumbnail
 THUMBNAIL_PX = 160
+TABLE_SUFFIXES, MAX_HEADER_BYTES = {".csv", ".txt", ".asc"}, 1000
 OPTICS_SD_PX = 0.8  # point spread of the example
 FORMATS = "FLIR JPEG, FFF, SEQ and CSQ, InfraTec IRB, 16-bit TIFF and PNG, CSV and text, MATLAB and HDF5"
 DROP_ZONE = """
@@ -46,6 +48,22 @@ def find_camera_files(folder: Path, names: list[str]) -> list[Path]:
         if (path := resolve_inside(folder, name)).exists() and not path.is_file():
             raise BadInput(f"{escape_control(name)}: neither a file nor a folder of files; give a camera file")
     return files
+
+
+def find_time_tables(folder: Path) -> dict[str, Path]:
+    """Text files whose first line names the columns file and time, by their names in the folder."""
+    out: dict[str, Path] = {}
+    for path in list_folder(folder).images:
+        try:
+            if path.suffix.lower() not in TABLE_SUFFIXES or not (file := resolve_inside(folder, str(path))).is_file():
+                continue
+            with file.open("rb") as opened:
+                words = re.findall(r"[a-z]+", opened.readline(MAX_HEADER_BYTES).decode("latin-1").lower())
+        except (BadInput, OSError):
+            continue
+        if {"file", "time"} <= set(words):
+            out[str(path)] = file
+    return out
 
 
 class UploadArea:
@@ -76,9 +94,10 @@ class UploadArea:
                 path = await write_upload(place, free_name(place, name), file.iterate())
             if files:
                 ui.notify(f"stored {format_count(len(files), 'file')}; opening", type="positive")
-                ui.navigate.to(
-                    page_address("camera", open=str((path if len(files) == 1 else place).relative_to(self.folder)))
-                )
+                name = str((path if len(files) == 1 else place).relative_to(self.folder))
+                series = [Path(one) for one in list_folder(self.folder).image_series]
+                is_mixed = len(files) > 1 and sum(place in (self.folder / one).parents for one in series) > 1
+                ui.navigate.to("/camera" if is_mixed else page_address("camera", open=name))
 
 
 def _notify_rejected() -> None:

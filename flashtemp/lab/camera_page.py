@@ -18,7 +18,13 @@ from flashtemp.camera.importing.import_options import ImportOptions, load_templa
 from flashtemp.camera.importing.import_request import ImportRequest
 from flashtemp.camera.importing.recording_import import ImportResult, missing_options
 from flashtemp.errors import BadInput
-from flashtemp.lab.camera_files import UploadArea, find_camera_files, show_example_button, show_file_cards
+from flashtemp.lab.camera_files import (
+    UploadArea,
+    find_camera_files,
+    find_time_tables,
+    show_example_button,
+    show_file_cards,
+)
 from flashtemp.lab.charts import chart_options, line_series, show_chart
 from flashtemp.lab.frame_server import FrameServer
 from flashtemp.lab.import_form import ImportForm
@@ -238,7 +244,7 @@ class CameraPage:
     def _build_page(self, opened: OpenedFrames) -> None:
         self.opened, self.frame = opened, 0
         self.marked = MarkedImage(opened, self._share(opened), self.inherited, self._values_changed)
-        self.form = ImportForm(opened, self.inherited, self._values_changed)
+        self.form = ImportForm(opened, self.inherited, self._values_changed, find_time_tables(self.folder))
         with ui.element("div").classes("ft-split side"):
             with ui.column().classes("min-w-0 gap-4 w-full items-stretch"):
                 with card(), ui.element("div").classes("w-full") as self.pair:
@@ -352,7 +358,7 @@ class CameraPage:
     def _free_recording_name(self) -> str:
         """A name for the recording for which no recording, picture or template exists."""
         name = Path(self.names[0])
-        stem = re.sub(r"[*?\[\]]", "", name.stem if name.suffix else name.name).strip(" ()_-.") or "recording"
+        stem = re.sub(r"\[0-9\]|[*?\[\]]", "", name.stem if name.suffix else name.name).strip(" ()_-.") or "recording"
         free, n = free_name(self.folder, f"{stem}.nc"), 1
         while any(os.path.lexists((self.folder / free).with_suffix(end)) for end in (".png", ".toml")):
             n += 1
@@ -399,7 +405,11 @@ class CameraPage:
         }
         for f in fields(ImportOptions):
             if (value := getattr(self.collect_options(), f.name)) is not None:
-                rows[f.name] = str(value) if isinstance(value, Path) else _tuples_to_lists(value)
+                rows[f.name] = (
+                    _relative_path(value, template_folder.resolve())
+                    if isinstance(value, Path)
+                    else _tuples_to_lists(value)
+                )
         return tomli_w.dumps(rows)
 
     def _show_command(self) -> None:
@@ -439,7 +449,14 @@ class CameraPage:
         return out, template
 
     def _show_saved(self, result: ImportResult) -> None:
-        """Show the saved recording with its picture."""
+        """Show the saved recording with its picture, and where to go from there."""
+        with card("Saved", "Is the outline on the block?  If not, correct the marks and save again."):
+            self._show_result(result)
+            with ui.row().classes("gap-2"):
+                action("Other camera files", lambda: ui.navigate.to("/camera"))
+                action("To the campaigns", lambda: ui.navigate.to("/campaign"), icon="arrow_forward")
+
+    def _show_result(self, result: ImportResult) -> None:
         text = escape_lines(relative_names(str(result), self.folder))
         ui.label(text).classes("whitespace-pre-wrap font-mono text-sm")
         for note in result.notes:

@@ -21,6 +21,7 @@ STEPS_PER_PHASE: Final = 200.0  # of the ready cases, at a relative tolerance of
 STEP_S: Final = 3e-4  # fixed cost of a step; from the run-in of docs/explanation/performance.md
 CELL_STEP_S: Final = 1.2e-7  # cost of a cell in one step
 PICTURES_S: Final = 6.0  # drawing the pictures and the animation of a run
+MIN_PACED_S: Final = 0.5  # shorter runs tell nothing of the pace: loading and compiling take longer
 MAX_SUMMARY_BYTES: Final = 2**20
 MAX_RESULTS_READ: Final = 12  # the latest results of a folder
 
@@ -82,10 +83,11 @@ def _read_pace(file: Path) -> float | None:
             return None
         run: Any = json.loads(file.read_text(encoding="utf-8"))
         wall, steps, cells = (float(run[k]) for k in ("wall_s", "steps", "cells"))
-        pace = wall / (steps * (STEP_S + CELL_STEP_S * cells))
+        reference = steps * (STEP_S + CELL_STEP_S * cells)
+        pace = wall / reference
     except (OSError, ValueError, KeyError, TypeError, ZeroDivisionError, RecursionError):
         return None
-    return pace if 1e-3 < pace < 1e3 else None
+    return pace if 1e-3 < pace < 1e3 and reference >= MIN_PACED_S else None
 
 
 def format_seconds(seconds: float) -> str:

@@ -34,6 +34,17 @@ def guess_conditions(name: str) -> dict[str, str]:
     return out
 
 
+def find_conditions(name: str) -> list[tuple[int, int]]:
+    """Places in a file name, from and to, of numbers that state a load or a speed.
+
+    >>> find_conditions("side_150kPa_007.csv"), find_conditions("T_23C.csv")
+    ([(5, 11)], [])
+    """
+    units = CONDITION_UNITS["contact.pressure"] | CONDITION_UNITS["schedule.speed"]
+    found = NUMBER_WITH_UNIT.finditer(Path(name).stem)
+    return [m.span() for m in found if m[2].replace("-s", "s").replace("_s", "s") in units]
+
+
 def suggest_conditions(entries: Sequence[Mapping[str, Any]]) -> dict[int, dict[str, str]]:
     """Conditions that file names state and their entries do not, by the number of the entry, counted from 1.
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from nicegui import ui
 
 from flashtemp.display import format_count
+from flashtemp.lab.camera_files import UploadArea
 from flashtemp.lab.examples import Example, list_examples, start_example
 from flashtemp.lab.jobs import JobList, command_text
 from flashtemp.lab.page_layout import (
@@ -26,6 +27,7 @@ from flashtemp.lab.page_layout import (
 )
 from flashtemp.lab.programs import AllowedPrograms
 from flashtemp.lab.result_card import describe_result, list_recent_results, show_result_card
+from flashtemp.lab.thermal_viewer import add_viewer_style
 from flashtemp.lab.workspace import FolderListing, escape_control, list_folder
 
 MAX_RECENT_RESULTS = 8
@@ -57,7 +59,7 @@ def find_steps(listing: FolderListing, answer: str = "") -> list[Step]:
         (
             "Camera files", bool(series or recordings),
             f"{format_count(sum(series.values()), 'file')} in {len(series)} series" if series else "imported already",
-            "Drop the files of the camera or of a data logger here, or copy them into the folder.",
+            "Drop the files of the camera or of a data logger below, or copy them into the folder.",
             ("See them", "Add camera files"), page_address("camera", open=first_series) if series else "/camera",
         ),
         (
@@ -109,9 +111,12 @@ class HomePage:
         verdict = next((path for path, command in recent if command == "discover"), None)
         answer = "" if verdict is None else describe_result(self.folder, verdict, "discover")
         self._show_steps(find_steps(listing, answer))
+        if not listing.images and not listing.recordings:
+            add_viewer_style()  # has the style of the zone
+            UploadArea(self.folder).show()
         if not listing.cases:
             with card("A case", "A case states block, road, load, speed and what heats. A campaign needs one."):
-                action("New case", lambda: ui.navigate.to("/case"), "add")
+                action("New case", lambda: ui.navigate.to("/case"), "add").classes("self-start")
         self._show_results(recent)
         self._show_examples()
         self._show_files(listing)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -67,10 +68,15 @@ MISSING_REMEDIES: Final = {  # key of the first missing option: what to do on th
 
 
 class ImportForm:
-    """Entered values of an import; `changed` is called when one of them has changed."""
+    """Entered values of an import; `changed` is called when one of them has changed.
 
-    def __init__(self, opened: OpenedFrames, facts: ImportOptions, changed: Callable[[], Any]):
-        self.opened, self.facts, self.changed = opened, facts, changed
+    `tables` are the text files of the folder that may state the time of every frame, by their names.
+    """
+
+    def __init__(
+        self, opened: OpenedFrames, facts: ImportOptions, changed: Callable[[], Any], tables: Mapping[str, Path]
+    ):
+        self.opened, self.facts, self.changed, self.tables = opened, facts, changed, tables
         self.starts = [t - (facts.start or 0.0) for t in facts.starts or ()]
         self.values: dict[str, Any] = {}
         self.on_starts: Callable[[], Any] = lambda: None
@@ -83,6 +89,7 @@ class ImportForm:
             self.view = ui.select(
                 VIEW_LABELS, value=self.facts.view or "sidewall", label="view *", on_change=self._notify
             ).classes("w-full").props("outlined dense")  # fmt: skip
+            self._add_times()
             for field in TIME_FIELDS:
                 self._add_field(field, required=field.key == "start" or not self.opened.has_times)
             self.starting = ui.input("starts of sliding, s after the first frame", value=format_times(self.starts))
@@ -93,6 +100,14 @@ class ImportForm:
             for field in SURFACE_FIELDS:
                 self._add_field(field, required=False)
             self._list_file_values()
+
+    def _add_times(self) -> None:
+        """The choice of a table with the time of every frame."""
+        chosen = next((name for name, path in self.tables.items() if path == self.facts.times), None)
+        self.times = ui.select(list(self.tables), value=chosen, label="table of times", on_change=self._notify)
+        self.times.classes("w-full").props("outlined dense clearable")
+        self.times.props["hint"] = "columns file, time (s), repetition; instead of frame rate and starts"
+        self.times.set_visibility(bool(self.tables))
 
     def _add_field(self, field: StatedField, required: bool) -> None:
         """A number with its help, and the value that the file states."""
@@ -169,6 +184,8 @@ class ImportForm:
     def stated_options(self, block: tuple[float, float]) -> ImportOptions:
         """The entered values with the size of the block, mm."""
         entered: dict[str, Any] = {k: float(box.value) for k, box in self.values.items() if box.value is not None}
+        if self.times.value:
+            entered["times"] = self.tables[self.times.value]
         if self.starts:
             entered["starts"] = tuple(round(t - self.starts[0], 4) for t in self.starts)
         return ImportOptions(view=self.view.value, block=block, **entered)
@@ -176,8 +193,9 @@ class ImportForm:
     def show_missing(self, lines: tuple[str, ...]) -> None:
         """List what is missing before the files can be saved as a recording; `lines` are those of the import."""
         remedies = [MISSING_REMEDIES.get(line.partition(":")[0], line) for line in lines]
-        if not self.opened.has_times and len(self.opened.time) > 1 and not self.values["fps"].value:
-            remedies.append(MISSING_REMEDIES["fps"])
+        is_timed = self.opened.has_times or bool(self.times.value)
+        if not is_timed and len(self.opened.time) > 1 and not self.values["fps"].value:
+            remedies.append(MISSING_REMEDIES["fps"] + (" Or choose a table of times." if self.tables else ""))
         self.missing.clear()
         with self.missing:
             if not remedies:

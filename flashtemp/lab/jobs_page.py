@@ -97,7 +97,7 @@ class JobsPage:
         past = sorted([*ended, *self.past], key=lambda job: job.name, reverse=True)
         if not past:
             ui.label(
-                "No command has run in this folder yet. Each one that you start stays listed here with its log, its "
+                "No earlier command in this folder. Each one that you start stays listed here with its log, its "
                 "result and its command line, also after the server ends."
             ).classes("ft-muted")
             return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 import glob
 import os
 import re
@@ -11,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from flashtemp.errors import BadInput
+from flashtemp.lab.file_name_conditions import find_conditions
 from flashtemp.model import file_kinds
 from flashtemp.model.case_file import MAX_TOML_BYTES, parse_toml
 from flashtemp.runs.results import result_folder
@@ -48,17 +50,45 @@ class FolderListing:
         """{camera files that belong together, as `import` accepts them: their number}.
 
         A folder whose file names differ only in numbers is one series; in other folders each series is a pattern.
+        Numbers that state a load or a speed (150kPa) divide a series where every part has several files.
         """
-        folders: dict[Path, dict[str, list[Path]]] = {}
+        folders: dict[Path, list[Path]] = {}
         for path in self.images:
-            parts = re.split(r"\d+", path.name)
-            folders.setdefault(path.parent, {}).setdefault("*".join(map(glob.escape, parts)), []).append(path)
+            folders.setdefault(path.parent, []).append(path)
         out: dict[str, int] = {}
-        for folder, patterns in folders.items():
-            for pattern, paths in patterns.items():
-                alone = paths[0] if len(paths) == 1 else folder / pattern
-                out[str(folder if len(patterns) == 1 else alone)] = len(paths)
+        for folder, paths in folders.items():
+            series = _group_series([path.name for path in paths])
+            for pattern, names in series.items():
+                alone = folder / (names[0] if len(names) == 1 else pattern)
+                out[str(folder if len(series) == 1 else alone)] = len(names)
         return out
+
+
+def _group_series(names: list[str]) -> dict[str, list[str]]:
+    """{pattern: names that differ only in its numbers}; no pattern matches a name of another series."""
+    series: dict[str, list[str]] = {}
+    for name in names:
+        series.setdefault(_number_pattern(name), []).append(name)
+    out: dict[str, list[str]] = {}
+    for pattern, some in series.items():
+        parts: dict[str, list[str]] = {}
+        for name in some:
+            parts.setdefault(_number_pattern(name, keep_conditions=True), []).append(name)
+        # frames 100ms, 200ms ... state their times: a part of one file is no series
+        out |= parts if all(len(part) > 1 for part in parts.values()) else {pattern: some}
+    return {
+        (p.replace("*", "[0-9]*") if sum(fnmatch.fnmatchcase(n, p) for n in names) > len(some) else p): some
+        for p, some in out.items()
+    }
+
+
+def _number_pattern(name: str, keep_conditions: bool = False) -> str:
+    """A file name with * for every number, those that state a condition kept on request."""
+    kept = find_conditions(name) if keep_conditions else []
+    places = [m for m in re.finditer(r"\d+", name) if not any(a <= m.start() < b for a, b in kept)]
+    ends = [0, *(m.end() for m in places)]
+    starts = [*(m.start() for m in places), len(name)]
+    return "*".join(glob.escape(name[a:b]) for a, b in zip(ends, starts, strict=True))
 
 
 def list_folder(folder: Path) -> FolderListing:

@@ -205,14 +205,15 @@ def test_the_estimate_grows_with_cells_and_repetitions_and_follows_measured_runs
     assert fine.seconds > short.seconds
     step = case_cost.STEP_S + 5000 * case_cost.CELL_STEP_S
     files = []
-    texts = [json.dumps({"wall_s": k * 100 * step, "steps": 100, "cells": 5000}) for k in (2.0, 3.0, 9.0)]
+    texts = [json.dumps({"wall_s": k * 1000 * step, "steps": 1000, "cells": 5000}) for k in (2.0, 3.0, 9.0)]
+    texts.append(json.dumps({"wall_s": 6.5, "steps": 273, "cells": 1216}))  # the first, short run: compiling
     for n, text in enumerate(
         [*texts, "{", "[]", '{"wall_s": "x"}', '{"wall_s": 1, "steps": 0, "cells": 0}', "[" * 9999]
     ):
         files.append(tmp_path / f"{n}.json")
         files[-1].write_text(text)
     assert case_cost.measure_pace([*files, tmp_path / "none.json"]) == pytest.approx(3.0)
-    assert case_cost.measure_pace(files[3:]) == 1.0
+    assert case_cost.measure_pace(files[3:]) == 1.0  # of the short run: 53
 
 
 # --- ready cases -----------------------------------------------------------------------------------------------

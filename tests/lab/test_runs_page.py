@@ -351,7 +351,7 @@ def test_an_empty_folder_says_what_to_run_and_gives_an_example(browser, tmp_path
         seen.get_by_role("radio", name="run").first.click()
         seen.get_by_role("button", name="Write an example").click()
         seen.get_by_text("flashtemp run examples/run_in.toml schedule.repetitions=3 numerics.mesh=0.6").wait_for()
-        seen.get_by_text("No command has run in this folder yet").wait_for()
+        seen.get_by_text("No earlier command in this folder").wait_for()
     assert main(["check", str(tmp_path / "examples" / "run_in.toml")]) == 0
 
 

@@ -59,6 +59,17 @@ SURFACE_FIELDS: Final = (
         "from the frames.",
     ),
 )  # fmt: skip
+FILE_FIELDS: Final = (  # with what the temperatures of an export were computed
+    StatedField(
+        "emissivity", "emissivity in the export",
+        "The emissivity with which the camera's program computed the temperatures of these files; 1 if it corrected "
+        "nothing.  Needed to compute them anew with the emissivity above.",
+    ),
+    StatedField(
+        "reflected", "reflected temperature in the export, °C",
+        "The reflected temperature with which the camera's program computed them; any value if the emissivity was 1.",
+    ),
+)  # fmt: skip
 MISSING_REMEDIES: Final = {  # key of the first missing option: what to do on this page
     "view": "Choose the view.",
     "downstream": "Mark the leading and the trailing edge of the block on the image.",
@@ -79,6 +90,7 @@ class ImportForm:
         self.opened, self.facts, self.changed, self.tables = opened, facts, changed, tables
         self.starts = [t - (facts.start or 0.0) for t in facts.starts or ()]
         self.values: dict[str, Any] = {}
+        self.file_values: dict[str, Any] = {}
         self.on_starts: Callable[[], Any] = lambda: None
 
     def show(self) -> None:
@@ -99,6 +111,9 @@ class ImportForm:
             heading(3, "Surface and camera")
             for field in SURFACE_FIELDS:
                 self._add_field(field, required=False)
+            for field in FILE_FIELDS:
+                if self._file_value(field.key) is None:
+                    self._add_file_field(field)
             self._list_file_values()
 
     def _add_times(self) -> None:
@@ -123,11 +138,15 @@ class ImportForm:
                 box.props["stack-label"] = True
                 box.props["hint"] = f"from the file: {file_value:g}"
             self.values[field.key] = box
-            help_button = ui.button(icon="help_outline").props("flat round dense size=sm color=primary")
-            help_button.props["aria-label"] = f"help on {field.label}"
-            with help_button, ui.menu().props("max-width=22rem"):
-                ui.label(field.about).classes("p-3 ft-small")
-            help_button.tooltip(field.about)
+            _add_help(field)
+
+    def _add_file_field(self, field: StatedField) -> None:
+        """A number that the camera's program used, which these files do not state."""
+        with ui.element("div").classes("ft-field"):
+            box = ui.number(field.label, value=(self.facts.was or {}).get(field.key), on_change=self._notify)
+            box.classes("grow").props("outlined dense clearable").props["aria-label"] = field.label
+            self.file_values[field.key] = box
+            _add_help(field)
 
     def _file_value(self, key: str) -> float | None:
         """The value of a field that the files state themselves."""
@@ -184,11 +203,24 @@ class ImportForm:
     def stated_options(self, block: tuple[float, float]) -> ImportOptions:
         """The entered values with the size of the block, mm."""
         entered: dict[str, Any] = {k: float(box.value) for k, box in self.values.items() if box.value is not None}
+        if used := {key: float(box.value) for key, box in self.file_values.items() if box.value is not None}:
+            entered["was"] = used
         if self.times.value:
             entered["times"] = self.tables[self.times.value]
         if self.starts:
             entered["starts"] = tuple(round(t - self.starts[0], 4) for t in self.starts)
         return ImportOptions(view=self.view.value, block=block, **entered)
+
+    def _missing_file_values(self) -> list[str]:
+        """What is needed to compute exported temperatures anew, where an emissivity or a reflection is entered."""
+        if all(self.values[key].value is None for key in ("emissivity", "reflected")):
+            return []
+        empty = [f.label for f in FILE_FIELDS if f.key in self.file_values and self.file_values[f.key].value is None]
+        return (
+            [f"Enter the {' and the '.join(empty)}, or leave emissivity and reflected temperature empty."]
+            if empty
+            else []
+        )
 
     def show_missing(self, lines: tuple[str, ...]) -> None:
         """List what is missing before the files can be saved as a recording; `lines` are those of the import."""
@@ -196,6 +228,7 @@ class ImportForm:
         is_timed = self.opened.has_times or bool(self.times.value)
         if not is_timed and len(self.opened.time) > 1 and not self.values["fps"].value:
             remedies.append(MISSING_REMEDIES["fps"] + (" Or choose a table of times." if self.tables else ""))
+        remedies += self._missing_file_values()
         self.missing.clear()
         with self.missing:
             if not remedies:
@@ -205,6 +238,15 @@ class ImportForm:
                 ui.label("Still missing:")
                 for remedy in dict.fromkeys(remedies):
                     ui.label(escape_control(remedy))
+
+
+def _add_help(field: StatedField) -> None:
+    """A button that says what a field means and where it is found."""
+    help_button = ui.button(icon="help_outline").props("flat round dense size=sm color=primary")
+    help_button.props["aria-label"] = f"help on {field.label}"
+    with help_button, ui.menu().props("max-width=22rem"):
+        ui.label(field.about).classes("p-3 ft-small")
+    help_button.tooltip(field.about)
 
 
 def format_times(values: list[float] | np.ndarray) -> str:

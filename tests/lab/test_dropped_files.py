@@ -73,3 +73,18 @@ def test_files_of_two_loads_become_a_recording_with_the_times_of_the_table(brows
         seen.get_by_role("button", name="To the campaigns").wait_for()
         seen.get_by_text("time 0.5 to 4 s, repetitions 1 to 2").wait_for()
     assert tomllib.loads((place / "150kPa_0.1ms.toml").read_text())["times"] == "camera/150kPa_0.1ms_times.csv"
+
+
+def test_an_emissivity_of_exported_temperatures_asks_for_the_one_of_the_export(browser, tmp_path):
+    (tmp_path / "frame.csv").write_text("\n".join(",".join(f"{20 + r + c:.1f}" for c in range(40)) for r in range(30)))
+    with served(tmp_path) as (address, _), page(browser, address) as seen:
+        seen.goto(address.split("/?")[0] + "/camera?open=frame.csv")
+        field = seen.get_by_label("emissivity", exact=True)
+        field.wait_for()
+        field.fill("0.9")
+        field.press("Tab")
+        seen.get_by_text("Enter the emissivity in the export").wait_for()
+        for label, value in {"emissivity in the export": "1", "reflected temperature in the export, °C": "20"}.items():
+            seen.get_by_label(label, exact=True).fill(value)
+            seen.get_by_label(label, exact=True).press("Tab")
+        seen.get_by_text("Enter the emissivity in the export").wait_for(state="detached")

@@ -1,7 +1,7 @@
 """Draw the tower of packages from the imports as they are.
 
 Left the packages, floor by floor, with what each is for and its modules; right who imports whom.  `make docs` draws it
-(docs/reference.py); so it is never out of date.
+(docs/reference_pages.py); so it is never out of date.
 """
 
 from __future__ import annotations

@@ -29,6 +29,6 @@ autodoc_typehints_description_target = "documented"
 
 def setup(app) -> None:
     """What is made from the code is written before Sphinx looks for pages."""
-    import reference
+    import reference_pages
 
-    app.connect("config-inited", lambda *_: reference.write(HERE))
+    app.connect("config-inited", lambda *_: reference_pages.write(HERE))

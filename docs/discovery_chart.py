@@ -1,4 +1,4 @@
-"""Draw the flow chart of docs/explanation/discovery_method.md; `make docs` does it (docs/reference.py).
+"""Draw the flow chart of docs/explanation/discovery_method.md; `make docs` does it (docs/reference_pages.py).
 
 Every step names the modules that do it; tests/structure/test_docs.py checks that they exist.
 """

@@ -22,6 +22,7 @@ from flashtemp.runs.results.processes import cores, detached_process_options, in
 __all__ = ["LOG_FOLDER"]
 PROGRESS_INTERVAL_S = "0.5"  # between lines of progress, as an environment variable
 INTERRUPT_GRACE_S = 20.0  # time for an interrupted command to write its checkpoint
+INTERRUPT_AGAIN_S = 1.0  # until one that has not begun is interrupted again: imports of libraries can lose a signal
 EXIT_STOPPED = 130
 
 
@@ -129,10 +130,14 @@ class JobList:
                 job.stop()
         for job in running:
             job.stop()
+        deadline = time.monotonic() + INTERRUPT_GRACE_S
         for job in running:
-            with suppress(subprocess.TimeoutExpired):
-                assert job.process is not None
-                job.process.wait(INTERRUPT_GRACE_S)
+            while job.is_running and time.monotonic() < deadline:
+                with suppress(subprocess.TimeoutExpired):
+                    assert job.process is not None
+                    job.process.wait(INTERRUPT_AGAIN_S)
+                if job.progress()[0] is None:
+                    job.stop()
 
 
 def command_text(words: list[str] | tuple[str, ...]) -> str:

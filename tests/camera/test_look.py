@@ -98,10 +98,10 @@ def test_a_bin_holds_as_many_steps_of_the_file_as_any_other():
 def test_a_single_frame_is_no_curve_and_a_difference_no_temperature(tmp_path):
     images(tmp_path, 1)
     seen = flashtemp.inspect_files(tmp_path / "img1.csv")
-    assert [ax.get_xlabel() for ax in drawn(seen)] == ["column, px", "temperature, °C"]
+    assert [ax.get_xlabel() for ax in drawn(seen)] == ["column (px)", "temperature (°C)"]
     small = replace(seen, images=0.01 * seen.images, difference=True)
     axes = drawn(small)
-    assert axes[1].get_xlabel() == "difference of temperatures, K"
+    assert axes[1].get_xlabel() == "difference of temperatures (K)"
     low, high = axes[0].images[0].get_clim()
     assert high - low == pytest.approx(np.nanmax(small.images) - np.nanmin(small.images)), "not a whole degree"
     assert "difference: " in str(small)

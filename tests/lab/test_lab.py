@@ -372,10 +372,10 @@ def test_a_case_is_written_run_and_seen(browser, server, place):
         field.wait_for()
         field.fill("far")
         field.press("Tab")
-        seen.get_by_role("alert").get_by_text("schedule.distance").wait_for()
+        seen.get_by_role("alert").get_by_text("schedule.distance").first.wait_for()
         field.fill("0.3")
         field.press("Tab")
-        seen.get_by_role("alert").wait_for(state="detached")
+        seen.wait_for_function("() => !document.querySelector('[role=alert]')")
         seen.get_by_role("button", name="Save").press("Enter")
         seen.get_by_text("case.toml is saved").wait_for()
         assert tomllib.loads((place / "case.toml").read_text())["schedule"]["distance"] == 0.3

@@ -135,9 +135,9 @@ def test_every_quantity_is_told():
 
 def test_reference_lists_every_quantity_and_site(monkeypatch):
     monkeypatch.syspath_prepend(ROOT / "docs")
-    import reference
+    import reference_pages
 
-    page = reference.quantities()
+    page = reference_pages.quantities()
     for name in (*QUANTITIES, *CAMERA_QUANTITIES, *SITES):
         assert page.count(f"| `{name}` |") == 1
 

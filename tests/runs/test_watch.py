@@ -161,6 +161,7 @@ def test_ctrl_c_between_two_events_keeps_the_state(lab, tmp_path):
     assert state(tmp_path / "out")["state"] == "interrupted"
 
 
+@pytest.mark.long  # an import of all files above is its sibling
 def test_frames_of_an_earlier_recording_are_not_lost(measured, lab, tmp_path):
     put(measured, lab, 0, 1)
     words = ["watch", str(lab / "incoming"), str(lab), "--once", *FAST]

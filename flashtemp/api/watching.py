@@ -99,9 +99,9 @@ class CampaignWatch(DisplayMixin):
                 self.test.on_recording = self._draw_registration
                 self.write_state()
                 yield from self._watch_folder(LiveEvidence(run, self.say))
-            self.end(ENDED)
+            self.end_watch(ENDED)
         except KeyboardInterrupt:
-            raise self.interrupt() from None
+            raise self.interrupt_watch() from None
 
     def _watch_folder(self, evidence: LiveEvidence) -> Iterator[WatchEvent]:
         while True:
@@ -114,15 +114,15 @@ class CampaignWatch(DisplayMixin):
             if self.once or (self.until_decided and self.test.is_decided):
                 return
 
-    def end(self, state: str) -> None:
+    def end_watch(self, state: str) -> None:
         """Write the last state."""
         self.state = state
         if self.out is not None:
             write_json(self.as_dict(), self.out / STATE_FILE)
 
-    def interrupt(self) -> UserInterrupt:
+    def interrupt_watch(self) -> UserInterrupt:
         """End after Ctrl-C; returns the exception to raise."""
-        self.end(INTERRUPTED)
+        self.end_watch(INTERRUPTED)
         saved = "recordings and state" if self.out is not None else "recordings"
         return UserInterrupt(self.out or self.test.campaign.folder, "the same command", saved)
 
@@ -157,7 +157,9 @@ class CampaignWatch(DisplayMixin):
     @property
     def has_faults(self) -> bool:
         """Whether camera files were refused, or something else could not be processed."""
-        return any(g.refused for g in self.test.growing.values()) or any(e.kind == PROBLEM for e in self.test.events)
+        return any(g.refused_files for g in self.test.growing.values()) or any(
+            e.kind == PROBLEM for e in self.test.events
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """The content of watch.json."""
@@ -211,8 +213,12 @@ class CampaignWatch(DisplayMixin):
             folder = test.folder
             about |= {
                 "files": as_names(list(growing.taken), folder),
-                "waiting": dict(zip(as_names(list(growing.waiting), folder), growing.waiting.values(), strict=True)),
-                "refused": dict(zip(as_names(list(growing.refused), folder), growing.refused.values(), strict=True)),
+                "waiting": dict(
+                    zip(as_names(list(growing.waiting_files), folder), growing.waiting_files.values(), strict=True)
+                ),
+                "refused": dict(
+                    zip(as_names(list(growing.refused_files), folder), growing.refused_files.values(), strict=True)
+                ),
                 "repeated": as_names(list(growing.repeated), folder),
                 "unfinished": as_names(list(growing.unfinished), folder),
             }
@@ -229,3 +235,8 @@ class CampaignWatch(DisplayMixin):
     def __str__(self) -> str:
         frames = sum(v.recording.frames for v in self.test.campaign.views)
         return f"Watch of '{self.test.campaign.title}': {frames} frames; {self.as_dict()['says']}"
+
+
+def _name_reasons(reasons: dict[Path, str], folder: Path) -> dict[str, str]:
+    """Reasons why files wait or are refused, by their names in the watched folder."""
+    return dict(zip(as_names(list(reasons), folder), reasons.values(), strict=True))

@@ -156,7 +156,7 @@ def watch(
             if not json:
                 print(escape_controls(str(event)), flush=True)
     except KeyboardInterrupt:  # between two events
-        raise watched.interrupt() from None
+        raise watched.interrupt_watch() from None
     print_result(watched.as_dict() | {"out": str(target)}, json, f"{watched}\n  state in {target}")
     return EXIT_BAD_INPUT if once and watched.has_faults else EXIT_DONE
 

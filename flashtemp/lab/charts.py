@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from nicegui import ui
 
-from flashtemp.lab.page_layout import add_script
+from flashtemp.lab.page_layout import add_script, script_literal
 from flashtemp.lab.workspace import escape_control
 
 N_SERIES_COLOURS = 5  # --series-1 ... --series-5 of the style sheet
@@ -135,5 +135,5 @@ def show_chart(
             for kind in exports:
                 button = ui.button(kind).props("flat dense size=sm color=primary")
                 button.props["aria-label"] = f"save {name} as {kind}"
-                button.on("click", js_handler=f"() => exportChart({chart.id}, '{kind}', {name!r})")
+                button.on("click", js_handler=f"() => exportChart({chart.id}, '{kind}', {script_literal(name)})")
     return chart

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,11 +13,10 @@ from flashtemp.lab.job_record import LoggedJob
 from flashtemp.lab.live_state import finite_number, number_list
 from flashtemp.lab.page_layout import page_address
 from flashtemp.lab.result_card import find_main_picture
-from flashtemp.lab.workspace import RESULT_COMMANDS, free_name, resolve_inside
+from flashtemp.lab.workspace import RESULT_COMMANDS, find_own_file, free_name, read_brief_json, resolve_inside
 
 NUMBER_FILES = {"run": "summary.json", "discover": "verdict.json", "compare": "compare.json"}
 WITH_RESULT = ("done", "running", "unknown", "failed, exit code 1")  # states; 1: a picture is missing
-MAX_JSON_BYTES = 32 * 2**20
 
 
 @dataclass(frozen=True)
@@ -74,15 +72,6 @@ def find_result(folder: Path, job: LoggedJob) -> JobResult | None:
     return JobResult(str(here), picture, numbers, sentence, _next_links(folder, here, command))
 
 
-def find_own_file(folder: Path, name: Path) -> Path | None:
-    """A regular file of the folder; None where there is none or a link leads out of the folder."""
-    try:
-        path = resolve_inside(folder, str(name))
-        return path if path.is_file() else None
-    except (BadInput, OSError):
-        return None
-
-
 def _next_links(folder: Path, here: Path, command: str) -> tuple[tuple[str, str], ...]:
     """Links to the result and to what usually follows it."""
     if command == "twin":
@@ -105,14 +94,8 @@ def _next_links(folder: Path, here: Path, command: str) -> tuple[tuple[str, str]
 
 def _read_numbers(folder: Path, here: Path, command: str) -> tuple[tuple[tuple[str, str], ...], str]:
     """The main numbers of a result and its sentence; none where the file is missing or damaged."""
-    file = find_own_file(folder, here / NUMBER_FILES[command]) if command in NUMBER_FILES else None
-    try:
-        if file is None or file.stat().st_size > MAX_JSON_BYTES:
-            return (), ""
-        data = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return (), ""
-    if not isinstance(data, dict):
+    data = read_brief_json(folder, here / NUMBER_FILES[command]) if command in NUMBER_FILES else {}
+    if not data:
         return (), ""
     if command == "run":
         return _run_numbers(data), ""

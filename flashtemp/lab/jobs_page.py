@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,7 +14,16 @@ from flashtemp.lab.job_record import LoggedJob
 from flashtemp.lab.job_result import free_result_folder, result_name
 from flashtemp.lab.job_start import start_job
 from flashtemp.lab.jobs import LOG_FOLDER, Job, JobList
-from flashtemp.lab.page_layout import add_script, card, empty_state, heading, note, page_address, show_error
+from flashtemp.lab.page_layout import (
+    add_script,
+    card,
+    empty_state,
+    heading,
+    note,
+    page_address,
+    script_literal,
+    show_error,
+)
 from flashtemp.lab.programs import AllowedPrograms
 from flashtemp.lab.style import read_asset
 from flashtemp.lab.workspace import escape_control
@@ -88,7 +96,7 @@ class JobsPage:
             title = f"{'…' if fraction is None else f'{100 * fraction:.0f} %'} · {escape_control(name)}"
         if title != self.title:
             self.title = title
-            ui.run_javascript(f"document.title = {json.dumps(title)}")
+            ui.run_javascript(f"document.title = {script_literal(title)}")
 
     # --- history ------------------------------------------------------------------------------------------
     def _show_history(self) -> None:

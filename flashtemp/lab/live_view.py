@@ -8,12 +8,13 @@ from typing import Any
 from nicegui import ui
 
 from flashtemp.lab.job_record import LoggedJob
-from flashtemp.lab.job_result import find_own_file, result_name
+from flashtemp.lab.job_result import result_name
 from flashtemp.lab.live_discovery import LiveDiscoveryPanel
 from flashtemp.lab.live_run import LiveRunPanel
 from flashtemp.lab.live_state import LiveState
 from flashtemp.lab.live_table import LiveTable, cells_of_rows
 from flashtemp.lab.page_layout import file_address
+from flashtemp.lab.workspace import find_own_file
 
 PANELS: dict[str, type] = {"run": LiveRunPanel, "stage": LiveDiscoveryPanel}  # section of the state file: its pictures
 WATCH_PICTURE = "watch.png"

@@ -72,6 +72,15 @@ def add_script(name: str) -> None:
     ui.add_head_html(f"<script>{read_asset(name)}</script>")
 
 
+def script_literal(value: str) -> str:
+    r"""A text as a literal of JavaScript, in which no tag can begin.
+
+    >>> script_literal("a'b</script>")
+    '"a\'b\\u003c/script>"'
+    """
+    return json.dumps(value).replace("<", "\\u003c")
+
+
 def heading(level: int, text: str) -> Any:
     """A heading of level 1 (page), 2 (card) or 3; the page shows the text as it is."""
     return TextElement(tag=f"h{level}", text=escape_control(text))
@@ -117,11 +126,10 @@ def note(text: str, kind: str = "") -> None:
 
 def show_command(words: str) -> None:
     """Show the equivalent command line, with a button that copies it."""
-    literal = json.dumps(words).replace("<", "\\u003c")  # no tag can begin inside the handler
     with ui.element("div").classes("ft-command"):
         ui.label(escape_control(words)).classes("ft-mono").props('data-is="command"')
         copy = ui.button(icon="content_copy").props('flat dense round size=sm aria-label="copy the command"')
-        copy.on("click", js_handler=f"() => navigator.clipboard.writeText({literal})").tooltip("copy")
+        copy.on("click", js_handler=f"() => navigator.clipboard.writeText({script_literal(words)})").tooltip("copy")
 
 
 async def save_text(folder: Path, name: str, text: str, opened: TextVersion | None) -> TextVersion | None:

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 from nicegui import ui
 
 from flashtemp.errors import BadInput
 from flashtemp.lab.live_state import finite_number
 from flashtemp.lab.page_layout import chip, file_address, page_address
-from flashtemp.lab.workspace import RESULT_COMMANDS, escape_control, resolve_inside
+from flashtemp.lab.workspace import RESULT_COMMANDS, escape_control, find_own_file, read_brief_json, resolve_inside
 
-MAX_BRIEF_BYTES = 4 * 2**20  # of a JSON file that is read for one sentence
 MAX_SENTENCE_CHARACTERS = 1000
 MAIN_PICTURES = {  # of a command's result, the first that exists
     "run": ("profile.png", "field.png"),
@@ -30,19 +27,20 @@ def find_main_picture(folder: Path, result: Path, command: str) -> Path | None:
         others = sorted(result / p.name for p in resolve_inside(folder, str(result)).iterdir() if p.suffix == ".png")
     except (OSError, BadInput):
         others = []
-    return next((name for name in [*usual, *others] if _is_own_file(folder, name)), None)
+    shown = (name for name in [*usual, *others] if escape_control(name.name) == name.name)
+    return next((name for name in shown if find_own_file(folder, name) is not None), None)
 
 
 def describe_result(folder: Path, result: Path, command: str) -> str:
     """The answer of a result in one sentence, "" where its file does not say."""
     if command == "run":
-        found = _read_json(folder, result / "summary.json")
+        found = read_brief_json(folder, result / "summary.json")
         hottest, rise = (finite_number(found.get(key)) for key in ("T_max_degC", "rise_trailing_K"))
         if hottest is None or rise is None:
             return ""
         return f"highest {hottest:.1f} °C, rise at the trailing edge {rise:.1f} K"
     for name in ("verdict.json", "compare.json", "plan.json", "sensitivity.json"):
-        says = _read_json(folder, result / name).get("says")
+        says = read_brief_json(folder, result / name).get("says")
         if isinstance(says, list) and says and isinstance(says[0], str):
             return says[0][:MAX_SENTENCE_CHARACTERS]
     return ""
@@ -83,23 +81,3 @@ def _time_made(result: Path) -> datetime | None:
         except (OSError, ValueError, OverflowError):
             continue
     return None
-
-
-def _is_own_file(folder: Path, name: Path) -> bool:
-    """Whether this is a regular file of the folder, not reached by a link that leads out of it."""
-    try:
-        return escape_control(name.name) == name.name and resolve_inside(folder, str(name)).is_file()
-    except BadInput:
-        return False
-
-
-def _read_json(folder: Path, name: Path) -> dict[str, Any]:
-    """A JSON object of the folder; {} where it is missing, damaged, foreign or larger than MAX_BRIEF_BYTES."""
-    try:
-        path = resolve_inside(folder, str(name))
-        if not path.is_file() or path.stat().st_size > MAX_BRIEF_BYTES:
-            return {}
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (BadInput, OSError, ValueError, RecursionError):
-        return {}
-    return found if isinstance(found, dict) else {}

@@ -15,7 +15,7 @@ from nicegui import ui
 from flashtemp.errors import BadInput
 from flashtemp.lab.page_layout import card, file_address, refuse_damaged
 from flashtemp.lab.result_parts import write_text
-from flashtemp.lab.workspace import RESULT_COMMANDS, escape_control, resolve_inside
+from flashtemp.lab.workspace import RESULT_COMMANDS, escape_control, find_own_file, resolve_inside
 from flashtemp.model.case_file import MAX_TOML_BYTES, flatten_tables, parse_toml
 
 MAX_JSON_BYTES = 32 * 2**20
@@ -75,11 +75,7 @@ class ResultFolder:
 
     def find_file(self, name: str) -> Path | None:
         """A regular file of the result; None where there is none or a link leads out of the folder."""
-        try:
-            path = resolve_inside(self.folder, str(self.here / name))
-            return path if path.is_file() else None
-        except BadInput:
-            return None
+        return find_own_file(self.folder, self.here / name)
 
     def read_json(self, name: str) -> dict[str, Any]:
         """The content of a JSON file of the result; {} where there is none.  Raises BadInput for a damaged file."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from typing import Any
 from nicegui import ui
 
 from flashtemp.errors import FlashtempError
-from flashtemp.lab.page_layout import add_script
+from flashtemp.lab.page_layout import add_script, script_literal
 from flashtemp.lab.workspace import escape_control
 
 
@@ -66,7 +65,7 @@ class TomlEditor:
         self.box.on("scheme", lambda e: self._set_scheme(e.args is True), js_handler="e => emit(e.detail)")
         ui.timer(
             0.1,
-            lambda: ui.run_javascript(f"watchScheme({self.box.id}); nameEditor({self.box.id}, {json.dumps(name)})"),
+            lambda: ui.run_javascript(f"watchScheme({self.box.id}); nameEditor({self.box.id}, {script_literal(name)})"),
             once=True,
         )
 

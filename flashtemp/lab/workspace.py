@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import fnmatch
 import glob
+import json
 import os
 import re
 import stat
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from flashtemp.errors import BadInput
 from flashtemp.lab.file_name_conditions import find_conditions
@@ -18,6 +20,7 @@ from flashtemp.model.case_file import MAX_TOML_BYTES, parse_toml
 from flashtemp.runs.results import result_folder
 
 MAX_LISTING_DEPTH, MAX_LISTED_FILES, MAX_LISTED_FOLDERS = 4, 5000, 2000
+MAX_BRIEF_BYTES = 4 * 2**20  # of a JSON file that is read for a card: 30 times a usual verdict.json
 MAX_NAME_BYTES = 255  # NAME_MAX of the usual file systems
 CAMERA_SUFFIXES = {
     ".jpg", ".jpeg", ".fff", ".seq", ".csq", ".irb", ".csv", ".asc", ".txt", ".tif", ".tiff", ".png", ".mat", ".h5",
@@ -211,6 +214,27 @@ def resolve_inside(folder: Path, name: str) -> Path:
     if has_hidden_part(path.relative_to(home)) or has_hidden_part(Path(name)):
         raise BadInput(f"{escape_control(name)}: hidden files are not opened here; give a name without a leading dot")
     return path
+
+
+def find_own_file(folder: Path, name: str | Path) -> Path | None:
+    """A regular file of the folder; None where there is none or a link leads out of the folder."""
+    try:
+        path = resolve_inside(folder, str(name))
+        return path if path.is_file() else None
+    except (BadInput, OSError):
+        return None
+
+
+def read_brief_json(folder: Path, name: str | Path) -> dict[str, Any]:
+    """A JSON object of the folder; {} where it is missing, damaged, foreign or larger than MAX_BRIEF_BYTES."""
+    try:
+        path = find_own_file(folder, name)
+        if path is None or path.stat().st_size > MAX_BRIEF_BYTES:
+            return {}
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def has_hidden_part(path: Path) -> bool:

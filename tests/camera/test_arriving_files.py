@@ -217,12 +217,12 @@ def test_hidden_and_foreign_files_are_not_looked_at(lab):
 
 def test_patterns_are_relative_to_the_template_or_to_the_arrivals(lab):
     arrivals = lab.arrivals.resolve()
-    assert lab.growing.template.matches(arrivals / "img7.csv")
-    assert not lab.growing.template.matches(arrivals / "deep" / "img7.csv")
-    assert not lab.growing.template.matches(arrivals / "img7.txt")
+    assert lab.growing.template.accepts_file(arrivals / "img7.csv")
+    assert not lab.growing.template.accepts_file(arrivals / "deep" / "img7.csv")
+    assert not lab.growing.template.accepts_file(arrivals / "img7.txt")
     (lab.folder / "other.toml").write_text('files = ["img*.csv"]\nout = "other.nc"\n')
     other = RecordingTemplate.from_file(lab.folder / "other.toml", lab.arrivals)
-    assert other.matches(arrivals / "img7.csv")
+    assert other.accepts_file(arrivals / "img7.csv")
     assert RecordingTemplate.from_file(lab.folder / "times.csv", lab.arrivals) is None
 
 

@@ -157,7 +157,7 @@ def test_ctrl_c_ends_with_130_and_complete_files_and_a_restart_goes_on(measured,
 def test_ctrl_c_between_two_events_keeps_the_state(lab, tmp_path):
     watched = flashtemp.watch(lab / "incoming", lab, out=tmp_path / "out", interval=0.1, workers=1)
     with pytest.raises(UserInterrupt, match="continue with: the same command"):
-        raise watched.interrupt()
+        raise watched.interrupt_watch()
     assert state(tmp_path / "out")["state"] == "interrupted"
 
 

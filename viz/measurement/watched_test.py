@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
-
 import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -16,7 +14,6 @@ from flashtemp.viz.measurement.comparison import KELVIN_MAP, MASKED_COLOUR, UPWA
 from flashtemp.viz.measurement.residual_plots import COMPUTED_COLOUR, MEASURED_COLOUR, VIEW_LABELS, pixel_edges
 
 FIGURE_SIZE_IN = (9.6, 6.4)
-TITLE_LETTERS = 105  # in one line of the title
 MAX_EFFECTS_DRAWN = 4
 EFFECT_COLOURS = ("#C8420B", "#0072B2", "#1FA37A", "#E69F00")
 LEAST_DIFFERENCE_K = 0.1  # half width of the colour scale of differences, at least
@@ -29,9 +26,7 @@ def draw(test) -> Figure:
     `test` is a `discovery.watched_test.WatchedTest` with an assessment.
     """
     decision = test.assessment.decision
-    fig = Figure(figsize=FIGURE_SIZE_IN, layout="constrained", facecolor="white")
-    lines = textwrap.wrap(f"{test.campaign.title}: {decision.words}", TITLE_LETTERS, max_lines=2)
-    fig.suptitle(escape_mathematics("\n".join(lines)), x=0.01, ha="left")
+    fig = theme.make_figure(f"{test.campaign.title}: {decision.words}", "", *FIGURE_SIZE_IN)
     above, below = fig.subfigures(2, 1, height_ratios=[1.15, 1.0])
     name = test.latest if test.latest in test.assessment.recordings else next(iter(test.assessment.recordings))
     compared = test.assessment.recordings[name]
@@ -79,10 +74,9 @@ def _draw_images(fig, compared) -> None:
         ax.set_title(label, weight="bold")
         ax.set_xlabel("x (mm)")
     axes[0].set_ylabel(f"{UPWARD_AXES[r.view][0]} (mm)")
-    fig.colorbar(
-        axes[0].images[0], ax=axes[:2], label=f"temperature ({theme.CELSIUS})", location="bottom", aspect=50, shrink=0.7
-    )
-    fig.colorbar(axes[2].images[0], ax=axes[2], label="difference (K)", location="bottom", aspect=25, shrink=0.7)
+    place = {"location": "bottom", "shrink": 0.7}
+    theme.add_colour_bar(fig, axes[0].images[0], axes[:2], f"temperature ({theme.CELSIUS})", aspect=50, **place)
+    theme.add_colour_bar(fig, axes[2].images[0], axes[2], "difference (K)", aspect=25, **place)
 
 
 def _draw_row(fig, compared) -> None:
@@ -115,7 +109,7 @@ def _draw_evidence(ax, test) -> None:
     ax.axhline(CRITERIA.ln_bayes_named, color=theme.AMBIENT_COLOUR, lw=0.8, ls="--", label="needed to name an effect")
     ax.set_title("evidence against the stated model", weight="bold")
     ax.set(xlabel="frames so far", ylabel="ln Bayes factor", xlim=(0.0, 1.05 * max(frames)))
-    ax.xaxis.set_major_locator(MaxNLocator(6, integer=True))
+    ax.xaxis.set_major_locator(MaxNLocator(6, integer=True, steps=list(theme.TICK_STEPS)))
     ax.legend(loc="best")
 
 
@@ -127,5 +121,5 @@ def _draw_residuals(ax, history) -> None:
     ax.set_ylim(bottom=0.0)
     ax.set_title("difference from the stated model", weight="bold")
     ax.set(xlabel="frames so far", ylabel="rms difference (K)", xlim=(0.0, 1.05 * max(frames)))
-    ax.xaxis.set_major_locator(MaxNLocator(6, integer=True))
+    ax.xaxis.set_major_locator(MaxNLocator(6, integer=True, steps=list(theme.TICK_STEPS)))
     ax.legend(loc="best")

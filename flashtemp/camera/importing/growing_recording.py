@@ -51,7 +51,7 @@ class RecordingTemplate:
         patterns = tuple(folder / name for name in names for folder in folders)
         return None if out is None else cls(path, patterns, facts, Path(out).resolve())
 
-    def matches(self, file: Path) -> bool:
+    def accepts_file(self, file: Path) -> bool:
         """Whether a camera file, an absolute path, belongs to the recording."""
         return any(_matches_pattern(file, pattern) for pattern in self.patterns)
 
@@ -119,8 +119,8 @@ class GrowingRecording:
 
         `now`, s of any clock; a file that stays bad for `patience` s is refused.
         """
-        complete = {p: s for p, s in complete.items() if self.template.matches(p)}
-        self.unfinished = {p: self.unfinished.get(p, now) for p in unfinished if self.template.matches(p)}
+        complete = {p: s for p, s in complete.items() if self.template.accepts_file(p)}
+        self.unfinished = {p: self.unfinished.get(p, now) for p in unfinished if self.template.accepts_file(p)}
         self._review_files(complete)
         self._accept_same_content(complete)
         news: list[FileNews] = []
@@ -139,12 +139,12 @@ class GrowingRecording:
         return sorted(news, key=lambda item: order[item.file])
 
     @property
-    def waiting(self) -> dict[Path, str]:
+    def waiting_files(self) -> dict[Path, str]:
         """Files that are tried again, with the reason."""
         return {p: b.reason for p, b in self.bad.items() if not b.is_refused}
 
     @property
-    def refused(self) -> dict[Path, str]:
+    def refused_files(self) -> dict[Path, str]:
         """Files that stayed bad, with the reason."""
         return {p: b.reason for p, b in self.bad.items() if b.is_refused}
 

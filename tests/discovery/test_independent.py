@@ -58,7 +58,7 @@ def test_outcomes_are_counted_as_they_are(benchmark):
     assert ended("foreign", "named", "edge_pressure", hidden="laminar_cooling") == "wrong"
 
 
-@pytest.mark.sample("900", "919")
+@pytest.mark.sample("900")
 @pytest.mark.parametrize("seed", FIXED)
 def test_campaigns_of_another_laboratory_end_as_they_are(benchmark, seed):
     """10 to 25 CPU seconds each, 60 where a law is learned."""
@@ -142,13 +142,10 @@ def _held_out(condition):
 TURNED = ("condition2_sidewall.nc", {}, {"turned": 0.035})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("held", "hidden", "setup_errors"),
-    [
-        TURNED,
-        pytest.param("condition1", {}, {}, marks=pytest.mark.long),
-        pytest.param("condition1_sidewall.nc", {"pressure_tilt": 0.4}, {}, marks=pytest.mark.long),
-    ],
+    [TURNED, ("condition1", {}, {}), ("condition1_sidewall.nc", {"pressure_tilt": 0.4}, {})],
 )
 def test_recordings_that_are_held_out_have_cameras_of_their_own(benchmark, tmp_path, held, hidden, setup_errors):
     """Images that lie a usual way off, or are turned by two degrees, left any model unexplained."""

@@ -127,6 +127,7 @@ def test_a_scale_that_is_off_and_a_mirror_are_found(tiny, calibrate):
     assert abs(base.solution.chi2 / base.solution.count - 1.0) < 5.0 * np.sqrt(2.0 / base.solution.count)
 
 
+@pytest.mark.long
 def test_a_block_much_longer_than_told_is_found(tmp_path, calibrate):
     """Nearly four times what a ruler may be off by: from the length that was told no fit gets there."""
     told = 0.0241

@@ -40,7 +40,7 @@ PROGRAMME = laboratory.MeasurementProgramme(
 )
 
 
-@pytest.mark.sample("119")
+@pytest.mark.sample("115")  # names a cause in half of the time of the others
 @pytest.mark.parametrize("seed", CAMPAIGNS)
 def test_real_cameras_hide_nothing_strong_and_add_nothing(discovery_benchmark, tmp_path, seed):
     """Its evidence, stored as numbers, gives the same verdict again: `criteria_replay` rests on that."""

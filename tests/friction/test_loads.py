@@ -195,6 +195,7 @@ def test_all_laws_of_friction_count_with_heat_and_without():
     assert mu == pytest.approx(expected, rel=5e-3)  # the table stands for the theory
 
 
+@pytest.mark.long  # test_skew.py has the theory
 def test_the_cutoff_of_skewness_is_an_input(tmp_path, capsys):
     """The option and the key are one; skewness of all waves changes friction more than that of the long ones."""
     mu = {}
@@ -210,6 +211,9 @@ def test_the_cutoff_of_skewness_is_an_input(tmp_path, capsys):
         mu[name] = told["mu"]["alone"]["skewness"][0][0] / told["mu"]["none"][0][0]
     assert mu["default"] == pytest.approx(1.0, abs=0.01)
     assert mu["all"] < 0.9
+
+
+def test_a_negative_cutoff_of_skewness_is_refused(tmp_path, capsys):
     assert main(["loads", str(CASE), "--skewness-cutoff", "-1", "--out", str(tmp_path / "no")]) == 2
     told = capsys.readouterr().err.strip()
     assert "persson_friction.skewness_cutoff" in told

@@ -1,11 +1,12 @@
 """Influence of every criterion on the verdicts of discovery: replays stored evidence at half and double its value.
 
     python benchmarks/campaigns.py run FOLDER RESULTS.jsonl --store STORE
-    python benchmarks/criteria_replay.py STORE [STORE ...] --out benchmarks/results/criteria_replay.json
+    python benchmarks/criteria_replay.py STORE [STORE ...] --out benchmarks/results/criteria_replay.json [--add]
 
 The selection among the stored full fits and `decide` are those of the engine; nothing is simulated.  If a criterion
 requires a fit that was not made, the campaign is counted as `not_fitted`, and its verdict is that of the stored fits.
-At the present values a replay must give the stored verdict.
+At the present values a replay must give the stored verdict.  With `--add` the campaigns join those of the report that
+is in the file, so that many campaigns can be replayed a few at a time.
 """
 
 from __future__ import annotations
@@ -264,9 +265,37 @@ def count_outcomes(found: Iterable[ReplayedVerdict]) -> Counter[str]:
 
 
 def replay_all(searches: Sequence[StoredSearch]) -> Record:
-    """{criterion: its record of changes}."""
+    """The names of the `campaigns` and, for each of the `criteria`, its record of changes."""
     default = [replay(s) for s in searches]
-    return {f.name: replay_criterion(f.name, searches, default) for f in fields(Criteria)}
+    criteria = {f.name: replay_criterion(f.name, searches, default) for f in fields(Criteria)}
+    return {"campaigns": [s.record["name"] for s in searches], "criteria": criteria}
+
+
+def add_reports(old: Record, new: Record) -> Record:
+    """The report of the campaigns of two reports.
+
+    Raises ValueError if they share a campaign, or were made with other criteria.
+    """
+    if twice := sorted(set(old["campaigns"]) & set(new["campaigns"])):
+        raise ValueError(f"{', '.join(twice)}: in the report already; leave them out, or replay all without --add")
+    if {k: r["value"] for k, r in old["criteria"].items()} != {k: r["value"] for k, r in new["criteria"].items()}:
+        raise ValueError("the report was made with other criteria; replay all campaigns without --add")
+    criteria = {name: _add_rows(old["criteria"][name], row) for name, row in new["criteria"].items()}
+    return {"campaigns": [*old["campaigns"], *new["campaigns"]], "criteria": criteria}
+
+
+def _add_rows(old: Record, new: Record) -> Record:
+    """The changes by one criterion in the campaigns of two reports."""
+    out: Record = {"value": new["value"], "campaigns": old["campaigns"] + new["campaigns"]}
+    for side in FACTORS:
+        outcomes = {o: old[side].get(o, 0) + new[side].get(o, 0) for o in SUMMARY_COLUMNS}
+        out[side] = {o: change for o, change in outcomes.items() if change}
+    for key in ("not_fitted", "law_not_tried", "recordings"):
+        out[key] = {side: old[key][side] + new[key][side] for side in FACTORS}
+    out["moved"] = {side: old["moved"][side] | new["moved"][side] for side in FACTORS}
+    out["fits"] = {side: np.add(old["fits"][side], new["fits"][side]).tolist() for side in FACTORS}
+    decisions = ("verdicts", "cost", "nothing")  # the strongest first
+    return out | {"decides": min(old["decides"], new["decides"], key=decisions.index)}
 
 
 def list_not_reproduced(searches: Iterable[StoredSearch]) -> list[str]:
@@ -279,7 +308,7 @@ def list_not_reproduced(searches: Iterable[StoredSearch]) -> list[str]:
 def tabulate(report: Record) -> Iterator[str]:
     """Lines of the table: what each criterion changes at half and at double."""
     yield "| criterion | value | decides | at half | at double |\n|---|---|---|---|---|"
-    for name, row in report.items():
+    for name, row in report["criteria"].items():
         cells = " | ".join(_describe_side(row, side) for side in FACTORS)
         yield f"| {name} | {row['value']:g} | {row['decides']} | {cells} |"
 
@@ -298,9 +327,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("stores", type=Path, nargs="+")
     parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--add", action="store_true", help="add the campaigns to those of the report in the file")
     args = parser.parse_args()
     searches = [read_evidence(file) for store in args.stores for file in sorted(store.glob("*.pkl.xz"))]
     report = replay_all(searches)
+    if args.add:
+        try:
+            report = add_reports(json.loads(args.out.read_text(encoding="utf-8")), report)
+        except ValueError as fault:
+            raise SystemExit(f"{args.out.name}: {fault}") from None
     args.out.parent.mkdir(parents=True, exist_ok=True)
     args.out.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
     outcomes = count_outcomes(replay(s) for s in searches)

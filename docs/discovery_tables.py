@@ -46,7 +46,7 @@ def replay_table() -> str:
 
     if not REPLAY.exists():
         return "No replay is stored yet.\n"
-    report: Mapping[str, Any] = json.loads(REPLAY.read_text(encoding="utf-8"))
+    report: Mapping[str, Any] = json.loads(REPLAY.read_text(encoding="utf-8"))["criteria"]
     rows = (
         [f"`{name}`", str(row["campaigns"]), row["decides"], changes(row, "half"), changes(row, "double")]
         for name, *_ in list_criteria()

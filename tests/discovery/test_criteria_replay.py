@@ -134,7 +134,7 @@ def test_a_law_is_learned_while_it_leaves_less_than_the_criterion(discovery_benc
 def test_fits_that_nobody_made_are_counted(discovery_benchmark, search):
     scores = [("wear", 40.0), ("blur", 18.0), ("lag", 6.0)]
     stored = search.made(search.fit("wear", gain=40.0), search.fit("blur", gain=2.0), scores=scores)
-    report = discovery_benchmark.replay.replay_all([stored])
+    report = discovery_benchmark.replay.replay_all([stored])["criteria"]
     assert report["shortlist_range"]["fits"] == {"half": [0, 0], "double": [1, 0]}
     assert report["shortlist_range"]["not_fitted"] == {"half": 0, "double": 1}
     assert report["shortlist"]["fits"]["half"] == [0, 0]
@@ -143,7 +143,7 @@ def test_fits_that_nobody_made_are_counted(discovery_benchmark, search):
 
 def test_a_criterion_that_changes_nothing_shows_as_such(discovery_benchmark, search):
     stored = [search.made(search.fit("wear", gain=g)) for g in (12.0, 90.0)]
-    report = discovery_benchmark.replay.replay_all(stored)
+    report = discovery_benchmark.replay.replay_all(stored)["criteria"]
     assert list(report) == [f.name for f in fields(Criteria)]
     assert report["ln_bayes_named"]["decides"] == "verdicts"
     assert report["ln_bayes_named"]["double"] == {"right": -1, "weak": 1}
@@ -160,3 +160,21 @@ def test_a_replay_that_is_not_the_stored_verdict_is_reported(discovery_benchmark
     )
     assert "weak wear" in line
     assert "replayed named wear" in line
+
+
+def test_reports_of_two_sets_add_up_to_that_of_both(discovery_benchmark, search):
+    scores = [("wear", 40.0), ("blur", 18.0), ("lag", 6.0)]
+    fits = search.fit("wear", gain=40.0), search.fit("blur", gain=2.0)
+    sets = [
+        search.made(*(search.fit("wear", gain=g) for g in [gain]), record={"name": f"gain {gain:g}"})
+        for gain in (12.0, 90.0)
+    ] + [search.made(*fits, scores=scores, record={"name": "three"})]
+    replay = discovery_benchmark.replay
+    parts = [replay.replay_all(sets[:1]), replay.replay_all(sets[1:])]
+    assert replay.add_reports(*parts) == replay.replay_all(sets)
+    with pytest.raises(ValueError, match="gain 12: in the report already"):
+        replay.add_reports(parts[0], parts[0])
+    with discovery_benchmark.stored.criteria_changed(ln_bayes_named=9.0):
+        other = replay.replay_all(sets[1:])
+    with pytest.raises(ValueError, match="made with other criteria"):
+        replay.add_reports(parts[0], other)

@@ -94,7 +94,7 @@ def test_replayed_criteria_show_what_changes(monkeypatch, tmp_path):
         "moved": {"half": {"a": "none -> weak", "b": "none -> weak"}, "double": {}}, "not_fitted": none | {"half": 1},
         "fits": {"half": [3, 0], "double": [0, 0]}, "law_not_tried": none, "recordings": {"half": [], "double": []},
     }  # fmt: skip
-    (tmp_path / "replay.json").write_text(json.dumps({"max_causes": row}))
+    (tmp_path / "replay.json").write_text(json.dumps({"campaigns": [], "criteria": {"max_causes": row}}))
     monkeypatch.setattr(discovery_tables, "REPLAY", tmp_path / "replay.json")
     words = "weak wrong +2, none -2, 2 verdicts change, fits +3, 1 not decidable"
     assert f"| `max_causes` | 9 | verdicts | {words} | none |" in discovery_tables.replay_table()

@@ -350,7 +350,7 @@ class _CampaignReader:
             self.add_fault("recording", f"recording {number}: view: {entry['view']!r}; give {known}", number)
             return None
         sound = self._has_file(entry, "recording", number) if not is_planned else True
-        if not (self._has_valid_keys(entry, "recording", number, load_case_with) and sound):
+        if not (self._check_shared_keys(entry, "recording", number, load_case_with) and sound):
             return None
         if not is_planned and self._is_awaited(entry):
             return None
@@ -389,7 +389,7 @@ class _CampaignReader:
     ) -> LoadCellEntry | None:
         """A [[force]]; None, with a fault, where it cannot be used."""
         sound = self._has_file(entry, "force", number)
-        if not (self._has_valid_keys(entry, "force", number, load_case_with) and sound) or self._is_awaited(entry):
+        if not (self._check_shared_keys(entry, "force", number, load_case_with) and sound) or self._is_awaited(entry):
             return None
         try:
             time, mu = read_xy_pairs(entry["file"], self.folder, "file", columns=(TIME, FRICTION))
@@ -418,7 +418,9 @@ class _CampaignReader:
         """Whether the file of an entry may be missing and does not exist."""
         return self.may_miss and not _path_exists(self.folder / entry["file"])
 
-    def _has_valid_keys(self, entry: dict[str, Any], kind: str, number: int, load_case_with: CaseLoader | None) -> bool:
+    def _check_shared_keys(
+        self, entry: dict[str, Any], kind: str, number: int, load_case_with: CaseLoader | None
+    ) -> bool:
         """Whether the keys that recordings and forces share are valid; if not, faults are added."""
         before, place = len(self.faults), f"{kind} {number}"
         given, held = entry.get("with", {}), entry.get("held_out", False)

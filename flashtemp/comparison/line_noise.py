@@ -132,12 +132,12 @@ class LineWhitening:
         whitened = np.where(self.known, values, 0.0)
         for axis, factor in self._frame_factors():
             whitened = _scale_line_means(whitened, self.known, axis, factor)
-        return self._scale_static_part(whitened, self._static_factors())
+        return self._scale_static_part(whitened, self._constant_factors())
 
     def inverse(self, whitened: Array) -> Array:
         """Residuals with line noise from white ones."""
         values = self._scale_static_part(
-            np.where(self.known, whitened, 0.0), [(a, 1.0 / t) for a, t in self._static_factors()[::-1]]
+            np.where(self.known, whitened, 0.0), [(a, 1.0 / t) for a, t in self._constant_factors()[::-1]]
         )
         for axis, factor in self._frame_factors()[::-1]:
             values = _scale_line_means(values, self.known, axis, 1.0 / factor)
@@ -150,7 +150,7 @@ class LineWhitening:
             for axis, now, _ in self.variances
         ]
 
-    def _static_factors(self) -> list[tuple[int, Array]]:
+    def _constant_factors(self) -> list[tuple[int, Array]]:
         """Factors on the line means of the constant part, which `_frame_factors` has reduced already."""
         some = np.any(self.known, axis=0, keepdims=True)
         counts = [some.sum(axis=axis, keepdims=True) for axis, _, _ in self.variances]

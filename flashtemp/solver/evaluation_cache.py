@@ -12,7 +12,7 @@ import numpy as np
 from flashtemp.model.scene import LawContext
 from flashtemp.solver.boundary_heat import FilmCoefficients
 from flashtemp.solver.contact_flux import ContactFluxes, ContactState
-from flashtemp.solver.elastic_foundation import ContactSolution
+from flashtemp.solver.elastic_contact import ContactSolution
 
 
 @dataclass

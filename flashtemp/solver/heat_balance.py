@@ -17,7 +17,7 @@ from flashtemp.model.scene import Scene
 from flashtemp.physics.elastic_block import FaceCompliance, face_compliance, foundation_stiffness
 from flashtemp.solver import kernels_2d
 from flashtemp.solver.boundary_heat import BoundaryHeat
-from flashtemp.solver.elastic_foundation import PRESSURE_RTOL, ElasticFoundation
+from flashtemp.solver.elastic_contact import PRESSURE_RTOL, ElasticFoundation
 from flashtemp.solver.enthalpy import LinearCapacity, TabulatedCapacity, build_heat_capacity
 from flashtemp.solver.road_frame import RoadFrame
 from flashtemp.solver.winkler_foundation import SpringFoundation
@@ -127,7 +127,7 @@ class HeatBalance:
 
     @cached_property
     def elastic_block(self) -> ElasticFoundation | None:
-        """The elastic foundation; None for a block on springs, and where nothing changes the prescribed pressure."""
+        """The contact of an elastic block; None for a block on springs, and where nothing changes the prescribed pressure."""
         if self.scene.stiffness is not None or not has_pressure_shift(self.laws):
             return None
         bed, modulus = self.foundation, self.scene.modulus

@@ -1,6 +1,6 @@
 """The interface of block and road: contact pressure, contact laws at that pressure, heat fluxes and their derivatives.
 
-The block is elastic (`elastic_foundation`) or a spring foundation (`winkler_foundation`).  Pressure is not a state: it
+The block is elastic (`elastic_contact`) or a spring foundation (`winkler_foundation`).  Pressure is not a state: it
 balances load and moment at every evaluation (theory.md, section 7.3), and the fluxes follow from it (`contact_flux`).
 """
 
@@ -16,18 +16,18 @@ from flashtemp.errors import SolverFailure
 from flashtemp.model.effect_laws import COMPLEX_STEP, mean_over_columns
 from flashtemp.model.scene import LawContext
 from flashtemp.solver import contact_flux, contact_lanes, kernels_contact
-from flashtemp.solver.abrasion import (
+from flashtemp.solver.elastic_contact import ElasticResponse, FrictionLaw, HolderSupport
+from flashtemp.solver.evaluation_cache import InterfaceCache, array_key
+from flashtemp.solver.heat_balance import HeatBalance
+from flashtemp.solver.kernels_contact import broadcast_columns, common_dtype
+from flashtemp.solver.road_frame import RoadOverlap
+from flashtemp.solver.wear_coupling import (
     AbrasionCoupling,
     SparseResponse,
     SparsityPattern,
     build_sparsity,
     complex_step_derivative,
 )
-from flashtemp.solver.elastic_foundation import ElasticResponse, FrictionLaw, HolderSupport
-from flashtemp.solver.evaluation_cache import InterfaceCache, array_key
-from flashtemp.solver.heat_balance import HeatBalance
-from flashtemp.solver.kernels_contact import broadcast_columns, common_dtype
-from flashtemp.solver.road_frame import RoadOverlap
 from flashtemp.solver.winkler_foundation import PressureSolution, SpringResponse
 
 SCHEDULE_FIELD_COUNT = LawContext._fields.index("repetition") + 1  # the first fields, which the schedule determines

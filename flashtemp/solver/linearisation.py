@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from flashtemp.solver import conduction, contact_lanes, kernels_contact
-from flashtemp.solver.abrasion import AbrasionCoupling
 from flashtemp.solver.contact_flux import ContactState
 from flashtemp.solver.heat_balance import HeatBalance
 from flashtemp.solver.interface import SolvedContact
 from flashtemp.solver.road_frame import RoadFrame, RoadOverlap
+from flashtemp.solver.wear_coupling import AbrasionCoupling
 
 
 def contact_slopes(b: HeatBalance, contact: SolvedContact | None, at_walls):

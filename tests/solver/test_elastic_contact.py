@@ -12,7 +12,7 @@ import pytest
 from reference.elasticity import ElasticBlock, column_values, crowd_at_ends, gauss_points
 
 from flashtemp.physics.elastic_block import face_compliance, foundation_stiffness
-from flashtemp.solver.elastic_foundation import ElasticFoundation, HolderSupport
+from flashtemp.solver.elastic_contact import ElasticFoundation, HolderSupport
 
 E, L, H, MEAN = 5e6, 0.025, 7e-3, 0.15e6
 COLUMNS = np.linspace(0.0, L, 41)

@@ -72,7 +72,7 @@ def _extrapolate_ends(values, nodes, axis: int):
     return np.concatenate([ends[0], values, ends[1]], axis)
 
 
-def refine_grid(values: np.ndarray, nodes: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
+def refine_field(values: np.ndarray, nodes: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
     """A field and its nodes at POINTS_PER_CELL points per cell, by cubic splines over the number of the cell.
 
     The nodes are the first edge, the centres of cells and the last edge.  Graded meshes are smooth in the cell number,
@@ -169,7 +169,7 @@ def _visible_temperatures(run, scene, recording, times, face: FaceHistory | None
     if recording.view == "profile":
         x = np.concatenate([run.mesh.x[[run.mesh.first]], run.x, run.mesh.x[[run.mesh.last]]])
         T = _extrapolate_ends(interpolate_linear(run.T_block, run.time, times)[:, None], x, 2)
-        return *refine_grid(T, x, 2), np.zeros(1)
+        return *refine_field(T, x, 2), np.zeros(1)
     if recording.view == "wake":
         return _wake_temperatures(run, scene, recording, times, face, {} if kept is None else kept)
     return _wall_temperatures(run, scene, times, face, kept)
@@ -181,7 +181,7 @@ def _wake_temperatures(run, scene, recording, times, face: FaceHistory | None, k
     half, films = 0.5 * scene.width, WallFilmCoefficients.from_scene(scene)
     T = road(run.maps, run.frames) if scene.resolved else road(vars(run), slice(None))
     T = interpolate_linear(T, run.time[run.frames] if scene.resolved else run.time, times)
-    T, behind = refine_grid(_extrapolate_ends(T, behind, 1), behind, 1)
+    T, behind = refine_field(_extrapolate_ends(T, behind, 1), behind, 1)
     if scene.resolved:
         return np.swapaxes(_repeat_ends(T, 2), 1, 2), behind, np.concatenate([[-half], run.mesh.y_centre, [half]])
     if run.direction is not None or scene.schedule.alone or not films.wall.any():
@@ -214,8 +214,8 @@ def _wall_temperatures(run, scene, times, face: FaceHistory | None, kept: Matrix
     elif films.wall.any():
         rise = side_wall_rise(scene, films, z, times, rise, face or FaceHistory.from_run(run, scene), kept)
     wall = np.swapaxes(air + _extrapolate_ends(rise, x, 1), 1, 2)
-    wall, x = refine_grid(wall, x, 2)
-    wall, z = refine_grid(wall, z, 1)
+    wall, x = refine_field(wall, x, 2)
+    wall, z = refine_field(wall, z, 1)
     return wall, x, z
 
 

@@ -230,7 +230,7 @@ def iter_stepped_cases(case: Case, key: str, scale: float = 1.0) -> Iterator[tup
         yield moved, step
 
 
-def is_neighbour(plain: Scene, moved: Scene) -> bool:
+def allows_tangent_run(plain: Scene, moved: Scene) -> bool:
     """Whether a tangent run is possible: the same schedule, and the same cells except for their size."""
     if _phase_times(plain) != _phase_times(moved):
         return False

@@ -30,8 +30,8 @@ from flashtemp.discovery.hypotheses.discrepancy_effects import add_friction_scat
 from flashtemp.discovery.hypotheses.input_kinds import (
     CAMERA_INPUTS,
     RUN_STEP_RATIO,
+    allows_tangent_run,
     has_same_mesh,
-    is_neighbour,
     iter_stepped_cases,
 )
 from flashtemp.discovery.parameters import SHIFT_KINDS, ParameterId, ParameterKind
@@ -283,7 +283,7 @@ def _perturb_inputs(point: EvaluationPoint) -> Iterator[tuple[ParameterId, Pertu
     for p in _case_inputs(point):
         for case, step in iter_stepped_cases(point.case, p.name):
             scene = point.task.model.apply_to(case).scene
-            if is_neighbour(point.scene, scene):
+            if allows_tangent_run(point.scene, scene):
                 yield p, Perturbation(scene, step, is_stretched=not has_same_mesh(point.scene, scene))
                 break
 

@@ -312,7 +312,7 @@ def attribute_load_dependence(
         *(tuple(m for m in PROCESS_NAMES if m in acting or m == n) for n in PROCESS_NAMES if n not in acting),
     ]
     subsets = {subset: switch_processes(subset) for names in players for subset in list_subsets(names)}
-    other = switch_processes((HEATING,))[0] | _other_law(case, scene, effect), True
+    other = switch_processes((HEATING,))[0] | _alternative_contact_law(case, scene, effect), True
     loads = tuple(float(p) for p in pressures)
     tasks = [
         LoadCase(case.with_values(overrides | MINIMAL_OUTPUT | {"schedule.speed": float(v)}), loads, not heated)
@@ -341,7 +341,7 @@ def _contact_fraction_words(case: cases.Case, acting: ActiveEffect) -> str:
     return "fixed" if n == 0 else f"proportional to the load to the power {n:g}"
 
 
-def _other_law(case: cases.Case, scene: Scene, acting: ActiveEffect) -> dict[str, Any]:
+def _alternative_contact_law(case: cases.Case, scene: Scene, acting: ActiveEffect) -> dict[str, Any]:
     """Overrides for the alternative law: a fixed contact fraction where it grows with the load, and vice versa."""
     if acting.p.spots != "theory" and case["contact.spot_exponent"] == 0:
         return {f"{acting.name}.spots": "theory"}

@@ -10,7 +10,7 @@ import numpy as np
 
 from flashtemp.model.effect_laws import COMPLEX_STEP
 from flashtemp.solver import kernels_contact
-from flashtemp.solver.elastic_foundation import ElasticResponse
+from flashtemp.solver.elastic_contact import ElasticResponse
 from flashtemp.solver.heat_balance import HeatBalance
 from flashtemp.solver.road_frame import RoadOverlap
 from flashtemp.solver.winkler_foundation import SpringResponse

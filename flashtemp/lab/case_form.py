@@ -19,6 +19,7 @@ from flashtemp.lab.key_groups import (
 from flashtemp.lab.key_units import (
     convert_to_key_unit,
     describe_key,
+    describe_value,
     format_value,
     is_default,
     natural_unit,
@@ -198,14 +199,11 @@ class KeyField:
 
     def default_words(self) -> str:
         """The default with its unit, in words."""
-        text, unit = self._default_text(), unit_label(self.unit)
-        return f"{text} {unit}".strip() if text else "none"
+        return describe_value(self.key.param.value, self.key.param, self.unit)
 
     def value_words(self) -> str:
         """The stated value with its unit, in words."""
-        text, unit = show_number(self.stated, self.key.param, self.unit)
-        number = isinstance(self.stated, (int, float)) and not isinstance(self.stated, bool)
-        return f"{text} {unit_label(unit)}".strip() if number or text != self.stated else text
+        return describe_value(self.stated, self.key.param, self.unit)
 
     def _update_label(self) -> None:
         """Show the default as placeholder, and beside a changed value."""

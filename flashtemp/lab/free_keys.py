@@ -12,6 +12,7 @@ from flashtemp.comparison.known_inputs import known_keys
 from flashtemp.discovery.hypotheses.candidates import prior_sd_of_key
 from flashtemp.lab.campaign_checks import CampaignCheck
 from flashtemp.lab.campaign_document import CampaignDocument, format_cell, parse_cell
+from flashtemp.lab.key_units import describe_value
 from flashtemp.lab.page_layout import heading
 from flashtemp.lab.toml_tables import set_top_key
 from flashtemp.lab.workspace import escape_control
@@ -19,6 +20,7 @@ from flashtemp.model.case import Case
 from flashtemp.model.case_file import flatten_tables
 from flashtemp.model.priors import USUAL_SD, expand_materials
 from flashtemp.model.schema import is_physical_number
+from flashtemp.physics.effect import Param
 
 USUAL_KNOWN_SD: Final = 0.02  # relative, of an input without a usual one
 FREE, KNOWN = "free", "known"
@@ -42,8 +44,7 @@ class InputKey:
     @property
     def value_words(self) -> str:
         """The value with its unit."""
-        unit = self.unit if self.unit not in ("", "1") else ""
-        return f"{format_cell(self.value)} {unit}".strip() if self.value is not None else ""
+        return describe_value(self.value, Param(self.value, self.unit, "")) if self.value is not None else ""
 
 
 def list_free_keys(case: Case) -> dict[str, InputKey]:

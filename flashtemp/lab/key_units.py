@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any, Final
 
+from flashtemp.model.case import Case
 from flashtemp.model.case_file import parse_toml
 from flashtemp.model.toml_format import value_text
 from flashtemp.physics.effect import Param
@@ -90,6 +91,29 @@ def show_number(value: Any, param: Param, unit: str) -> tuple[str, str]:
         factor, offset = choices[unit]
         return f"{(value - offset) / factor:.10g}", unit
     return format_value(value), unit
+
+
+def describe_value(value: Any, param: Param, unit: str | None = None) -> str:
+    """A value with its unit as people write it; a number of the key's unit in `unit`, or else in its natural unit.
+
+    >>> pressure = Param(1.5e5, "Pa", "mean contact pressure", kinds=("number", "text", "table"))
+    >>> describe_value(75000.0, pressure), describe_value("0.2 MPa", pressure), describe_value("p.csv", pressure)
+    ('75 kPa', '0.2 MPa', 'p.csv')
+    >>> describe_value(True, Param(True, "", "", kinds=("flag",))), describe_value(None, pressure)
+    ('yes', 'none')
+    """
+    if value is None or isinstance(value, bool):
+        return "none" if value is None else "yes" if value else "no"
+    text, unit = show_number(value, param, natural_unit(param) if unit is None else unit)
+    if isinstance(value, float) and unit not in unit_choices(param):
+        text = f"{value:.10g}"
+    return text if isinstance(value, str) and text == value else f"{text} {unit_label(unit)}".strip()
+
+
+def find_param(case: Case | None, key: str) -> Param | None:
+    """The declaration of a key "table.name" of a case; None where it has no such key."""
+    table, _, name = key.rpartition(".")
+    return case.declared_params(table).get(name) if case is not None and table in case.values else None
 
 
 def read_number(typed: str | None, param: Param, unit: str) -> Any:

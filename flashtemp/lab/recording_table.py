@@ -12,6 +12,15 @@ from flashtemp.camera.camera_classes import CAMERA_CLASSES
 from flashtemp.display import format_count
 from flashtemp.lab.campaign_checks import CampaignCheck
 from flashtemp.lab.campaign_document import CampaignDocument, format_cell, parse_cell
+from flashtemp.lab.key_units import (
+    convert_to_key_unit,
+    describe_value,
+    find_param,
+    natural_unit,
+    read_number,
+    show_number,
+    unit_label,
+)
 from flashtemp.lab.page_layout import chip, page_address, relative_names
 from flashtemp.lab.recording_store import RecordingBrief, RecordingStore
 from flashtemp.lab.toml_tables import Table, change_entry, remove_entry
@@ -32,6 +41,7 @@ class EntryRow:
     kind: str
     number: int
     fields: dict[str, Any] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)  # of the numbers in the fields of conditions
     written: dict[str, Any] = field(default_factory=dict)
     picture: Any = None
     facts: Any = None
@@ -93,8 +103,10 @@ class RecordingTable:
                 return
             with ui.element("table").classes("ft-table ft-recordings"):
                 with ui.element("thead"), ui.element("tr"):
-                    for words, unit in [("picture", ""), ("file", ""), *((c, self._unit_of(c)) for c in columns)]:
-                        _head(words, unit)
+                    for words in ("picture", "file"):
+                        _head(words)
+                    for key in columns:
+                        _head(key, unit_label(self._natural_unit(key)))
                     for words in ("frames", "noise (1 sd)", "camera", "held out", "change"):
                         _head(words)
                 with ui.element("tbody"):
@@ -173,21 +185,31 @@ class RecordingTable:
                 value = entry.get("camera") if entry.get("camera") in CAMERA_CLASSES else BY_RECORDING
             else:
                 stated = entry.get(key) if key in NOISE_KEYS.values() else given.get(key)
-                value = format_cell(stated)
-                is_number = isinstance(stated, (int, float)) and not isinstance(stated, bool)
-                unit = "K" if key == "sigma_K" else self._unit_of(key)
-                _set_prop(box, "suffix", unit if is_number and unit != "1" else "")
+                value, unit = self._show_value(key, stated)
+                row.units[key] = unit
+                is_text = isinstance(stated, (str, bool, type(None))) and value == format_cell(stated)
+                _set_prop(box, "suffix", "" if is_text else unit_label(unit))
             if row.written.get(key) != value:
                 row.written[key] = value
                 box.value = value
+
+    def _show_value(self, key: str, stated: Any) -> tuple[str, str]:
+        """The text of a cell and the unit of its number: one unit for the whole column."""
+        if (param := find_param(self.case, key)) is None:
+            return format_cell(stated), "K" if key == "sigma_K" else ""
+        return show_number(convert_to_key_unit(stated, param), param, natural_unit(param))
+
+    def _natural_unit(self, key: str) -> str:
+        param = find_param(self.case, key)
+        return "" if param is None else natural_unit(param)
 
     # --- what the controls change -----------------------------------------------------------------------------
     def _change(self, row: EntryRow, changed: Mapping[str, Any]) -> None:
         self.document.apply_edit(lambda text: change_entry(text, row.kind, row.number, changed))
 
     def _cell_changed(self, row: EntryRow, key: str) -> None:
-        unit = "K" if key == "sigma_K" else self._unit_of(key)
-        value = parse_cell(row.fields[key].value, unit)
+        typed, param = row.fields[key].value, find_param(self.case, key)
+        value = parse_cell(typed, row.units[key]) if param is None else read_number(typed, param, row.units[key])
         row.written.pop(key, None)
         if key in NOISE_KEYS.values():
             self._change(row, {key: value})
@@ -250,10 +272,10 @@ class RecordingTable:
             return
         for row in self.rows:
             for key, box in row.fields.items():
-                if "." in key:
-                    value, unit = self._case_value(key), self._unit_of(key)
-                    _set_prop(box, "placeholder", f"{format_cell(value)} {unit if unit != '1' else ''}".strip())
-                    box.update()
+                if (param := find_param(self.case, key)) is not None:
+                    table, _, name = key.rpartition(".")
+                    value = self.case.values[table].get(name)
+                    _set_prop(box, "placeholder", "" if value is None else describe_value(value, param))
 
     def _offer_columns(self) -> None:
         if self.case is not None:
@@ -301,17 +323,6 @@ class RecordingTable:
             _set_prop(box, "placeholder", stated or measured or "estimated")
             _set_prop(box, "hint", measured)
 
-    def _unit_of(self, key: str) -> str:
-        table, _, name = key.rpartition(".")
-        if self.case is None or table not in self.case.values:
-            return ""
-        param = self.case.declared_params(table).get(name)
-        return "" if param is None else param.unit
-
-    def _case_value(self, key: str) -> Any:
-        table, _, name = key.rpartition(".")
-        return self.case.values.get(table, {}).get(name) if self.case is not None else None
-
 
 def draw_curve(curve: tuple[tuple[float, float], ...]) -> None:
     """Draw a small line without axes."""
@@ -339,7 +350,7 @@ def _set_prop(box: Any, name: str, value: str) -> None:
 def _head(words: str, unit: str = "") -> None:
     with ui.element("th").props("scope=col"):
         ui.label(words)
-        if unit and unit != "1":
+        if unit:
             ui.label(unit).classes("ft-small")
 
 

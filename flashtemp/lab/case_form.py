@@ -29,6 +29,7 @@ from flashtemp.lab.key_units import (
     unit_choices,
     unit_label,
 )
+from flashtemp.lab.page_layout import set_prop
 from flashtemp.lab.workspace import escape_control
 from flashtemp.model.schema import MESH_LEVEL_FACTORS, named_table_kind
 from flashtemp.physics.material import LIBRARY, Material
@@ -189,7 +190,6 @@ class KeyField:
         self.unit = unit
         if self.unit_box is not None:
             self.unit_box.props["value"] = unit
-            self.unit_box.update()
 
     # --- marks ------------------------------------------------------------------------------------------------
     def _default_text(self) -> str:
@@ -212,12 +212,12 @@ class KeyField:
         if name == "material" and self.key.table in ("block", "road"):
             name = f"{name} of the {self.key.table}"
         is_changed = self.is_changed
-        _set_prop(self.field, "label", f"{name} (default {self.default_words()})" if is_changed else name)
+        set_prop(self.field, "label", f"{name} (default {self.default_words()})" if is_changed else name)
         marks = {"ft-changed": is_changed}
         if isinstance(self.field, ui.select):
             marks["ft-default"] = not self.field.value
         else:
-            _set_prop(self.field, "placeholder", self._default_text() or "not given")
+            set_prop(self.field, "placeholder", self._default_text() or "not given")
         for mark, is_set in marks.items():
             if (mark in self.box.classes) != is_set:
                 self.box.classes(toggle=mark)
@@ -242,12 +242,6 @@ def describe_materials(raw: Mapping[str, Any]) -> dict[str, str]:
 
 def _describe_material(material: Material) -> str:
     return f"{material.conductivity:g} W/mK, {material.density:g} kg/m³, {material.heat_capacity:g} J/kgK"
-
-
-def _set_prop(element: Any, name: str, value: Any) -> None:
-    """Set a property that has changed; others would be sent to the browser again."""
-    if element.props.get(name) != value:
-        element.props[name] = value
 
 
 class CaseForm:
@@ -314,7 +308,7 @@ class CaseForm:
             field.fill(stated_value(raw, field.key))
         for box, fields, _, about in self.groups.values():
             changed = sum(field.is_changed for field in fields)
-            _set_prop(box, "caption", f"{about}; {changed} changed" if changed else about)
+            set_prop(box, "caption", f"{about}; {changed} changed" if changed else about)
 
     def _search(self) -> None:
         """Show only the fields whose key or description has all words, with their groups open."""

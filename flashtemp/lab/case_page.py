@@ -15,7 +15,7 @@ from flashtemp.lab import case_cost, case_sketch_view
 from flashtemp.lab.case_form import CaseForm, KeyField
 from flashtemp.lab.case_list import CaseList
 from flashtemp.lab.drawing import Drawing
-from flashtemp.lab.effect_cards import EffectCards, listed_effects
+from flashtemp.lab.effect_cards import EffectCards, effect_name, listed_effects
 from flashtemp.lab.jobs import command_text
 from flashtemp.lab.key_groups import CaseKey
 from flashtemp.lab.page_layout import (
@@ -34,11 +34,10 @@ from flashtemp.lab.remark_list import RemarkList
 from flashtemp.lab.saved_text import SAVED, SavedText
 from flashtemp.lab.saving import TextVersion, read_text
 from flashtemp.lab.style import read_asset
-from flashtemp.lab.toml_editing import add_toml_table, remove_empty_table, remove_toml_table, set_toml_key
+from flashtemp.lab.toml_editing import add_toml_table, remove_empty_table, remove_toml_table, set_toml_key, try_parse
 from flashtemp.lab.toml_editor import TextFault, TomlEditor, prepare_editor, read_faults
 from flashtemp.lab.workspace import escape_control, free_name, list_folder, resolve_inside
 from flashtemp.model.case import Case
-from flashtemp.model.case_file import parse_toml
 from flashtemp.model.schema import named_table_kind
 from flashtemp.physics.material import LIBRARY
 from flashtemp.physics.units import to_unit
@@ -80,7 +79,7 @@ class CasePage:
 
     # --- layout -----------------------------------------------------------------------------------------------
     def _show_case(self, text: str, name: str, opened: TextVersion | None = None) -> None:
-        self.raw = _parse_tables(text) or {}
+        self.raw = try_parse(text) or {}
         self.saved = SavedText(self.folder, "case", text, opened)
         self._show_bar(name)
         self.consent = ui.column().classes("w-full gap-2")
@@ -151,7 +150,7 @@ class CasePage:
     def _effect_switched(self, entry: str, is_on: bool) -> None:
         """List an effect in the text, or take it out with its table, which comes back when it is switched on again."""
         entries = [e for e in listed_effects(self.raw) if e != entry] + ([entry] if is_on else [])
-        text, name = self.editor.text, Path(entry).stem if entry.endswith(".py") else entry
+        text, name = self.editor.text, effect_name(entry)
         if is_on and name in self.removed_tables and name not in self.raw:
             text = add_toml_table(text, self.removed_tables.pop(name))
         elif not is_on:
@@ -181,7 +180,7 @@ class CasePage:
 
     def _text_changed(self) -> None:
         """Update form and cards from the text, and check it after a pause."""
-        tables = _parse_tables(self.editor.text)
+        tables = try_parse(self.editor.text)
         if tables is not None:
             self.raw = tables
             self._fill()
@@ -359,11 +358,3 @@ class CasePage:
         name = self.name.value or ""
         if self.saved.describe_state(name, self.editor.text) == SAVED or await self._save():
             ui.navigate.to(page_address("runs", command="run", of=name))
-
-
-def _parse_tables(text: str) -> dict[str, Any] | None:
-    """The tables of a text, None where it is not TOML."""
-    try:
-        return parse_toml(text)
-    except (ValueError, RecursionError):
-        return None

@@ -86,19 +86,18 @@ class MeasurementDrop:
 
     async def _store_files(self, event: events.MultiUploadEventArguments) -> None:
         """Store dropped files, say what each is, and add the recordings."""
+        self.dropped.clear()
         with self.dropped, show_errors(self.folder):
-            folder = self.folder
-            found = await store_measurements(folder, event.files, self.store)
-            self.dropped.clear()
+            found = await store_measurements(self.folder, event.files, self.store)
             self._show_dropped(found)
-            self.stored([file.path.relative_to(folder) for file in found if file.kind == RECORDING])
+            self.stored([file.path.relative_to(self.folder) for file in found if file.kind == RECORDING])
 
     def _show_dropped(self, found: Sequence[RecognisedFile]) -> None:
         """What each dropped file is, with what can be done with it."""
         for file in found:
             path, labels = file.path.relative_to(self.folder), TABLE_ACTIONS_OF_KIND.get(file.kind, ())
-            with ui.row().classes("items-center gap-2 w-full"):
-                ui.label(escape_control(str(file))).classes("ft-small break-all")
+            with ui.element("div").classes("ft-offer"):
+                ui.label(escape_control(str(file))).classes("ft-small break-words grow")
                 if file.kind == RECORDING:
                     chip("added", "good")
                 for label in labels:
@@ -106,10 +105,11 @@ class MeasurementDrop:
                 if file.kind in TOML_PAGES:
                     page, key = TOML_PAGES[file.kind]
                     ui.link(f"Open on the page {PAGE_TITLES[page]}", page_address(page, **{key: path}))
-        images = [file.path.relative_to(self.folder) for file in found if file.kind in CAMERA_PAGE_KINDS]
-        if images:
+        if images := [file.path.relative_to(self.folder) for file in found if file.kind == CAMERA]:
             place = images[0] if len(images) == 1 else images[0].parent
             action("Open them on the camera page", lambda: ui.navigate.to(page_address("camera", open=place)))
+        elif any(file.kind == FRAME_TIMES for file in found):
+            ui.link("The camera page uses them", page_address("camera"))
 
 
 async def store_measurements(

@@ -13,7 +13,7 @@ from flashtemp.discovery.hypotheses.candidates import prior_sd_of_key
 from flashtemp.lab.campaign_checks import CampaignCheck
 from flashtemp.lab.campaign_document import CampaignDocument, format_cell, parse_cell
 from flashtemp.lab.key_units import describe_value
-from flashtemp.lab.page_layout import heading
+from flashtemp.lab.page_layout import heading, show_fault_lines
 from flashtemp.lab.toml_tables import set_top_key
 from flashtemp.lab.workspace import escape_control
 from flashtemp.model.case import Case
@@ -136,14 +136,13 @@ class FreeKeysPanel:
         raw = self.document.raw
         if raw is None:
             return
-        given = raw.get(KNOWN)
-        known = flatten_tables(given) if isinstance(given, dict) else {}
-        state = (read_free(raw, self.case), known, FREE in raw, self.case is not None)
+        values_of = {kind: self._values(kind) for kind in (FREE, KNOWN)}
+        state = (values_of, FREE in raw, self.case is not None)
         if state == self.shown:
             return
         self.shown = state
         self.boxes = {}
-        for kind, values in ((FREE, state[0]), (KNOWN, known)):
+        for kind, values in values_of.items():
             self.lists[kind].clear()
             with self.lists[kind]:
                 self._show_rows(kind, values)
@@ -152,12 +151,7 @@ class FreeKeysPanel:
     def update_check(self, check: CampaignCheck) -> None:
         """Show the errors of both lists, and offer the keys of the case."""
         for kind, place in self.errors.items():
-            faults = check.key_faults(kind)
-            place.clear()
-            with place:
-                for text in faults:
-                    ui.label(escape_control(text)).classes("break-words")
-            place.set_visibility(bool(faults))
+            show_fault_lines(place, check.key_faults(kind))
         if check.case is None:
             return
         self.case = check.case
@@ -197,7 +191,7 @@ class FreeKeysPanel:
         self.boxes[kind, key] = box
 
     def _offer_keys(self) -> None:
-        chosen = {*(self.shown[0] if self.shown else ()), *(self.shown[1] if self.shown else ())}
+        chosen = {key for kind in (FREE, KNOWN) for key in self._values(kind)}
         for kind, choice in self.choices.items():
             choice.set_options({k: key.words for k, key in self.options[kind].items() if k not in chosen}, value=None)
 
@@ -272,18 +266,20 @@ class CandidateSwitches:
 
     def update_values(self) -> None:
         """Show the choice of the text."""
-        given = (self.document.raw or {}).get("candidates")
-        chosen = given if isinstance(given, list) else list(self.usual)
+        chosen = self._stated_choice()
         for name, switch in self.switches.items():
             if switch.value is not (name in chosen):
                 switch.set_value(name in chosen)
         self.told(f"{sum(name in chosen for name in self.switches)} of {len(self.switches)} effects are tried")
 
+    def _stated_choice(self) -> list[Any]:
+        """The candidates of the text, or the usual ones."""
+        given = (self.document.raw or {}).get("candidates")
+        return given if isinstance(given, list) else list(self.usual)
+
     def _write_choice(self) -> None:
         chosen = [name for name, switch in self.switches.items() if switch.value]
-        given = (self.document.raw or {}).get("candidates")
-        stated = given if isinstance(given, list) else list(self.usual)
-        if {*chosen} != {*stated} & {*self.switches}:
+        if {*chosen} != {*self._stated_choice()} & {*self.switches}:
             value = None if {*chosen} == {*self.usual} else chosen
             self.document.apply_edit(lambda text: set_top_key(text, "candidates", value))
             self.update_values()

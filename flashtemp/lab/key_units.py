@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from flashtemp.model.case import Case
 from flashtemp.model.case_file import parse_toml
+from flashtemp.model.schema import declared_params
 from flashtemp.model.toml_format import value_text
 from flashtemp.physics.effect import Param
 from flashtemp.physics.units import QUANTITY_PATTERN, looks_like_quantity
@@ -111,9 +112,15 @@ def describe_value(value: Any, param: Param, unit: str | None = None) -> str:
 
 
 def find_param(case: Case | None, key: str) -> Param | None:
-    """The declaration of a key "table.name" of a case; None where it has no such key."""
+    """The declaration of a key "table.name" of a case, or where that is not known yet, of any case; None for others.
+
+    >>> find_param(None, "contact.pressure").unit, find_param(None, "contact.presure")
+    ('Pa', None)
+    """
     table, _, name = key.rpartition(".")
-    return case.declared_params(table).get(name) if case is not None and table in case.values else None
+    if case is not None and table in case.values:
+        return case.declared_params(table).get(name)
+    return declared_params(table).get(name)
 
 
 def read_number(typed: str | None, param: Param, unit: str) -> Any:

@@ -108,6 +108,21 @@ def empty_state(title: str, how: str) -> Iterator[Any]:
             yield element
 
 
+def set_prop(element: Any, name: str, value: Any) -> None:
+    """Set a property only where it changes: the browser gets all of them anew, also while the user is typing."""
+    if element.props.get(name) != value:
+        element.props[name] = value
+
+
+def show_fault_lines(place: Any, faults: Sequence[str], folder: Path | None = None) -> None:
+    """Show errors in a place that is hidden without any."""
+    place.clear()
+    with place:
+        for text in faults:
+            ui.label(escape_control(relative_names(text, folder))).classes("break-words")
+    place.set_visibility(bool(faults))
+
+
 def action(label: str, on_click: Any, icon: str | None = None, main: bool = False) -> Any:
     """A button; a page has one `main` action, which leads to the next step."""
     button = ui.button(label, icon=icon, on_click=on_click).props("no-caps")

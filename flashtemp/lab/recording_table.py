@@ -21,7 +21,7 @@ from flashtemp.lab.key_units import (
     show_number,
     unit_label,
 )
-from flashtemp.lab.page_layout import chip, page_address, relative_names
+from flashtemp.lab.page_layout import chip, page_address, set_prop, show_fault_lines
 from flashtemp.lab.recording_store import RecordingBrief, RecordingStore
 from flashtemp.lab.toml_tables import Table, change_entry, remove_entry
 from flashtemp.lab.workspace import escape_control
@@ -132,7 +132,7 @@ class RecordingTable:
                 if row.kind == "recording":
                     self._add_camera(row, name)
             with _cell("held out"):
-                held = ui.switch(on_change=lambda: self._hold_out(row))
+                held = ui.switch(on_change=lambda: self._choice_changed(row, "held_out"))
                 held.props["aria-label"] = f"hold {name} out of the fit"
                 row.fields["held_out"] = held
             with _cell("change"), ui.row().classes("no-wrap gap-0"):
@@ -161,7 +161,7 @@ class RecordingTable:
 
     def _add_camera(self, row: EntryRow, name: str) -> None:
         choices = {BY_RECORDING: "as recorded", **{c: c for c in CAMERA_CLASSES}}
-        box = ui.select(choices, value=BY_RECORDING, on_change=lambda: self._camera_changed(row))
+        box = ui.select(choices, value=BY_RECORDING, on_change=lambda: self._choice_changed(row, "camera"))
         box.props("outlined dense options-dense").classes("ft-cell wide")
         box.props["aria-label"] = f"camera of {name}"
         row.fields["camera"] = box
@@ -188,7 +188,7 @@ class RecordingTable:
                 value, unit = self._show_value(key, stated)
                 row.units[key] = unit
                 is_text = isinstance(stated, (str, bool, type(None))) and value == format_cell(stated)
-                _set_prop(box, "suffix", "" if is_text else unit_label(unit))
+                set_prop(box, "suffix", "" if is_text else unit_label(unit))
             if row.written.get(key) != value:
                 row.written[key] = value
                 box.value = value
@@ -219,17 +219,12 @@ class RecordingTable:
             self._change(row, {"with": given})
         self.update_values()
 
-    def _camera_changed(self, row: EntryRow) -> None:
-        value = row.fields["camera"].value
-        if row.written.get("camera") != value:
-            row.written["camera"] = value
-            self._change(row, {"camera": value or None})
-
-    def _hold_out(self, row: EntryRow) -> None:
-        value = bool(row.fields["held_out"].value)
-        if row.written.get("held_out") != value:
-            row.written["held_out"] = value
-            self._change(row, {"held_out": value or None})
+    def _choice_changed(self, row: EntryRow, key: str) -> None:
+        """Write the camera, or whether the entry is held out."""
+        value = row.fields[key].value
+        if row.written.get(key) != value:
+            row.written[key] = value
+            self._change(row, {key: value or None})
 
     def _remove(self, row: EntryRow) -> None:
         self.document.apply_edit(lambda text: remove_entry(text, row.kind, row.number))
@@ -244,11 +239,7 @@ class RecordingTable:
     # --- what the check says ------------------------------------------------------------------------------
     def update_check(self, check: CampaignCheck) -> None:
         """Show the errors of every entry, values of the case in empty cells, and pictures and facts."""
-        first = self.case is None and check.case is not None
         self.case = check.case or self.case
-        if first:  # the units of the columns are known now
-            self.signature = None
-            self.update_values()
         self._show_defaults()
         self._offer_columns()
         for row in self.rows:
@@ -256,16 +247,10 @@ class RecordingTable:
             if row.number > len(entries):  # the text is not TOML at the moment
                 continue
             entry = entries[row.number - 1]
-            self._show_faults(row, check.entry_faults(row.kind, row.number))
+            show_fault_lines(row.faults, check.entry_faults(row.kind, row.number), self.document.folder)
+            row.fault_row.set_visibility(row.faults.visible)
             if (path := self.document.find_file(entry.get("file"))) is not None:
                 self._show_brief(row, self.store.find_brief(path))
-
-    def _show_faults(self, row: EntryRow, faults: list[str]) -> None:
-        row.faults.clear()
-        with row.faults:
-            for text in faults:
-                ui.label(escape_control(relative_names(text, self.document.folder))).classes("break-words")
-        row.fault_row.set_visibility(bool(faults))
 
     def _show_defaults(self) -> None:
         if self.case is None:
@@ -274,8 +259,8 @@ class RecordingTable:
             for key, box in row.fields.items():
                 if (param := find_param(self.case, key)) is not None:
                     table, _, name = key.rpartition(".")
-                    value = self.case.values[table].get(name)
-                    _set_prop(box, "placeholder", "" if value is None else describe_value(value, param))
+                    value = self.case.values.get(table, {}).get(name)
+                    set_prop(box, "placeholder", "" if value is None else describe_value(value, param))
 
     def _offer_columns(self) -> None:
         if self.case is not None:
@@ -320,8 +305,8 @@ class RecordingTable:
             stated = f"{brief.netd_K:.3g} K" if brief.netd_K is not None else ""
             measured = f"measured {brief.noise_K:.2g} K" if brief.noise_K is not None else ""
             box.props("bottom-slots")
-            _set_prop(box, "placeholder", stated or measured or "estimated")
-            _set_prop(box, "hint", measured)
+            set_prop(box, "placeholder", stated or measured or "estimated")
+            set_prop(box, "hint", measured)
 
 
 def draw_curve(curve: tuple[tuple[float, float], ...]) -> None:
@@ -338,13 +323,6 @@ def draw_curve(curve: tuple[tuple[float, float], ...]) -> None:
     with ui.element("svg").props("aria-hidden=true preserveAspectRatio=none") as drawing:
         drawing.props["viewBox"] = f"0 0 {wide} {high}"
         ui.element("polyline").props["points"] = " ".join(points)
-
-
-def _set_prop(box: Any, name: str, value: str) -> None:
-    """Set a property of a field, and send the field only if that changes it: the user may be typing."""
-    if box.props.get(name) != value:
-        box.props[name] = value
-        box.update()
 
 
 def _head(words: str, unit: str = "") -> None:

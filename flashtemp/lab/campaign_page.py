@@ -110,7 +110,7 @@ class CampaignPage:
         self.main_command = main
         with ui.element("div").classes("ft-bar"):
             heading(1, "Campaign")
-            self.name = ui.input("file", value=self.document.name, on_change=lambda: self._rename()).classes("w-60")
+            self.name = ui.input("file", value=self.document.name, on_change=lambda: self._rename()).classes("ft-name")
             self.name.props("outlined dense")
             with ui.element("div").classes("ft-actions"):
                 ui.link("All campaigns", page_address("campaign"))

@@ -86,6 +86,8 @@ class CasePage:
         self._show_drawings()
         with ui.element("div").classes("ft-split ft-case"):
             with ui.element("div").classes("ft-stack"), card("Keys", KEYS_TEXT):
+                self.title = ui.input("title, in plots and reports", on_change=lambda: self._title_typed())
+                self.title.props("outlined dense debounce=150").classes("w-full")
                 self.form = CaseForm(self._key_changed, self._add_material)
                 self.form.show(self.raw)
             with ui.element("div").classes("ft-beside"):
@@ -103,7 +105,7 @@ class CasePage:
         """Title, file name and the actions."""
         with ui.element("div").classes("ft-bar"):
             heading(1, "Case")
-            self.name = ui.input("file", value=name, on_change=lambda: self._name_changed()).classes("w-60")
+            self.name = ui.input("file", value=name, on_change=lambda: self._name_changed()).classes("ft-name")
             self.name.props("outlined dense")
             self.state = ui.label("being checked").classes("ft-chip").props("aria-live=polite")
             with ui.element("div").classes("ft-actions"):
@@ -147,6 +149,12 @@ class CasePage:
         is_named = value is None and named_table_kind(key.table)
         self.editor.set_text(remove_empty_table(text, key.table) if value is None and not is_named else text)
 
+    def _title_typed(self) -> None:
+        """Write the title into the text, which may state it in another way."""
+        typed = self.title.value or None
+        if typed != self.raw.get("title"):
+            self.editor.set_text(set_toml_key(self.editor.text, "", "title", typed))
+
     def _effect_switched(self, entry: str, is_on: bool) -> None:
         """List an effect in the text, or take it out with its table, which comes back when it is switched on again."""
         entries = [e for e in listed_effects(self.raw) if e != entry] + ([entry] if is_on else [])
@@ -188,6 +196,8 @@ class CasePage:
         self._check_later()
 
     def _fill(self) -> None:
+        title = self.raw.get("title")
+        self.title.value = title if isinstance(title, str) else ""
         self.form.fill(self.raw)
         self.cards.fill(self.raw, self.case.known_effects if self.case is not None else {})
         self._show_differences()

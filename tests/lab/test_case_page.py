@@ -265,6 +265,8 @@ def test_the_drawing_follows_the_keys_and_the_last_valid_one_stays(browser, serv
         seen.get_by_label("reset length").click()
         drawing.get_by_text("25 mm").wait_for()
         seen.get_by_text("ready to run").wait_for()
+        seen.get_by_label("title, in plots and reports").fill("at 200 kPa")
+        seen.locator(".cm-content").get_by_text("at 200 kPa").wait_for()
         seen.get_by_label("Search keys and their descriptions").fill("young modulus")
         seen.get_by_label("block.modulus", exact=True).wait_for()
         seen.get_by_label("block.length").wait_for(state="hidden")
@@ -274,7 +276,7 @@ def test_the_drawing_follows_the_keys_and_the_last_valid_one_stays(browser, serv
         seen.get_by_role("button", name="Run it").click()
         seen.wait_for_url("**/runs?command=run&of=mine.toml")
     assert tomllib.loads((place / "mine.toml").read_text()) == {
-        "title": "mine", "contact": {"pressure": 2e5}, "block": {"modulus": "6000 kPa"},
+        "title": "at 200 kPa", "contact": {"pressure": 2e5}, "block": {"modulus": "6000 kPa"},
     }  # fmt: skip
 
 
@@ -326,6 +328,10 @@ def test_remarks_follow_the_keys_and_lead_to_them(browser, server, place):
         seen.get_by_role("button", name="wear: changes nothing: rate = 0 switches it off").click()
         rate = seen.get_by_label("wear.rate", exact=True)
         seen.wait_for_function("field => field === document.activeElement", arg=rate.element_handle())
+        seen.get_by_role("button", name="Change effects").click()
+        below_bar = "bar => bar.getBoundingClientRect().bottom <= [...document.querySelectorAll('h2')].find("
+        below_bar += "h => h.innerText === 'Effects').getBoundingClientRect().top"
+        seen.wait_for_function(below_bar, arg=seen.locator(".ft-stack > .ft-bar").element_handle())
         seen.get_by_label("Search keys and their descriptions").fill("mesh")
         seen.get_by_label("numerics.mesh", exact=True).fill("0.2")
         seen.get_by_role("button", name="numerics.mesh: coarse: the face temperature errs by about 5 %").wait_for()

@@ -6,6 +6,7 @@ A number without a unit in a case is in the unit of its key.  A number in anothe
 from __future__ import annotations
 
 import math
+import re
 from typing import Any, Final
 
 from flashtemp.model.case import Case
@@ -121,6 +122,24 @@ def find_param(case: Case | None, key: str) -> Param | None:
     if case is not None and table in case.values:
         return case.declared_params(table).get(name)
     return declared_params(table).get(name)
+
+
+def describe_overrides(command: str) -> str:
+    """The keys that a command line sets to numbers without units, in words; "" for none.
+
+    >>> describe_overrides("flashtemp run case.toml contact.pressure=2e5 schedule.speed=0.1,0.3 --out a")
+    'contact.pressure is in Pa: 200 kPa; schedule.speed is in m/s: 0.1 m/s, 0.3 m/s'
+    >>> describe_overrides("flashtemp run case.toml contact.pressure=200kPa friction.mu=0.8 numerics.mesh=fine")
+    ''
+    """
+    out = []
+    for key, text in re.findall(r"(?<![\w.-])([a-z_]\w*\.\w+)=([^\s'\"]+)", command):
+        param, values = find_param(None, key), [parse_value(part) for part in text.split(",")]
+        has_unit = param is not None and param.unit not in ("", "1")
+        if param is not None and has_unit and all(isinstance(v, (int, float)) for v in values):
+            words = ", ".join(describe_value(value, param) for value in values)
+            out.append(f"{key} is in {unit_label(param.unit)}: {words}")
+    return "; ".join(out)
 
 
 def read_number(typed: str | None, param: Param, unit: str) -> Any:

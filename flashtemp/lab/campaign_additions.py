@@ -208,6 +208,6 @@ class CampaignAdditions:
         """Offer the files that have been dropped, and add the recordings."""
         self.shown = None
         self.update_offers()
-        if recordings:
-            self._add_recordings(recordings)
+        if missing := [path for path in self.list_missing() if path in recordings]:
+            self._add_recordings(missing)
         self.stored()

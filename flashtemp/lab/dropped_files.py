@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import filecmp
 from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -96,10 +97,10 @@ class MeasurementDrop:
         """What each dropped file is, with what can be done with it."""
         for file in found:
             path, labels = file.path.relative_to(self.folder), TABLE_ACTIONS_OF_KIND.get(file.kind, ())
-            with ui.element("div").classes("ft-offer"):
+            with ui.element("div").classes("ft-offer w-full"):
                 ui.label(escape_control(str(file))).classes("ft-small break-words grow")
                 if file.kind == RECORDING:
-                    chip("added", "good")
+                    chip("in the campaign", "good")
                 for label in labels:
                     action(label, lambda kind=TABLE_ACTIONS[label], path=path: self.add_table(kind, path))
                 if file.kind in TOML_PAGES:
@@ -132,13 +133,20 @@ async def store_measurements(
 
 
 def _sort_files(folder: Path, place: Path, store: RecordingStore) -> list[RecognisedFile]:
-    """Recognise all files of a new folder; those that are no series of a camera move to the folder above."""
+    """Recognise all files of a new folder; those that are no series of a camera move to the folder above.
+
+    A file that the folder above has already, with the same name and content, is not stored again.
+    """
     found = [recognise_file(path, store) for path in sorted(place.iterdir())]
     is_series = sum(file.kind in CAMERA_PAGE_KINDS for file in found) > 1
     for k, file in enumerate(found):
         if not (is_series and file.kind in CAMERA_PAGE_KINDS):
-            target = folder / free_name(folder, file.path.name)
-            file.path.rename(target)
+            target = folder / file.path.name
+            if target.is_file() and filecmp.cmp(file.path, target, shallow=False):
+                file.path.unlink()
+            else:
+                target = folder / free_name(folder, file.path.name)
+                file.path.rename(target)
             found[k] = replace(file, path=target)
     return found
 

@@ -234,6 +234,7 @@ class CandidateSwitches:
         self.document, self.told = document, told
         self.switches: dict[str, Any] = {}
         self.usual: tuple[str, ...] = ()
+        self.is_filling = False
 
     def show(self) -> None:
         """Show the place for the switches; they appear with the first check."""
@@ -267,9 +268,10 @@ class CandidateSwitches:
     def update_values(self) -> None:
         """Show the choice of the text."""
         chosen = self._stated_choice()
+        self.is_filling = True  # a switch that is set here is no choice of the user
         for name, switch in self.switches.items():
-            if switch.value is not (name in chosen):
-                switch.set_value(name in chosen)
+            switch.set_value(name in chosen)
+        self.is_filling = False
         self.told(f"{sum(name in chosen for name in self.switches)} of {len(self.switches)} effects are tried")
 
     def _stated_choice(self) -> list[Any]:
@@ -278,6 +280,8 @@ class CandidateSwitches:
         return given if isinstance(given, list) else list(self.usual)
 
     def _write_choice(self) -> None:
+        if self.is_filling:
+            return
         chosen = [name for name, switch in self.switches.items() if switch.value]
         if {*chosen} != {*self._stated_choice()} & {*self.switches}:
             value = None if {*chosen} == {*self.usual} else chosen

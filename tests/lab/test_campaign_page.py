@@ -10,6 +10,8 @@ import tomllib
 import numpy as np
 import pytest
 from lab.browsing import CASE, page, served
+from nicegui import Client
+from nicegui.page import page as ui_page
 
 from flashtemp.camera.recording import Recording
 from flashtemp.errors import BadInput
@@ -19,7 +21,7 @@ from flashtemp.lab.campaign_document import CampaignDocument
 from flashtemp.lab.campaign_list import new_campaign_text
 from flashtemp.lab.campaign_page import CampaignPage
 from flashtemp.lab.dropped_files import store_measurements
-from flashtemp.lab.free_keys import list_free_keys, list_known_keys, read_free, suggest_known
+from flashtemp.lab.free_keys import CandidateSwitches, list_free_keys, list_known_keys, read_free, suggest_known
 from flashtemp.lab.recording_store import RecordingStore
 from flashtemp.lab.saving import check_upload_name
 from flashtemp.lab.toml_tables import add_entry, change_entry, read_entries, remove_entry, set_top_key
@@ -236,6 +238,19 @@ def test_candidates_are_those_that_discover_tries(place):
     assert check(place, text).faults == ()
 
 
+def test_candidates_that_are_shown_edit_nothing(place):
+    found, edits = check(place, 'case = "case.toml"\n'), []
+    document = CampaignDocument(place, "campaign.toml", 'case = "case.toml"\n')
+    document.changed = lambda: edits.append(document.text)
+    with Client(ui_page("/"), request=None):
+        switches = CandidateSwitches(document, lambda words: None)
+        switches.show()
+        switches.update_check(found)
+        assert edits == []
+        next(iter(switches.switches.values())).set_value(False)
+    assert len(edits) == 1
+
+
 # --- dropped files ----------------------------------------------------------------------------------------
 class Dropped:
     """A file that a browser sends."""
@@ -382,6 +397,10 @@ def test_dropped_recordings_join_and_camera_files_lead_on(browser, place, tmp_pa
         assert held.bounding_box()["x"] < 800, "no column is out of sight on a narrow page"
         seen.locator("input[type=file]").set_input_files(away / "dropped.nc")
         seen.get_by_label(f"{PRESSURE} of dropped.nc").wait_for()
+        seen.locator("input[type=file]").set_input_files(place / NAMES[0])  # dropped again
+        seen.get_by_text(f"{NAMES[0]}: recording, sidewall, 6 frames").wait_for()
+        assert sorted(p.name for p in place.glob("*.nc")) == sorted([*NAMES, "dropped.nc"])
+        assert seen.get_by_label(f"{PRESSURE} of {NAMES[0]}").count() == 1
         seen.locator("input[type=file]").set_input_files(away / "T1.csv.jpg")
         seen.get_by_text("T1.csv.jpg: camera file, cannot be read").wait_for()
         seen.locator("input[type=file]").set_input_files({"name": "f.csv", "mimeType": "text/csv", "buffer": GRID})

@@ -164,11 +164,12 @@ def check(file: Path, /, *overrides: str, trust: Trust = False, json: Json = Fal
         Keys of the case to change, as table.key=value.
     """
     from flashtemp.api import inputs, simulation
-    from flashtemp.runs.checks import inactive_effects, mesh_error
+    from flashtemp.runs.checks import case_remarks, inactive_effects, mesh_error
 
     case = simulation.check(inputs.load(file, list(overrides), trust=trust))
     cells = case.scene.mesh.n_cells
     remarks = inactive_effects.describe_inactive_effects(case) + mesh_error.warn_of_coarse_mesh(case)
+    remarks += map(str, case_remarks.remark_on_memory(case) + case_remarks.remark_on_values(case))
     answer = {"ok": True, "case": case.name, "effects": list(case.effects), "cells": cells, "remarks": remarks}
     print_result(answer, json, "\n".join([str(case), *(f"  {remark}" for remark in remarks), "ok"]))
     return EXIT_DONE

@@ -51,19 +51,23 @@ def find_camera_files(folder: Path, names: list[str]) -> list[Path]:
 
 
 def find_time_tables(folder: Path) -> dict[str, Path]:
-    """Text files whose first line names the columns file and time, by their names in the folder."""
+    """Tables of the times of frames, by their names in the folder."""
     out: dict[str, Path] = {}
     for path in list_folder(folder).images:
         try:
-            if path.suffix.lower() not in TABLE_SUFFIXES or not (file := resolve_inside(folder, str(path))).is_file():
-                continue
-            with file.open("rb") as opened:
-                words = re.findall(r"[a-z]+", opened.readline(MAX_HEADER_BYTES).decode("latin-1").lower())
+            file = resolve_inside(folder, str(path))
+            if path.suffix.lower() in TABLE_SUFFIXES and file.is_file() and is_time_table(file):
+                out[str(path)] = file
         except (BadInput, OSError):
             continue
-        if {"file", "time"} <= set(words):
-            out[str(path)] = file
     return out
+
+
+def is_time_table(file: Path) -> bool:
+    """Whether the first line of a text file names the columns file and time."""
+    with file.open("rb") as opened:
+        words = re.findall(r"[a-z]+", opened.readline(MAX_HEADER_BYTES).decode("latin-1").lower())
+    return {"file", "time"} <= set(words)
 
 
 class UploadArea:

@@ -2,47 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
-from nicegui import events, ui
+from nicegui import run, ui
 
 from flashtemp.camera.prediction.synthetic_recording import VIEW_GEOMETRY
 from flashtemp.display import format_count
 from flashtemp.lab.campaign_document import CampaignDocument
+from flashtemp.lab.dropped_files import CAMERA_PAGE_KINDS, TABLE_ACTIONS, MeasurementDrop
 from flashtemp.lab.file_name_conditions import suggest_conditions
-from flashtemp.lab.page_layout import action, heading, page_address, show_errors
+from flashtemp.lab.file_recognition import TEXT_SUFFIXES, recognise_file
+from flashtemp.lab.page_layout import action, heading, page_address
 from flashtemp.lab.recording_store import RecordingStore
-from flashtemp.lab.saving import (
-    MAX_UPLOAD_BYTES,
-    MAX_UPLOAD_FILES,
-    MEASUREMENT_SUFFIXES,
-    UPLOAD_LIMIT,
-    check_upload_name,
-    write_upload,
-)
 from flashtemp.lab.toml_tables import Table, add_entry, change_entry
-from flashtemp.lab.workspace import CAMERA_SUFFIXES, FolderListing, escape_control, free_name, list_folder
+from flashtemp.lab.workspace import FolderListing, escape_control, list_folder
 
-TABLE_SUFFIXES: Final = (".csv", ".txt", ".asc")  # of load cells and data loggers
-CAMERA_FOLDER: Final = "camera"  # of several camera files dropped at once
 MAX_SHOWN: Final = 40  # recordings that are offered
 SENSOR_EXAMPLE: Final = [{"name": "a", "x": 0.01, "z": 0.002}]
-
-
-class UploadedFile(Protocol):
-    """A file that the browser sends."""
-
-    name: str
-
-    def iterate(self) -> AsyncIterator[bytes]: ...
 
 
 class CampaignAdditions:
     """Offers of what can be added; every click edits the text.  `stored` is called after files have been dropped."""
 
-    def __init__(self, document: CampaignDocument, store: RecordingStore, stored: Callable[[Sequence[str]], Any]):
+    def __init__(self, document: CampaignDocument, store: RecordingStore, stored: Callable[[], Any]):
         self.document, self.store, self.stored = document, store, stored
         self.listing = FolderListing()
         self.dismissed: set[str] = set()  # files whose suggested conditions are not wanted
@@ -62,7 +46,7 @@ class CampaignAdditions:
                 self._show_tables()
             with ui.column().classes("gap-2 min-w-0 w-full"):
                 heading(3, "Add files from this computer")
-                self._show_drop_zone()
+                MeasurementDrop(self.document.folder, self.store, self._add_table, self._files_stored).show()
         self.update_offers()
 
     # --- recordings of the folder ---------------------------------------------------------------------------
@@ -87,7 +71,7 @@ class CampaignAdditions:
         self.suggestions.clear()
         with self.suggestions:
             self._show_suggestions(suggested)
-        tables = [str(p) for p in self.listing.images if p.suffix.lower() in TABLE_SUFFIXES]
+        tables = [str(p) for p in self.listing.images if p.suffix.lower() in TEXT_SUFFIXES]
         self.table.set_options(tables, value=self.table.value if self.table.value in tables else None)
 
     def _show_missing(self, missing: list[Path]) -> None:
@@ -186,10 +170,8 @@ class CampaignAdditions:
         with ui.row().classes("items-center gap-2 w-full"):
             self.table = ui.select([], label="table of the folder (.csv, .txt)", with_input=True)
             self.table.props("outlined dense").classes("grow")
-            action("Add as load cell", lambda: self._add_table("force", {}))
-            action("Add as thermocouples", lambda: self._add_table("recording", {
-                "view": "points", "points": SENSOR_EXAMPLE,
-            }, "Set the positions of the sensors in the text."))  # fmt: skip
+            for label, kind in TABLE_ACTIONS.items():
+                action(label, lambda kind=kind: self._add_chosen_table(kind))
         ui.label(
             "A load-cell table has columns of time (s) and friction. The positions of thermocouples are in the text."
         ).classes("ft-muted ft-small")
@@ -199,71 +181,33 @@ class CampaignAdditions:
             action("Add planned view", lambda: self._add_entry("recording", {"view": self.view.value}))
             ui.label("Only Plan uses it: a view before it is measured.").classes("ft-muted ft-small")
 
-    def _add_table(self, kind: str, more: Table, remark: str = "") -> None:
-        if self.table.value:
-            if remark:
-                ui.notify(remark)
-            self._add_entry(kind, {"file": self.document.relative_name(Path(self.table.value)), **more})
-        else:
+    async def _add_chosen_table(self, kind: str) -> None:
+        """Add the chosen table, unless it is a camera image."""
+        if not self.table.value:
             ui.notify("choose a table of the folder first")
+            return
+        file = self.document.folder / self.table.value
+        found = await run.io_bound(recognise_file, file, self.store)
+        if found is not None and found.kind in CAMERA_PAGE_KINDS:
+            ui.notify(f"{escape_control(str(found))}; open it on the camera page", type="warning")
+        else:
+            self._add_table(kind, Path(self.table.value))
+
+    def _add_table(self, kind: str, path: Path) -> None:
+        """Add a table, by its path in the folder, as the trace of a load cell or as thermocouples."""
+        entry: Table = {"file": self.document.relative_name(path)}
+        if kind == "recording":
+            entry |= {"view": "points", "points": SENSOR_EXAMPLE}
+            ui.notify("Set the positions of the sensors in the text.")
+        self._add_entry(kind, entry)
 
     def _add_entry(self, kind: str, entry: Table) -> None:
         self.document.apply_edit(lambda text: add_entry(text, kind, entry))
 
-    # --- dropped files -----------------------------------------------------------------------------------------
-    def _show_drop_zone(self) -> None:
-        drop = ui.upload(
-            multiple=True, auto_upload=True,
-            on_multi_upload=self._store_files, max_total_size=MAX_UPLOAD_BYTES, max_files=MAX_UPLOAD_FILES,
-        ).on_rejected(_notify_rejected)  # fmt: skip
-        drop.classes("ft-drop-bare w-full").props("flat bordered")
-        with drop.add_slot("list"), ui.row().classes("items-center gap-3"):
-            ui.label("Drop recordings, tables or camera files here, or").classes("ft-muted")
-            choose = ui.button("Choose files", icon="upload_file").props("outline no-caps")
-            # in the browser itself: it opens a file dialog only during a click
-            choose.on("click", js_handler=f"() => getElement({drop.id}).pickFiles()")
-        drop.props["accept"] = ",".join(sorted(MEASUREMENT_SUFFIXES | CAMERA_SUFFIXES))
-        ui.label(
-            "Recordings (.nc) are added to the campaign. Tables can be chosen on the left. Camera files are stored, "
-            "and the camera page makes recordings of them."
-        ).classes("ft-muted ft-small")
-
-    async def _store_files(self, event: events.MultiUploadEventArguments) -> None:
-        """Store dropped files: recordings and tables for the campaign, camera files for the camera page."""
-        with self.offers, show_errors(self.document.folder):
-            recordings, images = await store_measurements(self.document.folder, event.files)
-            self.shown = None
-            self.update_offers()
-            if recordings:
-                self._add_recordings([Path(name) for name in recordings])
-            self.stored(images)
-
-
-async def store_measurements(folder: Path, files: Sequence[UploadedFile]) -> tuple[list[str], list[str]]:
-    """Store dropped files under new names: (recordings, camera files), relative to the folder.  Raises BadInput.
-
-    Several camera files go into a new folder, since they are one series.
-    """
-    names = [check_upload_name(file.name, MEASUREMENT_SUFFIXES | CAMERA_SUFFIXES) for file in files]
-    images = [n for n in names if Path(n).suffix.lower() not in {*MEASUREMENT_SUFFIXES, *TABLE_SUFFIXES}]
-    place = folder
-    if len(images) > 1:
-        place = folder / free_name(folder, CAMERA_FOLDER)
-        place.mkdir()
-    recordings, stored_images = [], []
-    for name, file in zip(names, files, strict=True):
-        target = place if name in images else folder
-        path = await write_upload(
-            target, free_name(target, name), file.iterate(), MEASUREMENT_SUFFIXES | CAMERA_SUFFIXES
-        )
-        relative = path.relative_to(folder).as_posix()
-        if path.suffix.lower() == ".nc":
-            recordings.append(relative)
-        elif name in images:
-            stored_images.append(relative)
-    return recordings, stored_images
-
-
-def _notify_rejected() -> None:
-    accepted = " ".join(sorted(MEASUREMENT_SUFFIXES | CAMERA_SUFFIXES))
-    ui.notify(f"these files are not accepted, or too large ({UPLOAD_LIMIT}): {accepted}", type="negative")
+    def _files_stored(self, recordings: Sequence[Path]) -> None:
+        """Offer the files that have been dropped, and add the recordings."""
+        self.shown = None
+        self.update_offers()
+        if missing := [path for path in self.list_missing() if path in recordings]:
+            self._add_recordings(missing)
+        self.stored()

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,12 +15,14 @@ from flashtemp.comparison.campaign import Campaign, LoadCellEntry, RecordingEntr
 from flashtemp.discovery.hypotheses.candidates import find_candidates
 from flashtemp.display import format_count
 from flashtemp.errors import BadInput, FlashtempError
+from flashtemp.lab.key_units import describe_value, find_param, format_value
 from flashtemp.lab.page_layout import refuse_damaged
 from flashtemp.lab.recording_store import RecordingStore
+from flashtemp.lab.toml_editor import TextFault
 from flashtemp.lab.toml_tables import read_entries
 from flashtemp.lab.workspace import escape_control, resolve_inside
 from flashtemp.model.case import Case
-from flashtemp.model.case_file import parse_toml
+from flashtemp.model.case_file import KeyLocations, parse_toml
 
 ENTRY_KINDS: Final = ("recording", "force")
 LOAD_CELL: Final = "load cell"  # in the table of what is measured, beside the views
@@ -28,12 +30,19 @@ LOAD_CELL: Final = "load cell"  # in the table of what is measured, beside the v
 
 @dataclass(frozen=True)
 class CampaignFault:
-    """An error of a campaign: the `kind` and `number` of its entry ("" and 0 for others), its `key`, and the `text`."""
+    """An error of a campaign: the `kind` and `number` of its entry ("" and 0 for others), its `key`, the `text`, and
+    the 1-based `line` that it is about, 0 where that is not known."""
 
     kind: str
     number: int
     key: str
     text: str
+    line: int = 0
+
+    @property
+    def in_text(self) -> TextFault:
+        """The error for the editor."""
+        return TextFault(self.line, f"{self.kind} {self.number}" if self.kind else self.key, self.text)
 
 
 @dataclass(frozen=True)
@@ -57,9 +66,9 @@ class CampaignCheck:
         """Errors of keys of the top level."""
         return [f.text for f in self.faults if not f.kind and f.key in keys]
 
-    def other_faults(self, *keys: str) -> list[str]:
+    def other_faults(self, *keys: str) -> list[CampaignFault]:
         """Errors that belong to no entry and to none of these keys."""
-        return [f.text for f in self.faults if not f.kind and f.key not in keys]
+        return [f for f in self.faults if not f.kind and f.key not in keys]
 
 
 def check_campaign(text: str, path: Path, store: RecordingStore) -> CampaignCheck:
@@ -70,10 +79,12 @@ def check_campaign(text: str, path: Path, store: RecordingStore) -> CampaignChec
     try:
         raw = parse_toml(text)
     except (ValueError, RecursionError) as fault:
-        return CampaignCheck((CampaignFault("", 0, "", f"not valid TOML: {str(fault).splitlines()[0]}"),))
+        reason = str(fault).splitlines()[0]
+        line = re.search(r"at line (\d+)", reason)
+        return CampaignCheck((CampaignFault("", 0, "", f"not valid TOML: {reason}", int(line[1]) if line else 0),))
     outside = find_outside_files(raw, path, store.folder)
     if outside:
-        return CampaignCheck(tuple(outside))
+        return CampaignCheck(tuple(_add_line(fault, text) for fault in outside))
     case = campaign = None
     faults: list[CampaignFault] = []
     try:
@@ -81,7 +92,7 @@ def check_campaign(text: str, path: Path, store: RecordingStore) -> CampaignChec
             campaign = parse_campaign(text, path, planned=True, load_recording=store.load_sample)
     except (FlashtempError, OSError) as fault:
         lines = fault.lines if isinstance(fault, BadInput) else (str(fault),)
-        faults = [_locate_fault(line, raw, path) for line in lines]
+        faults = [_add_line(_locate_fault(line, raw, path), text) for line in lines]
     try:
         name = raw.get("case", "case.toml")
         case = load(path.parent / name) if isinstance(name, str) else None
@@ -134,6 +145,13 @@ def _locate_fault(line: str, raw: dict[str, Any], path: Path) -> CampaignFault:
     return CampaignFault("", 0, "", line.removeprefix(f"{path}: "))
 
 
+def _add_line(fault: CampaignFault, text: str) -> CampaignFault:
+    """The error with the line of its entry or of its key."""
+    locations = KeyLocations("", text)
+    line = locations.find_line(fault.kind, fault.number) if fault.kind else locations.find_line(fault.key)
+    return replace(fault, line=line or fault.line)
+
+
 # --- what the data can show ------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class MeasuredCondition:
@@ -144,15 +162,23 @@ class MeasuredCondition:
     n_held_out: int
 
 
-def list_conditions(campaign: Campaign) -> list[MeasuredCondition]:
-    """Conditions of a campaign and what is measured in each."""
+def describe_given(given: Mapping[str, Any], case: Case | None) -> dict[str, str]:
+    """{key: value with its unit} of the conditions of an entry."""
+    params = {key: find_param(case, key) for key in given}
+    return {k: format_value(v) if (p := params[k]) is None else describe_value(v, p) for k, v in given.items()}
+
+
+def list_conditions(campaign: Campaign, case: Case | None) -> list[MeasuredCondition]:
+    """Conditions of a campaign, with the units of the keys of its case, and what is measured in each."""
     out = []
     for condition in campaign.conditions:
         views: dict[str, int] = {}
         for entry in condition.entries:
             name = entry.recording.view if isinstance(entry, RecordingEntry) else LOAD_CELL
             views[name] = views.get(name, 0) + 1
-        out.append(MeasuredCondition(condition.words, views, sum(entry.held_out for entry in condition.entries)))
+        given = describe_given(condition.given, case)
+        words = ", ".join(f"{key} {value}" for key, value in given.items()) or "the case"
+        out.append(MeasuredCondition(words, views, sum(entry.held_out for entry in condition.entries)))
     return out
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from flashtemp.errors import BadInput
+from flashtemp.lab.toml_editing import try_parse
 from flashtemp.lab.toml_tables import Table, read_entries
 from flashtemp.lab.workspace import resolve_inside
 from flashtemp.model.case_file import parse_toml
@@ -21,6 +22,7 @@ class CampaignDocument:
 
     def __init__(self, folder: Path, name: str, text: str):
         self.folder, self.name, self.text = folder, name, text
+        self._parsed: tuple[str, dict[str, Any] | None] | None = None  # a text and its tables
         self.changed: Callable[[], Any] = lambda: None
         self.refused: Callable[[str], Any] = lambda error: None
 
@@ -31,11 +33,10 @@ class CampaignDocument:
 
     @property
     def raw(self) -> dict[str, Any] | None:
-        """The tables of the text; None where it is not TOML."""
-        try:
-            return parse_toml(self.text)
-        except (ValueError, RecursionError):
-            return None
+        """The tables of the text, which must not be changed; None where it is not TOML."""
+        if self._parsed is None or self._parsed[0] != self.text:
+            self._parsed = (self.text, try_parse(self.text))
+        return self._parsed[1]
 
     def list_entries(self, kind: str) -> list[Table]:
         """The entries [[recording]] or [[force]]."""

@@ -15,6 +15,7 @@ from flashtemp.lab.saving import read_text
 from flashtemp.lab.toml_tables import add_entry, read_entries
 from flashtemp.lab.workspace import FolderListing, escape_control, list_folder
 from flashtemp.model.case_file import parse_toml
+from flashtemp.model.toml_format import value_text
 
 MAX_CAMPAIGNS_LISTED: Final = 60
 NEW_CAMPAIGN: Final = 'title = "my campaign"\ncase = "case.toml"\nfree = ["friction.mu"]\n'
@@ -24,16 +25,10 @@ def new_campaign_text(listing: FolderListing) -> str:
     """A new campaign with case.toml, or else the first case of the folder, and all recordings of the folder."""
     cases = [p.as_posix() for p in listing.cases]
     name = "case.toml" if "case.toml" in cases or not cases else cases[0]
-    text = NEW_CAMPAIGN.replace('"case.toml"', _quote_name(name))
+    text = NEW_CAMPAIGN.replace('"case.toml"', value_text(name))
     for path in listing.recordings:
         text = add_entry(text, "recording", {"file": path.as_posix()})
     return text
-
-
-def _quote_name(name: str) -> str:
-    from flashtemp.model.toml_format import value_text
-
-    return value_text(name)
 
 
 def show_campaigns(folder: Path) -> None:

@@ -9,7 +9,7 @@ from typing import Any, Final
 from nicegui import run, ui
 
 from flashtemp.lab.campaign_additions import CampaignAdditions
-from flashtemp.lab.campaign_checks import CampaignCheck, check_campaign, find_outside_files
+from flashtemp.lab.campaign_checks import CampaignCheck, CampaignFault, check_campaign, find_outside_files
 from flashtemp.lab.campaign_document import CampaignDocument
 from flashtemp.lab.campaign_list import new_campaign_text, show_campaigns
 from flashtemp.lab.campaign_scope import show_scope
@@ -19,10 +19,10 @@ from flashtemp.lab.page_layout import (
     STANDARD_FILES,
     action,
     card,
+    heading,
     note,
     page_address,
     program_lines,
-    save_text,
     show_command,
     show_error,
     show_errors,
@@ -30,7 +30,9 @@ from flashtemp.lab.page_layout import (
 from flashtemp.lab.programs import AllowedPrograms, programs_of_campaign
 from flashtemp.lab.recording_store import RecordingStore, try_describe
 from flashtemp.lab.recording_table import RecordingTable
-from flashtemp.lab.saving import TextVersion, read_text
+from flashtemp.lab.saved_text import SavedText
+from flashtemp.lab.saving import read_text
+from flashtemp.lab.toml_editor import TomlEditor, prepare_editor
 from flashtemp.lab.toml_tables import set_top_key
 from flashtemp.lab.workspace import FolderListing, escape_control, free_name, list_folder
 
@@ -45,9 +47,7 @@ class CampaignPage:
     def __init__(self, folder: Path, allowed: AllowedPrograms | None = None, store: RecordingStore | None = None):
         self.folder, self.allowed = folder, allowed or AllowedPrograms()
         self.store = store or RecordingStore(folder)
-        self.opened: TextVersion | None = None
         self.listing = FolderListing()
-        self.saved_text: str | None = None
         self.ticked_text: str | None = None  # at the last tick: the user may still be typing
         self.checked_text: str | None = None
         self.is_checking = False
@@ -56,24 +56,26 @@ class CampaignPage:
     def show(self, name: str, new: bool = False) -> None:
         """Show a campaign of the folder, a new one, or the list of campaigns where neither is asked for."""
         if not name and not new:
+            heading(1, "Campaigns")
             show_campaigns(self.folder)
             return
+        prepare_editor()
         with show_errors(self.folder):
             self.listing = list_folder(self.folder)
-            text, self.opened = read_text(self.folder, name) if name else (new_campaign_text(self.listing), None)
-            self.saved_text = text if name else None
-            self.document = CampaignDocument(
-                self.folder, name or free_name(self.folder, "campaign.toml"), text
-            )  # fmt: skip
+            text, opened = read_text(self.folder, name) if name else (new_campaign_text(self.listing), None)
+            self.saved = SavedText(self.folder, "campaign", text, opened)
+            self.document = CampaignDocument(self.folder, name or free_name(self.folder, "campaign.toml"), text)
             self.document.changed, self.document.refused = self._text_edited, self._show_refusal
             self._build_page(is_new=not name)
             ui.timer(CHECK_INTERVAL_S, self._check_if_changed)
 
     # --- the page ----------------------------------------------------------------------------------------------
     def _build_page(self, is_new: bool) -> None:
-        with card():
+        self._show_bar("compare" if is_new else "discover")
+        with card() as box:
+            box.props["aria-label"] = "title, case and commands"
             self._add_file_controls()
-            self._add_commands(is_new)
+            self._add_commands()
         self.faults = ui.column().classes("w-full gap-1 ft-optional").props("aria-live=polite")
         self.additions = CampaignAdditions(self.document, self.store, self._files_stored)
         self.table = RecordingTable(self.document, self.store, self.additions.duplicate_entry)
@@ -98,23 +100,26 @@ class CampaignPage:
             with ui.expansion("Choose effects").classes("w-full ft-fold"):
                 self.candidates.show()
         about = "All of the above is this text; you may edit it here as well."
-        with card("Text", about), ui.expansion("Show the text", value=self.document.raw is None).classes("w-full"):
-            self._add_editor()
+        is_open = self.document.raw is None
+        with card("Text", about), ui.expansion("Show the text", value=is_open).classes("w-full") as self.text_fold:
+            self.editor = TomlEditor(self.document.text, self._text_typed, "text of the campaign")
+        self._show_state()
 
-    def _add_editor(self) -> None:
-        self.editor = ui.codemirror(
-            self.document.text, language="TOML", line_wrapping=True, on_change=lambda: self._text_typed()
-        )
-        self.editor.classes("w-full ft-text").style("height: 28rem")
-        find_text = f"const text = getHtmlElement({self.editor.id})?.querySelector('.cm-content');"
-        name_text = "if (text) { text.ariaLabel = 'text of the campaign'; text.tabIndex = 0; }"
-        ui.timer(0.5, lambda: ui.run_javascript(find_text + name_text), once=True)
+    def _show_bar(self, main: str) -> None:
+        """Title, file name and the main actions."""
+        self.main_command = main
+        with ui.element("div").classes("ft-bar"):
+            heading(1, "Campaign")
+            self.name = ui.input("file", value=self.document.name, on_change=lambda: self._rename()).classes("ft-name")
+            self.name.props("outlined dense")
+            with ui.element("div").classes("ft-actions"):
+                ui.link("All campaigns", page_address("campaign"))
+                self.saved.show(self._save)
+                action(COMMANDS[main], lambda: self._open_command(main), "play_arrow", main=True)
 
     def _add_file_controls(self) -> None:
         cases = {str(p): escape_control(str(p)) for p in self.listing.cases}
         with ui.element("div").classes("ft-form-row"):
-            self.name = ui.input("file", value=self.document.name, on_change=lambda: self._rename())
-            self.name.props("outlined dense").classes("grow")
             self.title = ui.input("title").props("outlined dense").classes("grow")
             self.title.on("change", lambda: self._set_key("title", self.title.value or None))
             self.case = ui.select(cases, label="case of the base model", on_change=lambda: self._choose_case())
@@ -137,24 +142,16 @@ class CampaignPage:
         home = self.folder.resolve()
         self.case.value = next((c for c in self.case.options if (home / c).resolve() == stated), None)
 
-    def _add_commands(self, is_new: bool) -> None:
-        main = "compare" if is_new else "discover"
-        with ui.row().classes("items-center gap-2 w-full"):
-            action(COMMANDS[main], lambda: self._open_command(main), "play_arrow", main=True)
+    def _add_commands(self) -> None:
+        with ui.element("div").classes("ft-command-row"):
+            self.command = ui.element("div").classes("min-w-0")
             for command, words in COMMANDS.items():
-                if command != main:
+                if command != self.main_command:
                     action(words, lambda c=command: self._open_command(c))
-            action("Save", self._save, "save")
-            self.state = ui.label().classes("ft-chip")
-        self.command = ui.column().classes("w-full")
-        self.main_command = main
-        self._show_state()
 
     def _show_state(self) -> None:
         """Show whether the text is saved, and the command of the main action."""
-        is_saved = self.document.text == self.saved_text and self.opened is not None
-        self.state.set_text("saved" if is_saved else "not saved")
-        self.state.classes(replace=f"ft-chip {'good' if is_saved else 'warning'}")
+        self.saved.update(self.document.name, self.document.text)
         self.command.clear()
         path = Path(self.document.name)
         of = path.parent if path.name in STANDARD_FILES and path.parent != Path() else path
@@ -181,14 +178,13 @@ class CampaignPage:
 
     def _text_edited(self) -> None:
         """A control has changed the text."""
-        if self.editor.value != self.document.text:
-            self.editor.value = self.document.text
+        self.editor.set_text(self.document.text)
         self._show_text()
 
     def _text_typed(self) -> None:
         """The user has changed the text in the editor."""
-        if (self.editor.value or "") != self.document.text:
-            self.document.text = self.editor.value or ""
+        if self.editor.text != self.document.text:
+            self.document.text = self.editor.text
             self._show_text()
 
     def _show_text(self) -> None:
@@ -204,16 +200,9 @@ class CampaignPage:
     def _show_refusal(self, error: str) -> None:
         ui.notify(escape_control(error), type="negative")
 
-    def _files_stored(self, images: Sequence[str]) -> None:
-        """Camera files have been dropped: they become recordings on the camera page."""
+    def _files_stored(self) -> None:
+        """Files have been dropped: the check may find what it missed."""
         self.checked_text = None
-        if images:
-            place = images[0] if len(images) == 1 else Path(images[0]).parent.as_posix()
-            with self.faults:
-                note(f"{len(images)} camera files are stored. Mark the block in them to make a recording.", "good")
-                action("Open them on the camera page", lambda: ui.navigate.to(page_address("camera", open=place)))
-            if self.document.text == self.saved_text:
-                ui.navigate.to(page_address("camera", open=place))
 
     # --- checks ----------------------------------------------------------------------------------------------
     async def _check_if_changed(self) -> None:
@@ -241,8 +230,7 @@ class CampaignPage:
                 check = await run.io_bound(check_campaign, text, path, self.store) or check
                 if self.faults.is_deleted:
                     return
-                for line in check.other_faults(*PLACED_KEYS):
-                    show_error(line, self.folder)
+                self._show_faults(check.other_faults(*PLACED_KEYS))
         self.check = check
         if not self.faults.is_deleted:  # the page may have been closed meanwhile
             self._show_check(check)
@@ -250,6 +238,13 @@ class CampaignPage:
         if not self.faults.is_deleted:
             self._show_check(check)
             self.additions.update_pictures()
+
+    def _show_faults(self, faults: Sequence[CampaignFault]) -> None:
+        """Show errors that belong to no row and no list, each with a way to its line."""
+        if faults:
+            with ui.column().classes("ft-note error gap-0").props("role=alert"):
+                for fault in faults:
+                    self.editor.show_fault(fault.in_text, self.folder, self.text_fold.open)
 
     def _find_programs(self, text: str, path: Path) -> list[Path]:
         """Effect files that the check would run without consent.  Raises BadInput."""
@@ -268,6 +263,7 @@ class CampaignPage:
                 try_describe(self.store, path)
 
     def _show_check(self, check: CampaignCheck) -> None:
+        self.editor.mark_faults([fault.in_text for fault in check.faults])
         self.table.update_check(check)
         self.keys.update_check(check)
         self.candidates.update_check(check)
@@ -287,15 +283,9 @@ class CampaignPage:
 
     # --- saving ----------------------------------------------------------------------------------------------
     async def _save(self) -> bool:
-        """Save the text, even with errors in it; True where it has none that the last check found."""
+        """Save the text, even with errors in it; False where it was not saved."""
         with self.faults, show_errors(self.folder):
-            name, text = self.document.name, self.document.text
-            if (version := await save_text(self.folder, name, text, self.opened)) is None:
-                return False
-            self.opened, self.saved_text = version, text
-            self._show_state()
-            ui.notify(f"{escape_control(name)} is saved")
-            return True
+            return await self.saved.save(self.document.name, self.document.text)
         return False
 
     async def _open_command(self, command: str) -> None:

@@ -36,7 +36,7 @@ def show_scope(check: CampaignCheck, document: CampaignDocument) -> None:
         else:
             ui.label("The campaign is not checked yet.").classes("ft-muted")
         return
-    conditions = list_conditions(campaign)
+    conditions = list_conditions(campaign, check.case)
     used = [view for view in VIEW_ORDER if any(view in condition.views for condition in conditions)]
     with ui.row().classes("gap-6"):
         for number, words in (

@@ -19,6 +19,7 @@ from flashtemp.lab.key_groups import (
 from flashtemp.lab.key_units import (
     convert_to_key_unit,
     describe_key,
+    describe_value,
     format_value,
     is_default,
     natural_unit,
@@ -28,6 +29,7 @@ from flashtemp.lab.key_units import (
     unit_choices,
     unit_label,
 )
+from flashtemp.lab.page_layout import set_prop
 from flashtemp.lab.workspace import escape_control
 from flashtemp.model.schema import MESH_LEVEL_FACTORS, named_table_kind
 from flashtemp.physics.material import LIBRARY, Material
@@ -188,7 +190,6 @@ class KeyField:
         self.unit = unit
         if self.unit_box is not None:
             self.unit_box.props["value"] = unit
-            self.unit_box.update()
 
     # --- marks ------------------------------------------------------------------------------------------------
     def _default_text(self) -> str:
@@ -198,14 +199,11 @@ class KeyField:
 
     def default_words(self) -> str:
         """The default with its unit, in words."""
-        text, unit = self._default_text(), unit_label(self.unit)
-        return f"{text} {unit}".strip() if text else "none"
+        return describe_value(self.key.param.value, self.key.param, self.unit)
 
     def value_words(self) -> str:
         """The stated value with its unit, in words."""
-        text, unit = show_number(self.stated, self.key.param, self.unit)
-        number = isinstance(self.stated, (int, float)) and not isinstance(self.stated, bool)
-        return f"{text} {unit_label(unit)}".strip() if number or text != self.stated else text
+        return describe_value(self.stated, self.key.param, self.unit)
 
     def _update_label(self) -> None:
         """Show the default as placeholder, and beside a changed value."""
@@ -214,12 +212,12 @@ class KeyField:
         if name == "material" and self.key.table in ("block", "road"):
             name = f"{name} of the {self.key.table}"
         is_changed = self.is_changed
-        _set_prop(self.field, "label", f"{name} (default {self.default_words()})" if is_changed else name)
+        set_prop(self.field, "label", f"{name} (default {self.default_words()})" if is_changed else name)
         marks = {"ft-changed": is_changed}
         if isinstance(self.field, ui.select):
             marks["ft-default"] = not self.field.value
         else:
-            _set_prop(self.field, "placeholder", self._default_text() or "not given")
+            set_prop(self.field, "placeholder", self._default_text() or "not given")
         for mark, is_set in marks.items():
             if (mark in self.box.classes) != is_set:
                 self.box.classes(toggle=mark)
@@ -244,12 +242,6 @@ def describe_materials(raw: Mapping[str, Any]) -> dict[str, str]:
 
 def _describe_material(material: Material) -> str:
     return f"{material.conductivity:g} W/mK, {material.density:g} kg/m³, {material.heat_capacity:g} J/kgK"
-
-
-def _set_prop(element: Any, name: str, value: Any) -> None:
-    """Set a property that has changed; others would be sent to the browser again."""
-    if element.props.get(name) != value:
-        element.props[name] = value
 
 
 class CaseForm:
@@ -316,7 +308,7 @@ class CaseForm:
             field.fill(stated_value(raw, field.key))
         for box, fields, _, about in self.groups.values():
             changed = sum(field.is_changed for field in fields)
-            _set_prop(box, "caption", f"{about}; {changed} changed" if changed else about)
+            set_prop(box, "caption", f"{about}; {changed} changed" if changed else about)
 
     def _search(self) -> None:
         """Show only the fields whose key or description has all words, with their groups open."""

@@ -25,6 +25,7 @@ CASES: Final = Path(__file__).resolve().parents[2] / "cases"  # in a copy of the
 EXAMPLES: Final = ASSETS / "examples"
 MAX_CASES_LISTED: Final = 60
 MAX_TITLE_LETTERS: Final = 80
+NEW_CASE_TEXT: Final = "It begins with the defaults, and is saved under the name that you choose when you press Save."
 MINIMAL_CASE: Final = 'title = "my case"\neffects = []\n'
 Open = Callable[[str, str], Any]  # called with the text of a new case and its file name
 
@@ -76,16 +77,13 @@ class CaseList:
     def show(self) -> None:
         """Show the list."""
         heading(1, "Cases")
-        cases = list_folder(self.folder).cases
-        if cases:
+        if cases := list_folder(self.folder).cases:
             self._show_cases(cases)
+            with card("New case", NEW_CASE_TEXT):
+                self._show_templates()
         else:
-            how = (
-                "A case says what is simulated: block, road, load, schedule, effects. Begin with a new or a ready one."
-            )
-            with empty_state("No case in this folder", how):
-                action("New case", lambda: self.open_new(MINIMAL_CASE, "case.toml"), icon="add", main=True)
-        self._show_templates(bool(cases))
+            with empty_state("No case in this folder", f"A case says what is simulated. {NEW_CASE_TEXT}"):
+                self._show_templates()
         self._show_ready_cases()
 
     def _show_cases(self, cases: list[Path]) -> None:
@@ -108,13 +106,11 @@ class CaseList:
         except (FlashtempError, OSError, ValueError, RecursionError):
             return "", []
 
-    def _show_templates(self, has_cases: bool) -> None:
-        with card("New case", "It is saved when you press Save, under the name that you choose."):
+    def _show_templates(self) -> None:
+        """Buttons that begin a new case, and the command that does the same."""
+        with ui.column().classes("w-full gap-3"):
             with ui.row().classes("gap-2"):
-                action(
-                    "New case with the defaults", lambda: self.open_new(MINIMAL_CASE, "case.toml"), icon="add",
-                    main=has_cases,
-                )  # fmt: skip
+                action("New case", lambda: self.open_new(MINIMAL_CASE, "case.toml"), icon="add", main=True)
                 action("New case with every key as a comment", lambda: self.open_new(new("case").text, "case.toml"))
             show_command("flashtemp new case --out case.toml")
 

@@ -15,7 +15,7 @@ from flashtemp.lab import case_cost, case_sketch_view
 from flashtemp.lab.case_form import CaseForm, KeyField
 from flashtemp.lab.case_list import CaseList
 from flashtemp.lab.drawing import Drawing
-from flashtemp.lab.effect_cards import EffectCards, listed_effects
+from flashtemp.lab.effect_cards import EffectCards, effect_name, listed_effects
 from flashtemp.lab.jobs import command_text
 from flashtemp.lab.key_groups import CaseKey
 from flashtemp.lab.page_layout import (
@@ -25,19 +25,19 @@ from flashtemp.lab.page_layout import (
     page_address,
     program_lines,
     relative_names,
-    save_text,
     show_command,
     show_error,
     show_errors,
 )
 from flashtemp.lab.programs import AllowedPrograms, programs_of_text
+from flashtemp.lab.remark_list import RemarkList
+from flashtemp.lab.saved_text import SAVED, SavedText
 from flashtemp.lab.saving import TextVersion, read_text
 from flashtemp.lab.style import read_asset
-from flashtemp.lab.toml_editing import add_toml_table, remove_empty_table, remove_toml_table, set_toml_key
+from flashtemp.lab.toml_editing import add_toml_table, remove_empty_table, remove_toml_table, set_toml_key, try_parse
 from flashtemp.lab.toml_editor import TextFault, TomlEditor, prepare_editor, read_faults
 from flashtemp.lab.workspace import escape_control, free_name, list_folder, resolve_inside
 from flashtemp.model.case import Case
-from flashtemp.model.case_file import parse_toml
 from flashtemp.model.schema import named_table_kind
 from flashtemp.physics.material import LIBRARY
 from flashtemp.physics.units import to_unit
@@ -54,9 +54,7 @@ class CasePage:
 
     def __init__(self, folder: Path, allowed: AllowedPrograms | None = None):
         self.folder, self.allowed = folder, allowed or AllowedPrograms()
-        self.opened: TextVersion | None = None
         self.case: Case | None = None
-        self.saved_text: str | None = None
         self.removed_tables: dict[str, str] = {}  # of effects that were switched off on this page
         self.raw: dict[str, Any] = {}
         self.pace, self.changes = 1.0, 0
@@ -70,9 +68,8 @@ class CasePage:
             if not name:
                 CaseList(self.folder, self._open_new).show()
                 return
-            text, self.opened = read_text(self.folder, name)
-            self.saved_text = text
-            self._show_case(text, name)
+            text, opened = read_text(self.folder, name)
+            self._show_case(text, name, opened)
 
     def _open_new(self, text: str, name: str) -> None:
         """Show a new case, which is not saved yet."""
@@ -81,13 +78,16 @@ class CasePage:
             self._show_case(text, free_name(self.folder, name))
 
     # --- layout -----------------------------------------------------------------------------------------------
-    def _show_case(self, text: str, name: str) -> None:
-        self.raw = _parse_tables(text) or {}
+    def _show_case(self, text: str, name: str, opened: TextVersion | None = None) -> None:
+        self.raw = try_parse(text) or {}
+        self.saved = SavedText(self.folder, "case", text, opened)
         self._show_bar(name)
         self.consent = ui.column().classes("w-full gap-2")
         self._show_drawings()
         with ui.element("div").classes("ft-split ft-case"):
             with ui.element("div").classes("ft-stack"), card("Keys", KEYS_TEXT):
+                self.title = ui.input("title, in plots and reports", on_change=lambda: self._title_typed())
+                self.title.props("outlined dense debounce=150").classes("w-full")
                 self.form = CaseForm(self._key_changed, self._add_material)
                 self.form.show(self.raw)
             with ui.element("div").classes("ft-beside"):
@@ -97,6 +97,7 @@ class CasePage:
             self.cards = EffectCards(self._effect_switched, self._key_changed)
             self.cards.show(self.raw)
         self._fill()
+        self._show_saved()
         ui.timer(0.05, self._check, once=True)
         ui.timer(0.5, self._measure_pace, once=True)
 
@@ -104,12 +105,12 @@ class CasePage:
         """Title, file name and the actions."""
         with ui.element("div").classes("ft-bar"):
             heading(1, "Case")
-            self.name = ui.input("file", value=name, on_change=lambda: self._name_changed()).classes("w-60")
+            self.name = ui.input("file", value=name, on_change=lambda: self._name_changed()).classes("ft-name")
             self.name.props("outlined dense")
             self.state = ui.label("being checked").classes("ft-chip").props("aria-live=polite")
             with ui.element("div").classes("ft-actions"):
                 ui.link("All cases", page_address("case"))
-                action("Save", self._save, icon="save")
+                self.saved.show(self._save)
                 self.run = action("Run it", self._run, icon="play_arrow", main=True)
                 self.run.set_enabled(False)
 
@@ -124,6 +125,8 @@ class CasePage:
                 self.cost = ui.label("").classes("ft-strong")
                 self.stale = ui.label(STALE_TEXT).classes("ft-muted ft-small")
                 self.stale.set_visibility(False)
+            self.remarks = RemarkList(self._go_to_key)
+            self.remarks.show()
             self.differences = ui.element("div").classes("ft-chips").props('role=group aria-label="changed keys"')
 
     def _show_text(self, text: str) -> None:
@@ -146,10 +149,16 @@ class CasePage:
         is_named = value is None and named_table_kind(key.table)
         self.editor.set_text(remove_empty_table(text, key.table) if value is None and not is_named else text)
 
+    def _title_typed(self) -> None:
+        """Write the title into the text, which may state it in another way."""
+        typed = self.title.value or None
+        if typed != self.raw.get("title"):
+            self.editor.set_text(set_toml_key(self.editor.text, "", "title", typed))
+
     def _effect_switched(self, entry: str, is_on: bool) -> None:
         """List an effect in the text, or take it out with its table, which comes back when it is switched on again."""
         entries = [e for e in listed_effects(self.raw) if e != entry] + ([entry] if is_on else [])
-        text, name = self.editor.text, Path(entry).stem if entry.endswith(".py") else entry
+        text, name = self.editor.text, effect_name(entry)
         if is_on and name in self.removed_tables and name not in self.raw:
             text = add_toml_table(text, self.removed_tables.pop(name))
         elif not is_on:
@@ -174,20 +183,27 @@ class CasePage:
 
     def _name_changed(self) -> None:
         self._show_commands()
+        self._show_saved()
         self._check_later()
 
     def _text_changed(self) -> None:
         """Update form and cards from the text, and check it after a pause."""
-        tables = _parse_tables(self.editor.text)
+        tables = try_parse(self.editor.text)
         if tables is not None:
             self.raw = tables
             self._fill()
+        self._show_saved()
         self._check_later()
 
     def _fill(self) -> None:
+        title = self.raw.get("title")
+        self.title.value = title if isinstance(title, str) else ""
         self.form.fill(self.raw)
         self.cards.fill(self.raw, self.case.known_effects if self.case is not None else {})
         self._show_differences()
+
+    def _show_saved(self) -> None:
+        self.saved.update(self.name.value or "", self.editor.text)
 
     def _fields(self) -> Iterable[KeyField]:
         return [*self.form.fields.values(), *self.cards.fields.values()]
@@ -228,6 +244,14 @@ class CasePage:
         ui.run_javascript(f'getHtmlElement({self.effects_box.id}).scrollIntoView({{block: "start"}})')
         self.cards.search.run_method("focus")
 
+    def _go_to_key(self, key: str) -> None:
+        """Go to the field of a key, or to the card of an effect."""
+        found = next((f for f in self._fields() if f.key.dotted == key or f.key.table == key), None)
+        if found is not None:
+            self._go_to_field(found)
+        else:
+            self._go_to_effects()
+
     def _go_to_field(self, field: KeyField) -> None:
         """Open the group of a field and focus it."""
         for box, fields, _, _ in self.form.groups.values():
@@ -266,6 +290,7 @@ class CasePage:
             faults = read_faults(fault, path) if "path" in locals() else [TextFault(0, "", str(fault))]
         self._show_state(faults, waits)
         self._show_faults(faults)
+        self.remarks.update(self.case)
         if self.case is not None:
             self.cards.fill(self.raw, self.case.known_effects)
             self._draw(self.case)
@@ -291,7 +316,7 @@ class CasePage:
         if faults:
             with self.faults, ui.column().classes("ft-note error gap-0").props("role=alert"):
                 for fault in faults:
-                    self._show_fault(fault)
+                    self.editor.show_fault(fault, self.folder)
         self.editor.mark_faults(faults)
         at_keys: dict[str, str] = {}
         for fault in faults:
@@ -299,15 +324,6 @@ class CasePage:
         for field in self._fields():
             field.set_fault(relative_names(at_keys.get(field.key.dotted, ""), self.folder))
         self.cards.show_notes([f"{f.key}: {f.text}" if f.key else f.text for f in faults])
-
-    def _show_fault(self, fault: TextFault) -> None:
-        text = escape_control(relative_names(str(fault), self.folder))
-        if not fault.line:
-            ui.label(text).classes("ft-fault")
-            return
-        with ui.element("button").classes("ft-fault").props("type=button") as button:
-            ui.label(text).classes("inline")
-        button.on("click", lambda: self.editor.reveal_line(fault.line))
 
     def _draw(self, case: Case) -> None:
         self.block.draw(*case_sketch_view.draw_block(case))
@@ -339,32 +355,16 @@ class CasePage:
 
     async def _save(self) -> bool:
         """Save the text atomically, even with errors in it; False where it was not saved."""
-        name, text = self.name.value or "", self.editor.text
         with self.frame:
             try:
-                version = await save_text(self.folder, name, text, self.opened)
+                return await self.saved.save(self.name.value or "", self.editor.text)
             except (FlashtempError, OSError) as fault:
                 with self.faults:
                     show_error(str(fault), self.folder)
                 return False
-            if version is None:
-                return False
-            self.opened, self.saved_text = version, text
-            ui.notify(f"{escape_control(name)} is saved")
-            return True
 
     async def _run(self) -> None:
         """Save the text where it has changed, and go to the page that runs it."""
-        is_saved = self.opened is not None and self.saved_text == self.editor.text and (
-            self.opened.path == resolve_inside(self.folder, self.name.value or "")
-        )  # fmt: skip
-        if is_saved or await self._save():
-            ui.navigate.to(page_address("runs", command="run", of=self.name.value))
-
-
-def _parse_tables(text: str) -> dict[str, Any] | None:
-    """The tables of a text, None where it is not TOML."""
-    try:
-        return parse_toml(text)
-    except (ValueError, RecursionError):
-        return None
+        name = self.name.value or ""
+        if self.saved.describe_state(name, self.editor.text) == SAVED or await self._save():
+            ui.navigate.to(page_address("runs", command="run", of=name))

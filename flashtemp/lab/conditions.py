@@ -8,10 +8,13 @@ from typing import Any
 
 from nicegui import ui
 
+from flashtemp.lab.key_units import describe_value
 from flashtemp.lab.page_layout import card, page_address, show_command
 from flashtemp.lab.result_files import ResultFolder
 from flashtemp.lab.result_parts import folded_part, show_table
 from flashtemp.lab.workspace import escape_control
+from flashtemp.model.schema import UNDECLARED_PARAM, declared_params
+from flashtemp.physics.effect import Param
 
 OUTPUT_TABLES = ("output", "numerics")  # of a case: how it is computed and drawn, not what
 LEFT_OUT_KEYS = ("title", "free")
@@ -34,9 +37,7 @@ class KeyValue:
 
 
 def describe_values(values: Mapping[str, Any]) -> dict[str, KeyValue]:
-    """{key: its value in words} of the keys of a case, in the units of the reports."""
-    from flashtemp.model.schema import declared_params
-
+    """{key: its value in words} of the keys of a case, in the units of the case page."""
     tables = {table: declared_params(table) for table in {key.rpartition(".")[0] for key in values}}
     out = {}
     for key, value in values.items():
@@ -45,24 +46,17 @@ def describe_values(values: Mapping[str, Any]) -> dict[str, KeyValue]:
             param = tables[table].get(name)
             is_changed = value != [] and (param is None or value != param.value)
             meaning = escape_control(key.replace("_", " ")) if param is None else param.about
-            out[key] = KeyValue(escape_control(key), meaning, _describe_value(key, value, param), is_changed)
+            out[key] = KeyValue(escape_control(key), meaning, _describe_value(value, param), is_changed)
     return out
 
 
-def _describe_value(key: str, value: Any, param: Any) -> str:
+def _describe_value(value: Any, param: Param | None) -> str:
     """A value as text: a number with its unit, yes or no, or a short list."""
-    from flashtemp.viz.key_labels import SHORT_LENGTH_M, KeyLabel, describe_key
-
-    if isinstance(value, bool):
-        return "yes" if value else "no"
     if isinstance(value, (list, tuple)):
-        return escape_control(", ".join(map(str, value)))[:MAX_VALUE_CHARACTERS] or "none"
-    label = describe_key(key, None if param is None else param.unit)
-    default = getattr(param, "value", None)
-    if label.unit == "m" and isinstance(default, (int, float)) and default < SHORT_LENGTH_M:
-        label = KeyLabel(label.words, 1e3, "mm")
-    unit = f" {label.unit}" if label.unit and isinstance(value, (int, float)) else ""
-    return escape_control(f"{label.format_value(value)}{unit}")[:MAX_VALUE_CHARACTERS]
+        text = ", ".join(map(str, value)) or "none"
+    else:
+        text = describe_value(value, param or UNDECLARED_PARAM)
+    return escape_control(text)[:MAX_VALUE_CHARACTERS]
 
 
 def different_keys(cases: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -74,14 +68,14 @@ def different_keys(cases: Sequence[Mapping[str, Any]]) -> list[str]:
 
 def show_conditions(result: ResultFolder, values: Mapping[str, Any], command: str) -> None:
     """Show the conditions of a result, and the command that repeats it."""
-    with card("Conditions", "Keys that differ from the defaults of the program."):
+    with card("Conditions", "Keys that differ from the defaults of the program; those of the computation come last."):
         rows = list(describe_values(values).values())
         head = ("key", "meaning", "value")
-        changed = [(r.key, r.meaning, r.value) for r in rows if r.is_changed and not r.is_output]
+        changed = sorted((r for r in rows if r.is_changed), key=lambda r: r.is_output)
         if changed:
-            show_table(head, changed, "conditions", numbers=(2,))
+            show_table(head, [(r.key, r.meaning, r.value) for r in changed], "conditions", numbers=(2,))
         else:
-            ui.label("All physical keys have their default values.").classes("ft-muted")
+            ui.label("All keys have their default values.").classes("ft-muted")
         with folded_part("All keys"):
             show_table(head, [(r.key, r.meaning, r.value) for r in rows], "all keys of the case", numbers=(2,))
         show_command(command)

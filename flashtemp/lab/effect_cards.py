@@ -26,6 +26,15 @@ def listed_effects(raw: Mapping[str, Any]) -> list[str]:
     return list(dict.fromkeys(split_names(raw.get("effects", [])) or []))
 
 
+def effect_name(entry: str) -> str:
+    """The name of an effect, by its entry: for an effect file, the file name without its ending.
+
+    >>> effect_name("wear"), effect_name("own/fan.py")
+    ('wear', 'fan')
+    """
+    return Path(entry).stem if entry.endswith(".py") else entry
+
+
 def describe_conflict(effect: type[Effect], has_layers: bool) -> str:
     """Why an effect cannot act in a case whose block `has_layers`; "" where it can."""
     if effect.uniform and has_layers:
@@ -92,7 +101,6 @@ class EffectCards:
     def _mark_place(self) -> None:
         for title, button in self.place_buttons.items():
             button.props["aria-pressed"] = "true" if title == self.place else "false"
-            button.update()
 
     def _choose_place(self, title: str) -> None:
         self.place = title
@@ -139,7 +147,7 @@ class EffectCards:
 
     def _show_on(self, entry: str, raw: Mapping[str, Any]) -> None:
         """The card of an effect that is on, with its parameters."""
-        name = Path(entry).stem if entry.endswith(".py") else entry
+        name = effect_name(entry)
         effect = self.known.get(name) or catalogue().get(name)
         with ui.element("article").classes("ft-effect on") as card:
             card.props["aria-label"] = escape_control(name)
@@ -185,7 +193,7 @@ class EffectCards:
             return
         self.noted = state
         for entry, box in self.notes.items():
-            name = Path(entry).stem if entry.endswith(".py") else entry
+            name = effect_name(entry)
             effect = known.get(name)
             own = [line for line in lines if f"'{name}'" in line or line.startswith(f"{name}.")]
             box.clear()
@@ -201,7 +209,7 @@ class EffectCards:
             ui.label(f"Needs {effect.needs}.").classes("ft-small ft-muted")
         if conflict := describe_conflict(effect, self.has_layers):
             ui.label(conflict).classes("ft-note warning ft-small")
-        chosen = [Path(e).stem if e.endswith(".py") else e for e in self.entries]
+        chosen = [effect_name(entry) for entry in self.entries]
         if same := find_same_signature(name, chosen, known):
             names = " and ".join(n.replace("_", " ") for n in same)
             ui.label(f"A camera cannot tell it from {escape_control(names)}.").classes("ft-small ft-muted")

@@ -12,13 +12,15 @@ from flashtemp.comparison.known_inputs import known_keys
 from flashtemp.discovery.hypotheses.candidates import prior_sd_of_key
 from flashtemp.lab.campaign_checks import CampaignCheck
 from flashtemp.lab.campaign_document import CampaignDocument, format_cell, parse_cell
-from flashtemp.lab.page_layout import heading
+from flashtemp.lab.key_units import describe_value
+from flashtemp.lab.page_layout import heading, show_fault_lines
 from flashtemp.lab.toml_tables import set_top_key
 from flashtemp.lab.workspace import escape_control
 from flashtemp.model.case import Case
 from flashtemp.model.case_file import flatten_tables
 from flashtemp.model.priors import USUAL_SD, expand_materials
 from flashtemp.model.schema import is_physical_number
+from flashtemp.physics.effect import Param
 
 USUAL_KNOWN_SD: Final = 0.02  # relative, of an input without a usual one
 FREE, KNOWN = "free", "known"
@@ -42,8 +44,7 @@ class InputKey:
     @property
     def value_words(self) -> str:
         """The value with its unit."""
-        unit = self.unit if self.unit not in ("", "1") else ""
-        return f"{format_cell(self.value)} {unit}".strip() if self.value is not None else ""
+        return describe_value(self.value, Param(self.value, self.unit, "")) if self.value is not None else ""
 
 
 def list_free_keys(case: Case) -> dict[str, InputKey]:
@@ -135,14 +136,13 @@ class FreeKeysPanel:
         raw = self.document.raw
         if raw is None:
             return
-        given = raw.get(KNOWN)
-        known = flatten_tables(given) if isinstance(given, dict) else {}
-        state = (read_free(raw, self.case), known, FREE in raw, self.case is not None)
+        values_of = {kind: self._values(kind) for kind in (FREE, KNOWN)}
+        state = (values_of, FREE in raw, self.case is not None)
         if state == self.shown:
             return
         self.shown = state
         self.boxes = {}
-        for kind, values in ((FREE, state[0]), (KNOWN, known)):
+        for kind, values in values_of.items():
             self.lists[kind].clear()
             with self.lists[kind]:
                 self._show_rows(kind, values)
@@ -151,12 +151,7 @@ class FreeKeysPanel:
     def update_check(self, check: CampaignCheck) -> None:
         """Show the errors of both lists, and offer the keys of the case."""
         for kind, place in self.errors.items():
-            faults = check.key_faults(kind)
-            place.clear()
-            with place:
-                for text in faults:
-                    ui.label(escape_control(text)).classes("break-words")
-            place.set_visibility(bool(faults))
+            show_fault_lines(place, check.key_faults(kind))
         if check.case is None:
             return
         self.case = check.case
@@ -196,7 +191,7 @@ class FreeKeysPanel:
         self.boxes[kind, key] = box
 
     def _offer_keys(self) -> None:
-        chosen = {*(self.shown[0] if self.shown else ()), *(self.shown[1] if self.shown else ())}
+        chosen = {key for kind in (FREE, KNOWN) for key in self._values(kind)}
         for kind, choice in self.choices.items():
             choice.set_options({k: key.words for k, key in self.options[kind].items() if k not in chosen}, value=None)
 
@@ -239,6 +234,7 @@ class CandidateSwitches:
         self.document, self.told = document, told
         self.switches: dict[str, Any] = {}
         self.usual: tuple[str, ...] = ()
+        self.is_filling = False
 
     def show(self) -> None:
         """Show the place for the switches; they appear with the first check."""
@@ -271,18 +267,23 @@ class CandidateSwitches:
 
     def update_values(self) -> None:
         """Show the choice of the text."""
-        given = (self.document.raw or {}).get("candidates")
-        chosen = given if isinstance(given, list) else list(self.usual)
+        chosen = self._stated_choice()
+        self.is_filling = True  # a switch that is set here is no choice of the user
         for name, switch in self.switches.items():
-            if switch.value is not (name in chosen):
-                switch.set_value(name in chosen)
+            switch.set_value(name in chosen)
+        self.is_filling = False
         self.told(f"{sum(name in chosen for name in self.switches)} of {len(self.switches)} effects are tried")
 
-    def _write_choice(self) -> None:
-        chosen = [name for name, switch in self.switches.items() if switch.value]
+    def _stated_choice(self) -> list[Any]:
+        """The candidates of the text, or the usual ones."""
         given = (self.document.raw or {}).get("candidates")
-        stated = given if isinstance(given, list) else list(self.usual)
-        if {*chosen} != {*stated} & {*self.switches}:
+        return given if isinstance(given, list) else list(self.usual)
+
+    def _write_choice(self) -> None:
+        if self.is_filling:
+            return
+        chosen = [name for name, switch in self.switches.items() if switch.value]
+        if {*chosen} != {*self._stated_choice()} & {*self.switches}:
             value = None if {*chosen} == {*self.usual} else chosen
             self.document.apply_edit(lambda text: set_top_key(text, "candidates", value))
             self.update_values()

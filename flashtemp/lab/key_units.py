@@ -6,9 +6,12 @@ A number without a unit in a case is in the unit of its key.  A number in anothe
 from __future__ import annotations
 
 import math
+import re
 from typing import Any, Final
 
+from flashtemp.model.case import Case
 from flashtemp.model.case_file import parse_toml
+from flashtemp.model.schema import declared_params
 from flashtemp.model.toml_format import value_text
 from flashtemp.physics.effect import Param
 from flashtemp.physics.units import QUANTITY_PATTERN, looks_like_quantity
@@ -90,6 +93,53 @@ def show_number(value: Any, param: Param, unit: str) -> tuple[str, str]:
         factor, offset = choices[unit]
         return f"{(value - offset) / factor:.10g}", unit
     return format_value(value), unit
+
+
+def describe_value(value: Any, param: Param, unit: str | None = None) -> str:
+    """A value with its unit as people write it; a number of the key's unit in `unit`, or else in its natural unit.
+
+    >>> pressure = Param(1.5e5, "Pa", "mean contact pressure", kinds=("number", "text", "table"))
+    >>> describe_value(75000.0, pressure), describe_value("0.2 MPa", pressure), describe_value("p.csv", pressure)
+    ('75 kPa', '0.2 MPa', 'p.csv')
+    >>> describe_value(True, Param(True, "", "", kinds=("flag",))), describe_value(None, pressure)
+    ('yes', 'none')
+    """
+    if value is None or isinstance(value, bool):
+        return "none" if value is None else "yes" if value else "no"
+    text, unit = show_number(value, param, natural_unit(param) if unit is None else unit)
+    if isinstance(value, float) and unit not in unit_choices(param):
+        text = f"{value:.10g}"
+    return text if isinstance(value, str) and text == value else f"{text} {unit_label(unit)}".strip()
+
+
+def find_param(case: Case | None, key: str) -> Param | None:
+    """The declaration of a key "table.name" of a case, or where that is not known yet, of any case; None for others.
+
+    >>> find_param(None, "contact.pressure").unit, find_param(None, "contact.presure")
+    ('Pa', None)
+    """
+    table, _, name = key.rpartition(".")
+    if case is not None and table in case.values:
+        return case.declared_params(table).get(name)
+    return declared_params(table).get(name)
+
+
+def describe_overrides(command: str) -> str:
+    """The keys that a command line sets to numbers without units, in words; "" for none.
+
+    >>> describe_overrides("flashtemp run case.toml contact.pressure=2e5 schedule.speed=0.1,0.3 --out a")
+    'contact.pressure is in Pa: 200 kPa; schedule.speed is in m/s: 0.1 m/s, 0.3 m/s'
+    >>> describe_overrides("flashtemp run case.toml contact.pressure=200kPa friction.mu=0.8 numerics.mesh=fine")
+    ''
+    """
+    out = []
+    for key, text in re.findall(r"(?<![\w.-])([a-z_]\w*\.\w+)=([^\s'\"]+)", command):
+        param, values = find_param(None, key), [parse_value(part) for part in text.split(",")]
+        has_unit = param is not None and param.unit not in ("", "1")
+        if param is not None and has_unit and all(isinstance(v, (int, float)) for v in values):
+            words = ", ".join(describe_value(value, param) for value in values)
+            out.append(f"{key} is in {unit_label(param.unit)}: {words}")
+    return "; ".join(out)
 
 
 def read_number(typed: str | None, param: Param, unit: str) -> Any:

@@ -14,6 +14,7 @@ from nicegui import ui
 from nicegui.elements.mixins.text_element import TextElement
 
 from flashtemp.errors import BadInput, FlashtempError
+from flashtemp.lab.key_units import describe_overrides
 from flashtemp.lab.programs import AllowedPrograms
 from flashtemp.lab.saving import ReplacesFile, TextVersion, write_text
 from flashtemp.lab.style import read_asset, style_sheet
@@ -108,6 +109,21 @@ def empty_state(title: str, how: str) -> Iterator[Any]:
             yield element
 
 
+def set_prop(element: Any, name: str, value: Any) -> None:
+    """Set a property only where it changes: the browser gets all of them anew, also while the user is typing."""
+    if element.props.get(name) != value:
+        element.props[name] = value
+
+
+def show_fault_lines(place: Any, faults: Sequence[str], folder: Path | None = None) -> None:
+    """Show errors in a place that is hidden without any."""
+    place.clear()
+    with place:
+        for text in faults:
+            ui.label(escape_control(relative_names(text, folder))).classes("break-words")
+    place.set_visibility(bool(faults))
+
+
 def action(label: str, on_click: Any, icon: str | None = None, main: bool = False) -> Any:
     """A button; a page has one `main` action, which leads to the next step."""
     button = ui.button(label, icon=icon, on_click=on_click).props("no-caps")
@@ -125,11 +141,13 @@ def note(text: str, kind: str = "") -> None:
 
 
 def show_command(words: str) -> None:
-    """Show the equivalent command line, with a button that copies it."""
+    """Show the equivalent command line, with a button that copies it, and the units of the numbers in it."""
     with ui.element("div").classes("ft-command"):
         ui.label(escape_control(words)).classes("ft-mono").props('data-is="command"')
         copy = ui.button(icon="content_copy").props('flat dense round size=sm aria-label="copy the command"')
         copy.on("click", js_handler=f"() => navigator.clipboard.writeText({script_literal(words)})").tooltip("copy")
+    if values := describe_overrides(words):
+        ui.label(values).classes("ft-muted ft-small")
 
 
 async def save_text(folder: Path, name: str, text: str, opened: TextVersion | None) -> TextVersion | None:

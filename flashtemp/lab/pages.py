@@ -51,7 +51,7 @@ def make_application(folder: Path, commands: Sequence[CommandDescription] = ()) 
 
     @ui.page("/campaign")
     def campaign(open: str = "", new: str = "") -> None:  # noqa: A002
-        with page_frame("campaign", folder, "Campaign" if open or new else "Campaigns"):
+        with page_frame("campaign", folder):
             CampaignPage(folder, allowed, store).show(open, bool(new))
 
     @ui.page("/runs")

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from flashtemp.errors import BadInput
+from flashtemp.lab.toml_editing import try_parse
 from flashtemp.lab.workspace import MAX_TOML_BYTES, resolve_inside
-from flashtemp.model.case_file import flatten_tables, list_effect_files, parse_toml
+from flashtemp.model.case_file import flatten_tables, list_effect_files
 
 CAMPAIGN_COMMANDS = ("compare", "discover", "plan")
 TRUST = "--trust"
@@ -42,7 +43,7 @@ def has_trust(words: Sequence[str]) -> bool:
 
 def programs_of_text(text: str, folder: Path) -> list[Path]:
     """Effect files that a case with this text in `folder` lists; none where it is not TOML."""
-    return [_resolve_links(folder / name) for name in list_effect_files(_parse_text(text))]
+    return [_resolve_links(folder / name) for name in list_effect_files(try_parse(text) or {})]
 
 
 def programs_of_campaign(text: str, folder: Path) -> list[Path]:
@@ -50,7 +51,7 @@ def programs_of_campaign(text: str, folder: Path) -> list[Path]:
 
     A condition (`with`) may change every key of the case, its effects too.  Raises BadInput.
     """
-    raw = _parse_text(text)
+    raw = try_parse(text) or {}
     name = raw.get("case", "case.toml")
     if not isinstance(name, str):
         return []
@@ -124,13 +125,6 @@ def _read_toml(file: Path) -> str:
         return file.read_text(encoding="utf-8")
     except (OSError, ValueError):
         return ""
-
-
-def _parse_text(text: str) -> dict[str, Any]:
-    try:
-        return parse_toml(text)
-    except (ValueError, RecursionError):
-        return {}
 
 
 def _file_digest(file: Path) -> str:

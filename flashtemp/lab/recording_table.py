@@ -12,7 +12,16 @@ from flashtemp.camera.camera_classes import CAMERA_CLASSES
 from flashtemp.display import format_count
 from flashtemp.lab.campaign_checks import CampaignCheck
 from flashtemp.lab.campaign_document import CampaignDocument, format_cell, parse_cell
-from flashtemp.lab.page_layout import chip, page_address, relative_names
+from flashtemp.lab.key_units import (
+    convert_to_key_unit,
+    describe_value,
+    find_param,
+    natural_unit,
+    read_number,
+    show_number,
+    unit_label,
+)
+from flashtemp.lab.page_layout import chip, page_address, set_prop, show_fault_lines
 from flashtemp.lab.recording_store import RecordingBrief, RecordingStore
 from flashtemp.lab.toml_tables import Table, change_entry, remove_entry
 from flashtemp.lab.workspace import escape_control
@@ -32,6 +41,7 @@ class EntryRow:
     kind: str
     number: int
     fields: dict[str, Any] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)  # of the numbers in the fields of conditions
     written: dict[str, Any] = field(default_factory=dict)
     picture: Any = None
     facts: Any = None
@@ -93,8 +103,10 @@ class RecordingTable:
                 return
             with ui.element("table").classes("ft-table ft-recordings"):
                 with ui.element("thead"), ui.element("tr"):
-                    for words, unit in [("picture", ""), ("file", ""), *((c, self._unit_of(c)) for c in columns)]:
-                        _head(words, unit)
+                    for words in ("picture", "file"):
+                        _head(words)
+                    for key in columns:
+                        _head(key, unit_label(self._natural_unit(key)))
                     for words in ("frames", "noise (1 sd)", "camera", "held out", "change"):
                         _head(words)
                 with ui.element("tbody"):
@@ -120,7 +132,7 @@ class RecordingTable:
                 if row.kind == "recording":
                     self._add_camera(row, name)
             with _cell("held out"):
-                held = ui.switch(on_change=lambda: self._hold_out(row))
+                held = ui.switch(on_change=lambda: self._choice_changed(row, "held_out"))
                 held.props["aria-label"] = f"hold {name} out of the fit"
                 row.fields["held_out"] = held
             with _cell("change"), ui.row().classes("no-wrap gap-0"):
@@ -149,7 +161,7 @@ class RecordingTable:
 
     def _add_camera(self, row: EntryRow, name: str) -> None:
         choices = {BY_RECORDING: "as recorded", **{c: c for c in CAMERA_CLASSES}}
-        box = ui.select(choices, value=BY_RECORDING, on_change=lambda: self._camera_changed(row))
+        box = ui.select(choices, value=BY_RECORDING, on_change=lambda: self._choice_changed(row, "camera"))
         box.props("outlined dense options-dense").classes("ft-cell wide")
         box.props["aria-label"] = f"camera of {name}"
         row.fields["camera"] = box
@@ -173,21 +185,31 @@ class RecordingTable:
                 value = entry.get("camera") if entry.get("camera") in CAMERA_CLASSES else BY_RECORDING
             else:
                 stated = entry.get(key) if key in NOISE_KEYS.values() else given.get(key)
-                value = format_cell(stated)
-                is_number = isinstance(stated, (int, float)) and not isinstance(stated, bool)
-                unit = "K" if key == "sigma_K" else self._unit_of(key)
-                _set_prop(box, "suffix", unit if is_number and unit != "1" else "")
+                value, unit = self._show_value(key, stated)
+                row.units[key] = unit
+                is_text = isinstance(stated, (str, bool, type(None))) and value == format_cell(stated)
+                set_prop(box, "suffix", "" if is_text else unit_label(unit))
             if row.written.get(key) != value:
                 row.written[key] = value
                 box.value = value
+
+    def _show_value(self, key: str, stated: Any) -> tuple[str, str]:
+        """The text of a cell and the unit of its number: one unit for the whole column."""
+        if (param := find_param(self.case, key)) is None:
+            return format_cell(stated), "K" if key == "sigma_K" else ""
+        return show_number(convert_to_key_unit(stated, param), param, natural_unit(param))
+
+    def _natural_unit(self, key: str) -> str:
+        param = find_param(self.case, key)
+        return "" if param is None else natural_unit(param)
 
     # --- what the controls change -----------------------------------------------------------------------------
     def _change(self, row: EntryRow, changed: Mapping[str, Any]) -> None:
         self.document.apply_edit(lambda text: change_entry(text, row.kind, row.number, changed))
 
     def _cell_changed(self, row: EntryRow, key: str) -> None:
-        unit = "K" if key == "sigma_K" else self._unit_of(key)
-        value = parse_cell(row.fields[key].value, unit)
+        typed, param = row.fields[key].value, find_param(self.case, key)
+        value = parse_cell(typed, row.units[key]) if param is None else read_number(typed, param, row.units[key])
         row.written.pop(key, None)
         if key in NOISE_KEYS.values():
             self._change(row, {key: value})
@@ -197,17 +219,12 @@ class RecordingTable:
             self._change(row, {"with": given})
         self.update_values()
 
-    def _camera_changed(self, row: EntryRow) -> None:
-        value = row.fields["camera"].value
-        if row.written.get("camera") != value:
-            row.written["camera"] = value
-            self._change(row, {"camera": value or None})
-
-    def _hold_out(self, row: EntryRow) -> None:
-        value = bool(row.fields["held_out"].value)
-        if row.written.get("held_out") != value:
-            row.written["held_out"] = value
-            self._change(row, {"held_out": value or None})
+    def _choice_changed(self, row: EntryRow, key: str) -> None:
+        """Write the camera, or whether the entry is held out."""
+        value = row.fields[key].value
+        if row.written.get(key) != value:
+            row.written[key] = value
+            self._change(row, {key: value or None})
 
     def _remove(self, row: EntryRow) -> None:
         self.document.apply_edit(lambda text: remove_entry(text, row.kind, row.number))
@@ -222,11 +239,7 @@ class RecordingTable:
     # --- what the check says ------------------------------------------------------------------------------
     def update_check(self, check: CampaignCheck) -> None:
         """Show the errors of every entry, values of the case in empty cells, and pictures and facts."""
-        first = self.case is None and check.case is not None
         self.case = check.case or self.case
-        if first:  # the units of the columns are known now
-            self.signature = None
-            self.update_values()
         self._show_defaults()
         self._offer_columns()
         for row in self.rows:
@@ -234,26 +247,20 @@ class RecordingTable:
             if row.number > len(entries):  # the text is not TOML at the moment
                 continue
             entry = entries[row.number - 1]
-            self._show_faults(row, check.entry_faults(row.kind, row.number))
+            show_fault_lines(row.faults, check.entry_faults(row.kind, row.number), self.document.folder)
+            row.fault_row.set_visibility(row.faults.visible)
             if (path := self.document.find_file(entry.get("file"))) is not None:
                 self._show_brief(row, self.store.find_brief(path))
-
-    def _show_faults(self, row: EntryRow, faults: list[str]) -> None:
-        row.faults.clear()
-        with row.faults:
-            for text in faults:
-                ui.label(escape_control(relative_names(text, self.document.folder))).classes("break-words")
-        row.fault_row.set_visibility(bool(faults))
 
     def _show_defaults(self) -> None:
         if self.case is None:
             return
         for row in self.rows:
             for key, box in row.fields.items():
-                if "." in key:
-                    value, unit = self._case_value(key), self._unit_of(key)
-                    _set_prop(box, "placeholder", f"{format_cell(value)} {unit if unit != '1' else ''}".strip())
-                    box.update()
+                if (param := find_param(self.case, key)) is not None:
+                    table, _, name = key.rpartition(".")
+                    value = self.case.values.get(table, {}).get(name)
+                    set_prop(box, "placeholder", "" if value is None else describe_value(value, param))
 
     def _offer_columns(self) -> None:
         if self.case is not None:
@@ -298,19 +305,8 @@ class RecordingTable:
             stated = f"{brief.netd_K:.3g} K" if brief.netd_K is not None else ""
             measured = f"measured {brief.noise_K:.2g} K" if brief.noise_K is not None else ""
             box.props("bottom-slots")
-            _set_prop(box, "placeholder", stated or measured or "estimated")
-            _set_prop(box, "hint", measured)
-
-    def _unit_of(self, key: str) -> str:
-        table, _, name = key.rpartition(".")
-        if self.case is None or table not in self.case.values:
-            return ""
-        param = self.case.declared_params(table).get(name)
-        return "" if param is None else param.unit
-
-    def _case_value(self, key: str) -> Any:
-        table, _, name = key.rpartition(".")
-        return self.case.values.get(table, {}).get(name) if self.case is not None else None
+            set_prop(box, "placeholder", stated or measured or "estimated")
+            set_prop(box, "hint", measured)
 
 
 def draw_curve(curve: tuple[tuple[float, float], ...]) -> None:
@@ -329,17 +325,10 @@ def draw_curve(curve: tuple[tuple[float, float], ...]) -> None:
         ui.element("polyline").props["points"] = " ".join(points)
 
 
-def _set_prop(box: Any, name: str, value: str) -> None:
-    """Set a property of a field, and send the field only if that changes it: the user may be typing."""
-    if box.props.get(name) != value:
-        box.props[name] = value
-        box.update()
-
-
 def _head(words: str, unit: str = "") -> None:
     with ui.element("th").props("scope=col"):
         ui.label(words)
-        if unit and unit != "1":
+        if unit:
             ui.label(unit).classes("ft-small")
 
 

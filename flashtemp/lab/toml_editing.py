@@ -5,8 +5,16 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from flashtemp.model.case_file import KeyLocations
+from flashtemp.model.case_file import KeyLocations, parse_toml
 from flashtemp.model.toml_format import value_text
+
+
+def try_parse(text: str) -> dict[str, Any] | None:
+    """The tables of a text, None where it is not TOML."""
+    try:
+        return parse_toml(text)
+    except (ValueError, RecursionError):
+        return None
 
 
 def set_toml_key(text: str, table: str, key: str, value: Any) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -11,7 +12,8 @@ from typing import Any
 from nicegui import ui
 
 from flashtemp.errors import FlashtempError
-from flashtemp.lab.page_layout import add_script, script_literal
+from flashtemp.lab.page_layout import add_script, relative_names, script_literal
+from flashtemp.lab.style import read_asset
 from flashtemp.lab.workspace import escape_control
 
 
@@ -48,7 +50,8 @@ def read_faults(fault: FlashtempError | OSError, file: Path) -> list[TextFault]:
 
 
 def prepare_editor() -> None:
-    """Load the script of the editor; for the building of a page, because it has no effect on one that is shown."""
+    """Load style and script of the editor; for the building of a page, because later scripts do not run."""
+    ui.add_css(read_asset("editor.css"))
     add_script("editor.js")
 
 
@@ -56,18 +59,14 @@ class TomlEditor:
     """The text with its marks; `changed` is called after every change."""
 
     def __init__(self, text: str, changed: Callable[[], Any], name: str):
-        self.box = ui.element("div").classes("ft-editor")
-        with self.box:
+        self.marked_lines: dict[int, str] = {}
+        with ui.element("div").classes("ft-editor"):
             self.editor = ui.codemirror(
                 text, language="TOML", on_change=changed, theme="vscodeLight", line_wrapping=True
             ).classes("w-full")  # fmt: skip
         self.editor.style("height: clamp(20rem, calc(100vh - 24rem), 46rem)")
-        self.box.on("scheme", lambda e: self._set_scheme(e.args is True), js_handler="e => emit(e.detail)")
-        ui.timer(
-            0.1,
-            lambda: ui.run_javascript(f"watchScheme({self.box.id}); nameEditor({self.box.id}, {script_literal(name)})"),
-            once=True,
-        )
+        prepare = f"prepareEditor({self.editor.id}, {script_literal(name)})"
+        ui.timer(0.1, lambda: ui.run_javascript(prepare), once=True)
 
     @property
     def text(self) -> str:
@@ -87,14 +86,27 @@ class TomlEditor:
             if 1 <= fault.line <= n_lines:
                 more = escape_control(f"{fault.key}: {fault.text}" if fault.key else fault.text)
                 lines[fault.line] = f"{lines[fault.line]}; {more}" if fault.line in lines else more
-        marks = [{"kind": "line", "line": k, "class": "ft-fault-line"} for k in sorted(lines)]
-        if marks or self.editor.decorations:
-            self.editor.decorations, self.editor.line_tooltips = marks, lines
+        if lines != self.marked_lines:
+            self.marked_lines = lines
+            # not as properties of the editor: with these the browser gets the text of the server and loses what was
+            # typed since
+            ui.run_javascript(f"markLines({self.editor.id}, {script_literal(json.dumps(lines))})")
 
     def reveal_line(self, line: int) -> None:
         """Scroll to a line."""
         if 1 <= line <= self.text.count("\n") + 1:
             self.editor.reveal_line(line)
 
-    def _set_scheme(self, is_dark: bool) -> None:
-        self.editor.theme = "vscodeDark" if is_dark else "vscodeLight"
+    def show_fault(self, fault: TextFault, folder: Path, before: Callable[[], Any] = lambda: None) -> None:
+        """Show an error as a button that leads to its line, after a call of `before`; as text where it has no line."""
+        text = escape_control(relative_names(str(fault), folder))
+        if not fault.line:
+            ui.label(text).classes("ft-fault")
+            return
+
+        def go_to_line() -> None:
+            before()
+            self.reveal_line(fault.line)
+
+        with ui.element("button").classes("ft-fault").props("type=button").on("click", go_to_line):
+            ui.label(text).classes("inline")

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from flashtemp.errors import BadInput
-from flashtemp.lab.toml_editing import set_toml_key
+from flashtemp.lab.toml_editing import set_toml_key, try_parse
 from flashtemp.model.case_file import flatten_tables, parse_toml
 from flashtemp.model.toml_format import value_text
 
@@ -117,7 +117,7 @@ def set_top_key(text: str, key: str, value: Any) -> str:
         text = f"\n{text}" if text.startswith("[") else text
     candidate = set_toml_key(text, "", key, value)
     wanted = {k: v for k, v in raw.items() if k != key} | ({} if value is None else {key: value})
-    if _try_parse(candidate) != wanted:
+    if try_parse(candidate) != wanted:
         raise BadInput(f"{key}: cannot be changed here, by the way it is written; {REMEDY}")
     return candidate
 
@@ -198,13 +198,6 @@ def _parse_text(text: str) -> Table:
         raise BadInput(f"the text is not valid TOML: {str(fault).splitlines()[0]}; repair that line first") from fault
 
 
-def _try_parse(text: str) -> Table | None:
-    try:
-        return parse_toml(text)
-    except (ValueError, RecursionError):
-        return None
-
-
 def _parse_entries(text: str, kind: str) -> list[Table]:
     return read_entries(_parse_text(text), kind)
 
@@ -217,6 +210,6 @@ def _flatten_entry(entry: Table) -> Table:
 
 def _holds_entries(text: str, kind: str, wanted: list[Table], original: str) -> bool:
     """Whether a text holds the wanted entries, and everything else of the original."""
-    raw, before = _try_parse(text), _parse_text(original)
+    raw, before = try_parse(text), _parse_text(original)
     others = [{k: v for k, v in tables.items() if k != kind} for tables in (raw or {}, before)]
     return raw is not None and others[0] == others[1] and read_entries(raw, kind) == wanted

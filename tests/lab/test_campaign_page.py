@@ -10,16 +10,18 @@ import tomllib
 import numpy as np
 import pytest
 from lab.browsing import CASE, page, served
+from nicegui import Client
+from nicegui.page import page as ui_page
 
 from flashtemp.camera.recording import Recording
 from flashtemp.errors import BadInput
 from flashtemp.lab import campaign_checks, recording_store
-from flashtemp.lab.campaign_additions import store_measurements
 from flashtemp.lab.campaign_checks import advise_on_data, check_campaign, list_conditions
 from flashtemp.lab.campaign_document import CampaignDocument
 from flashtemp.lab.campaign_list import new_campaign_text
 from flashtemp.lab.campaign_page import CampaignPage
-from flashtemp.lab.free_keys import list_free_keys, list_known_keys, read_free, suggest_known
+from flashtemp.lab.dropped_files import store_measurements
+from flashtemp.lab.free_keys import CandidateSwitches, list_free_keys, list_known_keys, read_free, suggest_known
 from flashtemp.lab.recording_store import RecordingStore
 from flashtemp.lab.saving import check_upload_name
 from flashtemp.lab.toml_tables import add_entry, change_entry, read_entries, remove_entry, set_top_key
@@ -155,7 +157,7 @@ def test_a_good_campaign_says_what_it_can_show(place):
     )
     found = check(place, f'case = "case.toml"\n{rows}')
     assert found.faults == ()
-    assert [c.views for c in list_conditions(found.campaign)] == [{"sidewall": 1}] * 2
+    assert [c.views for c in list_conditions(found.campaign, found.case)] == [{"sidewall": 1}] * 2
     words = " ".join(sentence for sentence, _ in advise_on_data(found.campaign))
     assert "Each of the 2 conditions is also predicted from the others" in words
     one = check(place, f'case = "case.toml"\n[[recording]]\nfile = "{NAMES[0]}"\n')
@@ -187,7 +189,8 @@ sigma = -1
     assert found.other_faults("free") == []
     assert found.case is not None
     assert str(place) not in found.entry_faults("recording", 1)[0]
-    assert "line 2" in check(place, 'case = "case.toml"\nfree = 3 3').other_faults()[0]
+    assert check(place, 'case = "case.toml"\nfree = 3 3').other_faults()[0].line == 2
+    assert [fault.line for fault in found.faults] == [3, 5, 8, 10, 2]
 
 
 @pytest.mark.parametrize(
@@ -235,6 +238,19 @@ def test_candidates_are_those_that_discover_tries(place):
     assert check(place, text).faults == ()
 
 
+def test_candidates_that_are_shown_edit_nothing(place):
+    found, edits = check(place, 'case = "case.toml"\n'), []
+    document = CampaignDocument(place, "campaign.toml", 'case = "case.toml"\n')
+    document.changed = lambda: edits.append(document.text)
+    with Client(ui_page("/"), request=None):
+        switches = CandidateSwitches(document, lambda words: None)
+        switches.show()
+        switches.update_check(found)
+        assert edits == []
+        next(iter(switches.switches.values())).set_value(False)
+    assert len(edits) == 1
+
+
 # --- dropped files ----------------------------------------------------------------------------------------
 class Dropped:
     """A file that a browser sends."""
@@ -246,16 +262,53 @@ class Dropped:
         yield self.data
 
 
+def store_dropped(place, *files):
+    return asyncio.run(store_measurements(place, files, RecordingStore(place)))
+
+
+GRID = "\n".join(";".join(f"{20 + 0.1 * r + c:.2f}" for c in range(30)) for r in range(20)).encode()
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "kind", "words"),
+    [
+        ("frame.csv", GRID, "camera file", "30 × 20 px, 20.0 to 50.9 °C"),
+        ("times.csv", b"file,time\nframe.csv,1\n", "times of frames", "columns file and time"),
+        ("cell.csv", b"time,mu\n0,1\n1,1.1\n2,1.1\n", "load-cell trace", "columns time, mu"),
+        ("log.csv", b"time (s),T1 (degC),T2 (degC)\n0,20,21\n1,21,22\n2,22,23\n", "table of temperatures", "T1 (degC)"),
+        ("plain.txt", b"0 1\n1 1.1\n2 1.1\n", "table", "2 columns without names"),
+        ("own.toml", b'files = ["frame.csv"]\n', "recording template", ""),
+        ("notes.txt", b"hello\n", "not recognised", "no rows of numbers"),
+        ("bad.nc", b"x", "not recognised", "cannot be read"),
+    ],
+)  # fmt: skip
+def test_a_dropped_file_is_recognised_by_its_content(tmp_path, name, data, kind, words):
+    [found] = store_dropped(tmp_path, Dropped(name, data))
+    assert found.kind == kind
+    assert words in found.words
+    assert [p.name for p in tmp_path.iterdir()] == [name]
+
+
+def test_a_series_of_camera_exports_stays_together_and_its_load_cell_does_not(tmp_path):
+    files = [Dropped("f1.csv", GRID), Dropped("f2.csv", GRID), Dropped("cell.csv", b"time,mu\n0,1\n1,1.1\n2,1.1\n")]
+    store_dropped(tmp_path, *files)
+    assert sorted(str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*.csv")) == [
+        "camera/f1.csv", "camera/f2.csv", "cell.csv",
+    ]  # fmt: skip
+
+
 def test_dropped_files_get_new_names_and_camera_files_a_folder(place):
     files = [Dropped(NAMES[0]), Dropped("mu.csv"), Dropped("T1.jpg"), Dropped("T2.jpg")]
-    recordings, images = asyncio.run(store_measurements(place, files))
-    assert recordings == [NAMES[0].replace(".nc", "-2.nc")]
-    assert images == ["camera/T1.jpg", "camera/T2.jpg"]
+    found = store_dropped(place, *files)
+    assert [str(file.path.relative_to(place)) for file in found if file.kind == "camera file"] == [
+        "camera/T1.jpg", "camera/T2.jpg",
+    ]  # fmt: skip
+    assert (place / NAMES[0].replace(".nc", "-2.nc")).is_file()
     assert (place / "mu.csv").is_file()
-    for name in ("../a.nc", ".a.nc", "a.toml", "a.py", "b/a.nc", "a.nc\n", ""):
+    for name in ("../a.nc", ".a.nc", "a.py", "b/a.nc", "a.nc\n", ""):
         before = sorted(place.rglob("*"))
         with pytest.raises(BadInput):
-            asyncio.run(store_measurements(place, [Dropped("good.nc"), Dropped(name)]))
+            store_dropped(place, Dropped("good.nc"), Dropped(name))
         assert sorted(place.rglob("*")) == before
     with pytest.raises(BadInput):
         check_upload_name("a.nc")  # the camera page takes no recordings
@@ -273,11 +326,15 @@ def test_from_recordings_to_a_campaign(browser, place):
         assert cell.input_value() == ""
         seen.get_by_role("button", name="Use them").click()
         seen.get_by_text("Each of the 2 conditions").wait_for()
-        assert cell.input_value() == "75 kPa"
+        assert cell.input_value() == "75"
+        seen.get_by_role("cell", name="contact.pressure 75 kPa, schedule.speed 0.1 m/s").wait_for()
         cell.fill("5 m")
         cell.press("Tab")
         seen.get_by_text("is not a quantity in Pa").wait_for()
         cell.fill("80000 Pa")
+        cell.press("Tab")
+        seen.wait_for_function("cell => cell.value === '80'", arg=cell.element_handle())
+        cell.fill("85")
         cell.press("Tab")
         seen.get_by_role("switch", name=f"hold {NAMES[0]} out of the fit").click()
         seen.get_by_text("1 measurement held out").wait_for()
@@ -298,7 +355,32 @@ def test_from_recordings_to_a_campaign(browser, place):
     assert raw["known"] == {"ambient.temperature": "0.3 K"}
     first, second = sorted(raw["recording"], key=lambda e: NAMES.index(e["file"]))
     assert first["held_out"] is True
-    assert second["with"] == {PRESSURE: 80000, SPEED: "0.1 m/s"}
+    assert second["with"] == {PRESSURE: "85 kPa", SPEED: "0.1 m/s"}
+
+
+def test_the_text_is_kept_marked_and_asked_for(browser, place):
+    """A new campaign: errors at their line, what is typed while they are marked stays, the address names the file."""
+    with served(place) as (address, _), page(browser, address) as seen:
+        seen.set_default_timeout(60_000)
+        seen.goto(address.split("/?")[0] + "/campaign?new=1")
+        seen.get_by_text("not saved yet").wait_for()
+        seen.get_by_text("Show the text").click()
+        text = seen.locator(".cm-content")
+        text.press("Control+End")
+        written = '[[force]]\nfile = "missing.csv"\nsigma = -1.0 # of the load cell, as its data sheet says\n'
+        seen.keyboard.type(written, delay=30)  # with a check between the letters
+        seen.locator(".cm-line.ft-fault-line", has_text="[[force]]").wait_for()
+        assert text.inner_text().replace("\n\n", "\n").rstrip().endswith(written.rstrip())
+        seen.get_by_text("unsaved changes").wait_for()
+        assert seen.evaluate("!!window.onbeforeunload")
+        seen.get_by_role("button", name="Save").click()
+        seen.get_by_text("saved", exact=True).wait_for()
+        seen.wait_for_url("**/campaign?open=campaign.toml")
+        assert not seen.evaluate("!!window.onbeforeunload")
+        seen.reload()
+        seen.get_by_text("Show the text").click()
+        seen.locator(".cm-content").get_by_text("missing.csv").wait_for()
+    assert (place / "campaign.toml").read_text().rstrip().endswith(written.rstrip())
 
 
 def test_dropped_recordings_join_and_camera_files_lead_on(browser, place, tmp_path_factory):
@@ -315,8 +397,16 @@ def test_dropped_recordings_join_and_camera_files_lead_on(browser, place, tmp_pa
         assert held.bounding_box()["x"] < 800, "no column is out of sight on a narrow page"
         seen.locator("input[type=file]").set_input_files(away / "dropped.nc")
         seen.get_by_label(f"{PRESSURE} of dropped.nc").wait_for()
+        seen.locator("input[type=file]").set_input_files(place / NAMES[0])  # dropped again
+        seen.get_by_text(f"{NAMES[0]}: recording, sidewall, 6 frames").wait_for()
+        assert sorted(p.name for p in place.glob("*.nc")) == sorted([*NAMES, "dropped.nc"])
+        assert seen.get_by_label(f"{PRESSURE} of {NAMES[0]}").count() == 1
         seen.locator("input[type=file]").set_input_files(away / "T1.csv.jpg")
-        seen.get_by_role("button", name="Open them on the camera page").wait_for()
+        seen.get_by_text("T1.csv.jpg: camera file, cannot be read").wait_for()
+        seen.locator("input[type=file]").set_input_files({"name": "f.csv", "mimeType": "text/csv", "buffer": GRID})
+        seen.get_by_text("f.csv: camera file, 30 × 20 px").wait_for()
+        seen.get_by_role("button", name="Open them on the camera page").click()
+        seen.wait_for_url("**/camera?open=f.csv")
         assert (place / "T1.csv.jpg").is_file()
 
 

@@ -265,6 +265,8 @@ def test_the_drawing_follows_the_keys_and_the_last_valid_one_stays(browser, serv
         seen.get_by_label("reset length").click()
         drawing.get_by_text("25 mm").wait_for()
         seen.get_by_text("ready to run").wait_for()
+        seen.get_by_label("title, in plots and reports").fill("at 200 kPa")
+        seen.locator(".cm-content").get_by_text("at 200 kPa").wait_for()
         seen.get_by_label("Search keys and their descriptions").fill("young modulus")
         seen.get_by_label("block.modulus", exact=True).wait_for()
         seen.get_by_label("block.length").wait_for(state="hidden")
@@ -274,7 +276,7 @@ def test_the_drawing_follows_the_keys_and_the_last_valid_one_stays(browser, serv
         seen.get_by_role("button", name="Run it").click()
         seen.wait_for_url("**/runs?command=run&of=mine.toml")
     assert tomllib.loads((place / "mine.toml").read_text()) == {
-        "title": "mine", "contact": {"pressure": 2e5}, "block": {"modulus": "6000 kPa"},
+        "title": "at 200 kPa", "contact": {"pressure": 2e5}, "block": {"modulus": "6000 kPa"},
     }  # fmt: skip
 
 
@@ -282,7 +284,9 @@ def test_an_effect_is_switched_with_its_parameters(browser, server, place):
     base = server.split("/?")[0]
     with page(browser, server, 800) as seen:
         seen.goto(f"{base}/case")
-        seen.get_by_role("button", name="New case with the defaults").click()
+        assert seen.get_by_role("button", name="New case", exact=True).count() == 1
+        seen.get_by_role("button", name="New case", exact=True).click()
+        seen.get_by_text("not saved yet").wait_for()
         seen.get_by_text("ready to run").wait_for()
         seen.get_by_label("Search effects").fill("wears")
         switch = seen.get_by_label("switch on wear", exact=True)
@@ -290,6 +294,8 @@ def test_an_effect_is_switched_with_its_parameters(browser, server, place):
         rate = seen.get_by_label("wear.rate")
         rate.fill("1e-10")
         seen.get_by_role("button", name=re.compile(r"wear.rate 1e-10")).wait_for()
+        seen.get_by_text("unsaved changes").wait_for()
+        assert seen.evaluate("!!window.onbeforeunload")
         seen.get_by_label("switch off wear", exact=True).press("Space")
         rate.wait_for(state="detached")
         seen.get_by_text("No effect is on.").wait_for()
@@ -298,8 +304,44 @@ def test_an_effect_is_switched_with_its_parameters(browser, server, place):
         assert rate.input_value() == "1e-10"
         seen.get_by_role("button", name="Save").click()
         seen.get_by_text("case.toml is saved").wait_for()
+        seen.wait_for_url("**/case?open=case.toml")
+        assert not seen.evaluate("!!window.onbeforeunload")
+        seen.reload()
+        seen.get_by_text("1 effect on:").wait_for()
     written = tomllib.loads((place / "case.toml").read_text())
     assert (written["effects"], written["wear"]) == (["wear"], {"rate": 1e-10})
+
+
+def test_remarks_follow_the_keys_and_lead_to_them(browser, server, place):
+    (place / "odd.toml").write_text('effects = ["wear"]\n[wear]\nrate = 0.0\n[contact]\npressure = 150.0\n')
+    with page(browser, server) as seen:
+        seen.goto(f"{server.split('/?')[0]}/case?open=odd.toml")
+        remark = seen.get_by_role("button", name="contact.pressure: 150 Pa is unusual")
+        remark.click()
+        pressure = seen.get_by_label("contact.pressure", exact=True)
+        seen.wait_for_function("field => field === document.activeElement", arg=pressure.element_handle())
+        pressure.fill("150")
+        seen.get_by_label("unit of pressure", exact=True).select_option("kPa")
+        pressure.fill("151")
+        remark.wait_for(state="detached")
+        seen.get_by_role("button", name="Check that each effect acts").click()
+        seen.get_by_role("button", name="wear: changes nothing: rate = 0 switches it off").click()
+        rate = seen.get_by_label("wear.rate", exact=True)
+        seen.wait_for_function("field => field === document.activeElement", arg=rate.element_handle())
+        seen.get_by_role("button", name="Change effects").click()
+        below_bar = "bar => bar.getBoundingClientRect().bottom <= [...document.querySelectorAll('h2')].find("
+        below_bar += "h => h.innerText === 'Effects').getBoundingClientRect().top"
+        seen.wait_for_function(below_bar, arg=seen.locator(".ft-stack > .ft-bar").element_handle())
+        seen.get_by_label("Search keys and their descriptions").fill("mesh")
+        seen.get_by_label("numerics.mesh", exact=True).fill("0.2")
+        seen.get_by_role("button", name="numerics.mesh: coarse: the face temperature errs by about 5 %").wait_for()
+
+
+def test_a_number_in_a_command_is_shown_with_its_unit(browser, server):
+    with page(browser, server) as seen:
+        seen.goto(f"{server.split('/?')[0]}/runs?command=run&of=mine.toml")
+        seen.get_by_label("keys to change").fill("contact.pressure=150000")
+        seen.get_by_text("contact.pressure is in Pa: 150 kPa").wait_for()
 
 
 def test_names_in_a_case_are_shown_as_text(browser, server):

@@ -137,9 +137,11 @@ def test_only_keys_that_differ_are_compared(place):
     assert different_keys([slow, fast]) == ["schedule.speed"]
     assert different_keys([slow, slow]) == []
     shown = describe_values(slow)
-    assert (shown["contact.pressure"].value, shown["contact.pressure"].is_changed) == ("0.15 MPa", False)
+    assert (shown["contact.pressure"].value, shown["contact.pressure"].is_changed) == ("150 kPa", False)
     assert shown["contact.spot_diameter"].value == "3 mm"
     assert shown["schedule.distance"].is_changed
+    assert shown["numerics.mesh"].is_changed
+    assert shown["schedule.lifted"].value == "yes"
 
 
 def test_faces_of_the_3d_view_hold_the_field_between_the_cells():
@@ -218,6 +220,8 @@ def test_a_run_is_shown_at_the_chosen_time_and_beside_another(browser, server, p
     data = read_run(open_result(place, "slow"))
     with page(browser, server, 800) as seen:
         open_page(seen, server, "/result?open=slow")
+        changed = seen.get_by_role("table", name="conditions", exact=True).get_by_role("row")
+        assert changed.filter(has_text="numerics.mesh").count() == 1
         seen.get_by_role("button", name="end of repetition 1").click()
         at = data.last_index(1)
         seen.get_by_text(f"t = {data.time[at]:.4g} s, repetition 1").wait_for()

@@ -24,11 +24,16 @@ STATE_SEED = 1
 
 def describe_inactive_effects(case: Case) -> list[str]:
     """One sentence for every listed effect that cannot act in this case."""
+    return [f"{name} {why}" for name, why in find_inactive_effects(case).items()]
+
+
+def find_inactive_effects(case: Case) -> dict[str, str]:
+    """{listed effect that cannot act in this case: why}."""
     if not case.effects:
-        return []
+        return {}
     scene = _coarse_scene(case)
     listed = [a for a in scene.acting if a.name in case.effects]
-    return [f"{a.name} {why}" for a in listed if (why := _reason_inactive(scene, a)) is not None]
+    return {a.name: why for a in listed if (why := _reason_inactive(scene, a)) is not None}
 
 
 def _reason_inactive(scene: Scene, acting: ActiveEffect) -> str | None:

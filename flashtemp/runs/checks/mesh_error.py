@@ -38,10 +38,17 @@ def estimate_face_error(factor: float) -> float:
     )
 
 
+def find_coarse_factor(case: Case) -> float | None:
+    """The factor on the number of cells where a sliding block has fewer than the coarsest verified mesh, else None."""
+    factor = refinement_factor(case["numerics.mesh"]) * min(case["numerics.finer"])
+    is_verified = factor >= COARSEST_VERIFIED_FACTOR * (1 - 1e-9)
+    return None if is_verified or case.scene.schedule.alone else factor
+
+
 def warn_of_coarse_mesh(case: Case) -> list[str]:
     """A warning where a sliding block has fewer cells in some direction than the coarsest verified mesh."""
-    factor = refinement_factor(case["numerics.mesh"]) * min(case["numerics.finer"])
-    if factor >= COARSEST_VERIFIED_FACTOR * (1 - 1e-9) or case.scene.schedule.alone:
+    factor = find_coarse_factor(case)
+    if factor is None:
         return []
     return [
         f"mesh coarser than verified: numerics.mesh with numerics.finer gives {factor:.3g} times the cells per "

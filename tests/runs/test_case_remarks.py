@@ -1,0 +1,52 @@
+"""Remarks before a run: a wrong unit is beyond the usual range, and a mesh too large for the memory is told."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from flashtemp.__main__ import main
+from flashtemp.model.case import load_case
+from flashtemp.runs.checks import case_remarks
+
+CASES = Path(__file__).parents[2] / "cases"
+CASE = CASES / "uniform_pressure"
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("contact.pressure", 150.0, "150 Pa is unusual"), ("schedule.speed", -360.0, "-360 m/s is unusual"),
+        ("friction.mu", 8.0, "8 is unusual"), ("ambient.temperature", 293.15, "293.15 degC is unusual"),
+        ("contact.pressure", 4e5, ""), ("schedule.speed", -1.0, ""),
+    ],
+)  # fmt: skip
+def test_a_value_in_a_wrong_unit_is_remarked(key, value, said):
+    found = case_remarks.remark_on_values(load_case(CASE, {key: value}))
+    assert [(r.key, said in r.text) for r in found] == ([(key, True)] if said else [])
+
+
+def test_no_case_of_the_documentation_is_unusual():
+    for folder in sorted(CASES.glob("*/case.toml")):
+        if folder.parent.name in ("uniform_pressure", "run_in", "tyre", "face_milling", "slide2d"):
+            case = load_case(folder.parent)
+            assert case_remarks.remark_on_values(case) + case_remarks.remark_on_memory(case) == []
+
+
+def test_a_mesh_that_takes_much_memory_is_remarked(monkeypatch):
+    monkeypatch.setattr(case_remarks, "_memory_bytes", lambda: 1e9)
+    case = load_case(CASE, {"numerics.mesh": 16.0})
+    [found] = case_remarks.remark_on_memory(case)
+    assert found.key == "numerics.mesh"
+    assert f"{case.scene.mesh.n_cells:,} cells take about 0.9" in found.text
+    assert case_remarks.remark_on_memory(load_case(CASE)) == []
+    monkeypatch.setattr(case_remarks, "_memory_bytes", lambda: None)
+    assert case_remarks.remark_on_memory(case) == []
+
+
+def test_check_prints_the_remarks_with_their_keys(capsys):
+    assert main(["check", str(CASE), "contact.pressure=150", "--json"]) == 0
+    [said] = json.loads(capsys.readouterr().out)["remarks"]
+    assert said.startswith("contact.pressure: 150 Pa is unusual")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,9 +15,8 @@ from flashtemp.lab.campaign_document import CampaignDocument
 from flashtemp.lab.campaign_list import new_campaign_text, show_campaigns
 from flashtemp.lab.campaign_scope import show_scope
 from flashtemp.lab.free_keys import CandidateSwitches, FreeKeysPanel
-from flashtemp.lab.jobs import command_text
+from flashtemp.lab.jobs import JobList, command_text
 from flashtemp.lab.page_layout import (
-    STANDARD_FILES,
     action,
     card,
     note,
@@ -31,6 +31,7 @@ from flashtemp.lab.programs import AllowedPrograms, programs_of_campaign
 from flashtemp.lab.recording_store import RecordingStore, try_describe
 from flashtemp.lab.recording_table import RecordingTable
 from flashtemp.lab.saving import TextVersion, read_text
+from flashtemp.lab.start_button import OPTIONS_LABEL, CommandStarter, options_address, start_once
 from flashtemp.lab.toml_tables import set_top_key
 from flashtemp.lab.workspace import FolderListing, escape_control, free_name, list_folder
 
@@ -42,8 +43,15 @@ PLACED_KEYS: Final = ("free", "known")  # whose errors stand beside their lists
 class CampaignPage:
     """One campaign as text; the controls only edit the text, which alone is saved."""
 
-    def __init__(self, folder: Path, allowed: AllowedPrograms | None = None, store: RecordingStore | None = None):
-        self.folder, self.allowed = folder, allowed or AllowedPrograms()
+    def __init__(
+        self,
+        folder: Path,
+        allowed: AllowedPrograms | None = None,
+        store: RecordingStore | None = None,
+        jobs: JobList | None = None,
+    ):
+        self.folder, self.allowed, self.jobs = folder, allowed or AllowedPrograms(), jobs or JobList(folder)
+        self.starter = CommandStarter(folder, self.jobs, self.allowed)
         self.store = store or RecordingStore(folder)
         self.opened: TextVersion | None = None
         self.listing = FolderListing()
@@ -140,11 +148,13 @@ class CampaignPage:
     def _add_commands(self, is_new: bool) -> None:
         main = "compare" if is_new else "discover"
         with ui.row().classes("items-center gap-2 w-full"):
-            action(COMMANDS[main], lambda: self._open_command(main), "play_arrow", main=True)
+            action(COMMANDS[main], start_once(partial(self._start_command, main)), "play_arrow", main=True)
             for command, words in COMMANDS.items():
                 if command != main:
-                    action(words, lambda c=command: self._open_command(c))
+                    action(words, start_once(partial(self._start_command, command)))
             action("Save", self._save, "save")
+            self.options = ui.link(OPTIONS_LABEL, options_address(main, self.document.name)).classes("ft-small")
+            self.options.props["aria-label"] = f"Options of {main}"
             self.state = ui.label().classes("ft-chip")
         self.command = ui.column().classes("w-full")
         self.main_command = main
@@ -156,10 +166,9 @@ class CampaignPage:
         self.state.set_text("saved" if is_saved else "not saved")
         self.state.classes(replace=f"ft-chip {'good' if is_saved else 'warning'}")
         self.command.clear()
-        path = Path(self.document.name)
-        of = path.parent if path.name in STANDARD_FILES and path.parent != Path() else path
+        self.options.props["href"] = options_address(self.main_command, self.document.name)
         with self.command:
-            show_command(command_text([self.main_command, of.as_posix()]))
+            show_command(command_text(self.starter.command_words(self.main_command, self.document.name)))
 
     # --- edits ---------------------------------------------------------------------------------------------
     def _set_key(self, key: str, value: Any) -> None:
@@ -298,14 +307,16 @@ class CampaignPage:
             return True
         return False
 
-    async def _open_command(self, command: str) -> None:
-        """Save, and open the page of runs with a command, unless the check finds errors."""
+    async def _start_command(self, command: str) -> bool:
+        """Save, start a command and show its live view, unless the check finds errors; whether it was started."""
         if not await self._save():
-            return
+            return False
         if self.checked_text != self.document.text or self.is_checking:
             self.checked_text = self.document.text
             await self._check(self.document.text)
         if self.check.faults:
             ui.notify("Saved. Repair the errors that are shown first.", type="warning")
-        else:
-            ui.navigate.to(page_address("runs", command=command, of=self.document.name))
+            return False
+        with self.faults, show_errors(self.folder):
+            return await self.starter.start(self.starter.command_words(command, self.document.name))
+        return False

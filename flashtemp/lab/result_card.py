@@ -10,7 +10,7 @@ from nicegui import ui
 from flashtemp.errors import BadInput
 from flashtemp.lab.live_state import finite_number
 from flashtemp.lab.page_layout import chip, file_address, page_address
-from flashtemp.lab.workspace import RESULT_COMMANDS, escape_control, find_own_file, read_brief_json, resolve_inside
+from flashtemp.lab.workspace import RESULT_COMMANDS, escape_control, find_own_file, read_json_quietly, resolve_inside
 
 MAX_SENTENCE_CHARACTERS = 1000
 MAIN_PICTURES = {  # of a command's result, the first that exists
@@ -34,13 +34,13 @@ def find_main_picture(folder: Path, result: Path, command: str) -> Path | None:
 def describe_result(folder: Path, result: Path, command: str) -> str:
     """The answer of a result in one sentence, "" where its file does not say."""
     if command == "run":
-        found = read_brief_json(folder, result / "summary.json")
+        found = read_json_quietly(folder, result / "summary.json")
         hottest, rise = (finite_number(found.get(key)) for key in ("T_max_degC", "rise_trailing_K"))
         if hottest is None or rise is None:
             return ""
         return f"highest {hottest:.1f} °C, rise at the trailing edge {rise:.1f} K"
     for name in ("verdict.json", "compare.json", "plan.json", "sensitivity.json"):
-        says = read_brief_json(folder, result / name).get("says")
+        says = read_json_quietly(folder, result / name).get("says")
         if isinstance(says, list) and says and isinstance(says[0], str):
             return says[0][:MAX_SENTENCE_CHARACTERS]
     return ""

@@ -13,8 +13,6 @@ from nicegui import ui
 from flashtemp.errors import BadInput
 from flashtemp.lab.charts import bar_options, bar_series, chart_options, line_series, show_chart, update_chart
 from flashtemp.lab.conditions import show_conditions
-from flashtemp.lab.job_start import file_word
-from flashtemp.lab.jobs import command_text
 from flashtemp.lab.page_layout import card, note, refuse_damaged, show_errors
 from flashtemp.lab.result_files import ResultFolder, open_dataset
 from flashtemp.lab.result_parts import (
@@ -26,6 +24,7 @@ from flashtemp.lab.result_parts import (
     show_list,
     show_table,
 )
+from flashtemp.lab.start_button import CommandStarter
 from flashtemp.lab.workspace import escape_control
 
 MAX_ROWS = 200  # records of a JSON file that are shown
@@ -37,7 +36,7 @@ DETECTION_LIMIT = 5.0  # signal-to-noise ratio from which an effect counts as di
 ADEQUATE_RATIO = 4.0  # chi2 per degree of freedom up to which a recording agrees with the model
 
 
-def show_study(result: ResultFolder) -> None:
+def show_study(result: ResultFolder, starter: CommandStarter) -> None:
     """Show the result of a study by the command that made it.  Raises BadInput for a damaged file."""
     shown = {"compare": show_comparison, "plan": show_plan, "sensitivity": show_sensitivity}.get(result.command)
     if shown is not None:
@@ -50,8 +49,7 @@ def show_study(result: ResultFolder) -> None:
     with show_errors(result.folder), refuse_unreadable(f"{result.name}/case.toml"):
         values = result.read_case()
         if values:
-            command = command_text([result.command, file_word(str(result.here / "case.toml"))])
-            show_conditions(result, values, command)
+            show_conditions(result, values, starter)
 
 
 def _record_list(value: Any) -> list[dict[str, Any]]:

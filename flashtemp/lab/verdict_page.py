@@ -11,10 +11,9 @@ from nicegui import ui
 
 from flashtemp.display import format_count
 from flashtemp.lab.charts import bar_options, bar_series, chart_options, line_series, show_chart
-from flashtemp.lab.job_start import file_word, start_job
-from flashtemp.lab.jobs import JobList, command_text
+from flashtemp.lab.job_result import extended_case_words
+from flashtemp.lab.jobs import command_text
 from flashtemp.lab.page_layout import (
-    action,
     card,
     chip,
     file_address,
@@ -24,7 +23,6 @@ from flashtemp.lab.page_layout import (
     show_command,
     show_errors,
 )
-from flashtemp.lab.programs import AllowedPrograms
 from flashtemp.lab.result_files import ResultFolder
 from flashtemp.lab.result_parts import (
     MainNumber,
@@ -36,6 +34,7 @@ from flashtemp.lab.result_parts import (
     show_table,
     write_text,
 )
+from flashtemp.lab.start_button import CommandStarter
 from flashtemp.lab.verdict_data import (
     RecordingChange,
     StoredVerdict,
@@ -43,7 +42,7 @@ from flashtemp.lab.verdict_data import (
     describe_parameters,
     read_verdict,
 )
-from flashtemp.lab.workspace import escape_control, free_name, list_folder
+from flashtemp.lab.workspace import escape_control, list_folder
 
 KEY_PICTURES = ("what_is_wrong.png", "law.png")  # the one that exists shows the answer
 MAX_ANSWER_LINES = 6
@@ -51,11 +50,11 @@ MAX_PLANS = 3
 VERDICT_BADGES = {"good": "certain enough to act on", "warning": "not certain yet", "error": "no answer yet"}
 
 
-def show_verdict_parts(result: ResultFolder, jobs: JobList, allowed: AllowedPrograms) -> None:
+def show_verdict_parts(result: ResultFolder, starter: CommandStarter) -> None:
     """Show the cards of a verdict, read in the background."""
 
     def show(stored: StoredVerdict) -> None:
-        VerdictCards(result, jobs, allowed, stored).show()
+        VerdictCards(result, starter, stored).show()
 
     load_later(result.folder, "the verdict", lambda: read_verdict(result), show)
 
@@ -63,8 +62,8 @@ def show_verdict_parts(result: ResultFolder, jobs: JobList, allowed: AllowedProg
 class VerdictCards:
     """The cards of one verdict, from the answer to the inputs."""
 
-    def __init__(self, result: ResultFolder, jobs: JobList, allowed: AllowedPrograms, stored: StoredVerdict):
-        self.result, self.jobs, self.allowed = result, jobs, allowed
+    def __init__(self, result: ResultFolder, starter: CommandStarter, stored: StoredVerdict):
+        self.result, self.starter = result, starter
         self.stored, self.verdict = stored, stored.verdict
 
     def show(self) -> None:
@@ -168,20 +167,14 @@ class VerdictCards:
 
     def _show_extended_case(self) -> None:
         """The button that runs the extended case, with its command line."""
-        words = self._extended_words()
         heading(3, "The extended case")
         ui.label("The case with the accepted causes, with the calibrated values.").classes("ft-muted")
-        show_command(command_text(words))
-        place = ui.column().classes("w-full")
-
-        async def start() -> None:
-            with place, show_errors(self.result.folder):
-                if await start_job(self.result.folder, self.jobs, self.allowed, self._extended_words()):
-                    ui.navigate.to(page_address("runs"))
-
-        with ui.row().classes("gap-2 items-center"):
-            action("Run the extended case", start, icon="play_arrow", main=True)
-            ui.link("Open it", page_address("case", open=self.result.here / "extended.toml"))
+        show_command(command_text(self._extended_words()))
+        file = self.result.here / "extended.toml"
+        with ui.row().classes("gap-3 items-center"):
+            self.starter.add_button("Run the extended case", self._extended_words, main=True)
+            self.starter.add_options_link("run", file)
+            ui.link("Open it", page_address("case", open=file)).classes("ft-small")
 
     def _list_plans(self) -> list[str]:
         """The first plans of the folder: which measurements tell effects apart."""
@@ -190,8 +183,7 @@ class VerdictCards:
         return [name for name in names if escape_control(name) == name][:MAX_PLANS]
 
     def _extended_words(self) -> list[str]:
-        name = free_name(self.result.folder / "results", f"{self.result.here.name.lstrip('.')}-extended")
-        return ["run", file_word(str(self.result.here / "extended.toml")), "--out", f"results/{name}"]
+        return extended_case_words(self.result.folder, self.result.here, self.starter.jobs.all)
 
     # --- certainty ---------------------------------------------------------------------------------------
     def _show_certainty(self) -> None:

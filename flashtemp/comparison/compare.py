@@ -15,6 +15,7 @@ from flashtemp.camera.prediction.camera_model import CameraModel
 from flashtemp.camera.prediction.image_registration import align_image
 from flashtemp.camera.prediction.observation import SIDE_WALL_CELLS, WAKE_CELL_GROWTH, PredictedImage, observe
 from flashtemp.comparison.campaign import Campaign, Condition, LoadCellEntry, RecordingEntry
+from flashtemp.comparison.largest_profile import find_largest_profile
 from flashtemp.comparison.noise import (
     NoiseLevels,
     ResidualPeak,
@@ -146,7 +147,7 @@ class Comparison(DisplayMixin):
         return {
             "title": self.campaign.title,
             "case": self.campaign.case.name,
-            "recordings": [s.as_dict() for s in self.recordings],
+            "recordings": [s.as_dict() | {"profile": find_largest_profile(s)} for s in self.recordings],
             "forces": [p.as_dict() for p in self.forces],
             "energy_imbalance": max(run.energy_imbalance for run in self.runs),
         } | ({"warnings": list(self.warnings)} if self.screening else {})

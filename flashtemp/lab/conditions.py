@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from nicegui import ui
@@ -88,7 +89,9 @@ def show_conditions(result: ResultFolder, values: Mapping[str, Any], starter: Co
             show_table(head, [(r.key, r.meaning, r.value) for r in rows], "all keys of the case", numbers=(2,))
         case = result.here / "case.toml"
         if result.command not in NEEDS_WORDS:
-            starter.show("Run it again", result.command, case)
+            options = ["--area"] if result.find_file("area.json") is not None else []
+            words = partial(starter.repeat_words, result.command, result.here, options)
+            starter.show("Run it again", result.command, case, words=words)
         with ui.row().classes("gap-4"):
             ui.link("Open the case", page_address("case", open=case))
             if result.command in NEEDS_WORDS:

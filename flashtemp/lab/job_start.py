@@ -54,8 +54,10 @@ def file_word(name: str) -> str:
 def short_file_name(file: str | Path) -> str:
     """The name of a file in a command: a folder stands for its case.toml or campaign.toml.
 
-    >>> short_file_name("lab/campaign.toml"), short_file_name("campaign.toml"), short_file_name("a/b.toml")
-    ('lab', 'campaign.toml', 'a/b.toml')
+    >>> [short_file_name(name) for name in ("lab/campaign.toml", "campaign.toml", "a/b.toml", "")]
+    ['lab', 'campaign.toml', 'a/b.toml', '']
     """
     path = Path(file)
+    if not str(file):
+        return ""
     return str(path.parent if path.name in STANDARD_FILES and path.parent != Path() else path)

@@ -10,6 +10,7 @@ from nicegui import ui
 from flashtemp.errors import BadInput
 from flashtemp.lab.live_state import finite_number
 from flashtemp.lab.page_layout import chip, file_address, page_address
+from flashtemp.lab.result_sentences import SENTENCES
 from flashtemp.lab.workspace import RESULT_COMMANDS, escape_control, find_own_file, read_json_quietly, resolve_inside
 
 MAX_SENTENCE_CHARACTERS = 1000
@@ -39,9 +40,8 @@ def describe_result(folder: Path, result: Path, command: str) -> str:
         if hottest is None or rise is None:
             return ""
         return f"highest {hottest:.1f} °C, rise at the trailing edge {rise:.1f} K"
-    for name in ("verdict.json", "compare.json", "plan.json", "sensitivity.json"):
-        says = read_json_quietly(folder, result / name).get("says")
-        if isinstance(says, list) and says and isinstance(says[0], str):
+    for name, describe in SENTENCES.items():
+        if says := describe(read_json_quietly(folder, result / name)):
             return says[0][:MAX_SENTENCE_CHARACTERS]
     return ""
 

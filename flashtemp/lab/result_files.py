@@ -37,6 +37,11 @@ FILE_DESCRIPTIONS = {
     "sweep.csv": "one row for every combination",
     "sensitivity.json": "what every input does",
     "worn.csv": "worn depth along the block",
+    "friction.json": "friction over speed and temperature",
+    "area.json": "contact area over pressure",
+    "loads.json": "what makes friction depend on load",
+    "tread.json": "friction of a tread block over slip",
+    "tyre.json": "side force of a tyre over slip angle",
 }
 RUN_PICTURE_CAPTIONS = {
     "budget": "Where the friction heat went",
@@ -51,6 +56,11 @@ RUN_PICTURE_CAPTIONS = {
     "sweep": "Numbers over the swept keys",
     "sensitivity": "What every input does",
     "separability": "Which effects these data can tell apart",
+    "what_is_wrong": "Measured, computed and their difference where it is largest",
+    "area": "Contact area over pressure",
+    "loads": "What makes friction depend on load",
+    "tread": "Friction along the footprint",
+    "tyre": "Side force over slip angle",
 }
 
 

@@ -10,7 +10,16 @@ from nicegui import ui
 
 from flashtemp.errors import BadInput
 from flashtemp.lab.conditions import show_conditions
-from flashtemp.lab.page_layout import card, chip, empty_state, heading, page_address, show_error, show_errors
+from flashtemp.lab.page_layout import (
+    card,
+    chip,
+    empty_state,
+    file_address,
+    heading,
+    page_address,
+    show_error,
+    show_errors,
+)
 from flashtemp.lab.result_card import list_recent_results, show_result_card
 from flashtemp.lab.result_files import (
     ResultFolder,
@@ -32,7 +41,8 @@ from flashtemp.lab.workspace import RESULT_COMMANDS, escape_control, list_folder
 MAX_OFFERED = 8  # results shown where none is chosen
 KIND_WORDS = {
     "run": "Run", "discover": "Verdict", "compare": "Comparison", "plan": "Plan", "sweep": "Sweep",
-    "sensitivity": "Sensitivity",
+    "sensitivity": "Sensitivity", "friction": "Friction", "loads": "Load dependence", "tread": "Tread block",
+    "tyre": "Tyre",
 }  # fmt: skip
 
 
@@ -90,6 +100,9 @@ def show_title(result: ResultFolder) -> None:
         if age := describe_age(result, list(RESULT_COMMANDS)):
             chip(age)
         ui.label(result.name).classes("ft-muted ft-small break-all")
+        for name, words in {"report.html": "Report", "report.pdf": "PDF for printing"}.items():
+            if result.find_file(name) is not None:
+                ui.link(words, file_address(result.here / name), new_tab=True).classes("ft-small")
 
 
 def _verdict_captions() -> dict[str, str]:

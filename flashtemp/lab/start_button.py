@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from nicegui import ui
 
 from flashtemp.errors import FlashtempError
-from flashtemp.lab.job_result import choose_result_folder
+from flashtemp.lab.job_result import choose_result_folder, free_result_folder
 from flashtemp.lab.job_start import file_word, short_file_name, start_job
 from flashtemp.lab.jobs import JobList, command_text
 from flashtemp.lab.page_layout import action, escape_lines, page_address, relative_names, show_command, show_errors
@@ -66,12 +67,24 @@ class CommandStarter:
         ui.navigate.to(page_address("runs", job=self.jobs.all[0].name))
         return True
 
-    def show(self, label: str, command: str, file: str | Path, main: bool = False) -> None:
-        """Show the command line of a command on a file, the button that starts it, and the link to its options."""
+    def repeat_words(self, command: str, result: Path, options: Sequence[str] = ()) -> list[str]:
+        """The command that computes a result again from its case, with a result folder named after it."""
+        out = free_result_folder(self.folder, str(result), self.jobs.all)
+        return [command, file_word(short_file_name(result / "case.toml")), *options, "--out", file_word(out)]
 
-        def find_words() -> list[str]:
-            return self.command_words(command, file)
+    def show(
+        self,
+        label: str,
+        command: str,
+        file: str | Path,
+        main: bool = False,
+        words: Callable[[], list[str]] | None = None,
+    ) -> None:
+        """Show a command on a file, the button that starts it, and the link to its options.
 
+        `words` gives the command where it is not the file alone.
+        """
+        find_words = words or partial(self.command_words, command, file)
         show_command(command_text(find_words()))
         with ui.row().classes("gap-3 items-center"):
             self.add_button(label, find_words, main)

@@ -28,7 +28,8 @@ CAMERA_SUFFIXES = {
 }  # fmt: skip
 RESULT_COMMANDS = {  # file in a result folder: its command; a study may contain its run
     "verdict.json": "discover", "compare.json": "compare", "plan.json": "plan", "sweep.nc": "sweep",
-    "sensitivity.json": "sensitivity", "run.nc": "run",
+    "sensitivity.json": "sensitivity", "loads.json": "loads", "tread.json": "tread", "tyre.json": "tyre",
+    "friction.json": "friction", "area.json": "friction", "run.nc": "run",
 }  # fmt: skip
 
 

@@ -118,7 +118,7 @@ class HomePage:
         for sentence in listing.omissions:
             note(sentence, "warning")
         verdict = next((path for path, command in recent if command == "discover"), None)
-        answer = "" if verdict is None else describe_result(self.folder, verdict, "discover")
+        answer = "" if verdict is None else describe_result(self.folder, verdict)
         self._show_steps(find_steps(listing, answer))
         if not listing.images and not listing.recordings:
             add_viewer_style()  # has the style of the zone

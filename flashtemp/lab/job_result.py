@@ -13,7 +13,8 @@ from flashtemp.lab.job_record import LoggedJob
 from flashtemp.lab.job_start import file_word
 from flashtemp.lab.live_state import finite_number, number_list
 from flashtemp.lab.page_layout import STANDARD_FILES, page_address
-from flashtemp.lab.result_card import find_main_picture
+from flashtemp.lab.result_card import describe_result, find_main_picture
+from flashtemp.lab.result_sentences import grade_comparison
 from flashtemp.lab.workspace import RESULT_COMMANDS, find_own_file, free_name, read_json_quietly, resolve_inside
 
 NUMBER_FILES = {"run": "summary.json", "discover": "verdict.json", "compare": "compare.json"}
@@ -80,7 +81,7 @@ def find_result(folder: Path, job: LoggedJob) -> JobResult | None:
         return None
     here, command = path.relative_to(folder.resolve()), job.words[0]
     picture = find_main_picture(folder, here, command)
-    numbers, sentence = _read_numbers(folder, here, command)
+    numbers, sentence = _read_numbers(folder, here, command), describe_result(folder, here)
     links, starts = _next_links(folder, here, command), _next_commands(folder, here, job.words)
     return JobResult(str(here), picture, numbers, sentence, links, starts)
 
@@ -110,7 +111,8 @@ def _next_commands(folder: Path, here: Path, words: Sequence[str]) -> tuple[tupl
     if words[0] == "discover" and find_own_file(folder, here / "extended.toml") is not None:
         return (("Run the extended case", tuple(extended_case_words(folder, here, ()))),)
     if words[0] == "compare" and len(words) > 1 and not words[1].startswith("-"):
-        return (named("Ask what is missing", "discover", words[1]),)
+        data = read_json_quietly(folder, here / "compare.json")
+        return (named("Ask what is missing", "discover", words[1]),) if grade_comparison(data) != "good" else ()
     return ()
 
 
@@ -120,18 +122,14 @@ def extended_case_words(folder: Path, here: Path, jobs: Iterable[LoggedJob]) -> 
     return ["run", file_word(str(here / "extended.toml")), "--out", out]
 
 
-def _read_numbers(folder: Path, here: Path, command: str) -> tuple[tuple[tuple[str, str], ...], str]:
-    """The main numbers of a result and its sentence; none where the file is missing or damaged."""
+def _read_numbers(folder: Path, here: Path, command: str) -> tuple[tuple[str, str], ...]:
+    """The main numbers of a result; none where the file is missing or damaged."""
     data = read_json_quietly(folder, here / NUMBER_FILES[command]) if command in NUMBER_FILES else {}
     if not data:
-        return (), ""
+        return ()
     if command == "run":
-        return _run_numbers(data), ""
-    if command == "discover":
-        says = data.get("says")
-        first = says[0] if isinstance(says, list) and says and isinstance(says[0], str) else ""
-        return _verdict_numbers(data), first
-    return _comparison_numbers(data), ""
+        return _run_numbers(data)
+    return _verdict_numbers(data) if command == "discover" else _comparison_numbers(data)
 
 
 def _run_numbers(data: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:

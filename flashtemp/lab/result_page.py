@@ -11,7 +11,6 @@ from nicegui import ui
 from flashtemp.errors import BadInput
 from flashtemp.lab.conditions import show_conditions
 from flashtemp.lab.page_layout import (
-    card,
     chip,
     empty_state,
     file_address,
@@ -29,14 +28,15 @@ from flashtemp.lab.result_files import (
     show_gallery,
     show_report,
 )
-from flashtemp.lab.result_parts import add_result_assets, load_later, refuse_unreadable, show_figures
+from flashtemp.lab.result_parts import add_result_assets, load_later, refuse_unreadable, show_answer
+from flashtemp.lab.result_sentences import describe_run
 from flashtemp.lab.run_comparison import RunComparison
 from flashtemp.lab.run_data import RunData, main_numbers, read_run
 from flashtemp.lab.run_result import show_run_charts
 from flashtemp.lab.scene_3d import show_scene
 from flashtemp.lab.start_button import CommandStarter
 from flashtemp.lab.study_results import show_study
-from flashtemp.lab.workspace import RESULT_COMMANDS, escape_control, list_folder
+from flashtemp.lab.workspace import RESULT_COMMANDS, list_folder
 
 MAX_OFFERED = 8  # results shown where none is chosen
 KIND_WORDS = {
@@ -138,7 +138,5 @@ def _show_run(result: ResultFolder, others: Sequence[str], starter: CommandStart
 
 def _show_summary(summary: dict[str, Any]) -> None:
     """The main numbers of a run."""
-    numbers = main_numbers(summary) if summary else []
-    if numbers:
-        with card(escape_control(str(summary.get("title", ""))) or "Main numbers"):
-            show_figures(numbers)
+    if summary:
+        show_answer(describe_run(summary), main_numbers(summary))

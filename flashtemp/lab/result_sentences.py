@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from flashtemp.display import format_count
+from flashtemp.lab.live_state import finite_number
 from flashtemp.lab.result_parts import number_text, record_list, stored_number, text_list
 from flashtemp.lab.workspace import escape_control
 
@@ -103,6 +104,23 @@ def describe_peak(recording: Mapping[str, Any]) -> str:
     return escape_control(
         f"{number_text(abs(size))} K {sign} than computed at {place}, t = {number_text(peak.get('time'))} s"
     )
+
+
+# --- run ---------------------------------------------------------------------------------------------------
+def describe_run(data: Data) -> list[str]:
+    """The highest temperature of a run, how much the block warms along its length, and how friction changes."""
+    keys = ("T_max_degC", "rise_trailing_K", "rise_leading_K")
+    hottest, trailing, leading = (finite_number(data.get(key)) for key in keys)
+    if hottest is None or trailing is None:
+        return []
+    at_leading = "" if leading is None else f" and by {number_text(leading)} K at the leading edge"
+    out = [f"The highest temperature is {number_text(hottest)} °C; the block warms by {number_text(trailing)} K at the "
+           f"trailing edge{at_leading}."]  # fmt: skip
+    friction = [v for v in _number_list(data.get("friction_per_repetition")) if math.isfinite(v)]
+    if len(friction) > 1 and number_text(friction[0]) != number_text(friction[-1]):
+        change = f"from {number_text(friction[0])} to {number_text(friction[-1])}"
+        out.append(f"Friction changes {change} between the first and the last repetition.")
+    return out
 
 
 # --- studies -----------------------------------------------------------------------------------------------
@@ -213,4 +231,5 @@ SENTENCES: dict[str, Callable[[Data], list[str]]] = {  # by the JSON file of a r
     "verdict.json": describe_verdict, "compare.json": describe_comparison, "plan.json": describe_plan,
     "sensitivity.json": describe_sensitivity, "friction.json": describe_friction, "area.json": describe_area,
     "loads.json": describe_loads, "tread.json": describe_tread, "tyre.json": describe_tyre,
+    "summary.json": describe_run,
 }  # fmt: skip

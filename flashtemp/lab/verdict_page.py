@@ -112,7 +112,7 @@ class VerdictCards:
 
         v, out = self.verdict, []
         for cause in v.causes[:2]:
-            name = cause.effect.replace("_", " ")
+            name = "the learned law" if self.stored.law else cause.effect.replace("_", " ")
             out.append(MainNumber("Evidence", format_number(cause.ln_bayes), "ln Bayes factor", name))
             if peak := _law_number(self.stored.law):
                 out.append(peak)

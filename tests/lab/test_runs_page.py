@@ -216,11 +216,28 @@ def test_a_folder_that_was_there_is_not_the_result_of_a_job_that_failed(tmp_path
     result = find_result(tmp_path, read_job(log))
     assert dict(result.numbers)["highest temperature"] == "63.2 °C"
     assert dict(result.numbers)["friction coefficient"] == "0.60 (0.50 in the first repetition)"
+    assert result.sentence == ""  # without the rise of temperature
     assert result.links[0] == ("Open the result", "/result?open=x")
     write_job(tmp_path, "20260101-100000-1-run", "$ flashtemp run a.toml --out x", end={"exit_code": 2, "time": 1})
     assert find_result(tmp_path, read_job(log)) is None
     log = write_job(tmp_path, "20260101-100000-1-run", "$ flashtemp run a --out ../y", end={"exit_code": 0, "time": 1})
     assert find_result(tmp_path, read_job(log)) is None
+
+
+def test_a_comparison_that_misfits_asks_what_is_missing(tmp_path):
+    (tmp_path / "x").mkdir()
+    log = write_job(
+        tmp_path, "20260101-100000-1-compare", "$ flashtemp compare lab --out x", end={"exit_code": 0, "time": 1}
+    )
+    for chi2, starts in (
+        (1.0, ()),
+        (9.0, (("Ask what is missing", ("discover", "lab", "--out", "results/lab-discover")),)),
+    ):
+        entry = {"file": "a.nc", "rmse_K": 0.3, "chi2_per_dof": chi2, "white": True}
+        (tmp_path / "x" / "compare.json").write_text(json.dumps({"recordings": [entry]}))
+        result = find_result(tmp_path, read_job(log))
+        assert result.starts == starts
+        assert result.sentence.startswith("The model ")
 
 
 def wait_until(holds, seconds=120.0):

@@ -85,6 +85,11 @@ class RecordingComparison:
         } | ({"points": self.point_statistics} if r.places is not None else {})
 
     @property
+    def largest_profile(self) -> dict[str, Any] | None:
+        """The profile through the largest difference, as in compare.json."""
+        return find_largest_profile(self.view.recording, self.predicted, self.residual, self.largest)
+
+    @property
     def point_statistics(self) -> list[dict[str, Any]]:
         """Name, rms and mean difference (K) of every point of a recording of points."""
         places = self.view.recording.places
@@ -147,7 +152,7 @@ class Comparison(DisplayMixin):
         return {
             "title": self.campaign.title,
             "case": self.campaign.case.name,
-            "recordings": [s.as_dict() | {"profile": find_largest_profile(s)} for s in self.recordings],
+            "recordings": [s.as_dict() | {"profile": s.largest_profile} for s in self.recordings],
             "forces": [p.as_dict() for p in self.forces],
             "energy_imbalance": max(run.energy_imbalance for run in self.runs),
         } | ({"warnings": list(self.warnings)} if self.screening else {})

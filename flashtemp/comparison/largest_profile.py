@@ -2,32 +2,33 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from flashtemp.comparison.compare import RecordingComparison
+from flashtemp.camera.recording import Recording
+from flashtemp.comparison.noise import ResidualPeak
 
 DECIMALS_K, DECIMALS_MM = 3, 4
 MAX_PROFILE_POINTS = 400
 
 
-def find_largest_profile(s: RecordingComparison) -> dict[str, Any] | None:
+def find_largest_profile(
+    recording: Recording, predicted: np.ndarray, residual: np.ndarray, largest: ResidualPeak | None
+) -> dict[str, Any] | None:
     """T(x) of the row and frame with the largest difference, for points T(t) of the point, as in compare.json.
 
     None where nothing is compared.  Without a largest difference it is the middle row of the last frame.
     """
-    recording = s.view.recording
     frame, row, column = len(recording.time) - 1, len(recording.v) // 2, 0
-    if s.largest is not None:
-        frame = int(np.argmin(np.abs(recording.time - s.largest.time)))
-        row = int(np.argmin(np.abs(recording.v - s.largest.v)))
-        column = int(np.argmin(np.abs(recording.u - s.largest.u)))
+    if largest is not None:
+        frame = int(np.argmin(np.abs(recording.time - largest.time)))
+        row = int(np.argmin(np.abs(recording.v - largest.v)))
+        column = int(np.argmin(np.abs(recording.u - largest.u)))
     over_time = recording.places is not None
     cut = (slice(None), row, column) if over_time else (frame, row, slice(None))
-    measured, computed = recording.temperature[cut], s.predicted[cut]
-    compared = np.flatnonzero(np.isfinite(s.residual[cut]) & np.isfinite(measured) & np.isfinite(computed))
+    measured, computed = recording.temperature[cut], predicted[cut]
+    compared = np.flatnonzero(np.isfinite(residual[cut]) & np.isfinite(measured) & np.isfinite(computed))
     if not len(compared):
         return None
     kept = compared[:: -(-len(compared) // MAX_PROFILE_POINTS)]

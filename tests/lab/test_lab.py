@@ -404,7 +404,7 @@ def test_from_a_folder_to_a_verdict(browser, tmp_path):
         seen.get_by_role("button", name="New campaign").click()
         seen.get_by_text("One condition").wait_for()
         assert seen.get_by_label("case of the base model").input_value() == "case.toml"
-        assert seen.get_by_text("side.nc").count() == 1
+        seen.get_by_text("side.nc").first.wait_for()
         for key in ("contact.spot_fraction", "ambient.convection"):  # what the twin draws anew
             seen.get_by_label("add a free key").fill(key)
             seen.get_by_role("option", name=key).first.click()

@@ -23,6 +23,18 @@ def unit_suffix(unit: str) -> str:
     return " " + unit.replace("m2", "m²").replace("m3", "m³").replace("degC", "°C")
 
 
+def law_axis_labels(words: str, argument_unit: str, unit: str) -> tuple[str, str]:
+    """Labels of the axes of a learned law with these `words`: of its argument, and of its values.
+
+    >>> law_axis_labels("the heat capacity of the block changes with its own temperature", "degC", "1")
+    ('its own temperature (°C)', 'factor on the heat capacity of the block (–)')
+    """
+    quantity, _, argument = words.partition(" changes with ")
+    factor = "factor on " if unit == "1" else ""
+    x_unit, y_unit = (unit_suffix(u).strip() or "–" for u in (argument_unit, unit))
+    return f"{argument or 'argument'} ({x_unit})", f"{factor}{quantity} ({y_unit})"
+
+
 def format_number(value: float) -> str:
     """A number with three digits and superscript powers of ten; a dash for NaN.
 

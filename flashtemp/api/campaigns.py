@@ -80,6 +80,7 @@ def compare(
                 command = reports.format_command("compare", loaded.path)
                 subject = comparison_report.describe_method(result, command)
                 comparison_report.write_report(result, work / "report.html", subject)
+                comparison_report.write_picture(result, work / "what_is_wrong.png")
             _write_pdf_report(result, pdf, work, out)
     return result
 

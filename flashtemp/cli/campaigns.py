@@ -265,7 +265,7 @@ def twin(
     views
         Views to record, separated by commas: sidewall, wake, profile, points.
     nuisance
-        Factor on the random measurement errors of calibration, position and conditions; 0 leaves noise only.
+        Factor on the random measurement errors, those of calibration, position and conditions; 0 leaves noise only.
     points
         Thermocouples of the view points, as x=0.01,z=0.002,lag_s=0.5,place_sigma_m=0.0005, separated by ;.
     camera

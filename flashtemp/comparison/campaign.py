@@ -108,8 +108,9 @@ class Campaign(DisplayMixin):
 
     @property
     def path(self) -> Path:
-        """The path to give a command: the folder, or the file where it has a name of its own."""
-        return self.folder if self.file_name == DEFAULT_CAMPAIGN_FILE else self.folder / self.file_name
+        """The path to give a command: the folder, or the file if it has its own name or is in the current folder."""
+        is_default = self.file_name == DEFAULT_CAMPAIGN_FILE and self.folder != Path()
+        return self.folder if is_default else self.folder / self.file_name
 
     @property
     def entries(self) -> tuple[RecordingEntry | LoadCellEntry, ...]:

@@ -15,6 +15,7 @@ from flashtemp.camera.prediction.camera_model import CameraModel
 from flashtemp.camera.prediction.image_registration import align_image
 from flashtemp.camera.prediction.observation import SIDE_WALL_CELLS, WAKE_CELL_GROWTH, PredictedImage, observe
 from flashtemp.comparison.campaign import Campaign, Condition, LoadCellEntry, RecordingEntry
+from flashtemp.comparison.largest_profile import find_largest_profile
 from flashtemp.comparison.noise import (
     NoiseLevels,
     ResidualPeak,
@@ -84,6 +85,11 @@ class RecordingComparison:
         } | ({"points": self.point_statistics} if r.places is not None else {})
 
     @property
+    def largest_profile(self) -> dict[str, Any] | None:
+        """The profile through the largest difference, as in compare.json."""
+        return find_largest_profile(self.view.recording, self.predicted, self.residual, self.largest)
+
+    @property
     def point_statistics(self) -> list[dict[str, Any]]:
         """Name, rms and mean difference (K) of every point of a recording of points."""
         places = self.view.recording.places
@@ -146,7 +152,7 @@ class Comparison(DisplayMixin):
         return {
             "title": self.campaign.title,
             "case": self.campaign.case.name,
-            "recordings": [s.as_dict() for s in self.recordings],
+            "recordings": [s.as_dict() | {"profile": s.largest_profile} for s in self.recordings],
             "forces": [p.as_dict() for p in self.forces],
             "energy_imbalance": max(run.energy_imbalance for run in self.runs),
         } | ({"warnings": list(self.warnings)} if self.screening else {})

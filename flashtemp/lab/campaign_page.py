@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,9 +15,8 @@ from flashtemp.lab.campaign_document import CampaignDocument
 from flashtemp.lab.campaign_list import new_campaign_text, show_campaigns
 from flashtemp.lab.campaign_scope import show_scope
 from flashtemp.lab.free_keys import CandidateSwitches, FreeKeysPanel
-from flashtemp.lab.jobs import command_text
+from flashtemp.lab.jobs import JobList, command_text
 from flashtemp.lab.page_layout import (
-    STANDARD_FILES,
     action,
     card,
     heading,
@@ -32,6 +32,7 @@ from flashtemp.lab.recording_store import RecordingStore, try_describe
 from flashtemp.lab.recording_table import RecordingTable
 from flashtemp.lab.saved_text import SavedText
 from flashtemp.lab.saving import read_text
+from flashtemp.lab.start_button import OPTIONS_LABEL, CommandStarter, options_address, start_once
 from flashtemp.lab.toml_editor import TomlEditor, prepare_editor
 from flashtemp.lab.toml_tables import set_top_key
 from flashtemp.lab.workspace import FolderListing, escape_control, free_name, list_folder
@@ -44,8 +45,15 @@ PLACED_KEYS: Final = ("free", "known")  # whose errors stand beside their lists
 class CampaignPage:
     """One campaign as text; the controls only edit the text, which alone is saved."""
 
-    def __init__(self, folder: Path, allowed: AllowedPrograms | None = None, store: RecordingStore | None = None):
-        self.folder, self.allowed = folder, allowed or AllowedPrograms()
+    def __init__(
+        self,
+        folder: Path,
+        allowed: AllowedPrograms | None = None,
+        store: RecordingStore | None = None,
+        jobs: JobList | None = None,
+    ):
+        self.folder, self.allowed, self.jobs = folder, allowed or AllowedPrograms(), jobs or JobList(folder)
+        self.starter = CommandStarter(folder, self.jobs, self.allowed)
         self.store = store or RecordingStore(folder)
         self.listing = FolderListing()
         self.ticked_text: str | None = None  # at the last tick: the user may still be typing
@@ -115,7 +123,7 @@ class CampaignPage:
             with ui.element("div").classes("ft-actions"):
                 ui.link("All campaigns", page_address("campaign"))
                 self.saved.show(self._save)
-                action(COMMANDS[main], lambda: self._open_command(main), "play_arrow", main=True)
+                action(COMMANDS[main], start_once(partial(self._start_command, main)), "play_arrow", main=True)
 
     def _add_file_controls(self) -> None:
         cases = {str(p): escape_control(str(p)) for p in self.listing.cases}
@@ -147,16 +155,17 @@ class CampaignPage:
             self.command = ui.element("div").classes("min-w-0")
             for command, words in COMMANDS.items():
                 if command != self.main_command:
-                    action(words, lambda c=command: self._open_command(c))
+                    action(words, start_once(partial(self._start_command, command)))
+            self.options = ui.link(OPTIONS_LABEL, options_address(self.main_command, self.document.name))
+            self.options.classes("ft-small").props["aria-label"] = f"Options of {self.main_command}"
 
     def _show_state(self) -> None:
         """Show whether the text is saved, and the command of the main action."""
         self.saved.update(self.document.name, self.document.text)
         self.command.clear()
-        path = Path(self.document.name)
-        of = path.parent if path.name in STANDARD_FILES and path.parent != Path() else path
+        self.options.props["href"] = options_address(self.main_command, self.document.name)
         with self.command:
-            show_command(command_text([self.main_command, of.as_posix()]))
+            show_command(command_text(self.starter.command_words(self.main_command, self.document.name)))
 
     # --- edits ---------------------------------------------------------------------------------------------
     def _set_key(self, key: str, value: Any) -> None:
@@ -288,14 +297,16 @@ class CampaignPage:
             return await self.saved.save(self.document.name, self.document.text)
         return False
 
-    async def _open_command(self, command: str) -> None:
-        """Save, and open the page of runs with a command, unless the check finds errors."""
+    async def _start_command(self, command: str) -> bool:
+        """Save, start a command and show its live view, unless the check finds errors; whether it was started."""
         if not await self._save():
-            return
+            return False
         if self.checked_text != self.document.text or self.is_checking:
             self.checked_text = self.document.text
             await self._check(self.document.text)
         if self.check.faults:
             ui.notify("Saved. Repair the errors that are shown first.", type="warning")
-        else:
-            ui.navigate.to(page_address("runs", command=command, of=self.document.name))
+            return False
+        with self.faults, show_errors(self.folder):
+            return await self.starter.start(self.starter.command_words(command, self.document.name))
+        return False

@@ -16,7 +16,7 @@ from flashtemp.lab.case_form import CaseForm, KeyField
 from flashtemp.lab.case_list import CaseList
 from flashtemp.lab.drawing import Drawing
 from flashtemp.lab.effect_cards import EffectCards, effect_name, listed_effects
-from flashtemp.lab.jobs import command_text
+from flashtemp.lab.jobs import JobList, command_text
 from flashtemp.lab.key_groups import CaseKey
 from flashtemp.lab.page_layout import (
     action,
@@ -33,6 +33,7 @@ from flashtemp.lab.programs import AllowedPrograms, programs_of_text
 from flashtemp.lab.remark_list import RemarkList
 from flashtemp.lab.saved_text import SAVED, SavedText
 from flashtemp.lab.saving import TextVersion, read_text
+from flashtemp.lab.start_button import OPTIONS_LABEL, CommandStarter, options_address, start_once
 from flashtemp.lab.style import read_asset
 from flashtemp.lab.toml_editing import add_toml_table, remove_empty_table, remove_toml_table, set_toml_key, try_parse
 from flashtemp.lab.toml_editor import TextFault, TomlEditor, prepare_editor, read_faults
@@ -52,8 +53,9 @@ NO_DRAWING_TEXT: Final = "The case is drawn here as soon as it has no errors."
 class CasePage:
     """One case as text; form and cards only edit the text, which alone is saved."""
 
-    def __init__(self, folder: Path, allowed: AllowedPrograms | None = None):
+    def __init__(self, folder: Path, allowed: AllowedPrograms | None = None, jobs: JobList | None = None):
         self.folder, self.allowed = folder, allowed or AllowedPrograms()
+        self.starter = CommandStarter(folder, jobs or JobList(folder), self.allowed)
         self.case: Case | None = None
         self.removed_tables: dict[str, str] = {}  # of effects that were switched off on this page
         self.raw: dict[str, Any] = {}
@@ -111,8 +113,10 @@ class CasePage:
             with ui.element("div").classes("ft-actions"):
                 ui.link("All cases", page_address("case"))
                 self.saved.show(self._save)
-                self.run = action("Run it", self._run, icon="play_arrow", main=True)
+                self.run = action("Run it", start_once(self._run), icon="play_arrow", main=True)
                 self.run.set_enabled(False)
+                self.options = ui.link(OPTIONS_LABEL, options_address("run", name)).classes("ft-small")
+                self.options.props('aria-label="Options of run"')
 
     def _show_drawings(self) -> None:
         """Block and schedule, the estimate, and the keys that differ from the defaults."""
@@ -139,8 +143,9 @@ class CasePage:
     def _show_commands(self) -> None:
         self.commands.clear()
         with self.commands:
-            for command in ("check", "run"):
-                show_command(command_text([command, self.name.value or "case.toml"]))
+            name = self.name.value or "case.toml"
+            for words in (["check", name], self.starter.command_words("run", name)):
+                show_command(command_text(words))
 
     # --- edits ------------------------------------------------------------------------------------------------
     def _key_changed(self, key: CaseKey, value: Any) -> None:
@@ -184,6 +189,7 @@ class CasePage:
     def _name_changed(self) -> None:
         self._show_commands()
         self._show_saved()
+        self.options.props["href"] = options_address("run", self.name.value or "")
         self._check_later()
 
     def _text_changed(self) -> None:
@@ -363,8 +369,10 @@ class CasePage:
                     show_error(str(fault), self.folder)
                 return False
 
-    async def _run(self) -> None:
-        """Save the text where it has changed, and go to the page that runs it."""
+    async def _run(self) -> bool:
+        """Save the text where it has changed, run the case and show its live view; whether it was started."""
         name = self.name.value or ""
         if self.saved.describe_state(name, self.editor.text) == SAVED or await self._save():
-            ui.navigate.to(page_address("runs", command="run", of=name))
+            with self.faults, show_errors(self.folder):
+                return await self.starter.start(self.starter.command_words("run", name))
+        return False

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +19,14 @@ from flashtemp.lab.command_options import (
     fill_form,
     option_words,
     sort_commands,
+    split_help,
 )
 from flashtemp.lab.examples import list_examples, write_example
 from flashtemp.lab.job_record import LoggedJob, format_duration
-from flashtemp.lab.job_result import free_result_folder
-from flashtemp.lab.job_start import check_job_words, file_word
+from flashtemp.lab.job_result import choose_result_folder, free_result_folder
+from flashtemp.lab.job_start import check_job_words, file_word, short_file_name
 from flashtemp.lab.jobs import command_text
 from flashtemp.lab.page_layout import (
-    STANDARD_FILES,
     action,
     card,
     note,
@@ -35,6 +36,7 @@ from flashtemp.lab.page_layout import (
     show_errors,
 )
 from flashtemp.lab.programs import has_trust, programs_of_command
+from flashtemp.lab.start_button import start_once
 from flashtemp.lab.workspace import escape_control, list_folder, read_owner, resolve_inside
 
 
@@ -76,7 +78,7 @@ class CommandForm:
             self.fold.value = bool(filled.more)
             self.line = ui.column().classes("w-full gap-2")
             with ui.row().classes("items-center gap-3"):
-                self.button = action("Start", self._start, icon="play_arrow", main=True)
+                self.button = action("Start", start_once(self._start), icon="play_arrow", main=True)
                 self.estimate = ui.label().classes("ft-muted ft-small")
         self._show_fields(filled)
         self._show_command()
@@ -90,16 +92,23 @@ class CommandForm:
         with self.place:
             choices = self._file_choices(about, filled.file)
             names = {name: escape_control(name) for name in choices}
-            self.of = ui.select(names, value=filled.file or None, label="file", with_input=True)
-            self.of.props("outlined dense").classes("wide").on_value_change(self._show_command)
+            with _labelled_field(about.file_kind.capitalize(), "", wide=True) as label:
+                self.of = ui.select(names, value=filled.file or None, with_input=True)
+                self.of.props("outlined dense").on_value_change(self._show_command)
+                label.props["for"] = self.of.html_id
             self.words = None
             if about.words_label:
-                self.words = ui.input(_words_title(about), value=filled.words, on_change=self._show_command)
-                self.words.props("outlined dense").classes("wide").tooltip(about.words_help)
+                words, _, hint = split_help(about.words_help)
+                with _labelled_field(words, hint, wide=True) as label:
+                    self.words = ui.input(value=filled.words, on_change=self._show_command)
+                    self.words.props("outlined dense")
+                    label.props["for"] = self.words.html_id
             values = filled.values or {}
-            self.out = ui.input("result folder", value=filled.out and self._free_out(filled.out))
-            self.out.on_value_change(self._show_command)
-            self.out.props('outlined dense stack-label placeholder="chosen for you"')
+            with _labelled_field("Result folder", "") as label:
+                self.out = ui.input(value=filled.out and self._free_out(filled.out))
+                self.out.on_value_change(self._show_command)
+                self.out.props('outlined dense placeholder="chosen for you"')
+                label.props["for"] = self.out.html_id
             for option in sorted(about.fields, key=lambda one: (not one.required, one.kind == "switch")):
                 self.fields[option.name] = self._show_option(option, values.get(option.name))
         if not choices:
@@ -107,16 +116,23 @@ class CommandForm:
                 self._show_missing_files(about)
 
     def _show_option(self, option: CommandOption, value: str | bool | None) -> Any:
-        """One field of an option; its help is shown on hover and to screen readers."""
-        title = option.name.replace("_", " ") + (" (required)" if option.required else "")
+        """One field of an option with what its help says; the option of the command line is shown on hover."""
+        title = option.label + (" (required)" if option.required else "")
         if option.kind == "switch":
-            field = ui.checkbox(title, value=value is True)
-        elif option.kind == "choice":
-            field = ui.select(list(option.choices), value=value or option.default, label=title).props("outlined dense")
+            with ui.element("div").classes("ft-option"):
+                field = ui.checkbox(title, value=value is True).props("dense").tooltip(option.flag)
+                _show_hint(option.hint)
         else:
-            field = ui.input(title, value=str(value or option.default)).props("outlined dense")
+            with _labelled_field(title, option.hint) as label:
+                if option.kind == "choice":
+                    field = ui.select(list(option.choices), value=value or option.default)
+                else:
+                    field = ui.input(value=str(value or option.default))
+                field.props("outlined dense")
+                label.props["for"] = field.html_id
+                label.tooltip(option.flag)
         field.on_value_change(self._show_command)
-        return field.tooltip(option.help) if option.help else field
+        return field
 
     def _show_missing_files(self, about: CommandDescription) -> None:
         """Say what the command needs and how to get it."""
@@ -144,7 +160,7 @@ class CommandForm:
         """The files that the command accepts."""
         listing = list_folder(self.folder)
         kind = listing.campaigns if about.file_kind == "campaign" else listing.cases
-        names = [str(p.parent) if p.name in STANDARD_FILES and p.parent != Path() else str(p) for p in kind]
+        names = [short_file_name(p) for p in kind]
         return list(dict.fromkeys([*([of] if of else []), *names]))
 
     def _command_changed(self) -> None:
@@ -174,17 +190,15 @@ class CommandForm:
         words = shlex.split(self.words.value or "") if self.words is not None else []
         about = self.commands[command]
         options = option_words(about.fields, {name: field.value for name, field in self.fields.items()})
-        path = Path(of)
-        name = ((path.parent.name if path.name in STANDARD_FILES else "") or path.stem).lstrip(".")
         out = (self.out.value or "").strip() if self.out is not None else ""
         if not out and not any(word == "--out" or word.startswith("--out=") for word in more):
-            out = free_result_folder(self.folder, f"results/{name}-{command}", self.past())
+            out = choose_result_folder(self.folder, command, of, self.past())
         return [command, of, *words, *options, *more, *(["--out", file_word(out)] if out else [])]
 
     def _missing_options(self) -> list[str]:
-        """Names of the required options that are empty."""
+        """Labels of the required options that are empty."""
         options = self.commands[self.command.value].fields
-        return [o.name for o in options if o.required and not str(self.fields[o.name].value or "").strip()]
+        return [o.label for o in options if o.required and not str(self.fields[o.name].value or "").strip()]
 
     def _show_command(self) -> None:
         """Show the command line and the effect files that it would run."""
@@ -204,7 +218,7 @@ class CommandForm:
             check_job_words(self.folder, words)
             show_command(command_text(words))
             if missing:
-                note(f"Give a value for: {', '.join(missing)}.", "warning")
+                note(f"Give a value for: {'; '.join(missing)}.", "warning")
             self._show_programs(words)
             self.estimate.text = estimate_time(words, self.past())
 
@@ -213,12 +227,15 @@ class CommandForm:
         for line in program_lines(programs, trust) if programs or trust else ():
             note(line, "warning")
 
-    async def _start(self) -> None:
+    async def _start(self) -> bool:
+        """Start the command of the form; whether it was started."""
         with self.line, show_errors(self.folder):
             if self.start_command is not None and await self.start_command(self.command_words()):
                 if self.out is not None:
                     self.out.value = ""
                 self._show_command()
+                return True
+        return False
 
 
 class _CommandCards:
@@ -255,10 +272,17 @@ class _CommandCards:
         self.on_change()
 
 
-def _words_title(about: CommandDescription) -> str:
-    """The label of the field for further words, with their form."""
-    title = {"overrides": "keys to change: table.key=value", "values": "keys to sweep: table.key=v1,v2"}
-    return title.get(about.words_label, f"{about.words_label} (all when empty)")
+@contextmanager
+def _labelled_field(label: str, hint: str, wide: bool = False) -> Iterator[Any]:
+    """Context manager: a field below its label, with a hint below it; yields the label."""
+    with ui.element("div").classes("ft-option wide" if wide else "ft-option"):
+        yield TextElement(tag="label", text=escape_control(label))
+        _show_hint(hint)
+
+
+def _show_hint(hint: str) -> None:
+    if hint:
+        ui.label(escape_control(hint)).classes("ft-muted ft-small")
 
 
 def estimate_time(words: Sequence[str], past: Sequence[LoggedJob]) -> str:

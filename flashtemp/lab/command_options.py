@@ -5,12 +5,16 @@ The command line passes these descriptions when it starts the web app (`cli.web_
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 MAIN_COMMANDS = ("run", "compare", "discover", "plan", "sweep", "sensitivity")  # shown first, in this order
+HELP_PARTS = re.compile(  # words to the first pause, a unit after a comma, and the rest
+    r"(?P<words>.+?)(?:, (?P<unit>[^\s,;.=]{1,5})(?=[,;.]))?(?:[,;:.] (?P<rest>.+)|\.?)", re.DOTALL
+)
 OWN_FIELDS = ("out", "trust", "json", "resume")  # options for which the page has its own ways
 ICONS = {
     "run": "play_arrow", "compare": "compare", "discover": "travel_explore", "plan": "science",
@@ -37,6 +41,36 @@ class CommandOption:
         '--skewness-cutoff'
         """
         return "--" + self.name.replace("_", "-")
+
+    @property
+    def label(self) -> str:
+        """What the option is, with its unit, in the words of its help.
+
+        >>> CommandOption("limit", help="Memory limit, GB; 1 when not given.").label, CommandOption("dry_run").label
+        ('Memory limit (GB)', 'dry run')
+        """
+        words, unit, _ = split_help(self.help)
+        return (f"{words} ({unit})" if unit else words) or self.name.replace("_", " ")
+
+    @property
+    def hint(self) -> str:
+        """What its help says in addition to the label."""
+        return split_help(self.help)[2]
+
+
+def split_help(text: str) -> tuple[str, str, str]:
+    """(what is given, its unit, what else is to know) of a help text of the command line.
+
+    >>> split_help("Sliding speeds, m/s."), split_help("Also write a .pvd series for older ParaView.")
+    (('Sliding speeds', 'm/s', ''), ('Also write a .pvd series for older ParaView', '', ''))
+    >>> split_help("Nominal pressures, Pa, in ascending order."), split_help("Views, separated by commas: wake.")
+    (('Nominal pressures', 'Pa', 'in ascending order'), ('Views', '', 'separated by commas: wake'))
+    """
+    found = HELP_PARTS.fullmatch(text.strip())
+    if found is None:
+        return text, "", ""
+    unit = (found["unit"] or "").replace("degC", "°C")
+    return found["words"], unit, (found["rest"] or "").strip(" .")
 
 
 @dataclass(frozen=True)

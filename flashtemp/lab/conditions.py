@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from nicegui import ui
 
 from flashtemp.lab.key_units import describe_value
-from flashtemp.lab.page_layout import card, page_address, show_command
+from flashtemp.lab.page_layout import card, page_address
 from flashtemp.lab.result_files import ResultFolder
 from flashtemp.lab.result_parts import folded_part, show_table
+from flashtemp.lab.start_button import CommandStarter, options_address
 from flashtemp.lab.workspace import escape_control
 from flashtemp.model.schema import UNDECLARED_PARAM, declared_params
 from flashtemp.physics.effect import Param
@@ -19,6 +21,7 @@ from flashtemp.physics.effect import Param
 OUTPUT_TABLES = ("output", "numerics")  # of a case: how it is computed and drawn, not what
 LEFT_OUT_KEYS = ("title", "free")
 MAX_VALUE_CHARACTERS = 200
+NEEDS_WORDS = ("sweep",)  # commands that a case alone does not state
 
 
 @dataclass(frozen=True)
@@ -66,8 +69,8 @@ def different_keys(cases: Sequence[Mapping[str, Any]]) -> list[str]:
     return sorted(out, key=lambda key: key.partition(".")[0] in OUTPUT_TABLES)
 
 
-def show_conditions(result: ResultFolder, values: Mapping[str, Any], command: str) -> None:
-    """Show the conditions of a result, and the command that repeats it."""
+def show_conditions(result: ResultFolder, values: Mapping[str, Any], starter: CommandStarter) -> None:
+    """Show the conditions of a result, and the button that computes it again into a new folder."""
     with card("Conditions", "Keys that differ from the defaults of the program; those of the computation come last."):
         rows = list(describe_values(values).values())
         head = ("key", "meaning", "value")
@@ -78,8 +81,12 @@ def show_conditions(result: ResultFolder, values: Mapping[str, Any], command: st
             ui.label("All keys have their default values.").classes("ft-muted")
         with folded_part("All keys"):
             show_table(head, [(r.key, r.meaning, r.value) for r in rows], "all keys of the case", numbers=(2,))
-        show_command(command)
         case = result.here / "case.toml"
+        if result.command not in NEEDS_WORDS:
+            options = ["--area"] if result.find_file("area.json") is not None else []
+            words = partial(starter.repeat_words, result.command, result.here, options)
+            starter.show("Run it again", result.command, case, words=words)
         with ui.row().classes("gap-4"):
             ui.link("Open the case", page_address("case", open=case))
-            ui.link("Run it again or with other keys", page_address("runs", command="run", of=case))
+            if result.command in NEEDS_WORDS:
+                ui.link(f"Another {result.command}", options_address(result.command, case))

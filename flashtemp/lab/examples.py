@@ -8,9 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flashtemp.errors import BadInput
-from flashtemp.lab.job_start import start_job
-from flashtemp.lab.jobs import JobList
-from flashtemp.lab.programs import AllowedPrograms
 from flashtemp.lab.saving import write_text
 from flashtemp.lab.style import read_asset
 from flashtemp.lab.workspace import free_name, resolve_inside
@@ -49,9 +46,3 @@ def write_example(example: Example, folder: Path) -> str:
     if not resolve_inside(folder, name).exists():
         write_text(folder, name, read_asset(name))
     return name
-
-
-async def start_example(example: Example, folder: Path, jobs: JobList, allowed: AllowedPrograms) -> bool:
-    """Write the file of an example, if it is not there, and start its command.  Raises BadInput."""
-    write_example(example, folder)
-    return await start_job(folder, jobs, allowed, example.command_words(folder))

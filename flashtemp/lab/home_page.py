@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from nicegui import ui
 
 from flashtemp.display import format_count
 from flashtemp.lab.camera_files import UploadArea
-from flashtemp.lab.examples import Example, list_examples, start_example
+from flashtemp.lab.examples import Example, list_examples, write_example
+from flashtemp.lab.job_start import file_word, short_file_name
 from flashtemp.lab.jobs import JobList, command_text
 from flashtemp.lab.page_layout import (
     MAX_NAMES_LISTED,
-    STANDARD_FILES,
     action,
     card,
     chip,
@@ -23,10 +24,10 @@ from flashtemp.lab.page_layout import (
     note,
     page_address,
     show_command,
-    show_errors,
 )
 from flashtemp.lab.programs import AllowedPrograms
 from flashtemp.lab.result_card import describe_result, list_recent_results, show_result_card
+from flashtemp.lab.start_button import OPTIONS_LABEL, CommandStarter, options_address
 from flashtemp.lab.thermal_viewer import add_viewer_style
 from flashtemp.lab.workspace import FolderListing, escape_control, list_folder
 
@@ -36,7 +37,10 @@ STATE_WORDS = {"done": ("done", "good"), "next": ("next step", "accent"), "later
 
 @dataclass(frozen=True)
 class Step:
-    """One of the four steps: its `state` (done, next or later), what is there, what is missing, and where it leads."""
+    """One of the four steps: its `state` (done, next or later), what is there, what is missing, and where it leads.
+
+    `campaign` is the one that the step asks what is missing, "" for the other steps.
+    """
 
     title: str
     state: str
@@ -44,6 +48,7 @@ class Step:
     missing: str
     label: str
     target: str
+    campaign: str = ""
 
 
 def find_steps(listing: FolderListing, answer: str = "") -> list[Step]:
@@ -54,7 +59,7 @@ def find_steps(listing: FolderListing, answer: str = "") -> list[Step]:
     series, recordings, campaigns = listing.image_series, listing.recordings, listing.campaigns
     verdicts = [path for path, command in listing.results.items() if command == "discover"]
     first_series = next(iter(series), "")
-    campaign = _without_standard_name(campaigns[0]) if campaigns else ""
+    campaign = short_file_name(campaigns[0]) if campaigns else ""
     rows = [
         (
             "Camera files", bool(series or recordings),
@@ -77,30 +82,34 @@ def find_steps(listing: FolderListing, answer: str = "") -> list[Step]:
             "Verdict", bool(verdicts), answer or format_count(len(verdicts), "verdict"),
             "Compare measurement and model, and ask what the model lacks.",
             ("Read it", "Ask what is missing"),
-            page_address("result", open=verdicts[0])
-            if verdicts
-            else page_address("runs", command="discover", of=campaign),
+            page_address("result", open=verdicts[0]) if verdicts else options_address("discover", campaign),
         ),
     ]  # fmt: skip
     n_done = next((k for k, row in enumerate(rows) if not row[1]), len(rows))
     # a later step can be done before an earlier one: recordings may come without their camera files
     states = ["done" if row[1] else "next" if k == n_done else "later" for k, row in enumerate(rows)]
-    return [
+    steps = [
         Step(title, state, there if done else "", "" if done else missing, labels[not done], target)
         for (title, done, there, missing, labels, target), state in zip(rows, states, strict=True)
     ]
+    return [*steps[:-1], replace(steps[-1], campaign="" if verdicts else campaign)]
 
 
-def _without_standard_name(path: Path) -> Path:
-    """A folder stands for its case.toml or campaign.toml in a command."""
-    return path.parent if path.name in STANDARD_FILES and path.parent != Path() else path
+@dataclass(frozen=True)
+class FileRow:
+    """One file of the list: a `link` (text, address), `starts` {text: words of a command}, and where `options` are."""
+
+    path: Path | str
+    link: tuple[str, str] | None
+    starts: Mapping[str, Callable[[], list[str]]]
+    options: str = ""
 
 
 class HomePage:
     """What the folder holds, and one button for the next step."""
 
     def __init__(self, folder: Path, jobs: JobList, allowed: AllowedPrograms):
-        self.folder, self.jobs, self.allowed = folder, jobs, allowed
+        self.folder, self.starter = folder, CommandStarter(folder, jobs, allowed)
 
     def show(self) -> None:
         """Show the page."""
@@ -109,7 +118,7 @@ class HomePage:
         for sentence in listing.omissions:
             note(sentence, "warning")
         verdict = next((path for path, command in recent if command == "discover"), None)
-        answer = "" if verdict is None else describe_result(self.folder, verdict, "discover")
+        answer = "" if verdict is None else describe_result(self.folder, verdict)
         self._show_steps(find_steps(listing, answer))
         if not listing.images and not listing.recordings:
             add_viewer_style()  # has the style of the zone
@@ -133,7 +142,9 @@ class HomePage:
                     ui.label(escape_control(step.there or step.missing)).classes(
                         "grow break-words" if step.there else "grow ft-muted"
                     )
-                    if step.state != "later":
+                    if step.state == "next" and step.campaign:
+                        self.starter.show(step.label, "discover", step.campaign, main=True)
+                    elif step.state != "later":
                         open_target = lambda target=step.target: ui.navigate.to(target)  # noqa: E731
                         action(step.label, open_target, main=step.state == "next")
 
@@ -159,60 +170,62 @@ class HomePage:
             heading(3, example.title)
             ui.label(example.about).classes("ft-muted")
             show_command(command_text(example.command_words(self.folder)))
-            place = ui.column().classes("w-full")
 
-            async def start() -> None:
-                with place, show_errors(self.folder):
-                    if await start_example(example, self.folder, self.jobs, self.allowed):
-                        ui.navigate.to("/runs")
+            def write_files() -> list[str]:
+                write_example(example, self.folder)
+                return example.command_words(self.folder)
 
-            action(f"Try: {example.title.lower()}", start, "play_arrow")
+            self.starter.add_button(f"Try: {example.title.lower()}", write_files)
 
     def _show_files(self, listing: FolderListing) -> None:
         """All files of the folder by kind, with what can be done with each."""
-        groups = _group_files(listing)
+        groups = self._group_files(listing)
         if not any(groups.values()):
             return
         with card("All files"), ui.element("div").classes("ft-split"):
             for title, rows in groups.items():
                 if rows:
-                    _show_group(title, rows)
+                    self._show_group(title, rows)
 
+    def _group_files(self, listing: FolderListing) -> dict[str, list[FileRow]]:
+        """{kind: rows of its files}."""
 
-def _group_files(listing: FolderListing) -> dict[str, Sequence[tuple[Path | str, list[tuple[str, str]]]]]:
-    """{kind: [(file, [(what can be done, address)])]}."""
+        def row(path: Path | str, label: str, page: str, commands: Sequence[str] = (), key: str = "open") -> FileRow:
+            starts = {c: partial(self.starter.command_words, c, path) for c in commands}
+            options = options_address(commands[0], path) if commands else ""
+            return FileRow(path, (label, page_address(page, **{key: path})), starts, options)
 
-    def campaign_links(campaign: Path) -> list[tuple[str, str]]:
-        return [(c, _runs_link(c, campaign)) for c in ("compare", "discover", "plan")]
+        def unfinished(path: Path, command: str) -> FileRow:
+            if command != "run":
+                return FileRow(path, ("resume", options_address(command, path)), {})
+            return FileRow(path, None, {"resume": lambda: ["run", "--resume", file_word(str(path))]})
 
-    return {
-        "Cases": [(p, [("open", page_address("case", open=p)), ("run", _runs_link("run", p))]) for p in listing.cases],
-        "Camera files": [
-            (p, [(f"view {format_count(n, 'file')}", page_address("camera", open=p))])
-            for p, n in listing.image_series.items()
-        ],
-        "Recording templates": [(p, [("open", page_address("camera", template=p))]) for p in listing.templates],
-        "Recordings": [(p, [("view", page_address("camera", open=p))]) for p in listing.recordings],
-        "Campaigns": [(p, [("open", page_address("campaign", open=p)), *campaign_links(p)]) for p in listing.campaigns],
-        "Results": [(p, [("open", page_address("result", open=p))]) for p in listing.results],
-        "Unfinished runs": [(p, [("resume", _runs_link(o.command, p))]) for p, o in listing.begun.items()],
-    }  # fmt: skip
+        return {
+            "Cases": [row(p, "open", "case", ["run"]) for p in listing.cases],
+            "Camera files": [
+                row(p, f"view {format_count(n, 'file')}", "camera") for p, n in listing.image_series.items()
+            ],
+            "Recording templates": [row(p, "open", "camera", key="template") for p in listing.templates],
+            "Recordings": [row(p, "view", "camera") for p in listing.recordings],
+            "Campaigns": [row(p, "open", "campaign", ["compare", "discover", "plan"]) for p in listing.campaigns],
+            "Results": [row(p, "open", "result") for p in listing.results],
+            "Unfinished runs": [unfinished(p, o.command) for p, o in listing.begun.items()],
+        }
 
-
-def _runs_link(command: str, of: Path) -> str:
-    """The address of the page of runs with a command and its file."""
-    return page_address("runs", command=command, of=_without_standard_name(of))
-
-
-def _show_group(title: str, rows: Sequence[tuple[Path | str, list[tuple[str, str]]]]) -> None:
-    """The files of one kind and their links."""
-    with ui.column().classes("gap-1 w-full min-w-0"):
-        heading(3, title)
-        for path, links in rows[:MAX_NAMES_LISTED]:
-            with ui.row().classes("items-center gap-3 w-full no-wrap"):
-                name = escape_control(str(path))
-                ui.label(name).classes("break-all grow ft-mono ft-small")
-                for words, target in links:
-                    ui.link(words, target).props["aria-label"] = f"{words}: {name}"
-        if len(rows) > MAX_NAMES_LISTED:
-            ui.label(f"and {len(rows) - MAX_NAMES_LISTED} more").classes("ft-muted")
+    def _show_group(self, title: str, rows: Sequence[FileRow]) -> None:
+        """The files of one kind, with links and buttons that start commands."""
+        with ui.column().classes("gap-1 w-full min-w-0"):
+            heading(3, title)
+            for row in rows[:MAX_NAMES_LISTED]:
+                with ui.row().classes("items-center gap-3 w-full no-wrap"):
+                    name = escape_control(str(row.path))
+                    ui.label(name).classes("break-all grow ft-mono ft-small")
+                    if row.link is not None:
+                        ui.link(*row.link).props["aria-label"] = f"{row.link[0]}: {name}"
+                    for words, find_words in row.starts.items():
+                        self.starter.add_small_button(words, find_words, f"{words}: {name}")
+                    if row.options:
+                        link = ui.link(OPTIONS_LABEL.lower(), row.options).classes("ft-small")
+                        link.props["aria-label"] = f"options: {name}"
+            if len(rows) > MAX_NAMES_LISTED:
+                ui.label(f"and {len(rows) - MAX_NAMES_LISTED} more").classes("ft-muted")

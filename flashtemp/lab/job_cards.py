@@ -15,6 +15,7 @@ from flashtemp.lab.job_start import file_word
 from flashtemp.lab.jobs import command_text
 from flashtemp.lab.live_view import LiveView
 from flashtemp.lab.page_layout import action, chip, escape_lines, file_address, page_address, show_command, show_errors
+from flashtemp.lab.start_button import start_once
 from flashtemp.lab.workspace import escape_control, list_folder
 
 StartJob = Callable[[list[str]], Awaitable[bool]]  # whether it was started
@@ -84,6 +85,8 @@ class JobCard:
         with ui.row().classes("gap-2 items-center"):
             for k, (words, address) in enumerate(result.links if result else ()):
                 ui.link(words, address).classes("ft-chip accent" if k == 0 else "ft-chip")
+            for words, command in result.starts if result else ():
+                add_start_button(words, list(command), self.start, self.result, self.folder)
             if again := resume_words(self.folder, self.job):
                 add_start_button("Resume", again, self.start, self.result, self.folder)
             show_repeat_buttons(self.folder, self.job, self.start, self.result)
@@ -123,23 +126,26 @@ def resume_words(folder: Path, job: LoggedJob) -> list[str]:
 def add_start_button(words: str, command: list[str], start: StartJob, place: Any, folder: Path) -> None:
     """A button that starts a command; errors are shown in `place`."""
 
-    async def start_again() -> None:
+    async def start_again() -> bool:
         with place, show_errors(folder):
-            await start(command)
+            return await start(command)
+        return False
 
-    action(words, start_again, icon="play_arrow").props("dense")
+    action(words, start_once(start_again), icon="play_arrow").props("dense")
 
 
 def show_repeat_buttons(folder: Path, job: LoggedJob, start: StartJob, place: Any) -> None:
     """Buttons to run a command again with a new result folder, and to change it first."""
     again = page_address("runs", again=job.name)
 
-    async def repeat() -> None:
+    async def repeat() -> bool:
         with place, show_errors(folder):
-            if not await start([*job.words]):
-                ui.navigate.to(again)
+            if await start([*job.words]):
+                return True
+            ui.navigate.to(again)
+        return False
 
-    ui.button("Run again", icon="replay", on_click=repeat).props("flat dense no-caps")
+    ui.button("Run again", icon="replay", on_click=start_once(repeat)).props("flat dense no-caps")
     ui.button("Change and run", icon="edit", on_click=lambda: ui.navigate.to(again)).props("flat dense no-caps")
 
 

@@ -10,10 +10,12 @@ from typing import Any
 
 from flashtemp.errors import BadInput
 from flashtemp.lab.job_record import LoggedJob
+from flashtemp.lab.job_start import file_word
 from flashtemp.lab.live_state import finite_number, number_list
-from flashtemp.lab.page_layout import page_address
-from flashtemp.lab.result_card import find_main_picture
-from flashtemp.lab.workspace import RESULT_COMMANDS, find_own_file, free_name, read_brief_json, resolve_inside
+from flashtemp.lab.page_layout import STANDARD_FILES, page_address
+from flashtemp.lab.result_card import describe_result, find_main_picture
+from flashtemp.lab.result_sentences import grade_comparison
+from flashtemp.lab.workspace import RESULT_COMMANDS, find_own_file, free_name, read_json_quietly, resolve_inside
 
 NUMBER_FILES = {"run": "summary.json", "discover": "verdict.json", "compare": "compare.json"}
 WITH_RESULT = ("done", "running", "unknown", "failed, exit code 1")  # states; 1: a picture is missing
@@ -21,13 +23,17 @@ WITH_RESULT = ("done", "running", "unknown", "failed, exit code 1")  # states; 1
 
 @dataclass(frozen=True)
 class JobResult:
-    """The result of a job: `path`, `picture`, `numbers` (name, value), a `sentence` and `links` (text, address)."""
+    """The result of a job: `path`, `picture`, `numbers` (name, value), a `sentence` and the next steps.
+
+    The steps are `links` (text, address) and `starts` (text, words of a command).
+    """
 
     path: str
     picture: Path | None = None
     numbers: tuple[tuple[str, str], ...] = ()
     sentence: str = ""
     links: tuple[tuple[str, str], ...] = ()
+    starts: tuple[tuple[str, tuple[str, ...]], ...] = ()
 
 
 def result_name(words: Sequence[str]) -> str:
@@ -55,6 +61,13 @@ def free_result_folder(folder: Path, out: str, jobs: Iterable[LoggedJob]) -> str
     return str(free)
 
 
+def choose_result_folder(folder: Path, command: str, file: str | Path, jobs: Iterable[LoggedJob]) -> str:
+    """A free result folder named after the file of a command, or after its folder, and the command."""
+    path = Path(file)
+    name = ((path.parent.name if path.name in STANDARD_FILES else "") or path.stem).lstrip(".")
+    return free_result_folder(folder, f"results/{name}-{command}", jobs)
+
+
 def find_result(folder: Path, job: LoggedJob) -> JobResult | None:
     """The result of a job, None where it has none; a folder that was there before a job failed is not its result."""
     if job.state not in WITH_RESULT:
@@ -68,42 +81,55 @@ def find_result(folder: Path, job: LoggedJob) -> JobResult | None:
         return None
     here, command = path.relative_to(folder.resolve()), job.words[0]
     picture = find_main_picture(folder, here, command)
-    numbers, sentence = _read_numbers(folder, here, command)
-    return JobResult(str(here), picture, numbers, sentence, _next_links(folder, here, command))
+    numbers, sentence = _read_numbers(folder, here, command), describe_result(folder, here)
+    links, starts = _next_links(folder, here, command), _next_commands(folder, here, job.words)
+    return JobResult(str(here), picture, numbers, sentence, links, starts)
 
 
 def _next_links(folder: Path, here: Path, command: str) -> tuple[tuple[str, str], ...]:
-    """Links to the result and to what usually follows it."""
+    """Links to the result and to its files."""
     if command == "twin":
         is_made = find_own_file(folder, here / "campaign.toml") is not None
-        links = [
-            ("Open the campaign", page_address("campaign", open=here / "campaign.toml")),
-            ("Compare it", page_address("runs", command="compare", of=here)),
-            ("Discover the hidden effect", page_address("runs", command="discover", of=here)),
-        ]
-        return tuple(links) if is_made else ()
+        return (("Open the campaign", page_address("campaign", open=here / "campaign.toml")),) if is_made else ()
     if not any((folder / here / file).exists() for file in RESULT_COMMANDS):
         return ()
     links = [("Open the result", page_address("result", open=here))]
-    if command == "discover" and find_own_file(folder, here / "extended.toml") is not None:
-        links.append(("Run the extended case", page_address("runs", command="run", of=here / "extended.toml")))
     if command == "run":
         links.append(("Open its case", page_address("case", open=here / "case.toml")))
     return tuple(links)
 
 
-def _read_numbers(folder: Path, here: Path, command: str) -> tuple[tuple[tuple[str, str], ...], str]:
-    """The main numbers of a result and its sentence; none where the file is missing or damaged."""
-    data = read_brief_json(folder, here / NUMBER_FILES[command]) if command in NUMBER_FILES else {}
+def _next_commands(folder: Path, here: Path, words: Sequence[str]) -> tuple[tuple[str, tuple[str, ...]], ...]:
+    """What usually follows a result, as commands that can be started at once."""
+
+    def named(label: str, command: str, file: str) -> tuple[str, tuple[str, ...]]:
+        return label, (command, file_word(file), "--out", file_word(choose_result_folder(folder, command, file, ())))
+
+    if words[0] == "twin" and find_own_file(folder, here / "campaign.toml") is not None:
+        file = str(here)
+        return (named("Compare it", "compare", file), named("Discover the hidden effect", "discover", file))
+    if words[0] == "discover" and find_own_file(folder, here / "extended.toml") is not None:
+        return (("Run the extended case", tuple(extended_case_words(folder, here, ()))),)
+    if words[0] == "compare" and len(words) > 1 and not words[1].startswith("-"):
+        data = read_json_quietly(folder, here / "compare.json")
+        return (named("Ask what is missing", "discover", words[1]),) if grade_comparison(data) != "good" else ()
+    return ()
+
+
+def extended_case_words(folder: Path, here: Path, jobs: Iterable[LoggedJob]) -> list[str]:
+    """The command that runs the extended case of the verdict in the folder `here`."""
+    out = free_result_folder(folder, f"results/{here.name.lstrip('.')}-extended", jobs)
+    return ["run", file_word(str(here / "extended.toml")), "--out", out]
+
+
+def _read_numbers(folder: Path, here: Path, command: str) -> tuple[tuple[str, str], ...]:
+    """The main numbers of a result; none where the file is missing or damaged."""
+    data = read_json_quietly(folder, here / NUMBER_FILES[command]) if command in NUMBER_FILES else {}
     if not data:
-        return (), ""
+        return ()
     if command == "run":
-        return _run_numbers(data), ""
-    if command == "discover":
-        says = data.get("says")
-        first = says[0] if isinstance(says, list) and says and isinstance(says[0], str) else ""
-        return _verdict_numbers(data), first
-    return _comparison_numbers(data), ""
+        return _run_numbers(data)
+    return _verdict_numbers(data) if command == "discover" else _comparison_numbers(data)
 
 
 def _run_numbers(data: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:

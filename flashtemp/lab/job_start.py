@@ -8,7 +8,7 @@ from pathlib import Path
 
 from flashtemp.errors import BadInput
 from flashtemp.lab.jobs import LOG_FOLDER, JobList
-from flashtemp.lab.page_layout import ask_to_run
+from flashtemp.lab.page_layout import STANDARD_FILES, ask_to_run
 from flashtemp.lab.programs import AllowedPrograms, has_trust, programs_of_command
 from flashtemp.lab.workspace import resolve_inside
 
@@ -49,3 +49,15 @@ def file_word(name: str) -> str:
     ('./--trust', 'case.toml', '')
     """
     return f"./{name}" if name.startswith("-") else name
+
+
+def short_file_name(file: str | Path) -> str:
+    """The name of a file in a command: a folder stands for its case.toml or campaign.toml.
+
+    >>> [short_file_name(name) for name in ("lab/campaign.toml", "campaign.toml", "a/b.toml", "")]
+    ['lab', 'campaign.toml', 'a/b.toml', '']
+    """
+    path = Path(file)
+    if not str(file):
+        return ""
+    return str(path.parent if path.name in STANDARD_FILES and path.parent != Path() else path)

@@ -42,7 +42,7 @@ class JobsPage:
         self.folder, self.jobs, self.allowed = folder, jobs, allowed
         self.commands = sort_commands(commands)
         self.cards: dict[str, JobCard] = {}
-        self.title = PAGE_NAME
+        self.title, self.is_detail = PAGE_NAME, False
         self.past: list[LoggedJob] = []
         self.form = CommandForm(folder, commands, self.start, lambda: [*jobs.all, *self.past])
 
@@ -50,6 +50,7 @@ class JobsPage:
         """Show the page with a command and its file, one `job` in detail, or the form as filled in for `again`."""
         ui.add_css(read_asset("runs.css"))
         add_script("charts.js")  # charts are added later, when scripts do not run
+        self.is_detail = bool(job)
         if job:
             self._show_job(job)
             return
@@ -161,7 +162,10 @@ class JobsPage:
             if find_risky_words(words, self.commands):
                 return False
             words = self._with_free_folder(words)
-        return await start_job(self.folder, self.jobs, self.allowed, words)
+        is_started = await start_job(self.folder, self.jobs, self.allowed, words)
+        if is_started and self.is_detail:
+            ui.navigate.to(page_address("runs", job=self.jobs.all[0].name))
+        return is_started
 
     def _is_repeated(self, words: list[str]) -> bool:
         """Whether a command is not the present content of the form."""

@@ -22,6 +22,7 @@ from flashtemp.lab.page_layout import FILES_ADDRESS, page_frame, show_errors
 from flashtemp.lab.programs import AllowedPrograms
 from flashtemp.lab.recording_store import RecordingStore
 from flashtemp.lab.result_page import show_result
+from flashtemp.lab.start_button import CommandStarter
 
 RECONNECT_TIMEOUT_S = 30.0  # a busy computer may interrupt the connection; a page that is made anew loses its form
 
@@ -47,12 +48,12 @@ def make_application(folder: Path, commands: Sequence[CommandDescription] = ()) 
     @ui.page("/case")
     def case(open: str = "") -> None:  # noqa: A002
         with page_frame("case", folder):
-            CasePage(folder, allowed).show(open)
+            CasePage(folder, allowed, jobs).show(open)
 
     @ui.page("/campaign")
     def campaign(open: str = "", new: str = "") -> None:  # noqa: A002
         with page_frame("campaign", folder):
-            CampaignPage(folder, allowed, store).show(open, bool(new))
+            CampaignPage(folder, allowed, store, jobs).show(open, bool(new))
 
     @ui.page("/runs")
     async def runs(command: str = "", of: str = "", job: str = "", again: str = "") -> None:
@@ -63,7 +64,7 @@ def make_application(folder: Path, commands: Sequence[CommandDescription] = ()) 
     @ui.page("/verdict")
     def result(request: Request, open: str = "") -> None:  # noqa: A002
         with page_frame("", folder), show_errors(folder):
-            show_result(folder, open, request.query_params.getlist("with"), jobs, allowed)
+            show_result(folder, open, request.query_params.getlist("with"), CommandStarter(folder, jobs, allowed))
 
     ui.run_with(
         app, title="flashtemp", favicon="🔥", language="en-US", dark=None, show_welcome_message=False,

@@ -8,9 +8,9 @@ from pathlib import Path
 from nicegui import ui
 
 from flashtemp.errors import BadInput
-from flashtemp.lab.live_state import finite_number
 from flashtemp.lab.page_layout import chip, file_address, page_address
-from flashtemp.lab.workspace import RESULT_COMMANDS, escape_control, find_own_file, read_brief_json, resolve_inside
+from flashtemp.lab.result_sentences import SENTENCES
+from flashtemp.lab.workspace import RESULT_COMMANDS, escape_control, find_own_file, read_json_quietly, resolve_inside
 
 MAX_SENTENCE_CHARACTERS = 1000
 MAIN_PICTURES = {  # of a command's result, the first that exists
@@ -31,17 +31,10 @@ def find_main_picture(folder: Path, result: Path, command: str) -> Path | None:
     return next((name for name in shown if find_own_file(folder, name) is not None), None)
 
 
-def describe_result(folder: Path, result: Path, command: str) -> str:
+def describe_result(folder: Path, result: Path) -> str:
     """The answer of a result in one sentence, "" where its file does not say."""
-    if command == "run":
-        found = read_brief_json(folder, result / "summary.json")
-        hottest, rise = (finite_number(found.get(key)) for key in ("T_max_degC", "rise_trailing_K"))
-        if hottest is None or rise is None:
-            return ""
-        return f"highest {hottest:.1f} °C, rise at the trailing edge {rise:.1f} K"
-    for name in ("verdict.json", "compare.json", "plan.json", "sensitivity.json"):
-        says = read_brief_json(folder, result / name).get("says")
-        if isinstance(says, list) and says and isinstance(says[0], str):
+    for name, describe in SENTENCES.items():
+        if says := describe(read_json_quietly(folder, result / name)):
             return says[0][:MAX_SENTENCE_CHARACTERS]
     return ""
 
@@ -61,7 +54,7 @@ def show_result_card(folder: Path, result: Path, command: str) -> None:
         with ui.row().classes("items-center gap-2 w-full no-wrap"):
             ui.link(escape_control(result.name), target).classes("font-semibold break-all grow")
             chip(command)
-        if words := describe_result(folder, result, command):
+        if words := describe_result(folder, result):
             ui.label(escape_control(words)).classes("ft-small")
         if (made := _time_made(folder / result)) is not None:
             ui.label(f"{made:%Y-%m-%d %H:%M}").classes("ft-small ft-muted")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -15,10 +14,9 @@ from nicegui import ui
 from flashtemp.errors import BadInput
 from flashtemp.lab.page_layout import card, file_address, refuse_damaged
 from flashtemp.lab.result_parts import write_text
-from flashtemp.lab.workspace import RESULT_COMMANDS, escape_control, find_own_file, resolve_inside
+from flashtemp.lab.workspace import RESULT_COMMANDS, escape_control, find_own_file, read_json, resolve_inside
 from flashtemp.model.case_file import MAX_TOML_BYTES, flatten_tables, parse_toml
 
-MAX_JSON_BYTES = 32 * 2**20
 MAX_PICTURES = 200
 MAX_FILES_SHOWN = 500
 PICTURE_SUFFIXES = (".png", ".gif", ".svg")
@@ -39,6 +37,11 @@ FILE_DESCRIPTIONS = {
     "sweep.csv": "one row for every combination",
     "sensitivity.json": "what every input does",
     "worn.csv": "worn depth along the block",
+    "friction.json": "friction over speed and temperature",
+    "area.json": "contact area over pressure",
+    "loads.json": "what makes friction depend on load",
+    "tread.json": "friction of a tread block over slip",
+    "tyre.json": "side force of a tyre over slip angle",
 }
 RUN_PICTURE_CAPTIONS = {
     "budget": "Where the friction heat went",
@@ -53,6 +56,11 @@ RUN_PICTURE_CAPTIONS = {
     "sweep": "Numbers over the swept keys",
     "sensitivity": "What every input does",
     "separability": "Which effects these data can tell apart",
+    "what_is_wrong": "Measured, computed and their difference where it is largest",
+    "area": "Contact area over pressure",
+    "loads": "What makes friction depend on load",
+    "tread": "Friction along the footprint",
+    "tyre": "Side force over slip angle",
 }
 
 
@@ -79,12 +87,7 @@ class ResultFolder:
 
     def read_json(self, name: str) -> dict[str, Any]:
         """The content of a JSON file of the result; {} where there is none.  Raises BadInput for a damaged file."""
-        if (file := self.find_file(name)) is None:
-            return {}
-        with refuse_damaged(file):
-            if file.stat().st_size > MAX_JSON_BYTES:
-                raise BadInput(f"{file}: larger than {MAX_JSON_BYTES // 2**20} MiB; open it with a text editor")
-            return dict(json.loads(file.read_text(encoding="utf-8")))
+        return read_json(self.folder, self.here / name)
 
     def read_case(self) -> dict[str, Any]:
         """The keys of the result's case {key with table: value}; {} where it has none.  Raises BadInput."""

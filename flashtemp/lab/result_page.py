@@ -10,10 +10,15 @@ from nicegui import ui
 
 from flashtemp.errors import BadInput
 from flashtemp.lab.conditions import show_conditions
-from flashtemp.lab.job_start import file_word
-from flashtemp.lab.jobs import JobList, command_text
-from flashtemp.lab.page_layout import card, chip, empty_state, heading, page_address, show_error, show_errors
-from flashtemp.lab.programs import AllowedPrograms
+from flashtemp.lab.page_layout import (
+    chip,
+    empty_state,
+    file_address,
+    heading,
+    page_address,
+    show_error,
+    show_errors,
+)
 from flashtemp.lab.result_card import list_recent_results, show_result_card
 from flashtemp.lab.result_files import (
     ResultFolder,
@@ -23,22 +28,25 @@ from flashtemp.lab.result_files import (
     show_gallery,
     show_report,
 )
-from flashtemp.lab.result_parts import add_result_assets, load_later, refuse_unreadable, show_figures
+from flashtemp.lab.result_parts import add_result_assets, load_later, refuse_unreadable, show_answer
+from flashtemp.lab.result_sentences import describe_run
 from flashtemp.lab.run_comparison import RunComparison
 from flashtemp.lab.run_data import RunData, main_numbers, read_run
 from flashtemp.lab.run_result import show_run_charts
 from flashtemp.lab.scene_3d import show_scene
+from flashtemp.lab.start_button import CommandStarter
 from flashtemp.lab.study_results import show_study
-from flashtemp.lab.workspace import RESULT_COMMANDS, escape_control, free_name, list_folder
+from flashtemp.lab.workspace import RESULT_COMMANDS, list_folder
 
 MAX_OFFERED = 8  # results shown where none is chosen
 KIND_WORDS = {
     "run": "Run", "discover": "Verdict", "compare": "Comparison", "plan": "Plan", "sweep": "Sweep",
-    "sensitivity": "Sensitivity",
+    "sensitivity": "Sensitivity", "friction": "Friction", "loads": "Load dependence", "tread": "Tread block",
+    "tyre": "Tyre",
 }  # fmt: skip
 
 
-def show_result(folder: Path, name: str, others: Sequence[str], jobs: JobList, allowed: AllowedPrograms) -> None:
+def show_result(folder: Path, name: str, others: Sequence[str], starter: CommandStarter) -> None:
     """Show a result folder; a run beside the runs `others`, a discovery as its verdict.  Raises BadInput."""
     add_result_assets()
     if not name:
@@ -54,14 +62,14 @@ def show_result(folder: Path, name: str, others: Sequence[str], jobs: JobList, a
         return
     show_title(result)
     if result.command == "run":
-        _show_run(result, others)
+        _show_run(result, others, starter)
     elif result.command == "discover":
         from flashtemp.lab.verdict_page import show_verdict_parts
 
-        show_verdict_parts(result, jobs, allowed)
+        show_verdict_parts(result, starter)
     elif result.command:
         with show_errors(folder):
-            show_study(result)
+            show_study(result, starter)
     else:
         about = f"{result.name} holds no result of a command of flashtemp."
         show_no_result(folder, "Nothing to show here yet", about)
@@ -92,6 +100,9 @@ def show_title(result: ResultFolder) -> None:
         if age := describe_age(result, list(RESULT_COMMANDS)):
             chip(age)
         ui.label(result.name).classes("ft-muted ft-small break-all")
+        for name, words in {"report.html": "Report", "report.pdf": "PDF for printing"}.items():
+            if result.find_file(name) is not None:
+                ui.link(words, file_address(result.here / name), new_tab=True).classes("ft-small")
 
 
 def _verdict_captions() -> dict[str, str]:
@@ -100,7 +111,7 @@ def _verdict_captions() -> dict[str, str]:
     return {name: caption.partition(". ")[0].rstrip(".") + "." for name, caption in PICTURE_CAPTIONS.items()}
 
 
-def _show_run(result: ResultFolder, others: Sequence[str]) -> None:
+def _show_run(result: ResultFolder, others: Sequence[str], starter: CommandStarter) -> None:
     """Main numbers, plots, 3D view, comparison and conditions of a run."""
     summary: dict[str, Any] = {}
     values: dict[str, Any] = {}
@@ -122,20 +133,10 @@ def _show_run(result: ResultFolder, others: Sequence[str]) -> None:
         RunComparison(result).show(others)
     if values:
         with show_errors(result.folder), refuse_unreadable(f"{result.name}/case.toml"):
-            show_conditions(result, values, repeat_command(result))
+            show_conditions(result, values, starter)
 
 
 def _show_summary(summary: dict[str, Any]) -> None:
     """The main numbers of a run."""
-    numbers = main_numbers(summary) if summary else []
-    if numbers:
-        with card(escape_control(str(summary.get("title", ""))) or "Main numbers"):
-            show_figures(numbers)
-
-
-def repeat_command(result: ResultFolder) -> str:
-    """The command line that computes a run again into a new folder."""
-    parent = str(result.here.parent)
-    name = free_name(result.folder / parent, result.here.name)
-    out = name if parent == "." else f"{parent}/{name}"
-    return command_text(["run", file_word(str(result.here / "case.toml")), "--out", out])
+    if summary:
+        show_answer(describe_run(summary), main_numbers(summary))

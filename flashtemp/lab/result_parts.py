@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Awaitable, Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,12 +13,15 @@ from nicegui import run, ui
 from nicegui.elements.mixins.text_element import TextElement
 
 from flashtemp.errors import BadInput, FlashtempError
-from flashtemp.lab.page_layout import add_script, show_errors
+from flashtemp.lab.page_layout import add_script, chip, show_errors
 from flashtemp.lab.style import read_asset
 from flashtemp.lab.workspace import escape_control
 
 MAX_TABLE_ROWS = 200
+MAX_ROWS = 200  # records of a JSON file that are shown
 MAX_CELL_CHARACTERS = 400
+MAX_NUMBER_CHARACTERS = 30  # of a cell that never breaks into lines
+MAX_ANSWER_LINES = 6  # sentences of an answer that are not folded
 
 
 @dataclass(frozen=True)
@@ -28,6 +32,27 @@ class MainNumber:
     value: str
     unit: str = ""
     remark: str = ""
+
+
+def record_list(value: Any) -> list[dict[str, Any]]:
+    """The tables in a list of a JSON file."""
+    return [v for v in value if isinstance(v, dict)][:MAX_ROWS] if isinstance(value, list) else []
+
+
+def text_list(value: Any) -> list[str]:
+    """The entries of a list of a JSON file as texts."""
+    return [str(v) for v in value[:MAX_ROWS]] if isinstance(value, list) else []
+
+
+def stored_number(value: Any) -> float:
+    """A number of a JSON file, infinite ones as text; NaN for null and for anything else."""
+    return float(value) if isinstance(value, (int, float)) or value in ("inf", "-inf") else math.nan
+
+
+def number_text(value: Any) -> str:
+    from flashtemp.viz.number_format import format_number
+
+    return format_number(stored_number(value))
 
 
 def add_result_assets() -> None:
@@ -51,6 +76,24 @@ def show_figures(numbers: Sequence[MainNumber]) -> None:
                     write_text("dd", number.remark).classes("ft-muted ft-small m-0")
 
 
+def show_answer(sentences: Sequence[str], numbers: Sequence[MainNumber] = (), grade: str = "", state: str = "") -> None:
+    """Show the answer of a result: its first sentence in large type, the others as a list, and the main numbers.
+
+    `grade` good, warning or error colours the card; `state` is that in words.
+    """
+    with ui.element("section").classes(f"ft-card ft-answer-card {grade}").props('aria-label="answer"'):
+        if state:
+            chip(state, grade)
+        write_text("p", sentences[0] if sentences else "This result holds no numbers.").classes("ft-answer m-0")
+        if sentences[1:MAX_ANSWER_LINES]:
+            show_list(sentences[1:MAX_ANSWER_LINES])
+        if len(sentences) > MAX_ANSWER_LINES:
+            with folded_part(f"{len(sentences) - MAX_ANSWER_LINES} further findings"):
+                show_list(sentences[MAX_ANSWER_LINES:])
+        if numbers:
+            show_figures(numbers)
+
+
 def write_text(tag: str, text: str) -> Any:
     """An element with a text that the page shows as it is."""
     return TextElement(tag=tag, text=escape_control(str(text)))
@@ -68,7 +111,8 @@ def show_table(head: Sequence[str], rows: Sequence[Sequence[str]], about: str, n
                 with ui.element("tr"):
                     for k, value in enumerate(row):
                         text = value if len(value) <= MAX_CELL_CHARACTERS else f"{value[:MAX_CELL_CHARACTERS]}..."
-                        kind = "number" if k in numbers else "words" if len(text) > 40 else ""
+                        is_number = k in numbers and len(text) <= MAX_NUMBER_CHARACTERS
+                        kind = "number" if is_number else "words" if len(text) > 40 else ""
                         write_text("td", text).classes(kind)
     if len(rows) > MAX_TABLE_ROWS:
         ui.label(f"and {len(rows) - MAX_TABLE_ROWS} more rows").classes("ft-muted ft-small")

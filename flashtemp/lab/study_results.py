@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,132 +12,68 @@ from nicegui import ui
 
 from flashtemp.errors import BadInput
 from flashtemp.lab.charts import bar_options, bar_series, chart_options, line_series, show_chart, update_chart
+from flashtemp.lab.comparison_result import show_comparison
 from flashtemp.lab.conditions import show_conditions
-from flashtemp.lab.job_start import file_word
-from flashtemp.lab.jobs import command_text
-from flashtemp.lab.page_layout import card, note, refuse_damaged, show_errors
+from flashtemp.lab.friction_results import FILES, show_friction_result
+from flashtemp.lab.page_layout import card, page_address, refuse_damaged, show_errors
 from flashtemp.lab.result_files import ResultFolder, open_dataset
 from flashtemp.lab.result_parts import (
+    MAX_ROWS,
     MainNumber,
     folded_part,
     load_later,
+    number_text,
+    record_list,
     refuse_unreadable,
-    show_figures,
-    show_list,
+    show_answer,
     show_table,
+    stored_number,
 )
+from flashtemp.lab.result_sentences import describe_plan, describe_sensitivity
+from flashtemp.lab.start_button import CommandStarter
 from flashtemp.lab.workspace import escape_control
 
-MAX_ROWS = 200  # records of a JSON file that are shown
 MAX_SWEEP_BYTES = 256 * 2**20
 MAX_SERIES = 12
 MAX_AXIS_LABEL = 40  # characters that fit along the height of a chart
 MIN_SIGNAL = 0.1  # signal-to-noise ratio; smaller ones are drawn as this
 DETECTION_LIMIT = 5.0  # signal-to-noise ratio from which an effect counts as distinguished
-ADEQUATE_RATIO = 4.0  # chi2 per degree of freedom up to which a recording agrees with the model
 
 
-def show_study(result: ResultFolder) -> None:
+def show_study(result: ResultFolder, starter: CommandStarter) -> None:
     """Show the result of a study by the command that made it.  Raises BadInput for a damaged file."""
-    shown = {"compare": show_comparison, "plan": show_plan, "sensitivity": show_sensitivity}.get(result.command)
-    if shown is not None:
+    shown: dict[str, Callable[[ResultFolder, dict[str, Any]], None]] = {
+        "compare": partial(show_comparison, starter=starter), "plan": show_plan, "sensitivity": show_sensitivity,
+    }  # fmt: skip
+    if result.command in FILES:
+        with refuse_damaged(result.path):
+            show_friction_result(result)
+    show = shown.get(result.command)
+    if show is not None:
         file = f"{result.command}.json"
         data = result.read_json(file)
         with refuse_damaged(result.path / file):
-            shown(result, data)
+            show(result, data)
     elif result.command == "sweep":
         load_later(result.folder, "the sweep", lambda: read_sweep(result), lambda stored: SweepCharts(stored).show())
     with show_errors(result.folder), refuse_unreadable(f"{result.name}/case.toml"):
         values = result.read_case()
         if values:
-            command = command_text([result.command, file_word(str(result.here / "case.toml"))])
-            show_conditions(result, values, command)
-
-
-def _record_list(value: Any) -> list[dict[str, Any]]:
-    """The tables in a list of a JSON file."""
-    return [v for v in value if isinstance(v, dict)][:MAX_ROWS] if isinstance(value, list) else []
-
-
-def _text_list(value: Any) -> list[str]:
-    """The entries of a list of a JSON file as texts."""
-    return [str(v) for v in value[:MAX_ROWS]] if isinstance(value, list) else []
-
-
-def _finite_number(value: Any) -> float:
-    """A number of a JSON file, infinite ones as text; NaN for null and for anything else."""
-    return float(value) if isinstance(value, (int, float)) or value in ("inf", "-inf") else math.nan
-
-
-def _number_text(value: Any) -> str:
-    from flashtemp.viz.number_format import format_number
-
-    return format_number(_finite_number(value))
-
-
-# --- compare -----------------------------------------------------------------------------------------------
-def show_comparison(result: ResultFolder, data: dict[str, Any]) -> None:
-    """Show how far every recording and load-cell series is from the case as stated."""
-    from flashtemp.viz.key_labels import describe_condition
-
-    recordings, forces = _record_list(data.get("recordings")), _record_list(data.get("forces"))
-    adequate = [r for r in recordings if r.get("white") and _finite_number(r.get("chi2_per_dof")) < ADEQUATE_RATIO]
-    with card(escape_control(str(data.get("title", ""))) or "Comparison"):
-        worst = max(recordings, key=lambda r: _finite_number(r.get("rmse_K")), default={})
-        ratio = max((_finite_number(r.get("chi2_per_dof")) for r in recordings), default=math.nan)
-        show_figures([
-            MainNumber("Largest misfit", _number_text(worst.get("rmse_K")), "K rms", str(worst.get("file", ""))),
-            MainNumber("Agree with the case", f"{len(adequate)} of {len(recordings)}", "recordings"),
-            MainNumber("Largest chi2/dof", _number_text(ratio), "", "1: noise explains everything"),
-            MainNumber("Energy error", _number_text(data.get("energy_imbalance")), "", "of all heat that moved"),
-        ])  # fmt: skip
-        for line in _text_list(data.get("warnings")):
-            note(line, "warning")
-    if recordings:
-        with card("Misfit of every recording", "Measured minus computed, for the case as stated."):
-            files = [escape_control(str(r.get("file"))) for r in recordings]
-            series = [
-                bar_series("root mean square", files, [_finite_number(r.get("rmse_K")) for r in recordings], 0),
-                bar_series("mean", files, [_finite_number(r.get("bias_K")) for r in recordings], 1),
-            ]
-            chart = show_chart(bar_options(series, files, "difference (K)", 210), "misfit", "misfit of every recording")
-            chart.style(f"height: {110 + 44 * len(files)}px")
-            head = ("recording", "conditions", "rms (K)", "mean (K)", "chi2/dof", "largest difference")
-            rows = [
-                (str(r.get("file")), describe_condition(dict(r.get("with") or {})), _number_text(r.get("rmse_K")),
-                 _number_text(r.get("bias_K")), _number_text(r.get("chi2_per_dof")), _describe_peak(r.get("largest")))
-                for r in recordings
-            ]  # fmt: skip
-            show_table(head, rows, "recordings", numbers=(2, 3, 4))
-    if forces:
-        with card("Load cell", "Friction coefficient measured and computed."):
-            names = ("series", "rms", "mean", "chi2/dof")
-            keys = ("rmse", "bias", "chi2_per_dof")
-            show_table(names, [(str(f.get("file")), *(_number_text(f.get(k)) for k in keys)) for f in forces],
-                       "load-cell series", numbers=(1, 2, 3))  # fmt: skip
-
-
-def _describe_peak(peak: Any) -> str:
-    """The largest difference of a recording in words."""
-    if not isinstance(peak, dict):
-        return "–"
-    place = f"x = {_number_text(1e3 * _finite_number(peak.get('u')))} mm"
-    return f"{_number_text(peak.get('K'))} K at {place}, {_number_text(peak.get('time'))} s"
+            show_conditions(result, values, starter)
 
 
 # --- plan --------------------------------------------------------------------------------------------------
 def show_plan(result: ResultFolder, data: dict[str, Any]) -> None:
     """Show which effects planned data can tell apart, and which measurement to add."""
-    effects = sorted(_record_list(data.get("effects")), key=lambda e: -_finite_number(e.get("z_left")))
-    proposals = [*_record_list(data.get("experiments")), *_record_list(data.get("sensors"))]
+    effects = sorted(record_list(data.get("effects")), key=lambda e: -stored_number(e.get("z_left")))
+    proposals = [*record_list(data.get("experiments")), *record_list(data.get("sensors"))]
     good = [e for e in effects if e.get("separable")]
-    with card(escape_control(str(data.get("title", ""))) or "Plan"):
-        helpful = [p for p in proposals if p.get("helps")]
-        remark = str(helpful[0].get("words", "")) if helpful else "no single addition tells more effects apart"
-        show_figures([
-            MainNumber("Can be told apart", f"{len(good)} of {len(effects)}", "effects"),
-            MainNumber("Additions that help", f"{len(helpful)} of {len(proposals)}", "proposals", remark),
-        ])  # fmt: skip
+    helpful = [p for p in proposals if p.get("helps")]
+    remark = str(helpful[0].get("words", "")) if helpful else "no single addition tells more effects apart"
+    show_answer(describe_plan(data), [
+        MainNumber("Can be told apart", f"{len(good)} of {len(effects)}", "effects"),
+        MainNumber("Additions that help", f"{len(helpful)} of {len(proposals)}", "proposals", remark),
+    ])  # fmt: skip
     if effects:
         with card(
             "Signal of every effect", "Signal-to-noise ratio with all others free; from 5 an effect is told apart."
@@ -153,9 +89,9 @@ def show_plan(result: ResultFolder, data: dict[str, Any]) -> None:
                     "correlation",
                 )
                 rows = [
-                    (_effect_text(e.get("effect")), _number_text(e.get("z")), _number_text(e.get("z_left")),
-                     f"{_number_text(e.get('detectable'))} {e.get('unit') if e.get('unit') != '1' else ''}",
-                     _effect_text(e.get("nearest")), _number_text(e.get("rho")))
+                    (_effect_text(e.get("effect")), number_text(e.get("z")), number_text(e.get("z_left")),
+                     f"{number_text(e.get('detectable'))} {e.get('unit') if e.get('unit') != '1' else ''}",
+                     _effect_text(e.get("nearest")), number_text(e.get("rho")))
                     for e in effects
                 ]  # fmt: skip
                 show_table(head, rows, "effects", numbers=(1, 2, 3, 5))
@@ -168,12 +104,13 @@ def show_plan(result: ResultFolder, data: dict[str, Any]) -> None:
             show_table(("one more condition or sensor", "then told apart"), additions, "proposals")
         else:
             ui.label("Nothing further would tell more effects apart.").classes("ft-muted")
+        ui.link("Open the campaigns", page_address("campaign"))
 
 
 def _show_signals(effects: Sequence[dict[str, Any]]) -> None:
     """Bars of the signal of every effect on a logarithmic axis, with the limit of detection."""
     labels = [_effect_text(e.get("effect")) for e in effects]
-    values = [max(_finite_number(e.get("z_left")), MIN_SIGNAL) for e in effects]
+    values = [max(stored_number(e.get("z_left")), MIN_SIGNAL) for e in effects]
     line = {"symbol": "none", "silent": True, "lineStyle": {"color": "var(--text)", "type": "dashed"},
             "data": [{"xAxis": DETECTION_LIMIT}], "label": {"color": "var(--text)", "formatter": "5"}}  # fmt: skip
     series = [bar_series("signal-to-noise ratio", labels, values, 1, markLine=line)]
@@ -192,9 +129,7 @@ def show_sensitivity(result: ResultFolder, data: dict[str, Any]) -> None:
     """Show the predicted numbers with their 95 % bands, and which input decides each."""
     named = list(dict(data.get("numbers") or {}).items())[:MAX_ROWS]
     numbers = {str(k): v for k, v in named if isinstance(v, dict)}
-    with card(escape_control(str(data.get("title", ""))) or "Sensitivity"):
-        show_figures([_band_number(n) for n in list(numbers.values())[:6]])
-        show_list(_text_list(data.get("conclusions")))
+    show_answer(describe_sensitivity(data), [_band_number(n) for n in list(numbers.values())[:6]])
     if not numbers:
         raise BadInput(f"{result.name}/sensitivity.json: holds no numbers; run `flashtemp sensitivity` again")
     with card(
@@ -206,7 +141,7 @@ def show_sensitivity(result: ResultFolder, data: dict[str, Any]) -> None:
         def draw(name: str) -> None:
             place.clear()
             with place, show_errors(result.folder), refuse_damaged(result.path / "sensitivity.json"):
-                _show_shares(numbers[name], _record_list(data.get("inputs")))
+                _show_shares(numbers[name], record_list(data.get("inputs")))
 
         choice = ui.select(labels, value=next(iter(labels)), label="number", on_change=lambda e: draw(e.value))
         choice.props("outlined dense").classes("w-96 max-w-full").move(target_index=2)
@@ -221,17 +156,17 @@ def show_sensitivity(result: ResultFolder, data: dict[str, Any]) -> None:
 def _band_number(n: dict[str, Any]) -> MainNumber:
     low, high = (list(n.get("band95") or ()) + [None, None])[:2]
     unit = str(n.get("unit", "")).replace("degC", "°C")
-    return MainNumber(str(n.get("words", "")), _number_text(n.get("value")), "" if unit == "1" else unit,
-                      f"95 %: {_number_text(low)} to {_number_text(high)}")  # fmt: skip
+    return MainNumber(str(n.get("words", "")), number_text(n.get("value")), "" if unit == "1" else unit,
+                      f"95 %: {number_text(low)} to {number_text(high)}")  # fmt: skip
 
 
 def _show_shares(number: dict[str, Any], inputs: Sequence[dict[str, Any]]) -> None:
     """Bars of the first-order and total share of the variance of a number, the largest first."""
     total, first, slopes = (dict(number.get(k) or {}) for k in ("total", "first_order", "per_sd"))
-    keys = sorted((str(i.get("key")) for i in inputs), key=lambda k: -_finite_number(total.get(k)))[:20]
+    keys = sorted((str(i.get("key")) for i in inputs), key=lambda k: -stored_number(total.get(k)))[:20]
     series = [
-        bar_series("total", keys, [100 * _finite_number(total.get(k)) for k in keys], 0),
-        bar_series("first order", keys, [100 * _finite_number(first.get(k)) for k in keys], 1),
+        bar_series("total", keys, [100 * stored_number(total.get(k)) for k in keys], 0),
+        bar_series("first order", keys, [100 * stored_number(first.get(k)) for k in keys], 1),
     ]
     chart = show_chart(
         bar_options(series, keys, "share of the variance (%)", 200), "sensitivity", "shares of the variance"
@@ -240,8 +175,8 @@ def _show_shares(number: dict[str, Any], inputs: Sequence[dict[str, Any]]) -> No
     about = {str(i.get("key")): i for i in inputs}
     unit = "" if number.get("unit") == "1" else f" {str(number.get('unit')).replace('degC', 'K')}"
     rows = [
-        (k, _number_text(about[k].get("value")), _number_text(about[k].get("sd")), str(about[k].get("unit", "")),
-         f"{_number_text(slopes.get(k))}{unit}", str(about[k].get("reason", "")))
+        (k, number_text(about[k].get("value")), number_text(about[k].get("sd")), str(about[k].get("unit", "")),
+         f"{number_text(slopes.get(k))}{unit}", str(about[k].get("reason", "")))
         for k in keys
     ]  # fmt: skip
     show_table(("input", "value", "sd", "unit", "change per sd", "why this sd"), rows, "inputs", numbers=(1, 2, 4))
@@ -292,8 +227,9 @@ class SweepCharts:
     def show(self) -> None:
         """Show the main numbers, then both charts with their choices."""
         data = self.data
-        with card(data.title or "Sweep"):
-            show_figures(self._main_numbers())
+        numbers = self._main_numbers()
+        extremes = " and ".join(f"{n.value} {n.unit} at {n.remark}" for n in numbers[1:3] if n.unit)
+        show_answer([f"The highest temperature is between {extremes}."] if extremes else [], numbers)
         with card("Numbers over the swept keys"), ui.row().classes("items-center gap-3 w-full"):
             names = list(data.numbers)
             number = ui.select(names, value=names[0], label="number", on_change=lambda e: self._draw_numbers(e.value))
@@ -318,7 +254,7 @@ class SweepCharts:
         if np.isfinite(hottest).any():
             for words, at in (("Hottest", np.nanargmax(hottest)), ("Coolest", np.nanargmin(hottest))):
                 where = self._point_text(np.unravel_index(int(at), hottest.shape))
-                out.append(MainNumber(words, _number_text(float(hottest.flat[int(at)])), "°C", where))
+                out.append(MainNumber(words, number_text(float(hottest.flat[int(at)])), "°C", where))
         failed = int((~np.isfinite(hottest)).sum())
         return [*out, MainNumber("Failed", str(failed), "", "see sweep.csv")] if failed else out
 

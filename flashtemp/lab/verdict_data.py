@@ -67,7 +67,7 @@ def read_verdict(result: ResultFolder) -> StoredVerdict:
         verdict = Verdict(
             title=_plain_text(raw.get("title")),
             kind=kind if kind in VERDICT_KINDS else "no_verdict",
-            says=tuple(map(_plain_text, _record_list(raw.get("says")))),
+            says=tuple(_plain_text(text).replace("degC", "°C") for text in _record_list(raw.get("says"))),
             causes=tuple(_read_cause(c) for c in _record_list(raw.get("causes"))),
             group=tuple(map(_plain_text, _record_list(raw.get("group")))),
             next_experiment=_plain_text(raw.get("next_experiment")),

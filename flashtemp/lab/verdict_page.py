@@ -10,11 +10,11 @@ import numpy as np
 from nicegui import ui
 
 from flashtemp.display import format_count
+from flashtemp.lab.campaign_lookup import find_campaign
 from flashtemp.lab.charts import bar_options, bar_series, chart_options, line_series, show_chart
-from flashtemp.lab.job_start import file_word, start_job
-from flashtemp.lab.jobs import JobList, command_text
+from flashtemp.lab.job_result import extended_case_words
+from flashtemp.lab.jobs import command_text
 from flashtemp.lab.page_layout import (
-    action,
     card,
     chip,
     file_address,
@@ -24,7 +24,6 @@ from flashtemp.lab.page_layout import (
     show_command,
     show_errors,
 )
-from flashtemp.lab.programs import AllowedPrograms
 from flashtemp.lab.result_files import ResultFolder
 from flashtemp.lab.result_parts import (
     MainNumber,
@@ -36,6 +35,7 @@ from flashtemp.lab.result_parts import (
     show_table,
     write_text,
 )
+from flashtemp.lab.start_button import CommandStarter, options_address
 from flashtemp.lab.verdict_data import (
     RecordingChange,
     StoredVerdict,
@@ -43,7 +43,7 @@ from flashtemp.lab.verdict_data import (
     describe_parameters,
     read_verdict,
 )
-from flashtemp.lab.workspace import escape_control, free_name, list_folder
+from flashtemp.lab.workspace import escape_control, list_folder
 
 KEY_PICTURES = ("what_is_wrong.png", "law.png")  # the one that exists shows the answer
 MAX_ANSWER_LINES = 6
@@ -51,11 +51,11 @@ MAX_PLANS = 3
 VERDICT_BADGES = {"good": "certain enough to act on", "warning": "not certain yet", "error": "no answer yet"}
 
 
-def show_verdict_parts(result: ResultFolder, jobs: JobList, allowed: AllowedPrograms) -> None:
+def show_verdict_parts(result: ResultFolder, starter: CommandStarter) -> None:
     """Show the cards of a verdict, read in the background."""
 
     def show(stored: StoredVerdict) -> None:
-        VerdictCards(result, jobs, allowed, stored).show()
+        VerdictCards(result, starter, stored).show()
 
     load_later(result.folder, "the verdict", lambda: read_verdict(result), show)
 
@@ -63,13 +63,16 @@ def show_verdict_parts(result: ResultFolder, jobs: JobList, allowed: AllowedProg
 class VerdictCards:
     """The cards of one verdict, from the answer to the inputs."""
 
-    def __init__(self, result: ResultFolder, jobs: JobList, allowed: AllowedPrograms, stored: StoredVerdict):
-        self.result, self.jobs, self.allowed = result, jobs, allowed
+    def __init__(self, result: ResultFolder, starter: CommandStarter, stored: StoredVerdict):
+        self.result, self.starter = result, starter
         self.stored, self.verdict = stored, stored.verdict
 
     def show(self) -> None:
         """Show all cards; a damaged part is reported in its place."""
         self._show_answer()
+        file = f"{self.result.name}/verdict.json"
+        with show_errors(self.result.folder), refuse_unreadable(file):
+            show_law(self.stored)
         with ui.element("div").classes("ft-split"):
             with ui.column().classes("gap-4 items-stretch min-w-0"):
                 self._show_picture()
@@ -77,8 +80,8 @@ class VerdictCards:
             with ui.column().classes("gap-4 items-stretch min-w-0"):
                 self._show_next_steps()
                 self._show_certainty()
-        for show_part in (show_law, show_rivals, show_inputs):
-            with show_errors(self.result.folder), refuse_unreadable(f"{self.result.name}/verdict.json"):
+        for show_part in (show_rivals, show_inputs):
+            with show_errors(self.result.folder), refuse_unreadable(file):
                 show_part(self.stored)
 
     # --- answer ------------------------------------------------------------------------------------------
@@ -109,8 +112,11 @@ class VerdictCards:
 
         v, out = self.verdict, []
         for cause in v.causes[:2]:
-            name = cause.effect.replace("_", " ")
+            name = "the learned law" if self.stored.law else cause.effect.replace("_", " ")
             out.append(MainNumber("Evidence", format_number(cause.ln_bayes), "ln Bayes factor", name))
+            if peak := _law_number(self.stored.law):
+                out.append(peak)
+                continue
             for parameter, value, band in describe_parameters(cause)[:1]:
                 number, _, unit = value.partition(" ") if "×" not in value and "±" not in value else (value, "", "")
                 out.append(MainNumber(parameter, number, unit, f"95 %: {band}"))
@@ -162,26 +168,22 @@ class VerdictCards:
             elif not self.verdict.next_experiment:
                 ui.label("Nothing: the case as stated explains these data.").classes("ft-muted")
             with ui.row().classes("gap-4"):
-                ui.link("Plan a measurement", page_address("runs", command="plan"))
+                files = [r.file for r in self.stored.recordings]
+                campaign = find_campaign(self.result.folder, files, self.verdict.title, with_forces=False)
+                ui.link("Plan a measurement", options_address("plan", campaign or ""))
                 for name in self._list_plans():
                     ui.link(f"Plan {name}", page_address("result", open=name))
 
     def _show_extended_case(self) -> None:
         """The button that runs the extended case, with its command line."""
-        words = self._extended_words()
         heading(3, "The extended case")
         ui.label("The case with the accepted causes, with the calibrated values.").classes("ft-muted")
-        show_command(command_text(words))
-        place = ui.column().classes("w-full")
-
-        async def start() -> None:
-            with place, show_errors(self.result.folder):
-                if await start_job(self.result.folder, self.jobs, self.allowed, self._extended_words()):
-                    ui.navigate.to(page_address("runs"))
-
-        with ui.row().classes("gap-2 items-center"):
-            action("Run the extended case", start, icon="play_arrow", main=True)
-            ui.link("Open it", page_address("case", open=self.result.here / "extended.toml"))
+        show_command(command_text(self._extended_words()))
+        file = self.result.here / "extended.toml"
+        with ui.row().classes("gap-3 items-center"):
+            self.starter.add_button("Run the extended case", self._extended_words, main=True)
+            self.starter.add_options_link("run", file)
+            ui.link("Open it", page_address("case", open=file)).classes("ft-small")
 
     def _list_plans(self) -> list[str]:
         """The first plans of the folder: which measurements tell effects apart."""
@@ -190,8 +192,7 @@ class VerdictCards:
         return [name for name in names if escape_control(name) == name][:MAX_PLANS]
 
     def _extended_words(self) -> list[str]:
-        name = free_name(self.result.folder / "results", f"{self.result.here.name.lstrip('.')}-extended")
-        return ["run", file_word(str(self.result.here / "extended.toml")), "--out", f"results/{name}"]
+        return extended_case_words(self.result.folder, self.result.here, self.starter.jobs.all)
 
     # --- certainty ---------------------------------------------------------------------------------------
     def _show_certainty(self) -> None:
@@ -207,6 +208,23 @@ class VerdictCards:
                 return
             rows = [_rule_cells(r) for r in v.rules]
             show_table(("rule", "value", "limit", "result"), rows, "rules of the verdict", numbers=(1, 2))
+
+
+def _law_number(law: dict[str, Any]) -> MainNumber | None:
+    """Where a learned law differs most from the case as stated, with its 95 % band; None where none was learned."""
+    from flashtemp.viz.number_format import format_number, unit_suffix
+
+    curve, band = law.get("curve"), law.get("band")
+    if not isinstance(curve, dict) or not isinstance(band, dict):
+        return None
+    value, x, low, high = (np.asarray(v, float) for v in
+                           (curve.get("value"), curve.get("argument"), band.get("low"), band.get("high")))  # fmt: skip
+    unit, is_factor = str(curve.get("unit", "1")), curve.get("unit", "1") == "1"
+    at = int(np.nanargmax(np.abs(np.log(value)) if is_factor else np.abs(value)))
+    where = f"{format_number(x[at])}{unit_suffix(str(curve.get('argument_unit', '1')))}"
+    band_text = f"95 %: {format_number(low[at])} to {format_number(high[at])}"
+    name = "Factor" if is_factor else "Law"
+    return MainNumber(f"{name} at {where}", format_number(value[at]), unit_suffix(unit).strip(), band_text)
 
 
 def _rule_cells(rule: Any) -> tuple[str, str, str, str]:
@@ -262,20 +280,35 @@ def _show_recordings(recordings: Sequence[Any]) -> None:
 
 def show_law(stored: StoredVerdict) -> None:
     """Show a learned law with its 95 % band; nothing where none was learned."""
+    from flashtemp.viz.number_format import law_axis_labels
+
     law = stored.law
     curve, band = law.get("curve"), law.get("band")
     if not isinstance(curve, dict) or not isinstance(band, dict):
         return
-    with card("The learned law", str(law.get("words", ""))):
-        x = np.asarray(curve.get("argument"), float)
-        dashed = {"lineStyle": {"color": "var(--series-1)", "type": "dashed", "width": 1}}
+    words = str(law.get("words", ""))
+    with card("The learned law", words[:1].upper() + words[1:]):
+        labels = law_axis_labels(
+            str(law.get("words", "")), *(str(curve.get(u, "1")) for u in ("argument_unit", "unit"))
+        )
+        x, low, high = (np.asarray(v, float) for v in (curve.get("argument"), band.get("low"), band.get("high")))
+        fine = {"lineStyle": {"color": "var(--series-1)", "type": "dashed", "width": 1}}
         series = [line_series("learned law", x, curve.get("value"))]
-        series += [line_series(f"95 % band, {side}", x, band.get(side)) | dashed for side in ("low", "high")]
-        x_label = f"{law.get('argument', '')} ({curve.get('argument_unit', '1')})"
-        y_label = f"{law.get('quantity', '')} ({curve.get('unit', '1')})"
-        show_chart(chart_options(series, x_label, y_label), "learned_law", "the learned law with its 95 % band")
+        series += [line_series(f"95 % band, {side}", x, v) | fine for side, v in (("low", low), ("high", high))]
+        chart = show_chart(chart_options([*series, *_fill_between(x, low, high)], *labels), "learned_law",
+                           "the learned law with its 95 % band")  # fmt: skip
+        chart.options["legend"] |= {"data": [one["name"] for one in series]}
+        if curve.get("unit", "1") == "1":
+            ui.label("A factor of 1 is the law of the case as stated.").classes("ft-muted ft-small")
         if law.get("formula"):
-            write_text("p", f"As a formula: {law['formula']}").classes("ft-mono m-0")
+            write_text("p", f"As a formula: {law['formula']}").classes("ft-mono m-0 break-words")
+
+
+def _fill_between(x: np.ndarray, low: np.ndarray, high: np.ndarray) -> list[dict[str, Any]]:
+    """Two stacked series without lines or names that shade the band between two curves."""
+    bare = {"stack": "band", "silent": True, "lineStyle": {"width": 0}, "tooltip": {"show": False}, "z": 1}
+    shade = {"areaStyle": {"color": "var(--series-1)", "opacity": 0.15}}
+    return [line_series("", x, low) | bare, line_series("", x, high - low) | bare | shade]
 
 
 def show_rivals(stored: StoredVerdict) -> None:

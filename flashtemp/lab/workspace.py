@@ -20,7 +20,7 @@ from flashtemp.model.case_file import MAX_TOML_BYTES, parse_toml
 from flashtemp.runs.results import result_folder
 
 MAX_LISTING_DEPTH, MAX_LISTED_FILES, MAX_LISTED_FOLDERS = 4, 5000, 2000
-MAX_BRIEF_BYTES = 4 * 2**20  # of a JSON file that is read for a card: 30 times a usual verdict.json
+MAX_JSON_BYTES = 16 * 2**20  # of a JSON file that a page reads: a hundred times a usual verdict.json
 MAX_NAME_BYTES = 255  # NAME_MAX of the usual file systems
 CAMERA_SUFFIXES = {
     ".jpg", ".jpeg", ".fff", ".seq", ".csq", ".irb", ".csv", ".asc", ".txt", ".tif", ".tiff", ".png", ".mat", ".h5",
@@ -28,7 +28,8 @@ CAMERA_SUFFIXES = {
 }  # fmt: skip
 RESULT_COMMANDS = {  # file in a result folder: its command; a study may contain its run
     "verdict.json": "discover", "compare.json": "compare", "plan.json": "plan", "sweep.nc": "sweep",
-    "sensitivity.json": "sensitivity", "run.nc": "run",
+    "sensitivity.json": "sensitivity", "loads.json": "loads", "tread.json": "tread", "tyre.json": "tyre",
+    "friction.json": "friction", "area.json": "friction", "run.nc": "run",
 }  # fmt: skip
 
 
@@ -225,16 +226,28 @@ def find_own_file(folder: Path, name: str | Path) -> Path | None:
         return None
 
 
-def read_brief_json(folder: Path, name: str | Path) -> dict[str, Any]:
-    """A JSON object of the folder; {} where it is missing, damaged, foreign or larger than MAX_BRIEF_BYTES."""
+def read_json(folder: Path, name: str | Path) -> dict[str, Any]:
+    """A JSON object of the folder; {} where it is missing.  Raises BadInput for a damaged or too large file."""
+    path = find_own_file(folder, name)
     try:
-        path = find_own_file(folder, name)
-        if path is None or path.stat().st_size > MAX_BRIEF_BYTES:
+        if path is None:
             return {}
+        if path.stat().st_size > MAX_JSON_BYTES:
+            raise BadInput(f"{path}: larger than {MAX_JSON_BYTES // 2**20} MiB; open it with a text editor")
         found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        if not isinstance(found, dict):
+            raise TypeError
+    except (OSError, ValueError, TypeError, RecursionError) as fault:
+        raise BadInput(f"{path}: cannot be read ({type(fault).__name__}); create it again or remove it") from fault
+    return found
+
+
+def read_json_quietly(folder: Path, name: str | Path) -> dict[str, Any]:
+    """A JSON object of the folder as `read_json`; {} also where that raises, for lists of many results."""
+    try:
+        return read_json(folder, name)
+    except BadInput:
         return {}
-    return found if isinstance(found, dict) else {}
 
 
 def has_hidden_part(path: Path) -> bool:

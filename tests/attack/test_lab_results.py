@@ -26,6 +26,7 @@ from flashtemp.lab.recording_store import RecordingStore
 from flashtemp.lab.result_files import ResultFolder, open_result
 from flashtemp.lab.run_data import read_run
 from flashtemp.lab.scene_3d import read_fields
+from flashtemp.lab.start_button import CommandStarter
 from flashtemp.lab.study_results import read_sweep
 
 MARK = "a\u202eb\nc"
@@ -158,7 +159,8 @@ def test_a_run_of_too_many_times_or_repetitions_is_not_drawn(tmp_path, monkeypat
 def test_a_huge_list_becomes_no_huge_page(tmp_path, command, show, lines):
     content = show(lines)
     result = result_of(tmp_path, **{command: json.dumps(content)})
-    _, n_elements = shown_texts(lambda: study_results.show_study(result))
+    starter = CommandStarter(tmp_path, JobList(tmp_path), AllowedPrograms())
+    _, n_elements = shown_texts(lambda: study_results.show_study(result, starter))
     assert n_elements < 1000
 
 

@@ -349,7 +349,7 @@ def test_from_recordings_to_a_campaign(browser, place):
         seen.get_by_role("button", name="Save").click()
         seen.get_by_text("saved", exact=True).wait_for()
         seen.get_by_role("button", name="Compare").click()
-        seen.wait_for_url(re.compile("/runs"))
+        seen.wait_for_url(re.compile("/runs.job=.*-compare"))
     raw = tomllib.loads((place / "campaign.toml").read_text())
     assert raw["free"] == {"friction.mu": 0.2}
     assert raw["known"] == {"ambient.temperature": "0.3 K"}

@@ -274,7 +274,7 @@ def test_the_drawing_follows_the_keys_and_the_last_valid_one_stays(browser, serv
         seen.get_by_label("block.modulus", exact=True).fill("6000")
         seen.get_by_text("2 keys changed").wait_for()
         seen.get_by_role("button", name="Run it").click()
-        seen.wait_for_url("**/runs?command=run&of=mine.toml")
+        seen.wait_for_url("**/runs?job=*-run")
     assert tomllib.loads((place / "mine.toml").read_text()) == {
         "title": "at 200 kPa", "contact": {"pressure": 2e5}, "block": {"modulus": "6000 kPa"},
     }  # fmt: skip

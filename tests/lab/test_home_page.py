@@ -65,10 +65,10 @@ def test_a_result_has_its_picture_its_answer_and_its_place_in_time(tmp_path):
     listing = list_folder(tmp_path)
     recent = list_recent_results(tmp_path, listing.results)
     assert [path.name for path, _ in recent] == ["new", "old"]
-    assert describe_result(tmp_path, recent[0][0], "discover") == "The answer of new."
+    assert describe_result(tmp_path, recent[0][0]) == "The answer of new."
     assert find_main_picture(tmp_path, recent[0][0], "discover") == Path("results/new/a.png")
     (tmp_path / "results" / "new" / "verdict.json").write_text("[1, 2")
-    assert describe_result(tmp_path, recent[0][0], "discover") == ""
+    assert describe_result(tmp_path, recent[0][0]) == ""
 
 
 def test_load_cell_traces_are_not_camera_files(tmp_path):

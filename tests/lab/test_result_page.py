@@ -11,10 +11,12 @@ from lab.browsing import CASE, page, served
 
 import flashtemp
 from flashtemp.errors import BadInput
-from flashtemp.lab import verdict_page
+from flashtemp.lab import verdict_page, workspace
 from flashtemp.lab.conditions import describe_values, different_keys
+from flashtemp.lab.jobs import JobList
 from flashtemp.lab.result_files import open_result
 from flashtemp.lab.run_data import PLACES, TEMPERATURES, main_numbers, read_run
+from flashtemp.lab.start_button import CommandStarter
 from flashtemp.lab.study_results import read_sweep
 from flashtemp.lab.verdict_data import read_verdict
 from flashtemp.viz.run.body_faces import N_FACE_POINTS, sample_faces
@@ -188,13 +190,31 @@ def test_a_sweep_is_read_over_its_keys(tmp_path):
     assert hottest[1, 1] > hottest[0, 0]
 
 
+def test_cards_and_pages_read_files_up_to_the_same_size(tmp_path, monkeypatch):
+    """What a card of a result shows, its page shows too."""
+    (tmp_path / "r").mkdir()
+    file = tmp_path / "r" / "verdict.json"
+    file.write_text(json.dumps(VERDICT))
+    result = open_result(tmp_path, "r")
+    monkeypatch.setattr(workspace, "MAX_JSON_BYTES", file.stat().st_size)
+    assert result.read_json("verdict.json") == workspace.read_json_quietly(tmp_path, "r/verdict.json") == VERDICT
+    monkeypatch.setattr(workspace, "MAX_JSON_BYTES", file.stat().st_size - 1)
+    assert workspace.read_json_quietly(tmp_path, "r/verdict.json") == {}
+    with pytest.raises(BadInput, match="verdict.json: larger than"):
+        result.read_json("verdict.json")
+    file.write_text("[1]")
+    with pytest.raises(BadInput, match="verdict.json: cannot be read"):
+        result.read_json("verdict.json")
+
+
 @pytest.mark.parametrize("name", ["--trust", "a"])
 def test_the_extended_case_is_no_option_and_gets_a_free_name(tmp_path, name):
     (tmp_path / "results" / f"{name}-extended").mkdir(parents=True)
     (tmp_path / name).mkdir()
     (tmp_path / name / "verdict.json").write_text(json.dumps(VERDICT))
     result = open_result(tmp_path, name)
-    words = verdict_page.VerdictCards(result, None, None, read_verdict(result))._extended_words()
+    starter = CommandStarter(tmp_path, JobList(tmp_path), None)
+    words = verdict_page.VerdictCards(result, starter, read_verdict(result))._extended_words()
     assert words[0] == "run"
     assert not words[1].startswith("-")
     assert words[2:] == ["--out", f"results/{name}-extended-2"]
@@ -285,7 +305,7 @@ def test_a_verdict_answers_and_starts_its_extended_case_after_consent(browser, s
         assert not (place / ".flashtemp-lab").exists(), "no job without consent"
         seen.get_by_role("button", name="Run the extended case").click()
         question.get_by_role("button", name="Run as a program").click()
-        seen.wait_for_url("**/runs")
+        seen.wait_for_url("**/runs?job=*-run")
         [log] = (place / ".flashtemp-lab").glob("*-run.log")
         assert log.read_text().startswith("$ flashtemp run verdict/extended.toml --out results/verdict-extended")
 

@@ -216,11 +216,28 @@ def test_a_folder_that_was_there_is_not_the_result_of_a_job_that_failed(tmp_path
     result = find_result(tmp_path, read_job(log))
     assert dict(result.numbers)["highest temperature"] == "63.2 °C"
     assert dict(result.numbers)["friction coefficient"] == "0.60 (0.50 in the first repetition)"
+    assert result.sentence == ""  # without the rise of temperature
     assert result.links[0] == ("Open the result", "/result?open=x")
     write_job(tmp_path, "20260101-100000-1-run", "$ flashtemp run a.toml --out x", end={"exit_code": 2, "time": 1})
     assert find_result(tmp_path, read_job(log)) is None
     log = write_job(tmp_path, "20260101-100000-1-run", "$ flashtemp run a --out ../y", end={"exit_code": 0, "time": 1})
     assert find_result(tmp_path, read_job(log)) is None
+
+
+def test_a_comparison_that_misfits_asks_what_is_missing(tmp_path):
+    (tmp_path / "x").mkdir()
+    log = write_job(
+        tmp_path, "20260101-100000-1-compare", "$ flashtemp compare lab --out x", end={"exit_code": 0, "time": 1}
+    )
+    for chi2, starts in (
+        (1.0, ()),
+        (9.0, (("Ask what is missing", ("discover", "lab", "--out", "results/lab-discover")),)),
+    ):
+        entry = {"file": "a.nc", "rmse_K": 0.3, "chi2_per_dof": chi2, "white": True}
+        (tmp_path / "x" / "compare.json").write_text(json.dumps({"recordings": [entry]}))
+        result = find_result(tmp_path, read_job(log))
+        assert result.starts == starts
+        assert result.sentence.startswith("The model ")
 
 
 def wait_until(holds, seconds=120.0):
@@ -258,6 +275,11 @@ def test_the_form_offers_what_the_command_line_declares():
     twin = {option.name: option for option in COMMANDS["twin"].fields}
     assert (twin["seed"].required, twin["conditions"].default, twin["hide"].kind) == (True, "4", "text")
     assert "Effects to hide" in twin["hide"].help
+    limit = next(option for option in COMMANDS["discover"].fields if option.name == "limit")
+    assert (limit.label, limit.hint) == ("Memory limit for reading one recording (GB)", "1 when not given")
+    for option in (option for command in COMMANDS.values() for option in command.fields):
+        assert len(option.label) < 60, option.label
+        assert option.label.replace(" ", "_") != option.name, "no help text"
     assert {option.name for option in COMMANDS["run"].fields} == {"overwrite", "pvd"}
     assert all(c.sentence and c.file_kind in ("case", "campaign") for c in COMMANDS.values())
 
@@ -315,9 +337,9 @@ def test_a_run_is_set_up_watched_and_found_in_the_history(browser, tmp_path):
     with served(tmp_path) as (address, _), page(browser, address) as seen:
         base = address.split("/?")[0]
         seen.goto(base + "/runs?command=run&of=case.toml")
-        seen.get_by_label("keys to change").fill("friction.mu=0.8")
-        seen.get_by_label("keys to change").press("Tab")
-        seen.get_by_role("checkbox", name="pvd").click()
+        seen.get_by_label("Keys of the case to change").fill("friction.mu=0.8")
+        seen.get_by_label("Keys of the case to change").press("Tab")
+        seen.get_by_role("checkbox", name="Also write a .pvd series").click()
         seen.get_by_text("flashtemp run case.toml friction.mu=0.8 --pvd --out results/case-run").wait_for()
         seen.get_by_role("button", name="Start").click()
         seen.get_by_text("highest temperature").first.wait_for(timeout=120_000)
@@ -335,7 +357,7 @@ def test_a_run_is_set_up_watched_and_found_in_the_history(browser, tmp_path):
         assert seen.evaluate("document.documentElement.scrollWidth") <= 800
         seen.get_by_role("button", name="Change and run").click()
         seen.get_by_text("friction.mu=0.8 --pvd --out results/case-run-2").wait_for()
-        assert seen.get_by_role("checkbox", name="pvd").is_checked()
+        assert seen.get_by_role("checkbox", name="Also write a .pvd series").is_checked()
         seen.goto(address.split("/?")[0] + "/runs")
         seen.get_by_role("button", name="Run again").click()
         seen.get_by_text("friction.mu=0.8 --pvd --out results/case-run-2").first.wait_for()

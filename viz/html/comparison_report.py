@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +21,9 @@ from flashtemp.display import atomic_write, format_count
 from flashtemp.solver.run import Run
 from flashtemp.viz.html import page, title_page
 from flashtemp.viz.html.page import ReportSubject
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 MAX_FILES_IN_ALT_TEXT = 6  # files listed in the alternative text of the overview
 CHI2_NEAR_NOISE = 1.5  # chi2/dof up to which a residual counts as about as large as the noise
@@ -116,11 +120,9 @@ def describe_method(comparison: Comparison, command: str) -> ReportSubject:
 
 def _worst_recording(comparison: Comparison) -> tuple[list[str], list[str]]:
     """The recording with the largest chi2/dof: a sentence, and the frame with its largest difference."""
-    from flashtemp.viz.measurement.comparison import draw_images
-
     if not comparison.recordings:
         return [_finding_paragraph(p.force.file, *judge_friction(p)) for p in comparison.forces], []
-    s = max(comparison.recordings, key=lambda s: s.chi2_per_dof if s.pixels else np.inf)
+    s = find_worst_recording(comparison)
     finding = [_finding_paragraph(s.view.file, *judge_recording(s))]
     if not s.pixels:
         return finding, []
@@ -128,8 +130,27 @@ def _worst_recording(comparison: Comparison) -> tuple[list[str], list[str]]:
     caption = "Frame with the largest difference" + (
         f"; the other {others} recordings differ less." if others > 1 else ""
     )
-    picture = draw_images(s, _runs_by_view(comparison).get(id(s.view)), only=True)
-    return finding, [page.embed_figure(picture, judge_recording(s)[0], caption)]
+    return finding, [page.embed_figure(draw_largest_difference(comparison, s), judge_recording(s)[0], caption)]
+
+
+def find_worst_recording(comparison: Comparison) -> RecordingComparison:
+    """The recording with the largest chi2/dof, one in which nothing could be compared before all others."""
+    return max(comparison.recordings, key=lambda s: s.chi2_per_dof if s.pixels else np.inf)
+
+
+def draw_largest_difference(comparison: Comparison, s: RecordingComparison) -> Figure:
+    """The frame of a recording with its largest difference: measured, computed and their difference."""
+    from flashtemp.viz.measurement.comparison import draw_images
+
+    return draw_images(s, _runs_by_view(comparison).get(id(s.view)), only=True)
+
+
+def write_picture(comparison: Comparison, path: Path) -> None:
+    """Write the picture of the largest difference of all recordings; none where no pixel is compared."""
+    from flashtemp.viz.theme import save_figure
+
+    if comparison.recordings and (s := find_worst_recording(comparison)).pixels:
+        save_figure(draw_largest_difference(comparison, s), path)
 
 
 def _list_findings(comparison: Comparison) -> list[str]:

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
-from flashtemp.viz.number_format import unit_suffix
+from flashtemp.viz.number_format import law_axis_labels
 
 
 @theme.styled
@@ -22,10 +22,7 @@ def draw(verdict) -> Figure:
     ax.plot(
         nodes, np.interp(nodes, law.at, law.curve), "o", color=theme.SPOT_COLOUR, ms=5, mec="white", mew=0.8, zorder=4
     )
-    argument_unit, unit = (unit_suffix(u).strip() or "–" for u in (law.argument_unit, law.unit))
-    ax.set(
-        xlabel=f"{law.argument} ({argument_unit})",
-        ylabel=f"{'factor on ' if law.unit == '1' else ''}{law.quantity} ({unit})",
-    )
+    x_label, y_label = law_axis_labels(law.words, law.argument_unit, law.unit)
+    ax.set(xlabel=x_label, ylabel="\n(".join(y_label.rsplit(" (", 1)))
     ax.set_title(law.formula.partition(",")[0] if len(law.formula) < 60 else law.formula.partition(":")[0])
     return fig

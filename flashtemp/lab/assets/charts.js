@@ -9,7 +9,7 @@ window.exportChart = (id, kind, name) => {
     if (kind === "CSV") {
         const option = chart.getOption(), quote = (s) => '"' + String(s).replaceAll('"', '""') + '"';
         const rows = [["series", option.xAxis[0].name, option.yAxis[0].name].map(quote).join(",")];
-        for (const s of option.series) for (const p of s.data ?? []) 
+        for (const s of option.series.filter((one) => !one.silent)) for (const p of s.data ?? []) 
             rows.push([s.name ?? "", p[0], p[1]].map((v) => typeof v === "string" ? quote(v) : v).join(","));
         return save(new Blob([rows.join("\r\n") + "\r\n"], {type: "text/csv"}));
     }

@@ -14,6 +14,7 @@ from flashtemp.camera.importing import readers
 from flashtemp.camera.importing.formats.raw_frames import UNSTATED_SCALE, RawFrames, ScaleMissing
 from flashtemp.camera.importing.import_options import ImportOptions
 from flashtemp.camera.importing.import_request import describe_order
+from flashtemp.camera.importing.pixel_masks import MissingValues
 from flashtemp.camera.radiometry import PlanckCalibration
 from flashtemp.display import DisplayMixin, DisplayTable
 from flashtemp.errors import BadInput
@@ -32,9 +33,9 @@ class FilePreview(DisplayMixin):
 
     `mean` (frames,) degC of every frame; `clock` (frames,) s since 1970 on the camera's clock, or `time` (frames,) s if
     the file counts from a start; `said`: object parameters that the file states; `span`: lowest and highest value,
-    degC; `counts`: histogram over `edges` degC; `outside`: number of values beyond the camera's range; `dead` (rows,
-    columns): pixels without a value in any of several frames; `difference`: K of a lock-in result, not degC; `counted`:
-    counts of unknown scale.
+    degC; `counts`: histogram over `edges` degC; `outside`: number of values beyond the camera's range, without those
+    of `dead` pixels (rows, columns), which have no value in any of several frames; `difference`: K of a lock-in result,
+    not degC; `counted`: counts of unknown scale.
     """
 
     files: tuple[Path, ...]
@@ -137,8 +138,8 @@ def preview_files(
     facts = _without_scale(names[:1], facts) if counts else facts
     means, clocks, times = [], [], []
     first: RawFrames | None = None
-    dead: np.ndarray | None = None
-    outside, low, high, number, notes = 0, np.inf, -np.inf, 0, list[str]()
+    missing = MissingValues()
+    low, high, number, notes = np.inf, -np.inf, 0, list[str]()
     counted = _Histogram(1.0 if facts.scale is UNSTATED_SCALE else 0.01)
     kept = _FrameSample()
     for done, path in enumerate(names, 1):
@@ -152,8 +153,7 @@ def preview_files(
             means.append(np.where(known.any(axis=(1, 2)), _image_means(T, known), np.nan))
             clocks.append(frames.clock)
             times.append(frames.time)
-            dead = ~known.any(axis=0) if dead is None else dead & ~known.any(axis=0)
-            outside += frames.outside
+            missing.add(frames)
             if known.any():
                 low, high = min(low, float(T[known].min())), max(high, float(T[known].max()))
                 counted.add(T[known])
@@ -164,7 +164,7 @@ def preview_files(
             notes += [note for note in said if note not in notes]
         if done % 50 == 0:
             report_progress(f"{done} of {len(names)} files read")
-    if first is None or dead is None:
+    if first is None:
         raise BadInput("no camera files; give files or a folder of them")
     (shown, images), (bin_counts, edges) = kept.select_frames(), counted.binned_counts()
     return FilePreview(
@@ -177,8 +177,8 @@ def preview_files(
         span=(low, high),
         counts=bin_counts,
         edges=edges,
-        outside=outside,
-        dead=dead & (number > 1),
+        outside=missing.outside,
+        dead=missing.dead,
         notes=(*notes, *describe_order(names)),
         **_file_facts(first),
     )

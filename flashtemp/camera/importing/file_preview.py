@@ -129,11 +129,13 @@ def preview_files(
     report_progress: Callable[[str], Any] = lambda text: None,
     receive_images: Callable[[np.ndarray], Any] = lambda images: None,
     counts: bool = False,
+    report_share: Callable[[float], Any] = lambda share: None,
 ) -> FilePreview:
     """Preview of camera files, read a few frames at a time; of `facts` only the reader options are used.
 
-    `report_progress` is called with lines of progress, `receive_images` with the images as they are read.  With
-    `counts`, counts of unknown scale stay counts.  Raises BadInput.
+    `report_progress` is called with lines of progress, `receive_images` with the images as they are read, and
+    `report_share` with the part of the files that has been read, from 0 to 1.  With `counts`, counts of unknown scale
+    stay counts.  Raises BadInput.
     """
     facts = _without_scale(names[:1], facts) if counts else facts
     means, clocks, times = [], [], []
@@ -158,6 +160,7 @@ def preview_files(
                 low, high = min(low, float(T[known].min())), max(high, float(T[known].max()))
                 counted.add(T[known])
             kept.add(T, number)
+            report_share((done - 1 + frames.share_read) / len(names))
             receive_images(T)
             number += len(T)
             said = (*frames.notes, *((UNSCALED_COUNTS_NOTE,) if frames.is_unscaled else ()))

@@ -70,11 +70,16 @@ export default {
         <q-toggle v-model="marksBad" dense label="bad pixels" @update:model-value="share"/>
       </div>
       <div v-if="title" class="tv-title">{{ title }}</div>
-      <div class="tv-body" :style="{ maxWidth: 'calc(' + (62 * columns / rows) + 'vh + 84px)' }">
-        <canvas ref="canvas" class="tv-canvas" :id="imageId" tabindex="0" role="img" :aria-label="described"
-                :class="{ pan: tool === 'pan' }" :style="{ aspectRatio: columns + ' / ' + rows }"
-                @pointerdown="press" @pointermove="move" @pointerup="release" @pointerleave="leave"
-                @wheel="turnWheel" @dblclick="tool === 'pan' && fit()"></canvas>
+      <div class="tv-body" :class="{ ruled: rulers.length }" :style="{ maxWidth: 'calc(' + (62 * columns / rows) + 'vh + 84px)' }">
+        <div class="tv-image">
+          <canvas ref="canvas" class="tv-canvas" :id="imageId" tabindex="0" role="img" :aria-label="described"
+                  :class="{ pan: tool === 'pan' }" :style="{ aspectRatio: columns + ' / ' + rows }"
+                  @pointerdown="press" @pointermove="move" @pointerup="release" @pointerleave="leave"
+                  @wheel="turnWheel" @dblclick="tool === 'pan' && fit()"></canvas>
+          <div v-for="(r, n) in rulers" class="tv-ruler" :class="n ? 'up' : 'across'" aria-hidden="true">
+            <span v-for="t in r" :style="{ [n ? 'top' : 'left']: t.at + '%' }">{{ t.text }}</span>
+            <b>{{ axes[n] }}, mm</b></div>
+        </div>
         <div class="tv-scale" role="img" :aria-label="'colours from ' + show(low) + ' to ' + show(high) + ' ' + unit">
           <span class="tv-unit">{{ unit }}</span>
           <div class="tv-gradient" :style="{ background: gradient }">
@@ -106,12 +111,13 @@ export default {
     address: String, count: Number, rows: Number, columns: Number, times: Array, hasTimes: Boolean, unit: String,
     span: Array, percentiles: Array, palettes: Object, marks: Array, outline: Array, measurements: Array,
     screened: Object, toMillimetres: Array, title: String, imageId: String, magnifierId: String, group: String,
-    compact: Boolean, markNames: Array, nextMark: String,
+    compact: Boolean, nextMark: String, missingWords: String, axes: Array, frameLabels: Array, storageKey: String,
+    kept: Object,
   },
-  emits: ["frame", "mark", "measure"],
+  emits: ["frame", "mark", "measure", "restore"],
   data() {
     return {
-      tool: "mark", zoom: 1, left: 0, top: 0, frame: 0, palette: Object.keys(this.palettes)[0], rangeMode: "all",
+      tool: this.nextMark ? "mark" : "spot", zoom: 1, left: 0, top: 0, frame: 0, palette: Object.keys(this.palettes)[0], rangeMode: "all",
       low: this.span[0], high: this.span[1], isotherm: "off", isoLow: (this.span[0] + this.span[1]) / 2,
       isoHigh: this.span[1], marksBad: true, cursor: null, value: null, playing: false, rate: 10, fault: "",
     };
@@ -131,7 +137,8 @@ export default {
         ["line", "timeline", "Line", "drag to measure along a line; drag it or its ends to change it"],
         ["pan", "pan_tool", "Pan", "drag to move the zoomed image; with other tools hold shift; double click fits"],
       ];
-      return all.map(([name, icon, label, help]) => ({ name, icon, label, help }));
+      const offered = this.nextMark ? all : all.slice(1);  // a recording is marked already
+      return offered.map(([name, icon, label, help]) => ({ name, icon, label, help }));
     },
     paletteOptions() { return Object.keys(this.palettes).map((p) => ({ label: p, value: p })); },
     rangeOptions() {
@@ -158,11 +165,29 @@ export default {
     described() {
       return `image of temperatures, frame ${this.frame + 1} of ${this.count}, ${this.columns} by ${this.rows} pixels`;
     },
-    when() { return `frame ${this.frame} of ${this.count - 1}` + (this.hasTimes ? " · " + this.timeText(this.frame) : ""); },
+    when() {
+      const parts = [`frame ${this.frame} of ${this.count - 1}`, this.hasTimes ? this.timeText(this.frame) : "",
+                     this.frameLabels[this.frame] ?? ""];
+      return parts.filter(Boolean).join(" · ");
+    },
+    rulers() {  // ticks in mm along both edges of an image whose axes are those of the block
+      const m = this.toMillimetres;
+      if (this.axes.length < 2 || m.length !== 9) return [];
+      const all = [[this.left, this.columns, m[0], m[2]], [this.top, this.rows, m[4], m[5]]];
+      return all.map(([first, count, slope, offset]) => {
+        const shown = count / this.zoom, ends = [0, shown].map((d) => slope * (first + d - 0.5) + offset);
+        const [low, high] = [Math.min(...ends), Math.max(...ends)], step = roundStep(high - low, 6), ticks = [];
+        const digits = clamp(-Math.floor(Math.log10(step)), 0, 6);
+        for (let n = Math.ceil(low / step); n * step <= high; n++)
+          ticks.push({ at: (100 * ((n * step - offset) / slope + 0.5 - first)) / shown, text: (n * step).toFixed(digits) });
+        return ticks;
+      });
+    },
     readout() {
       if (!this.cursor) return "Move the pointer over the image to read temperatures.";
       const [c, r] = this.cursor, mm = this.millimetres(c, r);
       const place = `column ${c.toFixed(1)}, row ${r.toFixed(1)}`;
+      if (mm && this.axes.length) return this.axes.map((a, k) => `${a} ${mm[k].toFixed(2)} mm`).join(", ") + ": " + this.value;
       return place + (mm ? ` · ${mm[0].toFixed(2)}, ${mm[1].toFixed(2)} mm` : "") + ": " + this.value;
     },
     strip() {
@@ -190,6 +215,7 @@ export default {
     groups.get(this.group).add(this);
     const first = [...groups.get(this.group)].find((v) => v !== this);
     if (first) this.follow(first.state());
+    this.restoreState();
     this.go(this.frame, true).then(() => this.loadStrip());
     this.loadMask();
   },
@@ -207,6 +233,8 @@ export default {
     outline: { deep: true, handler() { this.paint(); } },
     measurements: { deep: true, handler() { this.draft = null; this.paint(); } },
     screened: { deep: true, handler() { this.loadMask(); } },
+    kept: { deep: true, handler() { this.store(this.kept); } },
+    tool() { this.store({}); },
   },
   methods: {
     // --- frames ---------------------------------------------------------------------------------------------------
@@ -246,6 +274,7 @@ export default {
         this.$refs.root.dataset.frame = k;
         this.$refs.root.dataset.drawn = ++this.drawn;
         if (quiet) continue;
+        if (!this.playing) this.store({});
         this.throttle("frame", EVENT_MS, { frame: k });
         this.tell("followFrame", k, this.hasTimes ? this.times[k] : null);
       }
@@ -322,6 +351,28 @@ export default {
       this.share();
     },
 
+    // --- what a reload of the page keeps ----------------------------------------------------------------------------
+    readStored() {
+      try { return JSON.parse(sessionStorage.getItem(this.storageKey)) ?? {}; } catch { return {}; }
+    },
+    store(values) {
+      if (!this.storageKey) return;
+      const { tool, rangeMode, low, high, frame } = this, image = { ...this.state(), rangeMode, low, high, frame, tool };
+      try { sessionStorage.setItem(this.storageKey, JSON.stringify({ ...this.readStored(), ...values, image })); }
+      catch { /* a full or forbidden storage: nothing is kept */ }
+    },
+    restoreState() {
+      if (!this.storageKey) return;
+      const { image, ...values } = this.readStored();
+      if (image?.palette in this.palettes) {
+        const { frame, tool, ...state } = image;
+        this.follow(state);
+        this.frame = clamp(frame | 0, 0, this.count - 1);
+        if (this.tools.some((t) => t.name === tool)) this.tool = tool;
+      }
+      if (Object.keys(values).length) this.$emit("restore", values);
+    },
+
     // --- viewers of one group ---------------------------------------------------------------------------------------
     tell(method, ...values) {
       for (const v of groups.get(this.group) ?? []) if (v !== this) v[method](...values);
@@ -331,7 +382,10 @@ export default {
       return { palette, low, high, rangeMode: rangeMode.startsWith("all") ? "typed" : rangeMode, isotherm, isoLow, isoHigh,
                marksBad, zoom, left: left / this.columns, top: top / this.rows };
     },
-    share() { this.tell("follow", { ...this.state(), rangeMode: "typed" }); },
+    share() {
+      this.tell("follow", { ...this.state(), rangeMode: "typed" });
+      this.store({});
+    },
     follow(state) {
       Object.assign(this, { ...state, left: state.left * this.columns, top: state.top * this.rows });
     },
@@ -374,7 +428,7 @@ export default {
       const [c, r] = this.cursor, T = this.temperature(c, r);
       const bad = this.mask?.[Math.round(r) * this.columns + Math.round(c)];
       this.value = T === undefined ? "outside" : !Number.isFinite(T)
-        ? bad === 1 ? "dead in every frame" : "beyond the camera's range"
+        ? bad === 1 ? "dead in every frame" : this.missingWords
         : `${T.toFixed(2)} ${this.unit}` + (bad ? ", bad pixel" : "");
     },
 
@@ -578,12 +632,16 @@ export default {
     },
 
     // --- magnifier --------------------------------------------------------------------------------------------------
+    magnifiedMark() {
+      const marks = this.marks ?? [];
+      return marks.find((m) => m.name === this.magnified) ?? marks[marks.length - 1];
+    },
     joinMagnifier() {
       const canvas = this.magnifierId && document.getElementById(this.magnifierId);
       if (!canvas) return;
       this.magnifier = canvas;
       canvas.addEventListener("pointerdown", (event) => {
-        const mark = (this.marks ?? []).find((m) => m.name === this.magnified);
+        const mark = this.magnifiedMark();
         if (!mark || !this.middle) return;
         const box = canvas.getBoundingClientRect();
         const at = [event.clientX - box.left, event.clientY - box.top].map((d, k) =>
@@ -594,9 +652,11 @@ export default {
     },
     magnify(at = null) {
       if (!this.magnifier) this.joinMagnifier();
-      const canvas = this.magnifier, mark = (this.marks ?? []).find((m) => m.name === this.magnified);
+      const canvas = this.magnifier, mark = this.magnifiedMark();
       if (!canvas || !this.pixels) return;
-      at = at ?? (mark ? [mark.column, mark.row] : this.middle ?? [this.columns / 2, this.rows / 2]);
+      canvas.dataset.empty = !at && !mark;
+      if (!at && !mark) return;
+      at = at ?? [mark.column, mark.row];
       const side = MAGNIFIED_PX, size = 18, [c, r] = (this.middle = at.map(Math.round));
       [canvas.width, canvas.height] = [side * size, side * size];
       const g = canvas.getContext("2d");

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from nicegui import ui
 
-from flashtemp.camera.importing.formats.raw_frames import ScaleMissing
 from flashtemp.camera.importing.import_options import ImportOptions, load_template
 from flashtemp.errors import BadInput
 from flashtemp.lab.camera_files import UploadArea, find_camera_files, show_example_button, show_file_cards
@@ -18,6 +16,7 @@ from flashtemp.lab.import_part import ImportPart
 from flashtemp.lab.opened_frames import OpenedFrames
 from flashtemp.lab.page_fields import show_file_errors
 from flashtemp.lab.page_layout import action, add_script, card, empty_state, page_address
+from flashtemp.lab.reader_form import show_reader_form
 from flashtemp.lab.recording_part import RecordingPart
 from flashtemp.lab.saving import read_text
 from flashtemp.lab.thermal_viewer import ThermalViewer, add_viewer_style
@@ -27,11 +26,6 @@ TOGGLE_EXPANDED = """(event) => {
     const button = event.currentTarget;
     button.setAttribute("aria-expanded", String(button.getAttribute("aria-expanded") !== "true"));
 }"""
-USUAL_SCALE, USUAL_OFFSET_DEGC = 0.04, -273.15
-HOW_TO_SCALE = (
-    "The temperature is scale times count plus offset.  The camera's program states both; usual scales are 0.01, 0.04, "
-    "0.1 and 0.4 °C."
-)
 CAMERA_QUESTION = (
     "The frames of an infrared camera, as the camera or its program saved them: one file, a series whose names differ "
     "in numbers, or a folder.  You see them here, measure in them, mark the block and save them as a recording."
@@ -63,21 +57,26 @@ class CameraPage:
         self._show_header(name)
         self.body = ui.column().classes("w-full gap-4 items-stretch")
         await ui.context.client.connected()
-        opened: OpenedFrames | None = None
         with self.body, show_file_errors(self.folder):
             if template:
                 self._load_template(template)
             self.names = [name] if name else self.names
-            try:
-                opened = await self._open(self.names)
-            except ScaleMissing:
-                self._ask_scale()
-                raise
-        if opened is not None:
-            with self.body:
-                self._show_opened(opened)
+            await self._open_with(self.inherited)
             if self.viewer is not None and self.other is not None and beside in self.other.options:
                 self.other.value = beside
+
+    async def _open_with(self, facts: ImportOptions) -> None:
+        """Open the files with what a template or the user states; ask for what their reader needs besides."""
+        self.inherited = facts
+        self.body.clear()
+        with self.body, show_file_errors(self.folder):
+            try:
+                opened = await self._open(self.names)
+            except BadInput as fault:
+                show_reader_form(str(fault), facts, self._open_with)
+                raise
+            if opened is not None:
+                self._show_opened(opened)
 
     def _load_template(self, template: str) -> None:
         """Take files, marks and values of a template.  Raises BadInput."""
@@ -162,34 +161,6 @@ class CameraPage:
         """Open the same files with the marks and values of a template."""
         if self.like.value:
             ui.navigate.to(page_address("camera", open=name, template=self.like.value))
-
-    def _ask_scale(self, scale: float = USUAL_SCALE, offset: float = USUAL_OFFSET_DEGC) -> None:
-        """Ask for the scale of counts, which some files do not state, and open the files with it."""
-        with card("Scale of the counts", HOW_TO_SCALE):
-            with ui.row().classes("gap-3"):
-                entered = [
-                    ui.number(label, value=value).props("outlined dense")
-                    for label, value in (("scale, °C per count", scale), ("offset, °C of count 0", offset))
-                ]
-            action("Open with this scale", lambda: self._open_scaled(*(box.value for box in entered)), main=True)
-
-    async def _open_scaled(self, scale: float | None, offset: float | None) -> None:
-        """Open the files with a scale, and ask again where it gives no possible temperatures."""
-        if scale is None or offset is None:
-            ui.notify("enter scale and offset", type="negative")
-            return
-        self.inherited = replace(self.inherited, scale=float(scale), offset=float(offset))
-        opened = None
-        self.body.clear()
-        with self.body, show_file_errors(self.folder):
-            try:
-                opened = await self._open(self.names)
-            except BadInput:
-                self._ask_scale(scale, offset)
-                raise
-        if opened is not None:
-            with self.body:
-                self._show_opened(opened)
 
     async def _compare(self) -> None:
         """Show a second set of frames beside the first, with its range, zoom, frame and cursor."""

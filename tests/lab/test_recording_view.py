@@ -245,3 +245,19 @@ def test_a_profile_is_shown_as_lines(browser, server):
         seen.get_by_role("img", name="temperature along the block").wait_for()
         seen.get_by_text("Its name says 150 kPa.").wait_for()
         seen.get_by_text("104 of 0.25 mm").wait_for()
+
+
+def test_what_the_reader_needs_is_asked_on_the_page(browser, tmp_path):
+    from scipy.io import savemat
+
+    savemat(tmp_path / "frames.mat", {"a": 300.0 + np.ones((30, 40)), "b": 310.0 + np.ones((30, 40))})
+    with served(tmp_path) as (address, _), page(browser, address) as seen:
+        seen.goto(address_of(address, "frames.mat"))
+        field = seen.get_by_label("name of the array")
+        field.fill("b")
+        assert "--" not in seen.get_by_role("alert").inner_text()
+        seen.get_by_role("button", name="Open again").click()
+        seen.get_by_label("unit of the temperatures").click()
+        seen.get_by_role("option", name="K", exact=True).click()
+        seen.get_by_role("button", name="Open again").click()
+        seen.get_by_text("37.85 to 37.85").wait_for()

@@ -158,6 +158,8 @@ class MeasurementPanel:
             element.set_visibility(some)
         self.course_column.set_visibility(some and len(self.opened.frames) > 1)
         self.profile_column.set_visibility(any(m.kind == "line" for m in self.measurements.values()))
+        is_pair = self.course_column.visible and self.profile_column.visible
+        self.charts.classes(replace="ft-split" if is_pair else "w-full")
         self.charts.set_visibility(some and (len(self.opened.frames) > 1 or self.profile_column.visible))
         self.table.clear()
         self.cells: dict[str, list[Any]] = {}

@@ -12,6 +12,7 @@ from flashtemp.lab.measurements import KIND_POINTS, Measurement
 from flashtemp.lab.opened_frames import OpenedFrames
 from flashtemp.lab.palettes import labelled_palettes
 from flashtemp.lab.style import read_asset
+from flashtemp.lab.workspace import escape_control
 
 Points = tuple[tuple[float, float], ...]  # columns and rows
 VIEWER_GROUP = "frames"  # viewers of one page follow each other
@@ -37,7 +38,7 @@ class ThermalViewer(ui.element, component="assets/thermal_viewer.js"):  # type: 
             "palettes": labelled_palettes(), "marks": [], "outline": [], "measurements": [], "screened": {"version": 0},
             "toMillimetres": [], "title": title, "imageId": image_id, "magnifierId": "", "group": VIEWER_GROUP,
             "compact": compact, "nextMark": "", "missingWords": opened.missing_words, "axes": [], "frameLabels": [],
-            "storageKey": "", "kept": {},
+            "storageKey": "", "kept": {}, "fileLabel": _label_files(opened),
         }  # fmt: skip
         for name, value in values.items():
             self._props[name] = value
@@ -122,6 +123,12 @@ class ThermalViewer(ui.element, component="assets/thermal_viewer.js"):  # type: 
                 await handler(event.args["id"], kind, points)
 
         self.on("measure", answer)
+
+
+def _label_files(opened: OpenedFrames) -> str:
+    """What stands in a saved image: the name of the file, or of the first of several."""
+    name, more = escape_control(opened.files[0].name), len(opened.files) - 1
+    return f"{name} and {more} more" if more else name
 
 
 def _millimetre_map(to_metres: np.ndarray) -> list[float]:

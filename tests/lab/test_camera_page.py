@@ -259,6 +259,46 @@ def test_colours_follow_range_palette_isotherm_and_defects(browser, server):
         assert seen.locator(".tv-event.shutter").get_attribute("title") == "shutter event, frame 15"
 
 
+def test_a_frame_is_saved_with_its_scale_and_as_a_table(browser, server, place):
+    from PIL import Image
+
+    with page(browser, server) as seen:
+        open_series(seen, server)
+        files = []
+        for words in ("Image with scale (PNG)", "Temperatures of this frame (CSV)"):
+            seen.get_by_role("button", name="save the image").click()
+            with seen.expect_download() as told:
+                seen.get_by_text(words).click()
+            files.append(told.value.path())
+        picture = Image.open(files[0]).convert("RGB")
+        shown = seen.locator("#image").bounding_box()
+        assert picture.width > shown["width"] + 60
+        bar = [picture.getpixel((int(12 + shown["width"] + 20), 34 + int(y))) for y in (5, shown["height"] - 5)]
+        assert sum(bar[0]) > 600 > 60 > sum(bar[1])  # from the brightest colour of the palette to the darkest
+        np.testing.assert_allclose(
+            np.genfromtxt(files[1], delimiter=","), np.loadtxt(place / "cold" / "img00.csv"), atol=1e-3
+        )
+
+
+def test_a_box_marks_its_hottest_pixel_and_the_scale_is_dragged(browser, server):
+    with page(browser, server) as seen:
+        open_series(seen, server)
+        seen.get_by_role("radio", name="Box").click()
+        drag(seen, (25, 12), (40, 30))
+        seen.get_by_label("name of Box 1").wait_for()
+        seen.mouse.move(5, 5)
+        assert colour(seen, *DEAD_PIXEL) == [255, 82, 82]
+        scale, upper = seen.locator(".tv-scale").bounding_box(), seen.get_by_label("to, °C")
+        before = float(upper.input_value())
+        seen.mouse.move(scale["x"] + 8, scale["y"] + 10)
+        seen.mouse.down()
+        seen.mouse.move(scale["x"] + 8, scale["y"] + 10 + scale["height"] / 5, steps=4)
+        seen.mouse.up()
+        seen.wait_for_function(
+            "v => Number(document.querySelector('[aria-label=\"to, °C\"]').value) < v", arg=before - 2
+        )
+
+
 def test_frames_play_zoom_and_compare_with_another_series(browser, server):
     with page(browser, server) as seen:
         open_series(seen, server)

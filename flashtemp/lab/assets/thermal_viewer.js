@@ -48,8 +48,12 @@ export default {
           <span class="tv-zoom">{{ Math.round(100 * zoom) }} %</span>
           <q-btn icon="add" flat dense aria-label="zoom in" :disable="zoom >= 32" @click="zoomBy(2)"/>
           <q-btn icon="fit_screen" flat dense aria-label="fit the image" @click="fit"/>
-          <q-btn icon="download" flat dense aria-label="save the image as PNG" @click="savePicture">
-            <q-tooltip>save the image as PNG</q-tooltip></q-btn>
+          <q-btn icon="download" flat dense aria-label="save the image">
+            <q-tooltip>save the image</q-tooltip>
+            <q-menu><q-list>
+              <q-item v-for="[words, save] in exports" clickable v-close-popup @click="save()">
+                <q-item-section>{{ words }}</q-item-section></q-item>
+            </q-list></q-menu></q-btn>
         </div>
       </div>
       <div v-if="!compact" class="tv-bar">
@@ -80,7 +84,8 @@ export default {
             <span v-for="t in r" :style="{ [n ? 'top' : 'left']: t.at + '%' }">{{ t.text }}</span>
             <b>{{ axes[n] }}, mm</b></div>
         </div>
-        <div class="tv-scale" role="img" :aria-label="'colours from ' + show(low) + ' to ' + show(high) + ' ' + unit">
+        <div class="tv-scale" role="img" @pointerdown="pressScale" @pointermove="dragScale" @pointerup="scaleEnd = null"
+             title="drag the upper or the lower half to change the range" :aria-label="'colours from ' + show(low) + ' to ' + show(high) + ' ' + unit">
           <span class="tv-unit">{{ unit }}</span>
           <div class="tv-gradient" :style="{ background: gradient }">
             <i v-for="b in bands" class="tv-band" :style="b"></i></div>
@@ -112,7 +117,7 @@ export default {
     span: Array, percentiles: Array, palettes: Object, marks: Array, outline: Array, measurements: Array,
     screened: Object, toMillimetres: Array, title: String, imageId: String, magnifierId: String, group: String,
     compact: Boolean, nextMark: String, missingWords: String, axes: Array, frameLabels: Array, storageKey: String,
-    kept: Object,
+    kept: Object, fileLabel: String,
   },
   emits: ["frame", "mark", "measure", "restore"],
   data() {
@@ -125,7 +130,7 @@ export default {
   created() {  // large arrays stay out of Vue's observation
     Object.assign(this, {
       cache: new Map(), wanted: new Map(), mask: null, pixels: null, thumbs: [], small: new Map(), drag: null,
-      sent: {}, magnified: null, drawn: 0, target: null, going: null,
+      sent: {}, magnified: null, scaleEnd: null, drawn: 0, target: null, going: null,
     });
   },
   computed: {
@@ -139,6 +144,9 @@ export default {
       ];
       const offered = this.nextMark ? all : all.slice(1);  // a recording is marked already
       return offered.map(([name, icon, label, help]) => ({ name, icon, label, help }));
+    },
+    exports() {
+      return [["Image with scale (PNG)", this.savePicture], ["Temperatures of this frame (CSV)", this.saveTable]];
     },
     paletteOptions() { return Object.keys(this.palettes).map((p) => ({ label: p, value: p })); },
     rangeOptions() {
@@ -603,16 +611,50 @@ export default {
       const [a, b] = m.points;
       if (m.kind === "spot") {
         this.ring(g, a, MEASURED);
-      } else if (m.kind === "box") this.trace(g, [a, [b[0], a[1]], b, [a[0], b[1]]], true, MEASURED);
+      } else if (m.kind === "box") {
+        this.trace(g, [a, [b[0], a[1]], b, [a[0], b[1]]], true, MEASURED);
+        const ends = this.extremes(a, b);
+        if (ends) this.paintExtremes(g, ends);
+      }
       else { this.trace(g, [a, b], false, MEASURED); for (const p of [a, b]) this.ring(g, p, MEASURED); }
-      const T = m.kind === "spot" ? this.temperature(...a) : NaN;
-      const text = m.name + (Number.isFinite(T) ? ` ${T.toFixed(1)} ${this.unit}` : "");
+      const T = m.kind === "spot" ? this.temperature(...a) : m.kind === "box" ? this.extremes(a, b)?.high.T : NaN;
+      const value = Number.isFinite(T) ? `${m.kind === "box" ? "max " : ""}${T.toFixed(1)} ${this.unit}` : "";
+      const text = [m.name, value].filter(Boolean).join(" ");
       if (!text) return;
       const [x, y] = this.pagePixels(m.kind === "box" ? [Math.min(a[0], b[0]), Math.min(a[1], b[1])] : a);
       g.font = "600 12px system-ui, sans-serif";
       const wide = g.measureText(text).width, put = [clamp(x + 8, 2, g.canvas.clientWidth - wide - 8), Math.max(16, y - 8)];
       g.fillStyle = "rgba(0, 0, 0, 0.65)"; g.fillRect(put[0] - 4, put[1] - 13, wide + 8, 18);
       g.fillStyle = MEASURED; g.fillText(text, ...put);
+    },
+    extremes(a, b) {  // the hottest and the coldest pixel of a box in this frame
+      const side = (k, count) => [a[k], b[k]].map((p) => clamp(Math.round(p), 0, count - 1)).sort((p, q) => p - q);
+      const [c0, c1] = side(0, this.columns), [r0, r1] = side(1, this.rows);
+      let low = null, high = null;
+      for (let r = r0; r <= r1; r++) for (let c = c0; c <= c1; c++) {
+        const T = this.pixels[r * this.columns + c];
+        if (T !== T) continue;
+        if (!high || T > high.T) high = { T, at: [c, r] };
+        if (!low || T < low.T) low = { T, at: [c, r] };
+      }
+      return high && { low, high };
+    },
+    paintExtremes(g, { low, high }) {  // a triangle upwards at the hottest, downwards at the coldest pixel
+      for (const [end, up, colour] of [[high, -1, "#FF5252"], [low, 1, "#40C4FF"]]) {
+        const [x, y] = this.pagePixels(end.at);
+        g.beginPath(); g.moveTo(x, y + 6 * up); g.lineTo(x - 5, y - 4 * up); g.lineTo(x + 5, y - 4 * up); g.closePath();
+        Object.assign(g, { fillStyle: colour, strokeStyle: "rgba(0, 0, 0, 0.7)", lineWidth: 1.5 }); g.stroke(); g.fill();
+      }
+    },
+    pressScale(event) {  // the nearer end of the range follows the pointer
+      const box = event.currentTarget.getBoundingClientRect(), share = 1 - (event.clientY - box.top) / box.height;
+      event.currentTarget.setPointerCapture(event.pointerId);
+      this.scaleEnd = { end: share > 0.5 ? "high" : "low", from: event.clientY, value: share > 0.5 ? this.high : this.low,
+                        perPixel: (this.high - this.low) / box.height };
+    },
+    dragScale(event) {
+      const d = this.scaleEnd;
+      if (d) this.typeRange(d.end, d.value + (d.from - event.clientY) * d.perPixel);
     },
     cross(g, [x, y], wide, high) {
       for (const [width, tint] of [[3, "rgba(0, 0, 0, 0.4)"], [1, "rgba(255, 255, 255, 0.9)"]]) {
@@ -623,12 +665,41 @@ export default {
         Object.assign(g, { lineWidth: width, strokeStyle: tint }); g.stroke();
       }
     },
-    savePicture() {
-      this.$refs.canvas.toBlob((blob) => {
-        const link = document.createElement("a");
-        link.href = URL.createObjectURL(blob); link.download = `frame_${this.frame}.png`; link.click();
-        setTimeout(() => URL.revokeObjectURL(link.href), 1000);
-      });
+    pictureCanvas() {  // the image with its colour scale, rulers, and a line that says what it is
+      this.cursor = null; this.paintNow();
+      const image = this.$refs.canvas, dots = window.devicePixelRatio || 1, [wide, high] = [image.clientWidth, image.clientHeight];
+      const left = this.rulers.length ? 56 : 12, below = this.rulers.length ? 44 : 8, top = 34, right = 92;
+      const out = document.createElement("canvas"), g = out.getContext("2d");
+      [out.width, out.height] = [Math.round((left + wide + right) * dots), Math.round((top + high + below) * dots)];
+      g.scale(dots, dots);
+      const write = (text, x, y, align = "left") => { g.textAlign = align; g.fillText(text, x, y); };
+      g.fillStyle = "#FFFFFF"; g.fillRect(0, 0, out.width, out.height);
+      g.drawImage(image, left, top, wide, high);
+      Object.assign(g, { fillStyle: "#000000", strokeStyle: "#000000", font: "13px system-ui, sans-serif", textBaseline: "middle" });
+      write([this.fileLabel, this.when].filter(Boolean).join(" · "), left, 17);
+      const [x, least] = [left + wide + 14, Math.max(high, 60)], gradient = g.createLinearGradient(0, top + least, 0, top);
+      const colours = this.palettes[this.palette];
+      colours.forEach((c, k) => gradient.addColorStop(k / (colours.length - 1), c));
+      g.fillStyle = gradient; g.fillRect(x, top, 16, least); g.strokeRect(x, top, 16, least); g.fillStyle = "#000000";
+      for (const t of this.ticks) write(t.text, x + 22, top + least * (1 - t.at / 100));
+      write(this.unit, x, 17);
+      const [across = [], up = []] = this.rulers;
+      for (const t of across) write(t.text, left + (t.at / 100) * wide, top + high + 12, "center");
+      for (const t of up) write(t.text, left - 6, top + (t.at / 100) * high, "right");
+      if (across.length) write(`${this.axes[0]}, mm`, left + wide / 2, top + high + 32, "center");
+      if (up.length) { g.translate(12, top + high / 2); g.rotate(-Math.PI / 2); write(`${this.axes[1]}, mm`, 0, 0, "center"); }
+      return out;
+    },
+    savePicture() { this.pictureCanvas().toBlob((blob) => this.offer(blob, "png")); },
+    saveTable() {  // rows from the top, as camera programs export them; no value where there is none
+      const rows = [...Array(this.rows)].map((_, r) =>
+        Array.from(this.pixels.subarray(r * this.columns, (r + 1) * this.columns), (T) => (T === T ? T.toFixed(3) : "")).join(","));
+      this.offer(new Blob([rows.join("\n") + "\n"], { type: "text/csv" }), "csv");
+    },
+    offer(blob, kind) {
+      const link = document.createElement("a");
+      link.href = URL.createObjectURL(blob); link.download = `frame_${this.frame}.${kind}`; link.click();
+      setTimeout(() => URL.revokeObjectURL(link.href), 1000);
     },
 
     // --- magnifier --------------------------------------------------------------------------------------------------

@@ -63,7 +63,8 @@ class DefectList:
     def show_card(self, title: str) -> None:
         """Show what the files say of themselves, and the defects as soon as they are found."""
         with card(title):
-            show_facts([(key, name_page_fields(words)) for key, words in self.opened.preview.describe_rows()], title)
+            rows = self.opened.preview.describe_rows()
+            show_facts([(key, name_page_fields(words).replace(" degC", " °C")) for key, words in rows], title)
             for remark in self.opened.preview.notes:
                 ui.label(escape_control(name_page_fields(remark))).classes("ft-muted ft-small break-words")
             self.show()

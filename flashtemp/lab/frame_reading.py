@@ -13,6 +13,7 @@ from flashtemp.display import format_count
 from flashtemp.lab.frame_server import FrameServer
 from flashtemp.lab.opened_frames import OpenedFrames
 from flashtemp.lab.page_layout import action, refuse_damaged
+from flashtemp.lab.workspace import escape_control
 
 UPDATE_INTERVAL_S = 0.3  # between two updates of the progress
 
@@ -67,7 +68,7 @@ class FrameReading:
     def _show_progress(self) -> Any:
         """Number of frames, part of the files, and a button that cancels."""
         size = sum(file.stat().st_size for file in self.files if file.is_file()) / 1e6
-        what = self.files[0].name if len(self.files) == 1 else format_count(len(self.files), "file")
+        what = escape_control(self.files[0].name) if len(self.files) == 1 else format_count(len(self.files), "file")
         with ui.element("section").classes("ft-card").props('aria-label="reading"') as waiting:
             words = ui.label(f"Reading {what}, {size:.3g} MB ...").props("role=status")
             bar = ui.linear_progress(0.0, show_value=False, size="8px").props('rounded aria-label="part of the files"')

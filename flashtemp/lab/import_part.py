@@ -61,10 +61,14 @@ class ImportPart:
         self.marked = MarkedImage(self.opened, address, self.inherited, self._values_changed)
         self.form = ImportForm(self.opened, self.inherited, self._values_changed, find_time_tables(self.folder))
         self.mean_chart = None
-        with ui.element("div").classes("ft-split side"):
+        with ui.element("div").classes("ft-split side tv-part"):
+            with card(), ui.element("div").classes("w-full") as pair:
+                self.marked.show()
             with ui.column().classes("min-w-0 gap-4 w-full items-stretch"):
-                with card(), ui.element("div").classes("w-full") as pair:
-                    self.marked.show()
+                self.marked.show_controls()
+                self.form.show()
+                self._add_output()
+            with ui.column().classes("min-w-0 gap-4 w-full items-stretch"):
                 self.panel = MeasurementPanel(self.marked.viewer, self.opened, self.marked.find_map)
                 self.panel.show()
                 if len(self.opened.time) > 1:
@@ -72,10 +76,6 @@ class ImportPart:
                     self.mean_chart = show_mean(self.opened, about, lambda e: self.form.toggle_start(float(e.data[0])))
                 show_histogram(self.opened)
                 DefectList(self.folder, self.opened, self.marked.viewer, self.server, address).show_card("Files")
-            with ui.column().classes("min-w-0 gap-4 w-full items-stretch"):
-                self.marked.show_controls()
-                self.form.show()
-                self._add_output()
         self.report = ui.column().classes("w-full")
         self.marked.viewer.on_frame(self.panel.show_frame)
         self.marked.viewer.keep_in(storage_key, self._restore)

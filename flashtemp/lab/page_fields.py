@@ -12,6 +12,9 @@ from flashtemp.errors import FlashtempError
 from flashtemp.lab.page_layout import show_error
 
 OPTION_WORDS: Final = {  # option with its arguments: what the page calls it; the longest form first
+    "give --fps and --start, or --times FILE.csv": "enter the frame rate and the time of the first frame, or choose a"
+    " table of times",
+    "--fps and --start, or --times": "enter the frame rate and the time of the first frame, or choose a table of times",
     "--times FILE.csv": "a table of times",
     "--times": "a table of times",
     "--fps": "the frame rate",
@@ -53,8 +56,8 @@ OTHER_OPTIONS: Final = re.compile(r"(?<![\w-])--([a-z][a-z-]*(?:\.[a-z]+)?)")
 def name_page_fields(text: str) -> str:
     """A message of the command line with the fields of the page in place of options; others become template keys.
 
-    >>> name_page_fields("give --fps and --start, or --times FILE.csv")
-    'give the frame rate and the time of the first frame, or a table of times'
+    >>> name_page_fields("give --start, s of the first frame after the first start of sliding")
+    'give the time of the first frame, s of the first frame after the first start of sliding'
     >>> name_page_fields("dead pixels masked (--dead-pixels keep leaves them)")
     'dead pixels masked (dead_pixels in the template keep leaves them)'
     """

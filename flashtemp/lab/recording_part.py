@@ -43,30 +43,30 @@ class RecordingPart:
     def show(self, address: str, storage_key: str) -> Any:
         """Show the recording; returns the element for frames to compare with, None where there is no image."""
         pair = None
-        with ui.element("div").classes("ft-split side"):
-            with ui.column().classes("min-w-0 gap-4 w-full items-stretch"):
-                if self.recording.is_single_row:
-                    self._show_curves()
-                else:
-                    pair = self._show_image(address, storage_key)
-                show_histogram(self.opened)
+        with ui.element("div").classes("ft-split side tv-part"):
+            if self.recording.is_single_row:
+                self._show_curves()
+            else:
+                with card(), ui.element("div").classes("w-full") as pair:
+                    self.viewer = ThermalViewer(self.opened, address, image_id=IMAGE_ID)
             with ui.column().classes("min-w-0 gap-4 w-full items-stretch"):
                 self._show_use()
                 self._show_facts(address)
+            with ui.column().classes("min-w-0 gap-4 w-full items-stretch"):
+                if self.viewer is not None:
+                    self._show_measurements(self.viewer, storage_key)
+                    if len(self.opened.time) > 1:
+                        show_mean(self.opened)
+                show_histogram(self.opened)
         return pair
 
-    def _show_image(self, address: str, storage_key: str) -> Any:
-        """The image with its tools, the measurements, and the mean over time."""
-        with card(), ui.element("div").classes("w-full") as pair:
-            self.viewer = ThermalViewer(self.opened, address, image_id=IMAGE_ID)
+    def _show_measurements(self, viewer: ThermalViewer, storage_key: str) -> None:
+        """The measurements, which the browser keeps."""
         axes = RECORDING_AXES[self.recording.view] if self.opened.find_map() is not None else None
-        panel = MeasurementPanel(self.viewer, self.opened, self.opened.find_map, axes)
+        panel = MeasurementPanel(viewer, self.opened, self.opened.find_map, axes)
         panel.show()
-        self.viewer.on_frame(panel.show_frame)
-        self.viewer.keep_in(storage_key, lambda kept: panel.restore(kept.get("measurements")))
-        if len(self.opened.time) > 1:
-            show_mean(self.opened)
-        return pair
+        viewer.on_frame(panel.show_frame)
+        viewer.keep_in(storage_key, lambda kept: panel.restore(kept.get("measurements")))
 
     def _show_curves(self) -> None:
         """Curves of sensors over time, or profiles along x at some times."""

@@ -110,7 +110,9 @@ def test_uses_and_template_of_a_recording_are_found(place):
 
 def test_messages_name_the_fields_of_the_page():
     text = "a.csv: does not say when its frames were taken; give --fps and --start, or --times FILE.csv"
-    assert name_page_fields(text).endswith("give the frame rate and the time of the first frame, or a table of times")
+    assert name_page_fields(text).endswith(
+        "; enter the frame rate and the time of the first frame, or choose a table of times"
+    )
     assert name_page_fields("give --crop u0 u1 v0 v1") == "give crop in the template u0 u1 v0 v1"
     assert name_page_fields("a -- b, a--b.csv") == "a -- b, a--b.csv"
 

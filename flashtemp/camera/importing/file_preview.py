@@ -146,10 +146,8 @@ def preview_files(
     kept = _FrameSample()
     for done, path in enumerate(names, 1):
         for frames in iter_frames(path, facts):
-            if first is None:
-                first = frames
-            else:
-                readers.check_same_kind(names[0], first, path, frames)
+            first = first or frames
+            readers.check_same_kind(names[0], first, path, frames)
             T = frames.temperature
             known = np.isfinite(T)
             means.append(np.where(known.any(axis=(1, 2)), _image_means(T, known), np.nan))
@@ -163,8 +161,7 @@ def preview_files(
             report_share((done - 1 + frames.share_read) / len(names))
             receive_images(T)
             number += len(T)
-            said = (*frames.notes, *((UNSCALED_COUNTS_NOTE,) if frames.is_unscaled else ()))
-            notes += [note for note in said if note not in notes]
+            notes += [*frames.notes, *((UNSCALED_COUNTS_NOTE,) if frames.is_unscaled else ())]
         if done % 50 == 0:
             report_progress(f"{done} of {len(names)} files read")
     if first is None:
@@ -182,7 +179,7 @@ def preview_files(
         edges=edges,
         outside=missing.outside,
         dead=missing.dead,
-        notes=(*notes, *describe_order(names)),
+        notes=(*dict.fromkeys(notes), *describe_order(names)),
         **_file_facts(first),
     )
 

@@ -53,7 +53,10 @@ def find_camera_files(folder: Path, names: list[str]) -> list[Path]:
     files = expand_patterns([str(resolve_inside(folder, name)) for name in names])
     for file in files:
         name = str(file.relative_to(folder.resolve()))
-        if (path := resolve_inside(folder, name)).exists() and not path.is_file():
+        path = resolve_inside(folder, name)
+        if not path.exists():
+            raise BadInput(f"{escape_control(name)}: no such file; choose another, or copy it into the folder again")
+        if not path.is_file():
             raise BadInput(f"{escape_control(name)}: neither a file nor a folder of files; give a camera file")
     return files
 

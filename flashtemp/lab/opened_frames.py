@@ -141,7 +141,8 @@ def open_frames(
         raise
     if preview.format == RECORDING_FORMAT and len(files) == 1:
         stack.close()  # its values are read again with all that is known of them
-        return _turn_upright(preview, load(files[0], facts.limit))
+        known = load(files[0], facts.limit)
+        return _turn_upright(preview, known.select_frames(np.arange(0, known.frames, facts.every or 1)))
     clock = preview.time if preview.time is not None else preview.clock
     has_times = clock is not None and bool(np.isfinite(clock).all()) and (len(clock) == 1 or float(np.ptp(clock)) > 0.0)
     if clock is None or not has_times:

@@ -21,6 +21,7 @@ OPTION_WORDS: Final = {  # option with its arguments: what the page calls it; th
     "--starts": "the starts of sliding",
     "--start": "the time of the first frame",
     "--view sidewall, wake, profile or points": "the view",
+    "--view points": "view = 'points' in a template",
     "--view": "the view",
     "--downstream right, left, up or down": "both edges of the block on the image",
     "--downstream": "both edges of the block on the image",

@@ -12,6 +12,8 @@ from lab.browsing import CASE, page, served
 
 from flashtemp.camera.importing.import_options import ImportOptions
 from flashtemp.camera.recording import Recording
+from flashtemp.errors import BadInput
+from flashtemp.lab.camera_files import find_camera_files
 from flashtemp.lab.frame_reading import ReadingCancelled
 from flashtemp.lab.frame_server import FrameServer
 from flashtemp.lab.measurements import read_measurements
@@ -98,6 +100,12 @@ def test_rows_of_a_recording_count_downwards_and_its_map_gives_mm(place):
     assert opened.with_screening().screened.classes[ROWS - 1 - 30, 50] == 1
 
 
+def test_of_a_recording_one_frame_of_so_many_can_be_kept(place):
+    opened = open_frames([place / "measured" / "side.nc"], ImportOptions(every=2))
+    assert len(opened.frames) == len(opened.mean) == len(opened.time) == 3
+    np.testing.assert_allclose(opened.mean, np.nanmean(make_recording().temperature[::2], axis=(1, 2)), atol=1e-4)
+
+
 def test_uses_and_template_of_a_recording_are_found(place):
     listing, file = list_folder(place), place / "measured" / "side.nc"
     (use,) = find_uses(place, listing, file)
@@ -115,6 +123,11 @@ def test_messages_name_the_fields_of_the_page():
     )
     assert name_page_fields("give --crop u0 u1 v0 v1") == "give crop in the template u0 u1 v0 v1"
     assert name_page_fields("a -- b, a--b.csv") == "a -- b, a--b.csv"
+
+
+def test_a_file_that_is_gone_is_named(place):
+    with pytest.raises(BadInput, match=r"^gone.csv: no such file"):
+        find_camera_files(place, ["gone.csv"])
 
 
 def test_kept_measurements_that_do_not_fit_are_left_out():

@@ -16,13 +16,21 @@ from flashtemp.display import format_count
 from flashtemp.errors import BadInput
 from flashtemp.lab.page_layout import action, heading, page_address, refuse_damaged, show_errors
 from flashtemp.lab.saving import MAX_UPLOAD_BYTES, MAX_UPLOAD_FILES, UPLOAD_LIMIT, check_upload_name, write_upload
-from flashtemp.lab.workspace import CAMERA_SUFFIXES, escape_control, free_name, list_folder, resolve_inside
+from flashtemp.lab.workspace import (
+    CAMERA_SUFFIXES,
+    MAX_LINE_BYTES,
+    TABLE_SUFFIXES,
+    escape_control,
+    find_own_file,
+    free_name,
+    list_folder,
+    resolve_inside,
+)
 
 UPLOAD_FOLDER = "camera"  # name of the folder for several files uploaded at once
 EXAMPLE_FOLDER = "camera_example"
 MAX_CARDS = 24  # of camera files that are shown with a thumbnail
 THUMBNAIL_PX = 160
-TABLE_SUFFIXES, MAX_HEADER_BYTES = {".csv", ".txt", ".asc"}, 1000
 OPTICS_SD_PX = 0.8  # point spread of the example
 FORMATS = "FLIR JPEG, FFF, SEQ and CSQ, InfraTec IRB, 16-bit TIFF and PNG, CSV and text, MATLAB and HDF5"
 DROP_ZONE = """
@@ -45,28 +53,34 @@ def find_camera_files(folder: Path, names: list[str]) -> list[Path]:
     files = expand_patterns([str(resolve_inside(folder, name)) for name in names])
     for file in files:
         name = str(file.relative_to(folder.resolve()))
-        if (path := resolve_inside(folder, name)).exists() and not path.is_file():
+        path = resolve_inside(folder, name)
+        if not path.exists():
+            raise BadInput(f"{escape_control(name)}: no such file; choose another, or copy it into the folder again")
+        if not path.is_file():
             raise BadInput(f"{escape_control(name)}: neither a file nor a folder of files; give a camera file")
     return files
 
 
 def find_time_tables(folder: Path) -> dict[str, Path]:
-    """Tables of the times of frames, by their names in the folder."""
+    """Tables whose header names file and time, by their names in the folder."""
     out: dict[str, Path] = {}
-    for path in list_folder(folder).images:
+    listing = list_folder(folder)
+    for path in (*listing.tables, *listing.images):
+        file = find_own_file(folder, path) if path.suffix.lower() in TABLE_SUFFIXES else None
+        if file is None:
+            continue
         try:
-            file = resolve_inside(folder, str(path))
-            if path.suffix.lower() in TABLE_SUFFIXES and file.is_file() and is_time_table(file):
+            if has_time_header(file):
                 out[str(path)] = file
-        except (BadInput, OSError):
+        except OSError:
             continue
     return out
 
 
-def is_time_table(file: Path) -> bool:
+def has_time_header(file: Path) -> bool:
     """Whether the first line of a text file names the columns file and time."""
     with file.open("rb") as opened:
-        words = re.findall(r"[a-z]+", opened.readline(MAX_HEADER_BYTES).decode("latin-1").lower())
+        words = re.findall(r"[a-z]+", opened.readline(MAX_LINE_BYTES).decode("latin-1").lower())
     return {"file", "time"} <= set(words)
 
 
@@ -98,10 +112,15 @@ class UploadArea:
                 path = await write_upload(place, free_name(place, name), file.iterate())
             if files:
                 ui.notify(f"stored {format_count(len(files), 'file')}; opening", type="positive")
-                name = str((path if len(files) == 1 else place).relative_to(self.folder))
-                series = [Path(one) for one in list_folder(self.folder).image_series]
-                is_mixed = len(files) > 1 and sum(place in (self.folder / one).parents for one in series) > 1
-                ui.navigate.to("/camera" if is_mixed else page_address("camera", open=name))
+                ui.navigate.to(self._find_address(path if len(files) == 1 else place))
+
+    def _find_address(self, stored: Path) -> str:
+        """The address of a stored file, or of the one series of a stored folder; the choice where there are several."""
+        names = [str(stored.relative_to(self.folder))]
+        if stored.is_dir():
+            series = list_folder(self.folder).image_series
+            names = [one for one in series if stored in (self.folder / one, *(self.folder / one).parents)]
+        return page_address("camera", open=names[0]) if len(names) == 1 else "/camera"
 
 
 def _notify_rejected() -> None:
@@ -126,7 +145,7 @@ async def show_file_cards(folder: Path) -> None:
     client = ui.context.client
     for name, place in pictures.items():
         picture = await run.io_bound(draw_thumbnail, folder, name)
-        if client.is_deleted:
+        if client.is_deleted or picture is None:  # the server stops
             return
         with place:
             if picture.startswith("data:"):

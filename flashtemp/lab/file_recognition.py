@@ -15,7 +15,7 @@ from flashtemp.camera.importing.import_options import ImportOptions
 from flashtemp.camera.importing.thermocouple_files import read_logger_file
 from flashtemp.display import format_count
 from flashtemp.errors import BadInput, FlashtempError
-from flashtemp.lab.camera_files import is_time_table
+from flashtemp.lab.camera_files import has_time_header
 from flashtemp.lab.page_layout import refuse_damaged
 from flashtemp.lab.recording_store import RecordingStore
 from flashtemp.lab.workspace import CAMERA_SUFFIXES, kind_of
@@ -61,7 +61,7 @@ def _recognise(path: Path, store: RecordingStore) -> tuple[str, str]:
         return RECORDING, f"{brief.view}, {format_count(brief.frames, 'frame')}"
     if suffix == ".toml":
         return kind_of(path) or UNKNOWN, ""
-    if suffix in TEXT_SUFFIXES and is_time_table(path):
+    if suffix in TEXT_SUFFIXES and has_time_header(path):
         return FRAME_TIMES, "columns file and time"
     try:
         return CAMERA, _describe_frames(path)

@@ -28,12 +28,15 @@ class FrameServer:
         self._sets: dict[str, OpenedFrames] = {}
         self._versions: WeakValueDictionary[tuple[object, ...], OpenedFrames] = WeakValueDictionary()
 
-    def read(self, files: list[Path], facts: ImportOptions, report_frames: Callable[[int], object]) -> OpenedFrames:
+    def read(
+        self, files: list[Path], facts: ImportOptions, report_frames: Callable[[int], object],
+        report_share: Callable[[float], object] = lambda share: None,
+    ) -> OpenedFrames:  # fmt: skip
         """The frames of camera files; those that a page shows already are not read again.  Raises BadInput."""
         version = (*((str(f), (state := f.stat()).st_mtime_ns, state.st_size) for f in files), repr(facts))
         opened = self._versions.get(version)
         if opened is None:
-            opened = self._versions[version] = open_frames(files, facts, report_frames)
+            opened = self._versions[version] = open_frames(files, facts, report_frames, report_share)
         return opened
 
     def share(self, opened: OpenedFrames) -> str:

@@ -12,7 +12,9 @@ from nicegui import ui
 
 from flashtemp.camera.importing.import_options import ImportOptions
 from flashtemp.lab.image_marks import find_onsets
+from flashtemp.lab.measurements import read_numbers
 from flashtemp.lab.opened_frames import OpenedFrames
+from flashtemp.lab.page_fields import name_page_fields
 from flashtemp.lab.page_layout import card, heading
 from flashtemp.lab.workspace import escape_control
 
@@ -91,6 +93,7 @@ class ImportForm:
         self.starts = [t - (facts.start or 0.0) for t in facts.starts or ()]
         self.values: dict[str, Any] = {}
         self.file_values: dict[str, Any] = {}
+        self.required: dict[str, str] = {}  # labels of fields that a table of times replaces
         self.on_starts: Callable[[], Any] = lambda: None
 
     def show(self) -> None:
@@ -104,6 +107,7 @@ class ImportForm:
             self._add_times()
             for field in TIME_FIELDS:
                 self._add_field(field, required=field.key == "start" or not self.opened.has_times)
+            self._mark_required()
             self.starting = ui.input("starts of sliding, s after the first frame", value=format_times(self.starts))
             self.starting.classes("w-full").props("outlined dense").on("change", self._read_starts)
             with ui.row().classes("gap-2"):
@@ -119,20 +123,32 @@ class ImportForm:
     def _add_times(self) -> None:
         """The choice of a table with the time of every frame."""
         chosen = next((name for name, path in self.tables.items() if path == self.facts.times), None)
-        self.times = ui.select(list(self.tables), value=chosen, label="table of times", on_change=self._notify)
+        self.times = ui.select(list(self.tables), value=chosen, label="table of times", on_change=self._times_chosen)
         self.times.classes("w-full").props("outlined dense clearable")
         self.times.props["hint"] = "columns file, time (s), repetition; instead of frame rate and starts"
         self.times.set_visibility(bool(self.tables))
+
+    def _times_chosen(self) -> None:
+        self._mark_required()
+        self.changed()
+
+    def _mark_required(self) -> None:
+        """Mark the fields of the times as required, unless a table states the times."""
+        for key, label in self.required.items():
+            self.values[key].props["label"] = label if self.times.value else f"{label} *"
+            self.values[key].update()
 
     def _add_field(self, field: StatedField, required: bool) -> None:
         """A number with its help, and the value that the file states."""
         file_value = self._file_value(field.key)
         with ui.element("div").classes("ft-field"):
             box = ui.number(
-                field.label + (" *" if required and file_value is None else ""),
+                field.label,
                 value=getattr(self.facts, field.key), on_change=self._notify,
             ).classes("grow").props("outlined dense clearable")  # fmt: skip
             box.props["aria-label"] = field.label
+            if required and file_value is None:
+                self.required[field.key] = field.label
             if file_value is not None:
                 box.props["placeholder"] = f"{file_value:g}"
                 box.props["stack-label"] = True
@@ -196,6 +212,30 @@ class ImportForm:
         self.on_starts()
         self.changed()
 
+    # --- what the browser keeps -----------------------------------------------------------------------------------
+    def kept_values(self) -> dict[str, Any]:
+        """The entered values, as the browser keeps them."""
+        numbers = {key: box.value for key, box in self.values.items()}
+        used = {key: box.value for key, box in self.file_values.items()}
+        return {"numbers": numbers, "used": used, "view": self.view.value, "times": self.times.value,
+                "starts": list(self.starts)}  # fmt: skip
+
+    def restore(self, kept: Any) -> None:
+        """Show values that the browser has kept; what is no value of a field is left out."""
+        if not isinstance(kept, dict):
+            return
+        for name, boxes in (("numbers", self.values), ("used", self.file_values)):
+            numbers = kept.get(name)
+            for key, box in boxes.items():
+                value = numbers.get(key) if isinstance(numbers, dict) else None
+                box.value = next(iter(read_numbers([value], 1)), None)
+        if kept.get("view") in VIEW_LABELS:
+            self.view.value = kept["view"]
+        self.times.value = kept.get("times") if kept.get("times") in self.tables else None
+        starts = kept.get("starts")
+        self.starts = read_numbers(starts, len(starts)) if isinstance(starts, list) else []
+        self.starting.value = format_times(self.starts)
+
     # --- values -----------------------------------------------------------------------------------------------------
     def _notify(self) -> None:
         self.changed()
@@ -224,7 +264,7 @@ class ImportForm:
 
     def show_missing(self, lines: tuple[str, ...]) -> None:
         """List what is missing before the files can be saved as a recording; `lines` are those of the import."""
-        remedies = [MISSING_REMEDIES.get(line.partition(":")[0], line) for line in lines]
+        remedies = [MISSING_REMEDIES.get(line.partition(":")[0], name_page_fields(line)) for line in lines]
         is_timed = self.opened.has_times or bool(self.times.value)
         if not is_timed and len(self.opened.time) > 1 and not self.values["fps"].value:
             remedies.append(MISSING_REMEDIES["fps"] + (" Or choose a table of times." if self.tables else ""))

@@ -12,6 +12,7 @@ from flashtemp.camera.importing.import_options import ImportOptions
 from flashtemp.camera.importing.recording_import import pixel_to_metre_map
 from flashtemp.errors import BadInput
 from flashtemp.lab.image_marks import CORNER_NAMES, IMAGE_DIRECTIONS, BlockMarks
+from flashtemp.lab.measurements import read_numbers
 from flashtemp.lab.opened_frames import OpenedFrames
 from flashtemp.lab.page_layout import card
 from flashtemp.lab.thermal_viewer import ThermalViewer
@@ -19,6 +20,7 @@ from flashtemp.lab.thermal_viewer import ThermalViewer
 MARK_COLOURS = dict(zip(CORNER_NAMES, ("#00E5FF", "#FFD600", "#76FF03", "#FF4081"), strict=True))
 DEFAULT_LENGTH_MM, DEFAULT_HEIGHT_MM = 25.0, 7.0  # of a block, until its size is entered
 IMAGE_ID, MAGNIFIER_ID = "image", "magnifier"  # of the elements in the page
+NO_MARK = "The surroundings of the pointer and of the last mark appear here, magnified."
 HOW_TO_MARK = (
     "Click the leading and the trailing edge at the interface, or all four corners.  To correct a mark, drag it, click "
     "in the magnifier or type its coordinates."
@@ -66,8 +68,11 @@ class MarkedImage:
             ).props("dense no-caps unelevated spread")
             self.next.classes("w-full").props["aria-label"] = "mark that the next click sets"
             with ui.row().classes("no-wrap items-start w-full gap-4"):
-                magnifier = ui.element("canvas").classes("tv-magnifier").props("role=img width=270 height=270")
-                magnifier.props["id"], magnifier.props["aria-label"] = MAGNIFIER_ID, "magnified surroundings of a mark"
+                with ui.element("div").classes("w-full"):
+                    magnifier = ui.element("canvas").classes("tv-magnifier").props("role=img width=270 height=270")
+                    magnifier.props["aria-label"] = "magnified surroundings of a mark"
+                    magnifier.props["id"], magnifier.props["data-empty"] = MAGNIFIER_ID, "true"
+                    ui.label(NO_MARK).classes("tv-no-mark")
                 with ui.column().classes("gap-2 min-w-0"):
                     self._add_sizes()
             with ui.grid(columns="minmax(8rem, auto) 1fr 1fr").classes("items-center gap-2 w-full"):
@@ -125,6 +130,30 @@ class MarkedImage:
         for box in self.boxes.values():
             box.value = None
         self.next.value = CORNER_NAMES[0]
+        self._marks_changed()
+
+    def kept_values(self) -> dict[str, Any]:
+        """Marks and size of the block, as the browser keeps them."""
+        sizes = {name: box.value for name, box in self.sizes.items()}
+        return {"points": {name: list(place) for name, place in self.points.items()}, **sizes, "up": self.up.value}
+
+    def restore(self, kept: Any) -> None:
+        """Show marks and size that the browser has kept; what is no mark of this image is left out."""
+        if not isinstance(kept, dict):
+            return
+        points = kept.get("points")
+        rows, columns = self.opened.frames.shape[1:]
+        for name, place in points.items() if isinstance(points, dict) else ():
+            numbers = read_numbers(place, 2)
+            if name in CORNER_NAMES and numbers and -1 <= numbers[0] <= columns and -1 <= numbers[1] <= rows:
+                self.points[name] = (numbers[0], numbers[1])
+        for name, box in self.sizes.items():
+            if (size := read_numbers([kept.get(name)], 1)) and size[0] > 0:
+                box.value = size[0]
+        if kept.get("up") in IMAGE_DIRECTIONS:
+            self.up.value = kept["up"]
+        self._fill_boxes()
+        self.next.value = next((n for n in CORNER_NAMES if n not in self.points), CORNER_NAMES[0])
         self._marks_changed()
 
     def _fill_boxes(self) -> None:

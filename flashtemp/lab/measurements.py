@@ -17,6 +17,7 @@ Array = npt.NDArray[np.float64]
 Point = tuple[float, float]  # column, row; the middle of the upper left pixel is 0, 0
 KIND_POINTS: Final = {"spot": 1, "box": 2, "line": 2}  # number of points of a measurement
 STATISTICS: Final = ("mean", "min", "max", "sd")
+MAX_NAME_LENGTH = 40  # of the name of a measurement
 FRAMES_AT_ONCE = 64  # that are read together
 
 
@@ -44,9 +45,17 @@ class Measurement:
         share = np.linspace(0.0, 1.0, int(np.ceil(np.hypot(*(b - a)))) + 1)[:, None]
         return np.asarray(a + share * (b - a), float)
 
-    def describe_place(self) -> str:
-        """Columns and rows, in words."""
-        return " to ".join(f"{c:.1f}, {r:.1f}" for c, r in self.points)
+
+def read_numbers(values: object, count: int) -> list[float]:
+    """`count` finite numbers of a list; [] where it is no such list.
+
+    >>> read_numbers([1, 2.5], 2), read_numbers([1, "x"], 2), read_numbers([1.0], 2)
+    ([1.0, 2.5], [], [])
+    """
+    if not isinstance(values, list) or len(values) != count:
+        return []
+    plain = all(isinstance(v, (int, float)) and not isinstance(v, bool) and np.isfinite(v) for v in values)
+    return [float(v) for v in values] if plain else []
 
 
 def interpolate_frames(frames: Array, at: Array) -> Array:
@@ -77,6 +86,21 @@ def summarise_values(values: Array) -> dict[str, Array]:
         "sd": np.sqrt(square),
     }
     return {name: np.where(none, np.nan, value) for name, value in found.items()}
+
+
+def read_measurements(kept: object, shape: tuple[int, int], most: int) -> list[Measurement]:
+    """At most `most` measurements on images of that `shape` (rows, columns) from plain values; others are left out."""
+    found: list[Measurement] = []
+    for one in kept if isinstance(kept, list) else ():
+        if not isinstance(one, dict) or len(found) >= most:
+            continue
+        points, kind = one.get("points"), one.get("kind")
+        places = [read_numbers(p, 2) for p in points] if isinstance(points, list) else []
+        inside = all(p and -1 <= p[0] <= shape[1] and -1 <= p[1] <= shape[0] for p in places)
+        if isinstance(kind, str) and len(places) == KIND_POINTS.get(kind) and inside:
+            name = str(one.get("name", ""))[:MAX_NAME_LENGTH] or kind.capitalize()
+            found.append(Measurement(name, kind, tuple((p[0], p[1]) for p in places)))
+    return found
 
 
 def measure_frames(frames: Array, measurement: Measurement) -> dict[str, Array]:

@@ -1,4 +1,4 @@
-"""All frames of camera files for the camera page, in the order of their times where the files have them."""
+"""All frames of camera files or of a recording for the camera page, in the order of their times."""
 
 from __future__ import annotations
 
@@ -11,16 +11,20 @@ import numpy as np
 from flashtemp.camera.importing.file_preview import FilePreview, preview_files
 from flashtemp.camera.importing.frame_buffer import FrameBuffer
 from flashtemp.camera.importing.import_options import ImportOptions
+from flashtemp.camera.recording import Recording, load
 from flashtemp.lab.frame_screening import ScreenedFrames, screen_frames
 
 PERCENTILES = (0.01, 0.99)  # of all values, for a range without outliers
+RECORDING_FORMAT = "recording"  # of a preview: a file that `flashtemp import` has written
+MAX_PITCH_DEVIATION = 0.02  # of a grid whose pixels have one size, relative
 
 
 @dataclass(frozen=True, eq=False)
 class OpenedFrames:
     """Camera `files` with all `frames` (n, rows, columns) in degC, their `time` (s, or numbers) and a `preview`.
 
-    `screened` are the defects of the camera, None before they have been searched.
+    `screened` are the defects of the camera, None before they have been searched.  Rows count downwards, those of a
+    `recording` too: its largest v is row 0, its time counts from the first start of sliding.
     """
 
     files: tuple[Path, ...]
@@ -29,6 +33,22 @@ class OpenedFrames:
     has_times: bool
     preview: FilePreview
     screened: ScreenedFrames | None = None
+    recording: Recording | None = None
+
+    @property
+    def time_label(self) -> str:
+        """What the times count, with their unit."""
+        if self.recording is not None:
+            return "time from the first start of sliding, s"
+        return "time after the first frame, s" if self.has_times else "frame"
+
+    def find_map(self) -> np.ndarray | None:
+        """The map (3, 3) from pixels to m of a recording; None for camera files and pixels of unequal size."""
+        known = self.recording
+        if known is None or known.is_single_row or not (_is_even(known.u) and _is_even(known.v)):
+            return None
+        du, dv = known.pitch
+        return np.array([[du, 0.0, known.u[0]], [0.0, -dv, known.v[-1]], [0.0, 0.0, 1.0]])
 
     @property
     def mean(self) -> np.ndarray:
@@ -54,7 +74,12 @@ class OpenedFrames:
             return "outside"
         if np.isfinite(T):
             return f"{T:.2f} °C"
-        return "dead in every frame" if self.preview.dead[round(row), round(column)] else "beyond the camera's range"
+        return "dead in every frame" if self.preview.dead[round(row), round(column)] else self.missing_words
+
+    @property
+    def missing_words(self) -> str:
+        """Why a pixel that is not dead may have no value."""
+        return "beyond the camera's range" if self.recording is None else "no value in this frame"
 
     @property
     def legend(self) -> str:
@@ -62,7 +87,7 @@ class OpenedFrames:
         dead = int(self.preview.dead.sum())
         words = [f"cyan: {dead} dead in every frame"] if dead else []
         missing = int(np.isnan(self.frames).sum()) - dead * len(self.frames)
-        words += [f"grey: beyond the camera's range, {missing} in all frames together"] if missing else []
+        words += [f"grey: {self.missing_words}, {missing} in all frames together"] if missing else []
         return "; ".join(words)
 
     @property
@@ -96,10 +121,12 @@ def open_frames(
     files: list[Path],
     facts: ImportOptions = ImportOptions(),  # noqa: B008 (frozen)
     report_frames: Callable[[int], object] = lambda number: None,
+    report_share: Callable[[float], object] = lambda share: None,
 ) -> OpenedFrames:
     """Read all frames of camera files, in order of time where the files have it.  Raises BadInput.
 
-    `report_frames` is called with the number of frames that have just been read.
+    `report_frames` is called with the number of frames that have just been read, `report_share` with the part of all
+    files that has been read, from 0 to 1.
     """
     stack = FrameBuffer()
 
@@ -107,7 +134,15 @@ def open_frames(
         stack.add(images)
         report_frames(len(images))
 
-    preview = preview_files(files, facts, receive_images=keep)
+    try:
+        preview = preview_files(files, facts, receive_images=keep, report_share=report_share)
+    except BaseException:
+        stack.close()
+        raise
+    if preview.format == RECORDING_FORMAT and len(files) == 1:
+        stack.close()  # its values are read again with all that is known of them
+        known = load(files[0], facts.limit)
+        return _turn_upright(preview, known.select_frames(np.arange(0, known.frames, facts.every or 1)))
     clock = preview.time if preview.time is not None else preview.clock
     has_times = clock is not None and bool(np.isfinite(clock).all()) and (len(clock) == 1 or float(np.ptp(clock)) > 0.0)
     if clock is None or not has_times:
@@ -115,3 +150,16 @@ def open_frames(
         return OpenedFrames(preview.files, stack.ordered_images(np.arange(len(time))), time, bool(preview.fps), preview)
     order = np.argsort(clock, kind="stable")
     return OpenedFrames(preview.files, stack.ordered_images(order), clock[order] - clock[order[0]], True, preview)
+
+
+def _turn_upright(preview: FilePreview, recording: Recording) -> OpenedFrames:
+    """The frames of a recording with v upwards, as images of it are drawn."""
+    upright = replace(preview, dead=preview.dead[::-1], images=preview.images[:, ::-1])
+    frames = recording.temperature[:, ::-1]
+    return OpenedFrames(preview.files, frames, recording.time, True, upright, recording=recording)
+
+
+def _is_even(centres: np.ndarray) -> bool:
+    """Whether pixel centres have one distance from each other."""
+    steps = np.diff(centres)
+    return len(steps) > 0 and float(np.ptp(steps)) <= MAX_PITCH_DEVIATION * float(steps.mean())

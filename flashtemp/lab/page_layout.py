@@ -204,13 +204,16 @@ def show_errors(folder: Path | None = None) -> Iterator[None]:
 
 
 @contextmanager
-def refuse_damaged(file: Path) -> Iterator[None]:
-    """Context manager: any exception of a library that reads a damaged or hostile file becomes BadInput."""
+def refuse_damaged(file: Path, *allowed: type[Exception]) -> Iterator[None]:
+    """Context manager: any exception of a library that reads a damaged or hostile file becomes BadInput.
+
+    Exceptions of the types `allowed` stay as they are.
+    """
     try:
         yield
-    except FlashtempError:
-        raise
     except Exception as fault:  # readers of NetCDF, HDF5 and images raise exceptions of many types
+        if isinstance(fault, (FlashtempError, *allowed)):
+            raise
         raise BadInput(f"{file}: cannot be read ({type(fault).__name__}); create it again or remove it") from fault
 
 

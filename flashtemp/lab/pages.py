@@ -41,9 +41,9 @@ def make_application(folder: Path, commands: Sequence[CommandDescription] = ()) 
             HomePage(folder, jobs, allowed).show()
 
     @ui.page("/camera")
-    async def camera(open: str = "", template: str = "") -> None:  # noqa: A002 (key of the address)
+    async def camera(open: str = "", template: str = "", beside: str = "") -> None:  # noqa: A002 (key of the address)
         with page_frame("camera", folder, "Camera"):
-            await CameraPage(folder, frames).show(open, template)
+            await CameraPage(folder, frames).show(open, template, beside)
 
     @ui.page("/case")
     def case(open: str = "") -> None:  # noqa: A002

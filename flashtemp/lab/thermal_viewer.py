@@ -12,9 +12,11 @@ from flashtemp.lab.measurements import KIND_POINTS, Measurement
 from flashtemp.lab.opened_frames import OpenedFrames
 from flashtemp.lab.palettes import labelled_palettes
 from flashtemp.lab.style import read_asset
+from flashtemp.lab.workspace import escape_control
 
 Points = tuple[tuple[float, float], ...]  # columns and rows
 VIEWER_GROUP = "frames"  # viewers of one page follow each other
+RECORDING_AXES = {"sidewall": ("x", "z"), "wake": ("x", "y")}  # of u and v
 
 
 def add_viewer_style() -> None:
@@ -35,10 +37,18 @@ class ThermalViewer(ui.element, component="assets/thermal_viewer.js"):  # type: 
             "span": [low, max(high, low + 0.01)], "percentiles": list(opened.percentile_range),
             "palettes": labelled_palettes(), "marks": [], "outline": [], "measurements": [], "screened": {"version": 0},
             "toMillimetres": [], "title": title, "imageId": image_id, "magnifierId": "", "group": VIEWER_GROUP,
-            "compact": compact, "nextMark": "",
+            "compact": compact, "nextMark": "", "missingWords": opened.missing_words, "axes": [], "frameLabels": [],
+            "storageKey": "", "kept": {}, "fileLabel": _label_files(opened),
         }  # fmt: skip
         for name, value in values.items():
             self._props[name] = value
+        if (known := opened.recording) is not None and (to_metres := opened.find_map()) is not None:
+            self._props["toMillimetres"] = _millimetre_map(to_metres)
+            self._props["axes"] = list(RECORDING_AXES[known.view])
+            if known.view == "sidewall":  # the interface
+                self._props["outline"] = _find_level(to_metres, columns, rows)
+        if known is not None:
+            self._props["frameLabels"] = [f"repetition {n}" for n in known.repetition]
         if opened.screened is not None:
             self.show_screening(opened)
 
@@ -60,8 +70,7 @@ class ThermalViewer(ui.element, component="assets/thermal_viewer.js"):  # type: 
         self._props["marks"] = [dict(zip(names, mark, strict=True)) for mark in marks]
         self._props["outline"] = [list(point) for point in outline]
         self._props["nextMark"] = next_mark
-        scaled = [] if to_metres is None else np.diag([1e3, 1e3, 1.0]) @ to_metres
-        self._props["toMillimetres"] = [float(v) for v in np.ravel(scaled)]
+        self._props["toMillimetres"] = [] if to_metres is None else _millimetre_map(to_metres)
         self.update()
 
     def show_measurements(self, measurements: dict[str, Measurement]) -> None:
@@ -78,6 +87,17 @@ class ThermalViewer(ui.element, component="assets/thermal_viewer.js"):  # type: 
         if found is not None:
             self._props["screened"] = {"version": 1, "shutter": list(found.shutter), "frozen": list(found.frozen)}
             self.update()
+
+    # --- what a reload of the page keeps ------------------------------------------------------------------------
+    def keep_in(self, key: str, on_restore: Callable[[dict[str, Any]], Any]) -> None:
+        """Let the browser keep what `keep` is given under a key; after a reload, call with what it has kept."""
+        self._props["storageKey"] = key
+        self.on("restore", lambda event: on_restore(event.args if isinstance(event.args, dict) else {}))
+
+    def keep(self, name: str, value: Any) -> None:
+        """Keep a value of plain numbers, texts and lists until the tab of the browser is closed."""
+        self._props["kept"] = {**self._props["kept"], name: value}
+        self.update()
 
     # --- what the user does -------------------------------------------------------------------------------------
     def on_frame(self, handler: Callable[[int], Any]) -> None:
@@ -103,3 +123,20 @@ class ThermalViewer(ui.element, component="assets/thermal_viewer.js"):  # type: 
                 await handler(event.args["id"], kind, points)
 
         self.on("measure", answer)
+
+
+def _label_files(opened: OpenedFrames) -> str:
+    """What stands in a saved image: the name of the file, or of the first of several."""
+    name, more = escape_control(opened.files[0].name), len(opened.files) - 1
+    return f"{name} and {more} more" if more else name
+
+
+def _millimetre_map(to_metres: np.ndarray) -> list[float]:
+    """The nine numbers of a map from pixels to mm, row by row."""
+    return [float(v) for v in np.ravel(np.diag([1e3, 1e3, 1.0]) @ to_metres)]
+
+
+def _find_level(to_metres: np.ndarray, columns: int, rows: int) -> list[list[float]]:
+    """The ends (column, row) of the line v = 0 of a recording; [] where the image does not show it."""
+    row = -float(to_metres[1, 2] / to_metres[1, 1])
+    return [[-0.5, row], [columns - 0.5, row]] if -0.5 <= row <= rows - 0.5 else []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import fnmatch
 import glob
 import json
@@ -21,6 +22,7 @@ from flashtemp.runs.results import result_folder
 
 MAX_LISTING_DEPTH, MAX_LISTED_FILES, MAX_LISTED_FOLDERS = 4, 5000, 2000
 MAX_JSON_BYTES = 16 * 2**20  # of a JSON file that a page reads: a hundred times a usual verdict.json
+TABLE_SUFFIXES, MAX_LINE_BYTES = {".csv", ".txt", ".asc"}, 1000  # of tables, and of one of their lines
 MAX_NAME_BYTES = 255  # NAME_MAX of the usual file systems
 CAMERA_SUFFIXES = {
     ".jpg", ".jpeg", ".fff", ".seq", ".csq", ".irb", ".csv", ".asc", ".txt", ".tif", ".tiff", ".png", ".mat", ".h5",
@@ -37,7 +39,8 @@ RESULT_COMMANDS = {  # file in a result folder: its command; a study may contain
 class FolderListing:
     """Paths relative to the folder, by kind; `results` with the command that made them, `begun` with their owners.
 
-    `omissions` are sentences on files that are not listed, with the reason.
+    `tables` are text files that are certainly no images: times of frames and readings of a load cell.  `omissions` are
+    sentences on files that are not listed, with the reason.
     """
 
     cases: list[Path] = field(default_factory=list)
@@ -45,6 +48,7 @@ class FolderListing:
     templates: list[Path] = field(default_factory=list)
     recordings: list[Path] = field(default_factory=list)
     images: list[Path] = field(default_factory=list)
+    tables: list[Path] = field(default_factory=list)
     results: dict[Path, str] = field(default_factory=dict)
     begun: dict[Path, result_folder.OwnerMarker] = field(default_factory=dict)
     omissions: list[str] = field(default_factory=list)
@@ -60,16 +64,19 @@ class FolderListing:
         for path in self.images:
             folders.setdefault(path.parent, []).append(path)
         out: dict[str, int] = {}
+        tables: dict[Path, list[str]] = {}  # the name of a folder with tables would stand for them too
+        for path in self.tables:
+            tables.setdefault(path.parent, []).append(path.name)
         for folder, paths in folders.items():
-            series = _group_series([path.name for path in paths])
+            series = _group_series([path.name for path in paths], tables.get(folder, []))
             for pattern, names in series.items():
                 alone = folder / (names[0] if len(names) == 1 else pattern)
-                out[str(folder if len(series) == 1 else alone)] = len(names)
+                out[str(folder if len(series) == 1 and folder not in tables else alone)] = len(names)
         return out
 
 
-def _group_series(names: list[str]) -> dict[str, list[str]]:
-    """{pattern: names that differ only in its numbers}; no pattern matches a name of another series."""
+def _group_series(names: list[str], others: list[str]) -> dict[str, list[str]]:
+    """{pattern: names that differ only in its numbers}; no pattern matches a name of another series, or of `others`."""
     series: dict[str, list[str]] = {}
     for name in names:
         series.setdefault(_number_pattern(name), []).append(name)
@@ -81,7 +88,7 @@ def _group_series(names: list[str]) -> dict[str, list[str]]:
         # frames 100ms, 200ms ... state their times: a part of one file is no series
         out |= parts if all(len(part) > 1 for part in parts.values()) else {pattern: some}
     return {
-        (p.replace("*", "[0-9]*") if sum(fnmatch.fnmatchcase(n, p) for n in names) > len(some) else p): some
+        (p.replace("*", "[0-9]*") if sum(fnmatch.fnmatchcase(n, p) for n in (*names, *others)) > len(some) else p): some
         for p, some in out.items()
     }
 
@@ -108,9 +115,46 @@ def list_folder(folder: Path) -> FolderListing:
         else:
             for name in sorted(names):
                 _add_file(out, folder, relative / name)
-    traces = {trace for campaign in out.campaigns for trace in _load_cell_files(folder, campaign)}
-    out.images = [path for path in out.images if path not in traces]
+    traces: set[Path] = {trace for campaign in out.campaigns for trace in _load_cell_files(folder, campaign)}
+    tables = traces | _find_time_tables(folder, out.images)
+    out.tables = [path for path in out.images if path in tables]
+    out.images = [path for path in out.images if path not in tables]
     return out
+
+
+def _find_time_tables(folder: Path, images: list[Path]) -> set[Path]:
+    """Text files that are certainly tables with the time of every frame; of names that differ in numbers alone, all
+    are read only if the first is one."""
+    groups: dict[Path, list[Path]] = {}
+    for path in images:
+        if path.suffix.lower() in TABLE_SUFFIXES:
+            groups.setdefault(path.with_name(_number_pattern(path.name)), []).append(path)
+    found: set[Path] = set()
+    for paths in groups.values():
+        if _is_time_table(folder, paths[0]):
+            found.update(path for path in paths if _is_time_table(folder, path))
+    return found
+
+
+def _is_time_table(folder: Path, path: Path) -> bool:
+    """Whether a text file has columns file and time, and its first row names a file beside it."""
+    file = find_own_file(folder, path)
+    if file is None:
+        return False
+    try:
+        with file.open("rb") as opened:
+            lines = [opened.readline(MAX_LINE_BYTES).decode("latin-1") for _ in range(2)]
+    except OSError:
+        return False
+    head, row = (next(csv.reader([line.strip()], delimiter=_find_separator(lines[0])), []) for line in lines)
+    names = [re.split(r"[\s,(\[]", cell.strip().lower())[0] for cell in head]
+    if not {"file", "time"} <= set(names) or len(row) != len(names):
+        return False
+    return os.path.lexists(file.parent / Path(row[names.index("file")].strip()).name)
+
+
+def _find_separator(line: str) -> str:
+    return max(";\t,", key=line.count)
 
 
 def _load_cell_files(folder: Path, campaign: Path) -> Iterator[Path]:

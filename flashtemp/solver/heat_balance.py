@@ -127,7 +127,7 @@ class HeatBalance:
 
     @cached_property
     def elastic_block(self) -> ElasticFoundation | None:
-        """The contact of an elastic block; None for a block on springs, and where nothing changes the prescribed pressure."""
+        """The contact of an elastic block; None on springs, and where nothing changes the prescribed pressure."""
         if self.scene.stiffness is not None or not has_pressure_shift(self.laws):
             return None
         bed, modulus = self.foundation, self.scene.modulus

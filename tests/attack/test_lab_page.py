@@ -17,12 +17,15 @@ from types import SimpleNamespace
 import pytest
 
 import flashtemp.lab
+from flashtemp.camera.importing.import_options import ImportOptions
 from flashtemp.errors import BadInput
 from flashtemp.lab import page_layout, saving
 from flashtemp.lab import workspace as folders
-from flashtemp.lab.camera_page import CameraPage
+from flashtemp.lab.camera_files import find_camera_files
 from flashtemp.lab.command_form import CommandForm
 from flashtemp.lab.folder_files import FolderFiles
+from flashtemp.lab.frame_server import FrameServer
+from flashtemp.lab.import_part import ImportPart
 from flashtemp.lab.job_start import file_word, start_job
 from flashtemp.lab.page_layout import program_lines
 from flashtemp.lab.programs import AllowedPrograms, has_trust, programs_of_command, programs_of_text
@@ -471,31 +474,26 @@ def test_an_upload_that_is_too_large_leaves_nothing(home, monkeypatch):
 
 def test_a_recording_gets_a_name_that_takes_no_camera_file_with_it(tmp_path):
     """The picture beside NAME.nc is NAME.png, which may be the very image that is imported."""
-    page = CameraPage(tmp_path)
     (tmp_path / "car.png").write_bytes(PNG)
-    page.names = ["car.png"]
-    assert page._free_recording_name() == "car-2.nc"
-    page.out = SimpleNamespace(value="car.nc")
+    part = ImportPart(tmp_path, FrameServer(), ["car.png"], SimpleNamespace(), ImportOptions())
+    assert part.out_name == "car-2.nc"
+    part.out = SimpleNamespace(value="car.nc")
     with pytest.raises(BadInput, match=r"car.png: is a camera file of this recording"):
-        page._claim_names()
+        part._claim_names()
 
 
 def test_a_pipe_is_no_camera_file(home):
     os.mkfifo(home / "a.csv")
-    page = CameraPage(home)
-    page.names = ["a.csv"]
     with pytest.raises(BadInput, match="give a camera file"):
-        page._find_files()
+        find_camera_files(home, ["a.csv"])
 
 
 def test_camera_files_are_not_read_through_a_link_out_of_the_folder(home):
-    page = CameraPage(home)
     (home / "img1.csv").write_text("1\t2\n")
     (home / "img2.csv").symlink_to("../private.toml")
     for name in ("img2.csv", "img*.csv", "."):
-        page.names = [name]
         with pytest.raises(BadInput, match="outside the folder"):
-            page._find_files()
+            find_camera_files(home, [name])
 
 
 # --- programs --------------------------------------------------------------------------------------------------

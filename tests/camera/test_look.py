@@ -150,3 +150,19 @@ def test_what_cannot_be_looked_at_is_told(tmp_path):
     images(tmp_path / "small", 1, 12, 20)
     with pytest.raises(BadInput, match="20 x 12 pixels, but img1.csv has 30 x 20; give files of one size"):
         flashtemp.inspect_files([tmp_path / "img1.csv", tmp_path / "small" / "img1.csv"])
+
+
+def test_values_of_dead_pixels_are_not_counted_as_beyond_the_range_too(tmp_path):
+    from scipy.io import savemat
+
+    T = 20.0 + np.arange(4 * 12 * 16).reshape(4, 12, 16) / 100.0
+    T[:, 3, 5] = np.nan
+    T[2, 7, :3] = np.nan
+    savemat(tmp_path / "frames.mat", {"temperature": T.transpose(1, 2, 0)})
+    seen = flashtemp.inspect_files(tmp_path / "frames.mat", unit="degC")
+    assert (int(seen.dead.sum()), seen.outside) == (1, 3)
+    facts = {"view": "sidewall", "downstream": "right", "pixel": (2, 9), "mm_per_pixel": 0.5, "fps": 2.0, "start": 0.0}
+    told = flashtemp.import_recording(
+        tmp_path / "frames.mat", out=tmp_path / "a.nc", unit="degC", repetition=1, dead_pixels="keep", **facts
+    )
+    assert any(note.startswith("3 values beyond the camera's range") for note in told.notes)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from lab.browsing import CASE, page, served
 
@@ -37,8 +38,13 @@ def test_text_stands_out_from_its_ground(text, ground, scheme):
 
 @pytest.fixture(scope="module")
 def filled(tmp_path_factory) -> Path:
-    """A folder with a case, a campaign with recordings, and a run."""
+    """A folder with a case, camera files, a campaign with recordings, and a run."""
     place = tmp_path_factory.mktemp("filled")
+    (place / "camera").mkdir()
+    for k in range(3):
+        np.savetxt(
+            place / "camera" / f"frame_{k}.csv", 20.0 + np.arange(30.0 * 40.0).reshape(30, 40) / 100.0, fmt="%.2f"
+        )
     (place / "case.toml").write_text(CASE)
     flashtemp.simulate(place / "case.toml", out=place / "results" / "case-run")
     flashtemp.twin(place / "case.toml", hide=[], seed=3, out=place / "lab", conditions=1, views=["sidewall"])
@@ -52,8 +58,8 @@ def address(filled):
 
 
 PAGES = {
-    "home": "/", "camera": "/camera", "frames": "/camera?open=lab/condition1_sidewall.nc",
-    "case": "/case?open=case.toml", "campaign": "/campaign?open=lab/campaign.toml",
+    "home": "/", "camera": "/camera", "recording": "/camera?open=lab/condition1_sidewall.nc",
+    "frames": "/camera?open=camera", "case": "/case?open=case.toml", "campaign": "/campaign?open=lab/campaign.toml",
     "form": "/runs?command=run&of=case.toml", "result": "/result?open=results/case-run",
 }  # fmt: skip
 BARE_PAGES = {

@@ -209,12 +209,12 @@ def test_measurements_stay_move_and_are_listed_with_their_values(browser, server
         open_series(seen, server)
         seen.get_by_role("radio", name="Spot").click()
         seen.mouse.click(*at(seen, 50, 40))
-        row = seen.get_by_role("row").filter(has_text="Spot 1")
+        row = seen.get_by_role("row").filter(has=seen.get_by_label("name of Spot 1"))
         row.wait_for()
         assert float(row.get_by_role("cell").nth(2).inner_text()) == pytest.approx(25.0, abs=0.15)
         seen.get_by_role("radio", name="Box").click()
         drag(seen, (60, 60), (80, 70))
-        box = seen.get_by_role("row").filter(has_text="Box 2")
+        box = seen.get_by_role("row").filter(has=seen.get_by_label("name of Box 2"))
         box.wait_for()
         told = [float(box.get_by_role("cell").nth(k).inner_text()) for k in (2, 3, 4)]
         np.testing.assert_allclose(told, [27.0, 26.0, 28.0], atol=0.15)
@@ -257,6 +257,46 @@ def test_colours_follow_range_palette_isotherm_and_defects(browser, server):
         assert colour(seen, 60, 40) == [0, 230, 118]
         assert colour(seen, 40, 40) != [0, 230, 118]
         assert seen.locator(".tv-event.shutter").get_attribute("title") == "shutter event, frame 15"
+
+
+def test_a_frame_is_saved_with_its_scale_and_as_a_table(browser, server, place):
+    from PIL import Image
+
+    with page(browser, server) as seen:
+        open_series(seen, server)
+        files = []
+        for words in ("Image with scale (PNG)", "Temperatures of this frame (CSV)"):
+            seen.get_by_role("button", name="save the image").click()
+            with seen.expect_download() as told:
+                seen.get_by_text(words).click()
+            files.append(told.value.path())
+        picture = Image.open(files[0]).convert("RGB")
+        shown = seen.locator("#image").bounding_box()
+        assert picture.width > shown["width"] + 60
+        bar = [picture.getpixel((int(12 + shown["width"] + 20), 34 + int(y))) for y in (5, shown["height"] - 5)]
+        assert sum(bar[0]) > 600 > 60 > sum(bar[1])  # from the brightest colour of the palette to the darkest
+        np.testing.assert_allclose(
+            np.genfromtxt(files[1], delimiter=","), np.loadtxt(place / "cold" / "img00.csv"), atol=1e-3
+        )
+
+
+def test_a_box_marks_its_hottest_pixel_and_the_scale_is_dragged(browser, server):
+    with page(browser, server) as seen:
+        open_series(seen, server)
+        seen.get_by_role("radio", name="Box").click()
+        drag(seen, (25, 12), (40, 30))
+        seen.get_by_label("name of Box 1").wait_for()
+        seen.mouse.move(5, 5)
+        assert colour(seen, *DEAD_PIXEL) == [255, 82, 82]
+        scale, upper = seen.locator(".tv-scale").bounding_box(), seen.get_by_label("to, °C")
+        before = float(upper.input_value())
+        seen.mouse.move(scale["x"] + 8, scale["y"] + 10)
+        seen.mouse.down()
+        seen.mouse.move(scale["x"] + 8, scale["y"] + 10 + scale["height"] / 5, steps=4)
+        seen.mouse.up()
+        seen.wait_for_function(
+            "v => Number(document.querySelector('[aria-label=\"to, °C\"]').value) < v", arg=before - 2
+        )
 
 
 def test_frames_play_zoom_and_compare_with_another_series(browser, server):

@@ -52,6 +52,19 @@ def test_tables_of_times_are_told_from_images_and_stay_in_the_folder(dropped):
     assert sorted(find_time_tables(dropped)) == sorted(f"{load}_times.csv" for load in LOADS)
 
 
+def test_tables_of_times_are_no_camera_files(dropped):
+    """Only what is certainly a table is left out: another text with the same first line stays in the list."""
+    (dropped / "notes.csv").write_text("file,time\nnot_there.csv,1\n")
+    listing = list_folder(dropped)
+    assert [str(p) for p in listing.tables] == [f"{load}_times.csv" for load in sorted(LOADS)]
+    assert {"notes.csv", *(f"{load}_[0-9]*.csv" for load in LOADS)} == set(listing.image_series)
+    (alone := dropped / "alone").mkdir()
+    for k in range(3):
+        (alone / f"a{k}.csv").write_text("1;2\n3;4\n")
+    (alone / "times.csv").write_text("file;time (s)\na0.csv;0,5\n")
+    assert [n for n in list_folder(dropped).image_series if n.startswith("alone")] == ["alone/a*.csv"]
+
+
 def test_files_of_two_loads_become_a_recording_with_the_times_of_the_table(browser, dropped, tmp_path):
     place = tmp_path / "place"
     place.mkdir()
@@ -65,9 +78,12 @@ def test_files_of_two_loads_become_a_recording_with_the_times_of_the_table(brows
                 box = seen.get_by_label(f"{mark}, {word}", exact=True)
                 box.fill(str(value))
                 box.press("Tab")
+        for label in ("frame rate (fps), 1/s", "time of the first frame (start), s"):
+            seen.get_by_text(f"{label} *", exact=True).wait_for()
         seen.get_by_label("table of times").click()
         seen.get_by_role("option", name="camera/150kPa_0.1ms_times.csv").click()
         seen.get_by_text("Nothing is missing.").wait_for()
+        assert seen.locator(".q-field__label").filter(has_text="*").all_inner_texts() == ["view *"]
         assert seen.get_by_label("recording", exact=True).input_value() == "150kPa_0.1ms.nc"
         seen.get_by_role("button", name="Save recording and template").click()
         seen.get_by_role("button", name="To the campaigns").wait_for()

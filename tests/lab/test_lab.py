@@ -23,9 +23,9 @@ from flashtemp.camera import recording
 from flashtemp.camera.importing.import_request import expand_patterns
 from flashtemp.errors import BadInput
 from flashtemp.lab import workspace as folders
-from flashtemp.lab.camera_page import CameraPage
 from flashtemp.lab.campaign_list import new_campaign_text
 from flashtemp.lab.image_marks import CORNER_NAMES, BlockMarks, find_onsets
+from flashtemp.lab.import_part import free_recording_name
 from flashtemp.lab.jobs import Job, JobList
 from flashtemp.lab.toml_editing import set_toml_key
 from flashtemp.model.toml_format import value_text
@@ -184,10 +184,8 @@ def test_files_of_one_series_belong_together_and_no_others(tmp_path):
     taken = {name: [p.name for p in expand_patterns([str(folders.resolve_inside(tmp_path, name))])] for name in series}
     assert taken["T (*).csv"] == ["T (1).csv", "T (2).csv", "T (10).csv"]
     assert {name: len(some) for name, some in taken.items()} == series
-    page = CameraPage(tmp_path)
     for name, free in {"T (*).csv": "T.nc", "even": "even.nc", "car.jpg": "car.nc", ".": "recording.nc"}.items():
-        page.names = [name]
-        assert page._free_recording_name() == free
+        assert free_recording_name(tmp_path, name) == free
 
 
 def test_a_new_campaign_believes_the_case_that_there_is(tmp_path):

@@ -14,6 +14,7 @@ from flashtemp.camera.importing import readers
 from flashtemp.camera.importing.formats.raw_frames import UNSTATED_SCALE, RawFrames, ScaleMissing
 from flashtemp.camera.importing.import_options import ImportOptions
 from flashtemp.camera.importing.import_request import describe_order
+from flashtemp.camera.importing.pixel_masks import MissingValues
 from flashtemp.camera.radiometry import PlanckCalibration
 from flashtemp.display import DisplayMixin, DisplayTable
 from flashtemp.errors import BadInput
@@ -32,9 +33,9 @@ class FilePreview(DisplayMixin):
 
     `mean` (frames,) degC of every frame; `clock` (frames,) s since 1970 on the camera's clock, or `time` (frames,) s if
     the file counts from a start; `said`: object parameters that the file states; `span`: lowest and highest value,
-    degC; `counts`: histogram over `edges` degC; `outside`: number of values beyond the camera's range; `dead` (rows,
-    columns): pixels without a value in any of several frames; `difference`: K of a lock-in result, not degC; `counted`:
-    counts of unknown scale.
+    degC; `counts`: histogram over `edges` degC; `outside`: number of values beyond the camera's range, without those
+    of `dead` pixels (rows, columns), which have no value in any of several frames; `difference`: K of a lock-in result,
+    not degC; `counted`: counts of unknown scale.
     """
 
     files: tuple[Path, ...]
@@ -128,43 +129,42 @@ def preview_files(
     report_progress: Callable[[str], Any] = lambda text: None,
     receive_images: Callable[[np.ndarray], Any] = lambda images: None,
     counts: bool = False,
+    report_share: Callable[[float], Any] = lambda share: None,
 ) -> FilePreview:
     """Preview of camera files, read a few frames at a time; of `facts` only the reader options are used.
 
-    `report_progress` is called with lines of progress, `receive_images` with the images as they are read.  With
-    `counts`, counts of unknown scale stay counts.  Raises BadInput.
+    `report_progress` is called with lines of progress, `receive_images` with the images as they are read, and
+    `report_share` with the part of the files that has been read, from 0 to 1.  With `counts`, counts of unknown scale
+    stay counts.  Raises BadInput.
     """
     facts = _without_scale(names[:1], facts) if counts else facts
     means, clocks, times = [], [], []
     first: RawFrames | None = None
-    dead: np.ndarray | None = None
-    outside, low, high, number, notes = 0, np.inf, -np.inf, 0, list[str]()
+    missing = MissingValues()
+    low, high, number, notes = np.inf, -np.inf, 0, list[str]()
     counted = _Histogram(1.0 if facts.scale is UNSTATED_SCALE else 0.01)
     kept = _FrameSample()
     for done, path in enumerate(names, 1):
         for frames in iter_frames(path, facts):
-            if first is None:
-                first = frames
-            else:
-                readers.check_same_kind(names[0], first, path, frames)
+            first = first or frames
+            readers.check_same_kind(names[0], first, path, frames)
             T = frames.temperature
             known = np.isfinite(T)
             means.append(np.where(known.any(axis=(1, 2)), _image_means(T, known), np.nan))
             clocks.append(frames.clock)
             times.append(frames.time)
-            dead = ~known.any(axis=0) if dead is None else dead & ~known.any(axis=0)
-            outside += frames.outside
+            missing.add(frames)
             if known.any():
                 low, high = min(low, float(T[known].min())), max(high, float(T[known].max()))
                 counted.add(T[known])
             kept.add(T, number)
+            report_share((done - 1 + frames.share_read) / len(names))
             receive_images(T)
             number += len(T)
-            said = (*frames.notes, *((UNSCALED_COUNTS_NOTE,) if frames.is_unscaled else ()))
-            notes += [note for note in said if note not in notes]
+            notes += [*frames.notes, *((UNSCALED_COUNTS_NOTE,) if frames.is_unscaled else ())]
         if done % 50 == 0:
             report_progress(f"{done} of {len(names)} files read")
-    if first is None or dead is None:
+    if first is None:
         raise BadInput("no camera files; give files or a folder of them")
     (shown, images), (bin_counts, edges) = kept.select_frames(), counted.binned_counts()
     return FilePreview(
@@ -177,9 +177,9 @@ def preview_files(
         span=(low, high),
         counts=bin_counts,
         edges=edges,
-        outside=outside,
-        dead=dead & (number > 1),
-        notes=(*notes, *describe_order(names)),
+        outside=missing.outside,
+        dead=missing.dead,
+        notes=(*dict.fromkeys(notes), *describe_order(names)),
         **_file_facts(first),
     )
 

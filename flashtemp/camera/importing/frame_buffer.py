@@ -34,6 +34,12 @@ class FrameBuffer:
             self._write_pieces(self._file, self._in_memory)
             self._in_memory, self._bytes = [], 0
 
+    def close(self) -> None:
+        """Drop all images, and the temporary file."""
+        self._in_memory = []
+        if self._file is not None:
+            self._file.close()
+
     def _new_file(self) -> IO[bytes]:
         return tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115 (lives as long as the images)
 

@@ -17,6 +17,33 @@ DEAD_PIXEL_SDS = 7.0  # robust standard deviations beyond the neighbours
 MIN_SCATTER_K = 0.02  # K: lower bound of the scatter of neighbours
 
 
+class MissingValues:
+    """Pixels without a value in a sequence of frames: dead in every frame, or beyond the camera's range in some."""
+
+    def __init__(self) -> None:
+        self._never_known = np.zeros((0, 0), bool)
+        self._frames, self._missing, self._marked = 0, 0, 0
+
+    def add(self, frames: RawFrames) -> None:
+        """Count the values of more frames, of the same shape."""
+        unknown = ~np.isfinite(frames.temperature)
+        never = unknown.all(axis=0)
+        self._never_known = self._never_known & never if self._frames else never
+        self._frames += len(unknown)
+        self._missing += int(unknown.sum())
+        self._marked += frames.outside
+
+    @property
+    def dead(self) -> np.ndarray:
+        """Pixels (rows, columns) without a value in any of several frames."""
+        return self._never_known & (self._frames > 1)
+
+    @property
+    def outside(self) -> int:
+        """Number of values beyond the camera's range, without those of dead pixels."""
+        return min(self._marked, self._missing - self._frames * int(self.dead.sum()))
+
+
 def find_masked_pixels(frames: RawFrames, facts: ImportOptions, T: np.ndarray) -> tuple[np.ndarray, list[str]]:
     """Mask (rows, columns) of dead and foreign pixels from rectangles, a file and the median test, and notes."""
     mask, notes = rectangle_mask(frames.shape, facts.mask_box or ()), []

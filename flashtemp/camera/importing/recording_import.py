@@ -15,7 +15,7 @@ from flashtemp.camera.importing.formats.raw_frames import RawFrames
 from flashtemp.camera.importing.frame_buffer import FrameBuffer
 from flashtemp.camera.importing.import_options import ImportOptions, option_name
 from flashtemp.camera.importing.import_request import describe_order
-from flashtemp.camera.importing.pixel_masks import find_masked_pixels
+from flashtemp.camera.importing.pixel_masks import MissingValues, find_masked_pixels
 from flashtemp.camera.radiometry import (
     LONG_WAVE,
     PARAMETER_NAMES,
@@ -141,7 +141,7 @@ class ImageImport:
 
     def __init__(self, facts: ImportOptions, folder: Path | None = None):
         self.facts = facts
-        self._stack, self._notes, self._outside = FrameBuffer(folder), list[str](), 0
+        self._stack, self._notes, self._missing = FrameBuffer(folder), list[str](), MissingValues()
         self._seen: list[tuple[Path, frame_times.FrameTimestamps]] = []
         self._first: tuple[Path, RawFrames] | None = None
         self._place: FrameRectifier | None = None
@@ -172,7 +172,7 @@ class ImageImport:
             self._notes += [note for note in frames.notes if note not in self._notes]
         self._grid = self._place(T)
         self._stack.add(self._grid.temperature)
-        self._outside += frames.outside
+        self._missing.add(frames)
 
     def make_recording(self) -> ImportResult:
         """The recording of all files so far, at least one.  Raises BadInput."""
@@ -187,8 +187,8 @@ class ImageImport:
             notes += describe_order(names)
         elif seen[0][1].count > len(first[1].temperature):
             notes.append(f"{seen[0][1].count} frames in all")
-        if self._outside:
-            notes.append(f"{self._outside} values beyond the camera's range are left out; they are no dead pixels")
+        if outside := self._missing.outside:
+            notes.append(f"{outside} values beyond the camera's range are left out; they are no dead pixels")
         time = frame_times.resolve_times(seen, facts)
         repetition = frame_times.resolve_repetitions(seen, time, facts)
         order = np.argsort(time, kind="stable")

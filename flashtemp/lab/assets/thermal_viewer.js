@@ -48,8 +48,12 @@ export default {
           <span class="tv-zoom">{{ Math.round(100 * zoom) }} %</span>
           <q-btn icon="add" flat dense aria-label="zoom in" :disable="zoom >= 32" @click="zoomBy(2)"/>
           <q-btn icon="fit_screen" flat dense aria-label="fit the image" @click="fit"/>
-          <q-btn icon="download" flat dense aria-label="save the image as PNG" @click="savePicture">
-            <q-tooltip>save the image as PNG</q-tooltip></q-btn>
+          <q-btn icon="download" flat dense aria-label="save the image">
+            <q-tooltip>save the image</q-tooltip>
+            <q-menu><q-list>
+              <q-item v-for="[words, save] in exports" clickable v-close-popup @click="save()">
+                <q-item-section>{{ words }}</q-item-section></q-item>
+            </q-list></q-menu></q-btn>
         </div>
       </div>
       <div v-if="!compact" class="tv-bar">
@@ -70,12 +74,18 @@ export default {
         <q-toggle v-model="marksBad" dense label="bad pixels" @update:model-value="share"/>
       </div>
       <div v-if="title" class="tv-title">{{ title }}</div>
-      <div class="tv-body" :style="{ maxWidth: 'calc(' + (62 * columns / rows) + 'vh + 84px)' }">
-        <canvas ref="canvas" class="tv-canvas" :id="imageId" tabindex="0" role="img" :aria-label="described"
-                :class="{ pan: tool === 'pan' }" :style="{ aspectRatio: columns + ' / ' + rows }"
-                @pointerdown="press" @pointermove="move" @pointerup="release" @pointerleave="leave"
-                @wheel="turnWheel" @dblclick="tool === 'pan' && fit()"></canvas>
-        <div class="tv-scale" role="img" :aria-label="'colours from ' + show(low) + ' to ' + show(high) + ' ' + unit">
+      <div class="tv-body" :class="{ ruled: rulers.length }" :style="{ maxWidth: 'calc(' + (62 * columns / rows) + 'vh + 84px)' }">
+        <div class="tv-image">
+          <canvas ref="canvas" class="tv-canvas" :id="imageId" tabindex="0" role="img" :aria-label="described"
+                  :class="{ pan: tool === 'pan' }" :style="{ aspectRatio: columns + ' / ' + rows }"
+                  @pointerdown="press" @pointermove="move" @pointerup="release" @pointerleave="leave"
+                  @wheel="turnWheel" @dblclick="tool === 'pan' && fit()"></canvas>
+          <div v-for="(r, n) in rulers" class="tv-ruler" :class="n ? 'up' : 'across'" aria-hidden="true">
+            <span v-for="t in r" :style="{ [n ? 'top' : 'left']: t.at + '%' }">{{ t.text }}</span>
+            <b>{{ axes[n] }}, mm</b></div>
+        </div>
+        <div class="tv-scale" role="img" @pointerdown="pressScale" @pointermove="dragScale" @pointerup="scaleEnd = null"
+             title="drag the upper or the lower half to change the range" :aria-label="'colours from ' + show(low) + ' to ' + show(high) + ' ' + unit">
           <span class="tv-unit">{{ unit }}</span>
           <div class="tv-gradient" :style="{ background: gradient }">
             <i v-for="b in bands" class="tv-band" :style="b"></i></div>
@@ -106,12 +116,13 @@ export default {
     address: String, count: Number, rows: Number, columns: Number, times: Array, hasTimes: Boolean, unit: String,
     span: Array, percentiles: Array, palettes: Object, marks: Array, outline: Array, measurements: Array,
     screened: Object, toMillimetres: Array, title: String, imageId: String, magnifierId: String, group: String,
-    compact: Boolean, markNames: Array, nextMark: String,
+    compact: Boolean, nextMark: String, missingWords: String, axes: Array, frameLabels: Array, storageKey: String,
+    kept: Object, fileLabel: String,
   },
-  emits: ["frame", "mark", "measure"],
+  emits: ["frame", "mark", "measure", "restore"],
   data() {
     return {
-      tool: "mark", zoom: 1, left: 0, top: 0, frame: 0, palette: Object.keys(this.palettes)[0], rangeMode: "all",
+      tool: this.nextMark ? "mark" : "spot", zoom: 1, left: 0, top: 0, frame: 0, palette: Object.keys(this.palettes)[0], rangeMode: "all",
       low: this.span[0], high: this.span[1], isotherm: "off", isoLow: (this.span[0] + this.span[1]) / 2,
       isoHigh: this.span[1], marksBad: true, cursor: null, value: null, playing: false, rate: 10, fault: "",
     };
@@ -119,7 +130,7 @@ export default {
   created() {  // large arrays stay out of Vue's observation
     Object.assign(this, {
       cache: new Map(), wanted: new Map(), mask: null, pixels: null, thumbs: [], small: new Map(), drag: null,
-      sent: {}, magnified: null, drawn: 0, target: null, going: null,
+      sent: {}, magnified: null, scaleEnd: null, drawn: 0, target: null, going: null,
     });
   },
   computed: {
@@ -131,7 +142,11 @@ export default {
         ["line", "timeline", "Line", "drag to measure along a line; drag it or its ends to change it"],
         ["pan", "pan_tool", "Pan", "drag to move the zoomed image; with other tools hold shift; double click fits"],
       ];
-      return all.map(([name, icon, label, help]) => ({ name, icon, label, help }));
+      const offered = this.nextMark ? all : all.slice(1);  // a recording is marked already
+      return offered.map(([name, icon, label, help]) => ({ name, icon, label, help }));
+    },
+    exports() {
+      return [["Image with scale (PNG)", this.savePicture], ["Temperatures of this frame (CSV)", this.saveTable]];
     },
     paletteOptions() { return Object.keys(this.palettes).map((p) => ({ label: p, value: p })); },
     rangeOptions() {
@@ -158,11 +173,29 @@ export default {
     described() {
       return `image of temperatures, frame ${this.frame + 1} of ${this.count}, ${this.columns} by ${this.rows} pixels`;
     },
-    when() { return `frame ${this.frame} of ${this.count - 1}` + (this.hasTimes ? " · " + this.timeText(this.frame) : ""); },
+    when() {
+      const parts = [`frame ${this.frame} of ${this.count - 1}`, this.hasTimes ? this.timeText(this.frame) : "",
+                     this.frameLabels[this.frame] ?? ""];
+      return parts.filter(Boolean).join(" · ");
+    },
+    rulers() {  // ticks in mm along both edges of an image whose axes are those of the block
+      const m = this.toMillimetres;
+      if (this.axes.length < 2 || m.length !== 9) return [];
+      const all = [[this.left, this.columns, m[0], m[2]], [this.top, this.rows, m[4], m[5]]];
+      return all.map(([first, count, slope, offset]) => {
+        const shown = count / this.zoom, ends = [0, shown].map((d) => slope * (first + d - 0.5) + offset);
+        const [low, high] = [Math.min(...ends), Math.max(...ends)], step = roundStep(high - low, 6), ticks = [];
+        const digits = clamp(-Math.floor(Math.log10(step)), 0, 6);
+        for (let n = Math.ceil(low / step); n * step <= high; n++)
+          ticks.push({ at: (100 * ((n * step - offset) / slope + 0.5 - first)) / shown, text: (n * step).toFixed(digits) });
+        return ticks;
+      });
+    },
     readout() {
       if (!this.cursor) return "Move the pointer over the image to read temperatures.";
       const [c, r] = this.cursor, mm = this.millimetres(c, r);
       const place = `column ${c.toFixed(1)}, row ${r.toFixed(1)}`;
+      if (mm && this.axes.length) return this.axes.map((a, k) => `${a} ${mm[k].toFixed(2)} mm`).join(", ") + ": " + this.value;
       return place + (mm ? ` · ${mm[0].toFixed(2)}, ${mm[1].toFixed(2)} mm` : "") + ": " + this.value;
     },
     strip() {
@@ -190,6 +223,7 @@ export default {
     groups.get(this.group).add(this);
     const first = [...groups.get(this.group)].find((v) => v !== this);
     if (first) this.follow(first.state());
+    this.restoreState();
     this.go(this.frame, true).then(() => this.loadStrip());
     this.loadMask();
   },
@@ -207,6 +241,8 @@ export default {
     outline: { deep: true, handler() { this.paint(); } },
     measurements: { deep: true, handler() { this.draft = null; this.paint(); } },
     screened: { deep: true, handler() { this.loadMask(); } },
+    kept: { deep: true, handler() { this.store(this.kept); } },
+    tool() { this.store({}); },
   },
   methods: {
     // --- frames ---------------------------------------------------------------------------------------------------
@@ -246,6 +282,7 @@ export default {
         this.$refs.root.dataset.frame = k;
         this.$refs.root.dataset.drawn = ++this.drawn;
         if (quiet) continue;
+        if (!this.playing) this.store({});
         this.throttle("frame", EVENT_MS, { frame: k });
         this.tell("followFrame", k, this.hasTimes ? this.times[k] : null);
       }
@@ -322,6 +359,28 @@ export default {
       this.share();
     },
 
+    // --- what a reload of the page keeps ----------------------------------------------------------------------------
+    readStored() {
+      try { return JSON.parse(sessionStorage.getItem(this.storageKey)) ?? {}; } catch { return {}; }
+    },
+    store(values) {
+      if (!this.storageKey) return;
+      const { tool, rangeMode, low, high, frame } = this, image = { ...this.state(), rangeMode, low, high, frame, tool };
+      try { sessionStorage.setItem(this.storageKey, JSON.stringify({ ...this.readStored(), ...values, image })); }
+      catch { /* a full or forbidden storage: nothing is kept */ }
+    },
+    restoreState() {
+      if (!this.storageKey) return;
+      const { image, ...values } = this.readStored();
+      if (image?.palette in this.palettes) {
+        const { frame, tool, ...state } = image;
+        this.follow(state);
+        this.frame = clamp(frame | 0, 0, this.count - 1);
+        if (this.tools.some((t) => t.name === tool)) this.tool = tool;
+      }
+      if (Object.keys(values).length) this.$emit("restore", values);
+    },
+
     // --- viewers of one group ---------------------------------------------------------------------------------------
     tell(method, ...values) {
       for (const v of groups.get(this.group) ?? []) if (v !== this) v[method](...values);
@@ -331,7 +390,10 @@ export default {
       return { palette, low, high, rangeMode: rangeMode.startsWith("all") ? "typed" : rangeMode, isotherm, isoLow, isoHigh,
                marksBad, zoom, left: left / this.columns, top: top / this.rows };
     },
-    share() { this.tell("follow", { ...this.state(), rangeMode: "typed" }); },
+    share() {
+      this.tell("follow", { ...this.state(), rangeMode: "typed" });
+      this.store({});
+    },
     follow(state) {
       Object.assign(this, { ...state, left: state.left * this.columns, top: state.top * this.rows });
     },
@@ -374,7 +436,7 @@ export default {
       const [c, r] = this.cursor, T = this.temperature(c, r);
       const bad = this.mask?.[Math.round(r) * this.columns + Math.round(c)];
       this.value = T === undefined ? "outside" : !Number.isFinite(T)
-        ? bad === 1 ? "dead in every frame" : "beyond the camera's range"
+        ? bad === 1 ? "dead in every frame" : this.missingWords
         : `${T.toFixed(2)} ${this.unit}` + (bad ? ", bad pixel" : "");
     },
 
@@ -549,16 +611,50 @@ export default {
       const [a, b] = m.points;
       if (m.kind === "spot") {
         this.ring(g, a, MEASURED);
-      } else if (m.kind === "box") this.trace(g, [a, [b[0], a[1]], b, [a[0], b[1]]], true, MEASURED);
+      } else if (m.kind === "box") {
+        this.trace(g, [a, [b[0], a[1]], b, [a[0], b[1]]], true, MEASURED);
+        const ends = this.extremes(a, b);
+        if (ends) this.paintExtremes(g, ends);
+      }
       else { this.trace(g, [a, b], false, MEASURED); for (const p of [a, b]) this.ring(g, p, MEASURED); }
-      const T = m.kind === "spot" ? this.temperature(...a) : NaN;
-      const text = m.name + (Number.isFinite(T) ? ` ${T.toFixed(1)} ${this.unit}` : "");
+      const T = m.kind === "spot" ? this.temperature(...a) : m.kind === "box" ? this.extremes(a, b)?.high.T : NaN;
+      const value = Number.isFinite(T) ? `${m.kind === "box" ? "max " : ""}${T.toFixed(1)} ${this.unit}` : "";
+      const text = [m.name, value].filter(Boolean).join(" ");
       if (!text) return;
       const [x, y] = this.pagePixels(m.kind === "box" ? [Math.min(a[0], b[0]), Math.min(a[1], b[1])] : a);
       g.font = "600 12px system-ui, sans-serif";
       const wide = g.measureText(text).width, put = [clamp(x + 8, 2, g.canvas.clientWidth - wide - 8), Math.max(16, y - 8)];
       g.fillStyle = "rgba(0, 0, 0, 0.65)"; g.fillRect(put[0] - 4, put[1] - 13, wide + 8, 18);
       g.fillStyle = MEASURED; g.fillText(text, ...put);
+    },
+    extremes(a, b) {  // the hottest and the coldest pixel of a box in this frame
+      const side = (k, count) => [a[k], b[k]].map((p) => clamp(Math.round(p), 0, count - 1)).sort((p, q) => p - q);
+      const [c0, c1] = side(0, this.columns), [r0, r1] = side(1, this.rows);
+      let low = null, high = null;
+      for (let r = r0; r <= r1; r++) for (let c = c0; c <= c1; c++) {
+        const T = this.pixels[r * this.columns + c];
+        if (T !== T) continue;
+        if (!high || T > high.T) high = { T, at: [c, r] };
+        if (!low || T < low.T) low = { T, at: [c, r] };
+      }
+      return high && { low, high };
+    },
+    paintExtremes(g, { low, high }) {  // a triangle upwards at the hottest, downwards at the coldest pixel
+      for (const [end, up, colour] of [[high, -1, "#FF5252"], [low, 1, "#40C4FF"]]) {
+        const [x, y] = this.pagePixels(end.at);
+        g.beginPath(); g.moveTo(x, y + 6 * up); g.lineTo(x - 5, y - 4 * up); g.lineTo(x + 5, y - 4 * up); g.closePath();
+        Object.assign(g, { fillStyle: colour, strokeStyle: "rgba(0, 0, 0, 0.7)", lineWidth: 1.5 }); g.stroke(); g.fill();
+      }
+    },
+    pressScale(event) {  // the nearer end of the range follows the pointer
+      const box = event.currentTarget.getBoundingClientRect(), share = 1 - (event.clientY - box.top) / box.height;
+      event.currentTarget.setPointerCapture(event.pointerId);
+      this.scaleEnd = { end: share > 0.5 ? "high" : "low", from: event.clientY, value: share > 0.5 ? this.high : this.low,
+                        perPixel: (this.high - this.low) / box.height };
+    },
+    dragScale(event) {
+      const d = this.scaleEnd;
+      if (d) this.typeRange(d.end, d.value + (d.from - event.clientY) * d.perPixel);
     },
     cross(g, [x, y], wide, high) {
       for (const [width, tint] of [[3, "rgba(0, 0, 0, 0.4)"], [1, "rgba(255, 255, 255, 0.9)"]]) {
@@ -569,21 +665,54 @@ export default {
         Object.assign(g, { lineWidth: width, strokeStyle: tint }); g.stroke();
       }
     },
-    savePicture() {
-      this.$refs.canvas.toBlob((blob) => {
-        const link = document.createElement("a");
-        link.href = URL.createObjectURL(blob); link.download = `frame_${this.frame}.png`; link.click();
-        setTimeout(() => URL.revokeObjectURL(link.href), 1000);
-      });
+    pictureCanvas() {  // the image with its colour scale, rulers, and a line that says what it is
+      this.cursor = null; this.paintNow();
+      const image = this.$refs.canvas, dots = window.devicePixelRatio || 1, [wide, high] = [image.clientWidth, image.clientHeight];
+      const left = this.rulers.length ? 56 : 12, below = this.rulers.length ? 44 : 8, top = 34, right = 92;
+      const out = document.createElement("canvas"), g = out.getContext("2d");
+      [out.width, out.height] = [Math.round((left + wide + right) * dots), Math.round((top + high + below) * dots)];
+      g.scale(dots, dots);
+      const write = (text, x, y, align = "left") => { g.textAlign = align; g.fillText(text, x, y); };
+      g.fillStyle = "#FFFFFF"; g.fillRect(0, 0, out.width, out.height);
+      g.drawImage(image, left, top, wide, high);
+      Object.assign(g, { fillStyle: "#000000", strokeStyle: "#000000", font: "13px system-ui, sans-serif", textBaseline: "middle" });
+      write([this.fileLabel, this.when].filter(Boolean).join(" · "), left, 17);
+      const [x, least] = [left + wide + 14, Math.max(high, 60)], gradient = g.createLinearGradient(0, top + least, 0, top);
+      const colours = this.palettes[this.palette];
+      colours.forEach((c, k) => gradient.addColorStop(k / (colours.length - 1), c));
+      g.fillStyle = gradient; g.fillRect(x, top, 16, least); g.strokeRect(x, top, 16, least); g.fillStyle = "#000000";
+      for (const t of this.ticks) write(t.text, x + 22, top + least * (1 - t.at / 100));
+      write(this.unit, x, 17);
+      const [across = [], up = []] = this.rulers;
+      for (const t of across) write(t.text, left + (t.at / 100) * wide, top + high + 12, "center");
+      for (const t of up) write(t.text, left - 6, top + (t.at / 100) * high, "right");
+      if (across.length) write(`${this.axes[0]}, mm`, left + wide / 2, top + high + 32, "center");
+      if (up.length) { g.translate(12, top + high / 2); g.rotate(-Math.PI / 2); write(`${this.axes[1]}, mm`, 0, 0, "center"); }
+      return out;
+    },
+    savePicture() { this.pictureCanvas().toBlob((blob) => this.offer(blob, "png")); },
+    saveTable() {  // rows from the top, as camera programs export them; no value where there is none
+      const rows = [...Array(this.rows)].map((_, r) =>
+        Array.from(this.pixels.subarray(r * this.columns, (r + 1) * this.columns), (T) => (T === T ? T.toFixed(3) : "")).join(","));
+      this.offer(new Blob([rows.join("\n") + "\n"], { type: "text/csv" }), "csv");
+    },
+    offer(blob, kind) {
+      const link = document.createElement("a");
+      link.href = URL.createObjectURL(blob); link.download = `frame_${this.frame}.${kind}`; link.click();
+      setTimeout(() => URL.revokeObjectURL(link.href), 1000);
     },
 
     // --- magnifier --------------------------------------------------------------------------------------------------
+    magnifiedMark() {
+      const marks = this.marks ?? [];
+      return marks.find((m) => m.name === this.magnified) ?? marks[marks.length - 1];
+    },
     joinMagnifier() {
       const canvas = this.magnifierId && document.getElementById(this.magnifierId);
       if (!canvas) return;
       this.magnifier = canvas;
       canvas.addEventListener("pointerdown", (event) => {
-        const mark = (this.marks ?? []).find((m) => m.name === this.magnified);
+        const mark = this.magnifiedMark();
         if (!mark || !this.middle) return;
         const box = canvas.getBoundingClientRect();
         const at = [event.clientX - box.left, event.clientY - box.top].map((d, k) =>
@@ -594,9 +723,11 @@ export default {
     },
     magnify(at = null) {
       if (!this.magnifier) this.joinMagnifier();
-      const canvas = this.magnifier, mark = (this.marks ?? []).find((m) => m.name === this.magnified);
+      const canvas = this.magnifier, mark = this.magnifiedMark();
       if (!canvas || !this.pixels) return;
-      at = at ?? (mark ? [mark.column, mark.row] : this.middle ?? [this.columns / 2, this.rows / 2]);
+      canvas.dataset.empty = !at && !mark;
+      if (!at && !mark) return;
+      at = at ?? [mark.column, mark.row];
       const side = MAGNIFIED_PX, size = 18, [c, r] = (this.middle = at.map(Math.round));
       [canvas.width, canvas.height] = [side * size, side * size];
       const g = canvas.getContext("2d");

@@ -151,8 +151,9 @@ def _iter_frames(
         notes = (f"array '{shorten_text(name)}'", *([note] if note else []))
         at = None if time is None else time[chosen]
         yield RawFrames(
-            kind, T, time=at, outside=int(np.isnan(T).sum()), notes=notes, is_unscaled=scale is UNSTATED_SCALE
-        )
+            kind, T, time=at, outside=int(np.isnan(T).sum()), notes=notes, is_unscaled=scale is UNSTATED_SCALE,
+            share_read=min(1.0, (begin + step) / found.frames),
+        )  # fmt: skip
 
 
 def _frame_times(arrays: dict[str, StoredArray], frames: int, limit) -> np.ndarray | None:

@@ -365,7 +365,8 @@ def read_fff(
         found.append(radiometric_settings(about, given, planck))
         first = first or found[0]
         if (len(images) + 1) * image.size > PIXELS_PER_PIECE:
-            yield _make_frames(name, images, infos, found, first, every)
+            frames = _make_frames(name, images, infos, found, first, every)
+            yield replace(frames, share_read=min(1.0, block.end / len(data)))
             images, infos, found = [], [], []
     if images:
         assert first is not None  # set with the first image

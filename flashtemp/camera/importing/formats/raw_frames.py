@@ -34,8 +34,8 @@ class RawFrames:
     start; `stated_parameters`: object parameters that the file states; `parameters`: those with which `temperature` was
     computed (radiometric files only, as `counts` and `planck`).  `outside`: number of pixels beyond the camera's range;
     `difference`: K, not degC (a lock-in amplitude); `is_unscaled`: counts of unknown scale.  Recordings have their
-    place already: `view`, `repetition`, `u`, `v` (m) and the `camera_attributes`.  BadInput for impossible
-    temperatures.
+    place already: `view`, `repetition`, `u`, `v` (m) and the `camera_attributes`.  `share_read`: part of the file that
+    has been read, from 0 to 1.  BadInput for impossible temperatures.
     """
 
     format: str
@@ -57,6 +57,7 @@ class RawFrames:
     u: np.ndarray | None = None
     v: np.ndarray | None = None
     camera_attributes: dict[str, float] = field(default_factory=dict)
+    share_read: float = 1.0
 
     def __post_init__(self):
         T = self.temperature

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 
@@ -42,7 +43,8 @@ def read(file: CameraFile) -> Iterator[RawFrames]:
                     if number % options.every == 0:
                         kept.append(image)
                     if (len(kept) + 1) * image.size > PIXELS_PER_PIECE:
-                        yield frames_from_pixels(np.stack(kept), "TIFF", *scaling)
+                        share = min(1.0, sum(page.dataoffsets[-1:]) / size)
+                        yield replace(frames_from_pixels(np.stack(kept), "TIFF", *scaling), share_read=share)
                         kept = []
         except (BadInput, MemoryError):
             raise

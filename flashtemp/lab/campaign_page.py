@@ -14,10 +14,11 @@ from flashtemp.lab.campaign_document import CampaignDocument
 from flashtemp.lab.campaign_list import new_campaign_text, show_campaigns
 from flashtemp.lab.campaign_scope import show_scope
 from flashtemp.lab.free_keys import CandidateSwitches, FreeKeysPanel
-from flashtemp.lab.jobs import command_text
+from flashtemp.lab.jobs import JobList, command_text
 from flashtemp.lab.page_layout import (
     STANDARD_FILES,
     action,
+    add_script,
     card,
     note,
     page_address,
@@ -31,7 +32,9 @@ from flashtemp.lab.programs import AllowedPrograms, programs_of_campaign
 from flashtemp.lab.recording_store import RecordingStore, try_describe
 from flashtemp.lab.recording_table import RecordingTable
 from flashtemp.lab.saving import TextVersion, read_text
+from flashtemp.lab.style import read_asset
 from flashtemp.lab.toml_tables import set_top_key
+from flashtemp.lab.watch_card import WatchCard
 from flashtemp.lab.workspace import FolderListing, escape_control, free_name, list_folder
 
 CHECK_INTERVAL_S: Final = 0.4  # a text is checked when it has not changed for so long
@@ -42,8 +45,14 @@ PLACED_KEYS: Final = ("free", "known")  # whose errors stand beside their lists
 class CampaignPage:
     """One campaign as text; the controls only edit the text, which alone is saved."""
 
-    def __init__(self, folder: Path, allowed: AllowedPrograms | None = None, store: RecordingStore | None = None):
-        self.folder, self.allowed = folder, allowed or AllowedPrograms()
+    def __init__(
+        self,
+        folder: Path,
+        allowed: AllowedPrograms | None = None,
+        store: RecordingStore | None = None,
+        jobs: JobList | None = None,
+    ):
+        self.folder, self.allowed, self.jobs = folder, allowed or AllowedPrograms(), jobs or JobList(folder)
         self.store = store or RecordingStore(folder)
         self.opened: TextVersion | None = None
         self.listing = FolderListing()
@@ -58,6 +67,8 @@ class CampaignPage:
         if not name and not new:
             show_campaigns(self.folder)
             return
+        ui.add_css(read_asset("runs.css"))
+        add_script("charts.js")  # charts of a watch are added later, when scripts do not run
         with show_errors(self.folder):
             self.listing = list_folder(self.folder)
             text, self.opened = read_text(self.folder, name) if name else (new_campaign_text(self.listing), None)
@@ -84,6 +95,9 @@ class CampaignPage:
             self.table.show()
         with card("Add measurements"):
             self.additions.show()
+        watch = WatchCard(self.document, self.jobs, self.allowed, self._save)
+        watch.imported = self._check_again
+        watch.show()
         with ui.element("div").classes("ft-split"):
             self.keys = FreeKeysPanel(self.document)
             with card("What is fitted"):
@@ -228,6 +242,10 @@ class CampaignPage:
                 await self._check(text)
             finally:
                 self.is_checking = False
+
+    def _check_again(self) -> None:
+        """Check the same text again, because files have changed."""
+        self.checked_text = None
 
     async def _check(self, text: str) -> None:
         """Check a text and show what is wrong where it is wrong; effect files run only with consent."""

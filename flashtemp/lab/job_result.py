@@ -15,7 +15,7 @@ from flashtemp.lab.page_layout import page_address
 from flashtemp.lab.result_card import find_main_picture
 from flashtemp.lab.workspace import RESULT_COMMANDS, find_own_file, free_name, read_brief_json, resolve_inside
 
-NUMBER_FILES = {"run": "summary.json", "discover": "verdict.json", "compare": "compare.json"}
+NUMBER_FILES = {"run": "summary.json", "discover": "verdict.json", "compare": "compare.json", "watch": "watch.json"}
 WITH_RESULT = ("done", "running", "unknown", "failed, exit code 1")  # states; 1: a picture is missing
 
 
@@ -57,7 +57,8 @@ def free_result_folder(folder: Path, out: str, jobs: Iterable[LoggedJob]) -> str
 
 def find_result(folder: Path, job: LoggedJob) -> JobResult | None:
     """The result of a job, None where it has none; a folder that was there before a job failed is not its result."""
-    if job.state not in WITH_RESULT:
+    command = job.words[0]
+    if job.state not in WITH_RESULT and (command, job.state) != ("watch", "stopped"):  # a watch is usually stopped
         return None
     name = result_name(job.words)
     try:
@@ -66,10 +67,13 @@ def find_result(folder: Path, job: LoggedJob) -> JobResult | None:
         return None
     if path is None or not path.is_dir():
         return None
-    here, command = path.relative_to(folder.resolve()), job.words[0]
+    here = path.relative_to(folder.resolve())
     picture = find_main_picture(folder, here, command)
     numbers, sentence = _read_numbers(folder, here, command)
-    return JobResult(str(here), picture, numbers, sentence, _next_links(folder, here, command))
+    links = _next_links(folder, here, command)
+    if command == "watch" and len(job.words) > 2:
+        links = (("Discover what is missing", page_address("runs", command="discover", of=job.words[2])),)
+    return JobResult(str(here), picture, numbers, sentence, links)
 
 
 def _next_links(folder: Path, here: Path, command: str) -> tuple[tuple[str, str], ...]:
@@ -99,6 +103,9 @@ def _read_numbers(folder: Path, here: Path, command: str) -> tuple[tuple[tuple[s
         return (), ""
     if command == "run":
         return _run_numbers(data), ""
+    if command == "watch":
+        says = data.get("says")
+        return (), says[:1].upper() + says[1:] if isinstance(says, str) else ""
     if command == "discover":
         says = data.get("says")
         first = says[0] if isinstance(says, list) and says and isinstance(says[0], str) else ""

@@ -52,7 +52,7 @@ def make_application(folder: Path, commands: Sequence[CommandDescription] = ()) 
     @ui.page("/campaign")
     def campaign(open: str = "", new: str = "") -> None:  # noqa: A002
         with page_frame("campaign", folder, "Campaign" if open or new else "Campaigns"):
-            CampaignPage(folder, allowed, store).show(open, bool(new))
+            CampaignPage(folder, allowed, store, jobs).show(open, bool(new))
 
     @ui.page("/runs")
     async def runs(command: str = "", of: str = "", job: str = "", again: str = "") -> None:

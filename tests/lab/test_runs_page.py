@@ -20,13 +20,14 @@ from flashtemp.display import ProgressMessage
 from flashtemp.errors import BadInput
 from flashtemp.lab.command_form import estimate_time
 from flashtemp.lab.command_options import fill_form, find_risky_words, option_words, sort_commands
+from flashtemp.lab.heat_image import draw_field, read_field
 from flashtemp.lab.job_cards import resume_words
 from flashtemp.lab.job_record import LOG_FOLDER, find_past_job, list_past_jobs, read_job
 from flashtemp.lab.job_result import find_result, free_result_folder
 from flashtemp.lab.job_start import check_job_words
 from flashtemp.lab.jobs import JobList
 from flashtemp.lab.live_discovery import collect_evidence, current_stage, describe_discovery, evidence_cells
-from flashtemp.lab.live_run import describe_run, draw_field, read_field
+from flashtemp.lab.live_run import describe_run
 from flashtemp.lab.live_state import LiveState, read_live_state
 from flashtemp.lab.live_table import cells_of_rows
 

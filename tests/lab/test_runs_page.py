@@ -102,7 +102,7 @@ STAGE = {
     "message": "  evaluation 3 (461 s, about 377 s left)",
     "stage": {
         "candidates": [{"effect": "pressure_tilt", "score": 32.2}, {"effect": "time_lag", "score": 9.6}, {"effect": "blur"}],
-        "ln_evidence_base": -1000.0, "chi2_per_value_base": 1.5, "fitting": [["pressure_tilt"], ["pressure_tilt", "time_lag"]],
+        "ln_evidence_base": -1000.0, "chi2_per_dof_base": 1.5, "fitting": [["pressure_tilt"], ["pressure_tilt", "time_lag"]],
         "running": [{"effects": ["pressure_tilt"], "ln_evidence": -960.0, "state": "converged"},
                     {"effects": ["pressure_tilt", "time_lag"], "ln_evidence": -955.0, "state": "fitting"}],
         "failed": [{"effects": ["blur"], "reason": "no"}],
@@ -118,7 +118,9 @@ def test_evidence_so_far_is_the_gain_over_the_stated_model():
     ]
     assert [one.state for one in found] == ["being fitted", "fitted", "scored", "could not be simulated"]
     assert current_stage(LiveState(STAGE)) == 4
-    assert describe_discovery(LiveState(STAGE)).startswith("3 candidates, 2 scored · 2 full fits done, 1 under way")
+    words = describe_discovery(LiveState(STAGE))
+    assert words.startswith("3 candidates, 2 scored · 2 full fits done, 1 under way")
+    assert "chi2/dof 1.5 (1: noise explains everything)" in words
 
 
 @pytest.mark.parametrize(

@@ -69,6 +69,7 @@ figcaption { font-size: .85rem; color: #444; }
 dt { font-weight: 600; margin-top: .6rem; } dd { margin-left: 1.2rem; }
 """
 MAX_NARROW_WIDTH_IN = 6.0  # inches; a narrower picture is not stretched to the width of the page
+NUMBER_START = re.compile(r"[-+−±(]?\d|[–∞]$")
 LONG_NAME = re.compile(r"[\w.-]{13,}")  # a key or a file name
 DENSE_COLUMNS = 9  # a table with more is printed smaller
 
@@ -134,7 +135,7 @@ def _reproduction_section(subject: ReportSubject) -> list[Section]:
     parts = [
         paragraph("The same inputs and programs give the same numbers. Digests are SHA-256."),
         fact_table(subject.files, "digest"),
-        fact_table(subject.programs),
+        fact_table([("programs", ", ".join(f"{name} {version}" for name, version in subject.programs))]),
     ]
     return [Section("reproduction", "Reproducibility", parts)]
 
@@ -191,8 +192,9 @@ def fold_section(title: str, parts: Iterable[str]) -> str:
 
 
 def table(head: list[str], rows: list[list[str]]) -> str:
-    """An HTML table of text; columns with more than numbers are aligned left, with their heads."""
+    """An HTML table of text; columns of words, or with long texts, are aligned left, with their heads."""
     words = {k for row in rows for k, text in enumerate(row) if len(text) > 24}
+    words |= set(range(len(head))) - {k for row in rows for k, text in enumerate(row) if NUMBER_START.match(text)}
     kinds = [' class="text"' if k in words else "" for k in range(len(head))]
     top = "".join(f'<th scope="col"{kind}>{escape(text)}</th>' for kind, text in zip(kinds, head, strict=True))
     lines = (
@@ -228,7 +230,11 @@ def embed_figure(fig, alt: str, caption: str) -> str:
 
     buffer = io.BytesIO()
     fig.savefig(buffer, format="png", dpi=FIGURE_DPI)
-    data = base64.b64encode(buffer.getvalue()).decode("ascii")
-    kind = ' class="narrow"' if fig.get_figwidth() < MAX_NARROW_WIDTH_IN else ""
-    source = f'<img src="data:image/png;base64,{data}" alt="{escape(alt)}" />'
+    return embed_png(buffer.getvalue(), alt, caption, is_narrow=fig.get_figwidth() < MAX_NARROW_WIDTH_IN)
+
+
+def embed_png(data: bytes, alt: str, caption: str, is_narrow: bool = False) -> str:
+    """A PNG file embedded with its caption."""
+    text, kind = base64.b64encode(data).decode("ascii"), ' class="narrow"' if is_narrow else ""
+    source = f'<img src="data:image/png;base64,{text}" alt="{escape(alt)}" />'
     return f"<figure{kind}>\n{source}\n<figcaption>{escape(caption)}</figcaption>\n</figure>"

@@ -25,7 +25,10 @@ MAX_JSON_BYTES, MAX_PICTURE_BYTES = 64 * 2**20, 64 * 2**20
 MAX_ROWS, MAX_EFFECTS_NAMED = 200, 6
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 SWEEP_METHOD = "Every combination of the swept values is one simulation of the case with those values."
-LINEAR_METHOD = "The case is simulated once with its sensitivities to all inputs; their standard deviations are propagated linearly."
+LINEAR_METHOD = (
+    "The case is simulated once with its sensitivities to all inputs. "
+    "The standard deviations of the inputs are propagated linearly."
+)
 SAMPLE_METHOD = (
     "The case is simulated at values of the inputs from a Latin hypercube with their standard deviations; a polynomial "
     "fitted to these runs gives the fractions of the variance."

@@ -163,4 +163,14 @@ def test_a_damaged_plan_is_refused_in_one_line(tmp_path, content):
 
 def test_columns_of_words_are_aligned_left():
     html = table(["effect", "named", "z"], [["wear", "yes", "4.0"], ["tilt", "no", "–"]])
-    assert html.count('class="text"') == 6, "heads and cells of the first two"
+    assert html.count('class="word"') == 6, "heads and cells of the first two"
+
+
+def test_a_run_without_saved_fields_has_a_report_with_the_pictures_of_its_folder(swept, tmp_path):
+    flashtemp.simulate(swept.parent / "case.toml", out=tmp_path / "run")
+    assert main(["report", str(tmp_path / "run")]) == 0
+    html = (tmp_path / "run" / "report.html").read_text()
+    assert 'id="picture-field"' in html
+    (tmp_path / "run" / "field.png").unlink()
+    assert main(["report", str(tmp_path / "run")]) == 0
+    assert 'id="picture-field"' not in (tmp_path / "run" / "report.html").read_text()

@@ -21,9 +21,8 @@ from flashtemp.viz.html.page import ReportSubject, Section
 from flashtemp.viz.key_labels import describe_key
 from flashtemp.viz.number_format import effect_label, format_number, unit_suffix
 
-MAX_JSON_BYTES, MAX_PICTURE_BYTES = 64 * 2**20, 64 * 2**20
+MAX_JSON_BYTES = 64 * 2**20
 MAX_ROWS, MAX_EFFECTS_NAMED = 200, 6
-PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 SWEEP_METHOD = "Every combination of the swept values is one simulation of the case with those values."
 LINEAR_METHOD = (
     "The case is simulated once with its sensitivities to all inputs. "
@@ -97,9 +96,7 @@ def _read_json(file: Path) -> dict[str, Any]:
 
 def _stored_picture(file: Path, alt: str, caption: str) -> list[str]:
     """A picture of the result folder; a sentence where there is none."""
-    is_usable = file.is_file() and not file.is_symlink() and file.stat().st_size <= MAX_PICTURE_BYTES
-    data = file.read_bytes() if is_usable else b""
-    if not data.startswith(PNG_SIGNATURE):
+    if not (data := page.read_png(file)):
         return [page.paragraph(f"The result folder has no picture {file.name}.", "small")]
     return [page.embed_png(data, alt, caption)]
 

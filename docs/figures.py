@@ -65,7 +65,7 @@ def against_alpha(run_of):
 @theme.styled
 def exponents(run_of):
     """What the exponent of phi(p) does to T(x) and to the sign of friction in a run-in (theory 7.4)."""
-    shown = "Surface temperature and friction with two laws of the contact fraction, phi ~ pⁿ"
+    shown = "Surface temperature and friction by two laws of contact fraction, phi ~ pⁿ"
     fig = theme.make_figure(shown, "", theme.WIDE_FIGURE_IN, 3.3)
     axes = fig.subplots(1, 3, width_ratios=[1, 1, 1.15])
     for ax, name, words in zip(axes, ("n = 0", "n = 1"), ("spots fixed by the road", "more spots"), strict=False):

@@ -31,7 +31,7 @@ def simulate(name: str, **change):
 @theme.styled
 def against_speed(run_of):
     """Rise at x = L/2 against speed for both pressures and both ambient temperatures (claim C13)."""
-    fig = theme.make_figure("Temperature over speed", run_of[(0.1, 1.5e5, 20.0)].title, 4.6, 3.6)
+    fig = theme.make_figure("Surface temperature of the block over speed", "", 4.6, 3.6)
     ax = fig.add_subplot()
     speeds = sorted({v for v, _, _ in run_of})
     for p, colour in ((0.5e5, "#0072B2"), (1.5e5, "#D55E00")):
@@ -47,7 +47,7 @@ def against_speed(run_of):
 @theme.styled
 def against_alpha(run_of):
     """T(x) in the spots and in the lanes for falling heat-transfer coefficients (claim C19)."""
-    fig = theme.make_figure("Temperature along the contact", run_of["inf"].title, 4.6, 3.6)
+    fig = theme.make_figure("Temperature along the block", run_of["inf"].title, 4.6, 3.6)
     ax = fig.add_subplot()
     for (name, run), colour in zip(run_of.items(), ("#000000", "#0072B2", "#009E73", "#D55E00"), strict=True):
         ax.plot(
@@ -65,7 +65,7 @@ def against_alpha(run_of):
 @theme.styled
 def exponents(run_of):
     """What the exponent of phi(p) does to T(x) and to the sign of friction in a run-in (theory 7.4)."""
-    shown = "The same wear, two laws of the contact fraction, phi ~ pⁿ (0.25 MPa, 0.1 m/s)"
+    shown = "Surface temperature and friction by two laws of contact fraction, phi ~ pⁿ"
     fig = theme.make_figure(shown, "", theme.WIDE_FIGURE_IN, 3.3)
     axes = fig.subplots(1, 3, width_ratios=[1, 1, 1.15])
     for ax, name, words in zip(axes, ("n = 0", "n = 1"), ("spots fixed by the road", "more spots"), strict=False):
@@ -89,7 +89,7 @@ def exponents(run_of):
         axes[2].text(
             10, mu[-1] + (0.004 if above else -0.004), label, color=colour, ha="right", va="bottom" if above else "top"
         )
-    axes[2].set(xlabel="repetition", ylabel="friction, mean of the repetition (–)", title="friction")
+    axes[2].set(xlabel="repetition", ylabel="friction, mean of the repetition (–)", title="friction, 0.25 MPa, 0.1 m/s")
     return fig
 
 

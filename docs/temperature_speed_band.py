@@ -82,7 +82,9 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
 @theme.styled
 def draw(rows: list[dict[str, Any]]):
     """Temperature over speed: face and wall, 20 and 40 degC; bands of all choices, lines of defaults and theory."""
-    fig = theme.make_figure("Temperature against speed", "what the chosen inputs leave open", theme.WIDE_FIGURE_IN, 5.4)
+    fig = theme.make_figure(
+        "Surface temperature over speed", "what the chosen inputs leave open", theme.WIDE_FIGURE_IN, 5.4
+    )
     axes = fig.subplots(2, 2, sharex=True, sharey="row")
     for row, (place, words) in zip(axes, PLACES.items(), strict=True):
         for ax, ambient in zip(row, AMBIENT, strict=True):

@@ -139,26 +139,33 @@ def plan(
     campaign: str | Path | Campaign,
     *,
     out: str | Path | None = None,
+    pdf: bool = False,
     workers: int | None = None,
     scheduler: str | None = None,
     say: Say = ignore_message,
 ) -> DesignReport:
     """Before measuring, find which effects a campaign can distinguish, and which experiment to add.
 
-    `out`: folder for plan.json and the picture of the separability matrix; `workers` and `scheduler` as in `discover`.
-    Raises BadInput, SolverFailure.
+    `out`: folder for plan.json, report.html and the picture of the separability matrix; `pdf`, `workers` and
+    `scheduler` as in `discover`.  Raises BadInput, SolverFailure.
     """
+    _check_pdf_request(pdf, out)
     loaded = resolve_campaign(campaign, planned=True)
     with optional_folder(out) as work:
         with open_worker_pool(predict_condition, workers, scheduler) as run:
             design = experiment_design.assess_design(prepare_problem(loaded, run), say)
         if work is not None:
             write_json(design.as_dict(), work / "plan.json")
-            with report_drawing_faults(design, out or work, "separability.png", RERUN_ELSEWHERE_HINT):
+            with report_drawing_faults(design, out or work, "separability.png and report.html", RERUN_ELSEWHERE_HINT):
                 from flashtemp.viz import theme
+                from flashtemp.viz.html import study_report, title_page
                 from flashtemp.viz.verdict import separability as picture
 
                 theme.save_figure(picture.draw(design), work / "separability.png")
+                command = reports.format_command("plan", loaded.path)
+                subject = title_page.describe_campaign(loaded, loaded.load({}), command, study_report.PLAN_METHOD)
+                study_report.write_plan_report(work, subject)
+            _write_pdf_report(design, pdf, work, out)
     return design
 
 

@@ -34,21 +34,40 @@ class ReportResult(DisplayMixin):
 def report(folder: str | Path, *, pdf: bool = False, trust: bool = False, say: Say = ignore_message) -> ReportResult:
     """Write the report of a finished result into its folder, and with `pdf` the same as report.pdf.
 
-    A run gets a new report.html.  That of a comparison or a discovery is kept, since it needs the recordings.  `trust`
-    as in `load`.  Raises BadInput.
+    A run, a sweep and a sensitivity study get a new report.html.  That of a comparison, a discovery or a plan is kept,
+    since it needs the campaign.  `trust` as in `load`.  Raises BadInput.
     """
     path = Path(folder)
     if pdf:
         check_pdf_library()
-    written = [_write_run_report(path, trust, say)] if is_result(path) else []
+    written = _write_report(path, trust, say)
     if not written and not (path / REPORT_FILE).is_file():
-        raise BadInput(f"{path}: no result of run, compare or discover; give the folder of one")
+        raise BadInput(
+            f"{path}: no result of run, compare, discover, plan, sweep or sensitivity; give the folder of one"
+        )
     if not written and not pdf:
         raise BadInput(f"{path}: its {REPORT_FILE} is complete; add --pdf to write {PDF_FILE}")
     if pdf:
         say(f"writing {PDF_FILE}")
         written.append(write_pdf(path))
     return ReportResult(path, tuple(written))
+
+
+def _write_report(folder: Path, trust: bool, say: Say) -> list[Path]:
+    """Write the report of a run or a study; [] for results whose report is kept, and for other folders."""
+    if is_result(folder):
+        return [_write_run_report(folder, trust, say)]
+    from flashtemp.viz.html import study_report
+
+    if (folder / "sweep.nc").is_file():
+        say(f"writing {REPORT_FILE}")
+        return [study_report.write_sweep_report(folder, trust)]
+    if (folder / "sensitivity.json").is_file():
+        say(f"writing {REPORT_FILE}")
+        return [study_report.write_sensitivity_report(folder, trust)]
+    if (folder / "plan.json").is_file() and not (folder / REPORT_FILE).is_file():  # of an earlier release
+        return [study_report.write_plan_report(folder)]
+    return []
 
 
 def _write_run_report(folder: Path, trust: bool, say: Say) -> Path:

@@ -13,11 +13,13 @@ from typing import Any
 from flashtemp.api.inputs import Say, ignore_message
 from flashtemp.camera.importing.recording_import import ImportResult
 from flashtemp.discovery.criteria import CRITERIA
+from flashtemp.discovery.latest_frame import describe_latest_frame
 from flashtemp.discovery.live_evidence import LiveEvidence
 from flashtemp.discovery.prediction.prediction import predict_condition
 from flashtemp.discovery.watched_test import PROBLEM, WatchedTest, WatchEvent, as_names
 from flashtemp.display import DisplayMixin, DisplayTable, write_json
 from flashtemp.errors import BadInput, UserInterrupt, describe_exception
+from flashtemp.runs.results.live_state import open_live_file
 from flashtemp.runs.results.worker_pool import open_worker_pool
 
 STATE_FILE, PICTURE_FILE = "watch.json", "watch.png"
@@ -117,6 +119,7 @@ class CampaignWatch(DisplayMixin):
     def end_watch(self, state: str) -> None:
         """Write the last state."""
         self.state = state
+        self._publish_state()
         if self.out is not None:
             write_json(self.as_dict(), self.out / STATE_FILE)
 
@@ -128,6 +131,7 @@ class CampaignWatch(DisplayMixin):
 
     def write_state(self) -> None:
         """Rewrite picture and state; an error of the picture is reported and does not end the watch."""
+        self._publish_state()
         if self.out is None:
             return
         if self.test.assessment is not None:
@@ -141,6 +145,17 @@ class CampaignWatch(DisplayMixin):
                 self.picture_fault = describe_exception(fault)
                 self.say(f"{PICTURE_FILE} cannot be drawn: {self.picture_fault}")
         write_json(self.as_dict(), self.out / STATE_FILE)
+
+    def _publish_state(self) -> None:
+        """Write the state and the latest frame where the web app reads them, if it started this command."""
+        if (live := open_live_file()) is None:
+            return
+        latest = None
+        if (assessment := self.test.assessment) is not None:
+            known = assessment.recordings
+            name = self.test.latest if self.test.latest in known else next(iter(known), None)
+            latest = None if name is None else describe_latest_frame(name, known[name])
+        live.write_sections(watch=self.as_dict() | {"latest": latest})
 
     def _draw_registration(self, result: ImportResult, path: Path) -> None:
         """Draw where a new recording has the block, next to it."""
@@ -213,12 +228,8 @@ class CampaignWatch(DisplayMixin):
             folder = test.folder
             about |= {
                 "files": as_names(list(growing.taken), folder),
-                "waiting": dict(
-                    zip(as_names(list(growing.waiting_files), folder), growing.waiting_files.values(), strict=True)
-                ),
-                "refused": dict(
-                    zip(as_names(list(growing.refused_files), folder), growing.refused_files.values(), strict=True)
-                ),
+                "waiting": _name_reasons(growing.waiting_files, folder),
+                "refused": _name_reasons(growing.refused_files, folder),
                 "repeated": as_names(list(growing.repeated), folder),
                 "unfinished": as_names(list(growing.unfinished), folder),
             }
@@ -239,4 +250,5 @@ class CampaignWatch(DisplayMixin):
 
 def _name_reasons(reasons: dict[Path, str], folder: Path) -> dict[str, str]:
     """Reasons why files wait or are refused, by their names in the watched folder."""
-    return dict(zip(as_names(list(reasons), folder), reasons.values(), strict=True))
+    shown = [reason.removeprefix(f"{file}: ") for file, reason in reasons.items()]
+    return dict(zip(as_names(list(reasons), folder), shown, strict=True))

@@ -203,6 +203,7 @@ def plan(
     /,
     *,
     out: Path | None = None,
+    pdf: Pdf = False,
     workers: int | None = None,
     scheduler: str | None = None,
     limit: Limit = None,
@@ -217,7 +218,7 @@ def plan(
         A folder with a campaign.toml, or a .toml file; a recording may give view = "sidewall", "wake" or "profile"
         instead of a file.
     out
-        Folder for plan.json and a picture of the separability matrix; nothing is written when not given.
+        Folder for plan.json, report.html and a picture of the separability matrix; nothing is written when not given.
     workers
         Number of processes; one per core when not given.
     scheduler
@@ -226,9 +227,10 @@ def plan(
     from flashtemp.api import campaigns
 
     loaded = campaigns.open_campaign(campaign, planned=True, trust=trust, limit=limit)
-    design = campaigns.plan(loaded, out=out, workers=workers, scheduler=scheduler, say=message_printer(json))
+    how: dict[str, Any] = {"out": out, "pdf": pdf, "workers": workers, "scheduler": scheduler}
+    design, code = run_and_report(lambda: campaigns.plan(loaded, **how, say=message_printer(json)))
     print_result(design.as_dict(), json, str(design))
-    return EXIT_DONE
+    return code
 
 
 def twin(

@@ -139,12 +139,12 @@ def draw(
 
 
 def report(folder: Path, /, *, pdf: Pdf = False, trust: Trust = False, json: Json = False) -> int:
-    """Write the report of a finished run, or the report of any result as PDF, into its folder.
+    """Write the report of a finished run or study, or the report of any result as PDF, into its folder.
 
     Parameters
     ----------
     folder
-        A result folder of run, compare or discover.
+        A result folder of run, sweep, sensitivity, compare, discover or plan.
     """
     from flashtemp.api import reports
 

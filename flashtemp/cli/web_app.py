@@ -43,16 +43,17 @@ def lab(
 def describe_commands() -> tuple[CommandDescription, ...]:
     """Descriptions of all commands that take a case or a campaign and write a result folder."""
     return tuple(
-        describe_command(function, words[0])
+        describe_command(function, words[k], has_folder=k == 1)
         for module in COMMAND_MODULES
         for function in vars(module).values()
         if inspect.isfunction(function) and function.__module__ == module.__name__
-        if (words := list(inspect.signature(function).parameters)) and words[0] in FILE_KINDS and "out" in words
+        if (words := list(inspect.signature(function).parameters)) and "out" in words
+        if words[k := int(words[0] == "folder")] in FILE_KINDS
     )
 
 
-def describe_command(function: Callable[..., Any], file_kind: str) -> CommandDescription:
-    """The description of the command of a function whose first argument is a file of that kind."""
+def describe_command(function: Callable[..., Any], file_kind: str, has_folder: bool = False) -> CommandDescription:
+    """The description of the command of a function whose first argument, or second after a folder, is such a file."""
     app, name = App(), function.__name__.rstrip("_")
     app.command(function, name=name)
     command = app[name]
@@ -64,7 +65,7 @@ def describe_command(function: Callable[..., Any], file_kind: str) -> CommandDes
             label, words_help = argument.name.lower(), text
         elif kind is inspect.Parameter.KEYWORD_ONLY:
             options.append(_describe_option(argument, text))
-    return CommandDescription(name, sentence, file_kind, label, words_help, tuple(options))
+    return CommandDescription(name, sentence, file_kind, label, words_help, tuple(options), has_folder)
 
 
 def _describe_option(argument: Any, text: str) -> CommandOption:

@@ -18,7 +18,6 @@ from flashtemp.camera.importing.growing_recording import FileNews, GrowingRecord
 from flashtemp.camera.importing.recording_import import ImportResult
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign as campaigns
-from flashtemp.comparison.campaign import Campaign
 from flashtemp.discovery.live_evidence import ComparedRecording, LiveAssessment, LiveEvidence, root_mean_square
 from flashtemp.errors import BadInput, FlashtempError, describe_exception
 
@@ -81,15 +80,13 @@ class HistoryEntry:
     rmse_K: dict[str, float]
 
 
-def find_templates(folder: Path, campaign: Campaign) -> dict[str, RecordingTemplate]:
-    """{recording: template} of the campaign's recordings, from templates in its folder or in that of the camera files.
+def find_templates(folder: Path, home: Path, names: Sequence[str]) -> dict[str, RecordingTemplate]:
+    """{recording: template} of the recordings `names` of a campaign in `home`, from templates there or in `folder`.
 
-    A template belongs to the recording that its `out` states.  Raises BadInput.
+    `folder` is that of the camera files.  A template belongs to the recording that its `out` states.  Raises BadInput.
     """
-    files = {
-        (campaign.folder / name).resolve(): name for name in (*(v.file for v in campaign.views), *campaign.awaited)
-    }
-    places = dict.fromkeys((campaign.folder.resolve(), folder.resolve()))
+    files = {(home / name).resolve(): name for name in names}
+    places = dict.fromkeys((home.resolve(), folder.resolve()))
     found: dict[str, RecordingTemplate] = {}
     for path in (path for place in places for path in sorted(place.glob("*.toml"))):
         template = RecordingTemplate.from_file(path, folder)
@@ -97,16 +94,14 @@ def find_templates(folder: Path, campaign: Campaign) -> dict[str, RecordingTempl
         if template is None or name is None:
             continue
         if not any(template.out.is_relative_to(place) for place in places):
-            raise BadInput(
-                f"{path}: out: {name} lies outside of {campaign.folder}; a watch writes recordings inside it"
-            )
+            raise BadInput(f"{path}: out: {name} lies outside of {home}; a watch writes recordings inside it")
         if name in found:
             raise BadInput(f"{path}: out: {name} is also made by {found[name].path}; keep one template of a recording")
         found[name] = template
     if not found:
         names = ", ".join(list(files.values())[:3]) or "a recording"
         raise BadInput(
-            f"{campaign.folder}: no recording template whose out is a recording of the campaign ({names}); write one"
+            f"{home}: no recording template whose out is a recording of the campaign ({names}); write one"
             " with flashtemp new recording"
         )
     return found
@@ -141,9 +136,10 @@ class WatchedTest:
         self.campaign = campaigns.load(self.path, trust=self.trust, limit=self.limit, may_miss=True)
         self._scanner = FolderScanner(self.folder.resolve())
         self._scanner.scan_files()
+        home, names = self.campaign.folder, [*(v.file for v in self.campaign.views), *self.campaign.awaited]
         self.growing = {
-            name: GrowingRecording(template, self.campaign.folder)
-            for name, template in find_templates(self.folder, self.campaign).items()
+            name: GrowingRecording(template, home)
+            for name, template in find_templates(self.folder, home, names).items()
         }
 
     @property

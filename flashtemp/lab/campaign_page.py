@@ -18,6 +18,7 @@ from flashtemp.lab.free_keys import CandidateSwitches, FreeKeysPanel
 from flashtemp.lab.jobs import JobList, command_text
 from flashtemp.lab.page_layout import (
     action,
+    add_script,
     card,
     heading,
     note,
@@ -33,8 +34,10 @@ from flashtemp.lab.recording_table import RecordingTable
 from flashtemp.lab.saved_text import SavedText
 from flashtemp.lab.saving import read_text
 from flashtemp.lab.start_button import OPTIONS_LABEL, CommandStarter, options_address, start_once
+from flashtemp.lab.style import read_asset
 from flashtemp.lab.toml_editor import TomlEditor, prepare_editor
 from flashtemp.lab.toml_tables import set_top_key
+from flashtemp.lab.watch_card import WatchCard
 from flashtemp.lab.workspace import FolderListing, escape_control, free_name, list_folder
 
 CHECK_INTERVAL_S: Final = 0.4  # a text is checked when it has not changed for so long
@@ -68,6 +71,8 @@ class CampaignPage:
             show_campaigns(self.folder)
             return
         prepare_editor()
+        ui.add_css(read_asset("runs.css"))
+        add_script("charts.js")  # charts of a watch are added later, when scripts do not run
         with show_errors(self.folder):
             self.listing = list_folder(self.folder)
             text, opened = read_text(self.folder, name) if name else (new_campaign_text(self.listing), None)
@@ -94,6 +99,9 @@ class CampaignPage:
             self.table.show()
         with card("Add measurements"):
             self.additions.show()
+        watch = WatchCard(self.document, self.jobs, self.allowed, self._save)
+        watch.imported = self._check_again
+        watch.show()
         with ui.element("div").classes("ft-split"):
             self.keys = FreeKeysPanel(self.document)
             with card("What is fitted"):
@@ -226,6 +234,10 @@ class CampaignPage:
                 await self._check(text)
             finally:
                 self.is_checking = False
+
+    def _check_again(self) -> None:
+        """Check the same text again, because files have changed."""
+        self.checked_text = None
 
     async def _check(self, text: str) -> None:
         """Check a text and show what is wrong where it is wrong; effect files run only with consent."""

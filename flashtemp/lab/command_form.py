@@ -37,7 +37,7 @@ from flashtemp.lab.page_layout import (
 )
 from flashtemp.lab.programs import has_trust, programs_of_command
 from flashtemp.lab.start_button import start_once
-from flashtemp.lab.workspace import escape_control, list_folder, read_owner, resolve_inside
+from flashtemp.lab.workspace import escape_control, list_folder, list_image_folders, read_owner, resolve_inside
 
 
 class CommandForm:
@@ -54,6 +54,7 @@ class CommandForm:
         self.fields: dict[str, Any] = {}
         self.command: Any = None
         self.of: Any = None
+        self.arrivals: Any = None
         self.words: Any = None
         self.out: Any = None
         self.more: Any = None
@@ -96,6 +97,7 @@ class CommandForm:
                 self.of = ui.select(names, value=filled.file or None, with_input=True)
                 self.of.props("outlined dense").on_value_change(self._show_command)
                 label.props["for"] = self.of.html_id
+            self.arrivals = self._show_folder(filled.arrivals) if about.has_folder else None
             self.words = None
             if about.words_label:
                 words, _, hint = split_help(about.words_help)
@@ -114,6 +116,16 @@ class CommandForm:
         if not choices:
             with self.place:
                 self._show_missing_files(about)
+
+    def _show_folder(self, chosen: str) -> Any:
+        """The field for the folder in which camera files arrive."""
+        names = list(dict.fromkeys([*([chosen] if chosen else []), *list_image_folders(self.folder)]))
+        options = {name: escape_control(name) for name in names}
+        with _labelled_field("Folder of camera files (required)", "", wide=True) as label:
+            field = ui.select(options, value=chosen or None, with_input=True)
+            field.props("outlined dense").on_value_change(self._show_command)
+            label.props["for"] = field.html_id
+        return field
 
     def _show_option(self, option: CommandOption, value: str | bool | None) -> Any:
         """One field of an option with what its help says; the option of the command line is shown on hover."""
@@ -185,7 +197,7 @@ class CommandForm:
         command, of, more = self.command.value, file_word(self.of.value or ""), shlex.split(self.more.value or "")
         if more[:1] == ["--resume"] and not of:
             return [command, *more]
-        if not of:
+        if not of or (self.arrivals is not None and not self.arrivals.value):
             return []
         words = shlex.split(self.words.value or "") if self.words is not None else []
         about = self.commands[command]
@@ -193,7 +205,8 @@ class CommandForm:
         out = (self.out.value or "").strip() if self.out is not None else ""
         if not out and not any(word == "--out" or word.startswith("--out=") for word in more):
             out = choose_result_folder(self.folder, command, of, self.past())
-        return [command, of, *words, *options, *more, *(["--out", file_word(out)] if out else [])]
+        folder = [file_word(self.arrivals.value)] if self.arrivals is not None else []
+        return [command, *folder, of, *words, *options, *more, *(["--out", file_word(out)] if out else [])]
 
     def _missing_options(self) -> list[str]:
         """Labels of the required options that are empty."""

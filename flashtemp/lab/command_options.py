@@ -18,7 +18,7 @@ HELP_PARTS = re.compile(  # words to the first pause, a unit after a comma, and 
 OWN_FIELDS = ("out", "trust", "json", "resume")  # options for which the page has its own ways
 ICONS = {
     "run": "play_arrow", "compare": "compare", "discover": "travel_explore", "plan": "science",
-    "sweep": "grid_on", "sensitivity": "stacked_line_chart",
+    "sweep": "grid_on", "sensitivity": "stacked_line_chart", "watch": "sensors",
 }  # fmt: skip
 
 
@@ -75,7 +75,10 @@ def split_help(text: str) -> tuple[str, str, str]:
 
 @dataclass(frozen=True)
 class CommandDescription:
-    """A command: what it does in a `sentence`, the kind of its file (case or campaign), further words, options."""
+    """A command: what it does in a `sentence`, the kind of its file (case or campaign), further words, options.
+
+    `has_folder`: a folder of camera files stands before its file.
+    """
 
     name: str
     sentence: str = ""
@@ -83,6 +86,7 @@ class CommandDescription:
     words_label: str = ""
     words_help: str = ""
     options: tuple[CommandOption, ...] = ()
+    has_folder: bool = False
 
     @property
     def icon(self) -> str:
@@ -129,7 +133,10 @@ def option_words(options: Sequence[CommandOption], values: Mapping[str, str | bo
 
 @dataclass(frozen=True)
 class FilledForm:
-    """The content of the form: `file`, further `words`, `values` of options, folder `out`, and `more` arguments."""
+    """The content of the form: `file`, further `words`, `values` of options, folder `out`, and `more` arguments.
+
+    `arrivals` is the folder of camera files of a command that has one.
+    """
 
     command: str
     file: str = ""
@@ -137,6 +144,7 @@ class FilledForm:
     values: Mapping[str, str | bool] | None = None
     out: str = ""
     more: str = ""
+    arrivals: str = ""
 
 
 def fill_form(words: Sequence[str], commands: Mapping[str, CommandDescription]) -> FilledForm:
@@ -150,9 +158,12 @@ def fill_form(words: Sequence[str], commands: Mapping[str, CommandDescription]) 
     command = commands.get(words[0]) if words else None
     if command is None or len(words) < 2 or words[1].startswith("-"):
         return FilledForm(words[0] if command else next(iter(commands)), more=shlex.join(words[1:]) if command else "")
+    first = 2 if command.has_folder else 1  # place of the file
+    if len(words) <= first or words[first].startswith("-"):
+        return FilledForm(words[0], more=shlex.join(words[1:]))
     by_flag = {option.flag: option for option in command.fields}
     values: dict[str, str | bool] = {}
-    own, more, out, rest = [], [], "", list(words[2:])
+    own, more, out, rest = [], [], "", list(words[first + 1 :])
     while rest:
         word = rest.pop(0)
         flag, has_value, value = word.partition("=")
@@ -171,7 +182,8 @@ def fill_form(words: Sequence[str], commands: Mapping[str, CommandDescription]) 
             own.append(word)
         else:
             more.append(word)
-    return FilledForm(words[0], words[1], shlex.join(own), values, out, shlex.join(more))
+    arrivals = words[1] if command.has_folder else ""
+    return FilledForm(words[0], words[first], shlex.join(own), values, out, shlex.join(more), arrivals)
 
 
 def find_risky_words(words: Sequence[str], commands: Mapping[str, CommandDescription]) -> list[str]:
@@ -187,7 +199,7 @@ def find_risky_words(words: Sequence[str], commands: Mapping[str, CommandDescrip
         risky = []
     values = {k: v for k, v in (form.values or {}).items() if isinstance(v, str)}
     risky += [f"--{name}" for name, value in values.items() if name == "scheduler" or _leads_out(value)]
-    return risky + [word for word in (*shlex.split(form.words), form.file, form.out) if _leads_out(word)]
+    return risky + [word for word in (*shlex.split(form.words), form.file, form.out, form.arrivals) if _leads_out(word)]
 
 
 def _leads_out(word: str) -> bool:

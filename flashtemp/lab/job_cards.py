@@ -12,7 +12,7 @@ from nicegui import ui
 from flashtemp.lab.job_record import STATE_KINDS, LoggedJob, format_duration
 from flashtemp.lab.job_result import JobResult, find_result, result_name
 from flashtemp.lab.job_start import file_word
-from flashtemp.lab.jobs import command_text
+from flashtemp.lab.jobs import WATCH_COMMAND, command_text
 from flashtemp.lab.live_view import LiveView
 from flashtemp.lab.page_layout import action, chip, escape_lines, file_address, page_address, show_command, show_errors
 from flashtemp.lab.start_button import start_once
@@ -41,7 +41,7 @@ class JobCard:
             self.bar = ui.linear_progress(0.0, show_value=False).props('instant-feedback aria-label="progress"')
             self.progress_line = ui.label("").classes("ft-muted ft-small break-all")
             self.result = ui.column().classes("w-full gap-2")
-            self.live = LiveView(folder, job)
+            self.live = LiveView(job)
             self.log_fold = ui.expansion("Log", value=alone and not job.is_unfinished).classes("w-full").props("dense")
             with self.log_fold:
                 self.log = ui.label("").classes("ft-mono ft-log").props("tabindex=0 role=region aria-label=log")
@@ -73,7 +73,8 @@ class JobCard:
         self.stop.set_visibility(False)
         if state == "done":
             self.progress_line.set_visibility(False)
-            self.live.place.set_visibility(self.alone)  # the result says more; the details keep the pictures
+            # the result of a run says more; the details keep the pictures
+            self.live.place.set_visibility(self.alone or self.job.words[0] == WATCH_COMMAND)
         with self.result, show_errors(self.folder):
             result = find_result(self.folder, self.job)
             if result is not None:

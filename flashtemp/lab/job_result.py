@@ -11,6 +11,7 @@ from typing import Any
 from flashtemp.errors import BadInput
 from flashtemp.lab.job_record import LoggedJob
 from flashtemp.lab.job_start import file_word
+from flashtemp.lab.jobs import WATCH_COMMAND
 from flashtemp.lab.live_state import finite_number, number_list
 from flashtemp.lab.page_layout import STANDARD_FILES, page_address
 from flashtemp.lab.result_card import describe_result, find_main_picture
@@ -70,7 +71,11 @@ def choose_result_folder(folder: Path, command: str, file: str | Path, jobs: Ite
 
 def find_result(folder: Path, job: LoggedJob) -> JobResult | None:
     """The result of a job, None where it has none; a folder that was there before a job failed is not its result."""
-    if job.state not in WITH_RESULT:
+    command = job.words[0]
+    if job.state not in WITH_RESULT and (command, job.state) != (
+        WATCH_COMMAND,
+        "stopped",
+    ):  # a watch is usually stopped
         return None
     name = result_name(job.words)
     try:
@@ -79,7 +84,7 @@ def find_result(folder: Path, job: LoggedJob) -> JobResult | None:
         return None
     if path is None or not path.is_dir():
         return None
-    here, command = path.relative_to(folder.resolve()), job.words[0]
+    here = path.relative_to(folder.resolve())
     picture = find_main_picture(folder, here, command)
     numbers, sentence = _read_numbers(folder, here, command), describe_result(folder, here)
     links, starts = _next_links(folder, here, command), _next_commands(folder, here, job.words)
@@ -110,6 +115,8 @@ def _next_commands(folder: Path, here: Path, words: Sequence[str]) -> tuple[tupl
         return (named("Compare it", "compare", file), named("Discover the hidden effect", "discover", file))
     if words[0] == "discover" and find_own_file(folder, here / "extended.toml") is not None:
         return (("Run the extended case", tuple(extended_case_words(folder, here, ()))),)
+    if words[0] == WATCH_COMMAND and len(words) > 2:
+        return (named("Ask what is missing", "discover", words[2]),)
     if words[0] == "compare" and len(words) > 1 and not words[1].startswith("-"):
         data = read_json_quietly(folder, here / "compare.json")
         return (named("Ask what is missing", "discover", words[1]),) if grade_comparison(data) != "good" else ()

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from flashtemp.errors import BadInput
-from flashtemp.lab.jobs import LOG_FOLDER, JobList
+from flashtemp.lab.jobs import LOG_FOLDER, WATCH_COMMAND, JobList
 from flashtemp.lab.page_layout import STANDARD_FILES, ask_to_run
 from flashtemp.lab.programs import AllowedPrograms, has_trust, programs_of_command
 from flashtemp.lab.workspace import resolve_inside
@@ -30,7 +30,8 @@ async def start_job(folder: Path, jobs: JobList, allowed: AllowedPrograms, words
 
 def check_job_words(folder: Path, words: Sequence[str]) -> None:
     """Check that a command reads and writes inside the folder.  Raises BadInput."""
-    files = [words[2]] if words[1:2] == ["--resume"] and len(words) > 2 else list(words[1:2])
+    n_files = 2 if words[:1] == [WATCH_COMMAND] else 1  # a watch names its folder of camera files first
+    files = [words[2]] if words[1:2] == ["--resume"] and len(words) > 2 else list(words[1 : 1 + n_files])
     for k, word in enumerate(words):
         if word.startswith("--out=") or word.startswith("--resume="):
             files.append(word.partition("=")[2])

@@ -1,6 +1,6 @@
 """Commands started by the web app: each is a process with its output in a log file of the folder.
 
-As many run at once as there are cores; later ones wait for their turn, in their order.
+As many run at once as there are cores; later ones wait for their turn, in their order.  Watches run besides them.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ PROGRESS_INTERVAL_S = "0.5"  # between lines of progress, as an environment vari
 INTERRUPT_GRACE_S = 20.0  # time for an interrupted command to write its checkpoint
 INTERRUPT_AGAIN_S = 1.0  # until one that has not begun is interrupted again: imports of libraries can lose a signal
 EXIT_STOPPED = 130
+WATCH_COMMAND = "watch"  # mostly waits for camera files, so it never waits for its turn
 
 
 @dataclass
@@ -93,8 +94,10 @@ class JobList:
         """Start the jobs whose turn has come."""
         with self._turn:
             waiting = [job for job in reversed(self.all) if job.process is None and not job.cancelled]
-            n_free = self.most_at_once - sum(job.is_running for job in self.all)
-            for job in waiting[: max(n_free, 0)]:
+            watches = [job for job in waiting if job.words[0] == WATCH_COMMAND]
+            others = [job for job in waiting if job.words[0] != WATCH_COMMAND]
+            n_free = self.most_at_once - sum(job.is_running and job.words[0] != WATCH_COMMAND for job in self.all)
+            for job in [*watches, *others[: max(n_free, 0)]]:
                 job.process = self._start_process(job)
                 threading.Thread(target=self._await_end, args=(job.process, job), daemon=True).start()
 

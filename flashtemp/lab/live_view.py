@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from nicegui import ui
 
 from flashtemp.lab.job_record import LoggedJob
-from flashtemp.lab.job_result import result_name
 from flashtemp.lab.live_discovery import LiveDiscoveryPanel
 from flashtemp.lab.live_run import LiveRunPanel
 from flashtemp.lab.live_state import LiveState
 from flashtemp.lab.live_table import LiveTable, cells_of_rows
-from flashtemp.lab.page_layout import file_address
-from flashtemp.lab.workspace import find_own_file
+from flashtemp.lab.live_watch import LiveWatchPanel
 
-PANELS: dict[str, type] = {"run": LiveRunPanel, "stage": LiveDiscoveryPanel}  # section of the state file: its pictures
-WATCH_PICTURE = "watch.png"
+PANELS: dict[str, type] = {  # section of the state file: its pictures
+    "run": LiveRunPanel, "stage": LiveDiscoveryPanel, "watch": LiveWatchPanel,
+}  # fmt: skip
 
 
 class LiveView:
     """A place on the page that shows the live pictures of one job, once there are any."""
 
-    def __init__(self, folder: Path, job: LoggedJob):
-        self.folder, self.job = folder, job
+    def __init__(self, job: LoggedJob):
+        self.job = job
         self.panels: dict[str, Any] = {}
         self.shown: dict[str, int] = {}
         self.place = ui.column().classes("w-full gap-2 items-stretch")
@@ -37,7 +35,6 @@ class LiveView:
                 self._update_panel(section, panel, state)
         if rows := state.rows("stage", "rows"):
             self._update_table(rows)
-        self._update_watch()
         return bool(self.panels)
 
     def _is_wanted(self, section: str, state: LiveState) -> bool:
@@ -59,18 +56,3 @@ class LiveView:
                 ui.label("Done so far").classes("ft-small")
                 self.panels["rows"] = LiveTable()
         self.panels["rows"].show_rows(*cells_of_rows(rows))
-
-    def _update_watch(self) -> None:
-        """Show the picture that `flashtemp watch` keeps up to date in its result folder."""
-        name = result_name(self.job.words)
-        file = find_own_file(self.folder, Path(name) / WATCH_PICTURE) if name and self.job.words[0] == "watch" else None
-        if file is None:
-            return
-        if "watch" not in self.panels:
-            with self.place:
-                self.panels["watch"] = ui.element("img").props('alt="comparison so far"').classes("w-full")
-        changed = file.stat().st_mtime_ns
-        if self.shown.get("watch") != changed:
-            self.shown["watch"] = changed
-            self.panels["watch"].props["src"] = f"{file_address(Path(name) / WATCH_PICTURE)}?{changed}"
-            self.panels["watch"].update()

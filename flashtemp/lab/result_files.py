@@ -48,7 +48,7 @@ RUN_PICTURE_CAPTIONS = {
     "field": "Temperature in block and road",
     "friction": "Friction over the distance",
     "map": "Temperature over position and time",
-    "profile": "Temperature along the contact",
+    "profile": "Surface temperature along the block",
     "run_in": "Repetitions: temperature at the edges and in the middle",
     "spots": "Contact regions from above",
     "width": "Temperature across the width",

@@ -129,6 +129,12 @@ def describe_verdict(data: Data) -> list[str]:
     return [escape_control(text).replace("degC", "°C") for text in text_list(data.get("says"))]
 
 
+def describe_watch(data: Data) -> list[str]:
+    """What the data of a watched test suffice for, so far."""
+    says = data.get("says")
+    return [escape_control(says[:1].upper() + says[1:])] if isinstance(says, str) and says else []
+
+
 def describe_plan(data: Data) -> list[str]:
     """How many effects planned data can tell apart, and which addition helps most."""
     effects = record_list(data.get("effects"))
@@ -228,6 +234,7 @@ def _number_list(value: Any) -> list[float]:
 
 
 SENTENCES: dict[str, Callable[[Data], list[str]]] = {  # by the JSON file of a result
+    "watch.json": describe_watch,
     "verdict.json": describe_verdict, "compare.json": describe_comparison, "plan.json": describe_plan,
     "sensitivity.json": describe_sensitivity, "friction.json": describe_friction, "area.json": describe_area,
     "loads.json": describe_loads, "tread.json": describe_tread, "tyre.json": describe_tyre,

@@ -157,6 +157,15 @@ def _find_separator(line: str) -> str:
     return max(";\t,", key=line.count)
 
 
+def list_image_folders(folder: Path) -> list[str]:
+    """Folders in which camera files may arrive, those with camera files or without any file first; no results."""
+    found = []
+    for path, names in _walk_folders(folder, []):
+        if path != folder and not any(n in RESULT_COMMANDS or n == result_folder.MARKER_FILE for n in names):
+            found.append((any(Path(n).suffix.lower() not in CAMERA_SUFFIXES for n in names), path.relative_to(folder)))
+    return [path.as_posix() for _, path in sorted(found)]
+
+
 def _load_cell_files(folder: Path, campaign: Path) -> Iterator[Path]:
     """Paths, relative to the folder, of the load-cell traces that a campaign lists."""
     try:

@@ -11,6 +11,7 @@ import pytest
 from nicegui.client import Client
 from nicegui.page import page
 
+from flashtemp.__main__ import main
 from flashtemp.api.reports import report
 from flashtemp.api.simulation import open_fields
 from flashtemp.errors import BadInput
@@ -217,6 +218,26 @@ def test_a_report_that_cannot_be_laid_out_is_refused_in_words(tmp_path, content)
         report(tmp_path, pdf=True)
     assert (tmp_path / "report.pdf").read_bytes() == b"old"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["report.html", "report.pdf"]
+
+
+def test_a_report_that_takes_for_ever_is_given_up_in_one_line(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("weasyprint")
+    rows = "<tr>" + "<td><table><tr><td>x</table>" * 60
+    (tmp_path / "report.html").write_text("<table>" + rows * 3000 + "</table>")
+    monkeypatch.setattr("flashtemp.viz.html.pdf.write_pdf.__defaults__", (3.0,))
+    assert main(["report", str(tmp_path), "--pdf"]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert said[-1].endswith("report.html: not laid out within 3 s; print it from a browser")
+    assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
+
+
+def test_a_report_that_is_a_link_out_of_its_folder_is_not_read(tmp_path):
+    pytest.importorskip("weasyprint")
+    (tmp_path / "result").mkdir()
+    (tmp_path / "secret.html").write_text("<h1>secret")
+    (tmp_path / "result" / "report.html").symlink_to(tmp_path / "secret.html")
+    with pytest.raises(BadInput, match="is a link"):
+        report(tmp_path / "result", pdf=True)
 
 
 # --- cases and campaigns ---------------------------------------------------------------------------------------

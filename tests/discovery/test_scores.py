@@ -14,6 +14,7 @@ from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
 from flashtemp.discovery.hypotheses.candidates import CandidateEffect
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction.problem import Problem
+from flashtemp.discovery.selection import forward_selection
 from flashtemp.discovery.selection.scores import score_candidates
 from flashtemp.physics.effect import Param
 
@@ -91,3 +92,12 @@ def test_an_amplitude_that_cannot_be_is_no_evidence():
     assert found.amplitude[0] < -0.3
     assert found.reason == "would need B below its bound"
     assert found.ln_bayes <= 0.0
+
+
+def test_no_fit_is_announced_where_none_is_left(monkeypatch):
+    shortlist = [SimpleNamespace(candidate=SimpleNamespace(effect="wear"))]
+    monkeypatch.setattr(forward_selection, "shortlist_candidates", lambda ranked: shortlist)
+    monkeypatch.setattr(forward_selection, "effect_names", lambda fit: frozenset({"tilt"}))
+    search, said = SimpleNamespace(best=None, fits={frozenset({"tilt", "wear"}): None}), []
+    assert forward_selection._fit_shortlist(search, [], said.append) is search
+    assert said == []

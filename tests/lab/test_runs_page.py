@@ -20,13 +20,14 @@ from flashtemp.display import ProgressMessage
 from flashtemp.errors import BadInput
 from flashtemp.lab.command_form import estimate_time
 from flashtemp.lab.command_options import fill_form, find_risky_words, option_words, sort_commands
+from flashtemp.lab.heat_image import draw_field, read_field
 from flashtemp.lab.job_cards import resume_words
 from flashtemp.lab.job_record import LOG_FOLDER, find_past_job, list_past_jobs, read_job
 from flashtemp.lab.job_result import find_result, free_result_folder
 from flashtemp.lab.job_start import check_job_words
 from flashtemp.lab.jobs import JobList
 from flashtemp.lab.live_discovery import collect_evidence, current_stage, describe_discovery, evidence_cells
-from flashtemp.lab.live_run import describe_run, draw_field, read_field
+from flashtemp.lab.live_run import describe_run
 from flashtemp.lab.live_state import LiveState, read_live_state
 from flashtemp.lab.live_table import cells_of_rows
 
@@ -101,7 +102,7 @@ STAGE = {
     "message": "  evaluation 3 (461 s, about 377 s left)",
     "stage": {
         "candidates": [{"effect": "pressure_tilt", "score": 32.2}, {"effect": "time_lag", "score": 9.6}, {"effect": "blur"}],
-        "ln_evidence_base": -1000.0, "chi2_per_value_base": 1.5, "fitting": [["pressure_tilt"], ["pressure_tilt", "time_lag"]],
+        "ln_evidence_base": -1000.0, "chi2_per_dof_base": 1.5, "fitting": [["pressure_tilt"], ["pressure_tilt", "time_lag"]],
         "running": [{"effects": ["pressure_tilt"], "ln_evidence": -960.0, "state": "converged"},
                     {"effects": ["pressure_tilt", "time_lag"], "ln_evidence": -955.0, "state": "fitting"}],
         "failed": [{"effects": ["blur"], "reason": "no"}],
@@ -117,7 +118,9 @@ def test_evidence_so_far_is_the_gain_over_the_stated_model():
     ]
     assert [one.state for one in found] == ["being fitted", "fitted", "scored", "could not be simulated"]
     assert current_stage(LiveState(STAGE)) == 4
-    assert describe_discovery(LiveState(STAGE)).startswith("3 candidates, 2 scored · 2 full fits done, 1 under way")
+    words = describe_discovery(LiveState(STAGE))
+    assert words.startswith("3 candidates, 2 scored · 2 full fits done, 1 under way")
+    assert "chi2/dof 1.5 (1: noise explains everything)" in words
 
 
 @pytest.mark.parametrize(

@@ -166,7 +166,7 @@ def test_words_may_be_swept_and_are_drawn(case, tmp_path):
     assert failed == {}
     fig = picture.draw(found)
     fig.canvas.draw()
-    assert fig.get_suptitle() == "Sweep of title, small"
+    assert fig.get_suptitle() == "Temperature over title, small"
     assert [t.get_text() for t in fig.axes[0].get_legend().get_texts()] == ["first", "second"]
 
 

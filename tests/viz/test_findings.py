@@ -50,6 +50,7 @@ from flashtemp.physics.effect import catalogue
 from flashtemp.viz import theme
 from flashtemp.viz.html import page as html_parts
 from flashtemp.viz.html import verdict_report
+from flashtemp.viz.number_format import format_ratio
 from flashtemp.viz.verdict import (
     before_after,
     candidate_scores,
@@ -443,15 +444,26 @@ def test_what_is_long_is_folded(pages):
     for words in ("test for structure", "prior standard deviation", "detectable at 5 sigma"):
         assert words in folds
     assert html.count("<details>") == html.count("<summary>") >= 5
-    assert "edge_pressure.a" not in folds.replace("edge_pressure.a</td><td>", "")
+    assert "edge_pressure.a" not in folds.replace('edge_pressure.a</td><td class="word">', "")
     unlikely = [r.effect.replace("_", " ") for r in RIVALS if r.score <= 0]
-    assert all(f"<td>{name}</td>" in folds for name in unlikely)
+    assert all(
+        f'<td class="word">{name}</td>' in folds or f'<td class="text">{name}</td>' in folds for name in unlikely
+    )
     less = next(
         fold
         for fold in re.findall(r"<details>.*?</details>", html, re.S)
         if "would make the data less probable" in fold
     )
-    assert f"<td>{RIVALS[0].effect.replace('_', ' ')}</td>" not in less
+    assert f">{RIVALS[0].effect.replace('_', ' ')}</td>" not in less
+
+
+def test_a_campaign_of_load_cells_alone_has_no_temperatures_in_its_report():
+    few = replace(BASE, rmse_K=np.nan, mean_map_rmse_K=np.nan, near_contact_rmse_K=np.nan, held_out_rmse_K=0.0)
+    v = verdict("named", gain={}, base=few, extended=replace(few, chi2_per_dof=1.02), before=(), after=())
+    html = verdict_report.render_report(v)
+    assert f"With the extension, chi2/dof goes from {format_ratio(few.chi2_per_dof)} to 1.02." in html
+    assert "– K" not in html
+    assert "left-out data (K)" not in html
 
 
 def test_what_the_cause_changes_is_told_in_kelvin_and_nothing_is_green_that_changes_nothing(unpainted):
@@ -648,7 +660,7 @@ def test_extreme_numbers_are_drawn():
     v = verdict("unexplained", rivals=rivals, nuisance=pulls, separability=None)
     render(candidate_scores.draw_scores(v))
     fig = render(candidate_scores.draw_alternatives(v))
-    assert "24 of 40" in fig.axes[0].get_title(loc="left")
+    assert "24 of 40" in fig.axes[0].get_title(loc="right")
     same = FitMetrics(0.0701, 1.066, 0.071, 1.0)
     close = replace(same, rmse_K=0.0659)
     render(before_after.draw(verdict("named", base=same, extended=close, shifts=())))
@@ -774,7 +786,7 @@ def test_why_this_verdict_and_inputs_are_in_every_report_that_has_them(unpainted
         ["ambient.temperature in words", "ambient.temperature", "20 °C", "0.5 K, by kind", "17.00 ± 0.30 °C", "5.1", "9"],
     ]  # fmt: skip
     folds = "".join(re.findall(r"<details>.*?</details>", page, re.S))
-    assert "<td>block.length</td>" in folds
+    assert '<td class="word">block.length</td>' in folds.replace("<wbr />", "")
     assert "contact.pressure in words" not in folds
     assert f"These data cannot check: {', '.join(i.key for i in UNCHECKED)}." in reader.text
     assert "These data cannot distinguish from each other: block.length and pixel scale." in reader.text

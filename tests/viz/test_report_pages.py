@@ -237,7 +237,7 @@ def test_a_pdf_needs_a_folder_and_a_report_a_result(folder, tmp_path, capsys):
     with pytest.raises(BadInput, match="give out"):
         flashtemp.compare(folder / "twin", pdf=True)
     assert main(["report", str(tmp_path)]) == 2
-    assert "no result of run, compare or discover" in capsys.readouterr().err
+    assert "no result of run, compare, discover, plan, sweep or sensitivity" in capsys.readouterr().err
     assert main(["report", str(folder / "compared")]) == 2
     assert "add --pdf" in capsys.readouterr().err
 

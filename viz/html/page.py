@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
+from pathlib import Path
 from typing import NamedTuple
 
 PRINT_STYLE = """
@@ -32,7 +33,8 @@ PRINT_STYLE = """
   table { width: 100%; font-size: 7.5pt; } th, td { padding: 1.5pt 3pt; } td.text { overflow-wrap: anywhere; }
   .dense table { font-size: 6pt; } .dense th, .dense td { padding: 1pt 2pt; } table.facts { font-size: 8.5pt; }
   td.text { min-width: 0; max-width: none; } .facts .digest { font-size: 6.5pt; }
-  nav ul { columns: 2; column-gap: 8mm; max-width: none; font-size: 8pt; line-height: 1.3; }
+  nav ul { columns: 2; column-gap: 8mm; max-width: none; font-size: 7.5pt; line-height: 1.2; }
+  nav { break-inside: avoid; } .title-page h2 { margin: 8pt 0 3pt; } .title-page p { margin: 4pt 0; }
   nav a { color: #000; text-decoration: none; }
   nav a::after { content: leader(".") target-counter(attr(href), page); }
   a[href^="http"]::after { content: " (" attr(href) ")"; overflow-wrap: anywhere; }
@@ -56,7 +58,7 @@ p, dd { max-width: 46rem; }
 table { border-collapse: collapse; font-size: .8rem; line-height: 1.35; font-variant-numeric: tabular-nums; }
 th, td { text-align: right; vertical-align: top; padding: .3rem .55rem; border-bottom: 1px solid #ddd; }
 thead th { border-bottom: 1px solid #555; vertical-align: bottom; font-weight: 600; }
-th:first-child, td:first-child, .text { text-align: left; }
+th:first-child, td:first-child, .text, .word { text-align: left; } td.word { white-space: nowrap; }
 .facts { font-size: .9rem; } .facts td { text-align: left; }
 .facts th { font-weight: 400; color: #444; padding-left: 0; white-space: nowrap; }
 .digest { font-family: monospace; font-size: .75rem; }
@@ -69,6 +71,9 @@ figcaption { font-size: .85rem; color: #444; }
 dt { font-weight: 600; margin-top: .6rem; } dd { margin-left: 1.2rem; }
 """
 MAX_NARROW_WIDTH_IN = 6.0  # inches; a narrower picture is not stretched to the width of the page
+MAX_PICTURE_BYTES, PNG_SIGNATURE = 64 * 2**20, b"\x89PNG\r\n\x1a\n"
+MAX_WORD_LETTERS = 24  # a longer text in a cell may be broken into lines
+NUMBER_START = re.compile(r"[-+−±(≤≥]?\s?\d|[–∞]$")
 LONG_NAME = re.compile(r"[\w.-]{13,}")  # a key or a file name
 DENSE_COLUMNS = 9  # a table with more is printed smaller
 
@@ -134,7 +139,7 @@ def _reproduction_section(subject: ReportSubject) -> list[Section]:
     parts = [
         paragraph("The same inputs and programs give the same numbers. Digests are SHA-256."),
         fact_table(subject.files, "digest"),
-        fact_table(subject.programs),
+        fact_table([("programs", ", ".join(f"{name} {version}" for name, version in subject.programs))]),
     ]
     return [Section("reproduction", "Reproducibility", parts)]
 
@@ -191,9 +196,10 @@ def fold_section(title: str, parts: Iterable[str]) -> str:
 
 
 def table(head: list[str], rows: list[list[str]]) -> str:
-    """An HTML table of text; columns with more than numbers are aligned left, with their heads."""
-    words = {k for row in rows for k, text in enumerate(row) if len(text) > 24}
-    kinds = [' class="text"' if k in words else "" for k in range(len(head))]
+    """An HTML table of text; columns of words, or with long texts, are aligned left, with their heads."""
+    long = {k for row in rows for k, text in enumerate(row) if len(text) > MAX_WORD_LETTERS}
+    words = set(range(len(head))) - {k for row in rows for k, text in enumerate(row) if NUMBER_START.match(text)}
+    kinds = [' class="text"' if k in long else ' class="word"' if k in words else "" for k in range(len(head))]
     top = "".join(f'<th scope="col"{kind}>{escape(text)}</th>' for kind, text in zip(kinds, head, strict=True))
     lines = (
         "".join(f"<td{kind}>{_breakable(text)}</td>" for kind, text in zip(kinds, row, strict=True)) for row in rows
@@ -210,8 +216,7 @@ def _breakable(text: str) -> str:
     >>> _breakable("block.heat_capacity"), _breakable("1.5 mm")
     ('block.<wbr />heat_<wbr />capacity', '1.5 mm')
     """
-    safe = escape(text)
-    return re.sub(r"(?<=\w)([._])(?=[a-zA-Z])", r"\1<wbr />", safe) if LONG_NAME.fullmatch(text) else safe
+    return LONG_NAME.sub(lambda name: re.sub(r"(?<=\w)([._])(?=[a-zA-Z])", r"\1<wbr />", name[0]), escape(text))
 
 
 def fact_table(pairs: Iterable[tuple[str, str]], kind: str = "") -> str:
@@ -228,7 +233,18 @@ def embed_figure(fig, alt: str, caption: str) -> str:
 
     buffer = io.BytesIO()
     fig.savefig(buffer, format="png", dpi=FIGURE_DPI)
-    data = base64.b64encode(buffer.getvalue()).decode("ascii")
-    kind = ' class="narrow"' if fig.get_figwidth() < MAX_NARROW_WIDTH_IN else ""
-    source = f'<img src="data:image/png;base64,{data}" alt="{escape(alt)}" />'
+    return embed_png(buffer.getvalue(), alt, caption, is_narrow=fig.get_figwidth() < MAX_NARROW_WIDTH_IN)
+
+
+def read_png(file: Path) -> bytes:
+    """The content of a PNG file; nothing where it is missing, a link, too large or of another kind."""
+    is_usable = file.is_file() and not file.is_symlink() and file.stat().st_size <= MAX_PICTURE_BYTES
+    data = file.read_bytes() if is_usable else b""
+    return data if data.startswith(PNG_SIGNATURE) else b""
+
+
+def embed_png(data: bytes, alt: str, caption: str, is_narrow: bool = False) -> str:
+    """A PNG file embedded with its caption."""
+    text, kind = base64.b64encode(data).decode("ascii"), ' class="narrow"' if is_narrow else ""
+    source = f'<img src="data:image/png;base64,{text}" alt="{escape(alt)}" />'
     return f"<figure{kind}>\n{source}\n<figcaption>{escape(caption)}</figcaption>\n</figure>"

@@ -15,6 +15,7 @@ from flashtemp.display import atomic_write
 from flashtemp.viz.html import page
 from flashtemp.viz.html.page import ReportSubject
 from flashtemp.viz.number_format import flatten_dict, format_number, format_value
+from flashtemp.viz.run import run_views
 
 PICTURE_ORDER = ("profile", "space_time", "field", "friction", "budget")  # others follow by name
 RUN_TERMS = (
@@ -28,7 +29,7 @@ RUN_TERMS = (
     ("Leading edge", "The edge of the block that meets fresh road; x counts from it."),
     (
         "Energy imbalance",
-        "Heat created or lost by the computation, as a fraction of all heat exchanged. Rounding gives about 1e-12.",
+        "Heat created or lost by the computation, as a fraction of all heat exchanged. Rounding gives about 10⁻¹².",
     ),
 )
 SUMMARY_WORDS = {
@@ -45,6 +46,10 @@ SUMMARY_WORDS = {
     "energy_J": "heat (J)",
     "cells": "cells",
     "steps": "time steps",
+    "rhs_evaluations": "solver: evaluations of the heat balance",
+    "jacobian_products": "solver: products with the Jacobian",
+    "preconditioner_setups": "solver: set-ups of the preconditioner",
+    "preconditioner_solves": "solver: solutions of the preconditioner",
     "wall_s": "computing time (s)",
 }
 OMITTED_NUMBERS = ("title", "versions", "commit", "remarks", "own_effects")
@@ -53,17 +58,17 @@ OMITTED_NUMBERS = ("title", "versions", "commit", "remarks", "own_effects")
 def write_report(run: Any, path: Path, subject: ReportSubject) -> Path:
     """Write the report of a run as one HTML file with embedded pictures; returns its path."""
     with atomic_write(path) as unfinished:
-        unfinished.write_text(render_report(run, subject), encoding="utf-8")
+        unfinished.write_text(render_report(run, subject, path.parent), encoding="utf-8")
     return path
 
 
-def render_report(run: Any, subject: ReportSubject) -> str:
-    """The whole text of the HTML file."""
+def render_report(run: Any, subject: ReportSubject, folder: Path) -> str:
+    """The whole text of the HTML file; `folder` has the pictures that were drawn with the run."""
     answer = [f'<div class="verdict">\n<p>{escape(summarise_run(run))}</p>\n</div>']
     remarks = [page.paragraph(text) for text in run.statistics.get("remarks", ())]
     sections = [
         *([page.Section("remarks", "Remarks", remarks)] if remarks else []),
-        *_draw_pictures(run),
+        *_draw_pictures(run, folder),
         page.Section("numbers", "Numbers", [page.table(["quantity", "value"], _summary_rows(run))]),
         page.Section("reading", "Terms", [page.term_list(RUN_TERMS)]),
     ]
@@ -89,14 +94,22 @@ def summarise_run(run: Any) -> str:
     return words
 
 
-def _draw_pictures(run: Any) -> list[page.Section]:
-    """A section for every picture that applies to a run; one that cannot be drawn is left out."""
+def _draw_pictures(run: Any, folder: Path) -> list[page.Section]:
+    """A section for every picture that applies to a run.
+
+    A run that has not saved its temperature fields shows the pictures of them that were drawn when it ended.
+    """
     modules = sorted(viz.list_pictures(), key=lambda m: (PICTURE_ORDER.index(m) if m in PICTURE_ORDER else 99, m))
     out = []
     for name in modules:
-        if not viz.is_applicable(name, run):
-            continue
         module = import_module(f"{viz.run_modules.__name__}.{name}")
+        if not viz.is_applicable(name, run):
+            data = page.read_png(folder / f"{module.PICTURE}.png") if not run_views.has_fields(run) else b""
+            if data:
+                caption = (module.__doc__ or name).partition("\n")[0]
+                heading = caption.partition(":")[0].rstrip(".")
+                out.append(page.Section(f"picture-{name}", heading, [page.embed_png(data, caption, caption)]))
+            continue
         figure = module.draw(run)
         heading = figure.get_suptitle().partition(",")[0].replace("\n", " ")
         caption = (module.__doc__ or heading).partition("\n")[0]

@@ -70,6 +70,22 @@ def describe_run(case: Case, run: Any, folder: Path) -> ReportSubject:
     )
 
 
+def describe_study(
+    case: Case, command: str, points: Sequence[dict[str, Any]], method: str, inputs: dict[str, Path], result: Path
+) -> ReportSubject:
+    """The subject of a report on a study of a `case` at `points`; `result` is the file that the study wrote."""
+    made = datetime.fromtimestamp(result.stat().st_mtime).astimezone()
+    versions = package_versions(case.settings.binding)
+    own = "The versions of programs are those at the time of this report."
+    return ReportSubject(
+        (*_common_facts(command, source_commit(), made), ("case", case.title)),
+        tuple(list_conditions(case, points)),
+        f"{method} {describe_simulation(case, versions)} {own}",
+        _digest_files(inputs),
+        tuple(versions.items()),
+    )
+
+
 def _common_facts(command: str, commit: str | None, made: datetime | None = None) -> list[tuple[str, str]]:
     when = (made or datetime.now().astimezone()).strftime("%Y-%m-%d %H:%M %z")
     program = f"flashtemp {package_version()}" + (f", commit {commit}" if commit else "")

@@ -182,14 +182,19 @@ def _describe_gain(v: Verdict) -> list[str]:
         return []
     b, e = v.base, v.extended
     if e is None:
+        if not math.isfinite(b.rmse_K):
+            return [f"chi2/dof of the base is {format_ratio(b.chi2_per_dof)}."]
         line = f"The root mean square difference of the base is {format_number(b.rmse_K)} K"
         line += f" (chi2/dof {format_ratio(b.chi2_per_dof)})"
         if math.isfinite(b.held_out_rmse_K):
             line += f", on left-out data {format_number(b.held_out_rmse_K)} K"
         return [f"{line}."]
+    ratios = f"{format_ratio(b.chi2_per_dof)} to {format_ratio(e.chi2_per_dof)}"
+    if not math.isfinite(b.rmse_K):  # a campaign of load cells alone
+        return [*_describe_extension(v), f"With the extension, chi2/dof goes from {ratios}."]
     fitted = _describe_change(b.rmse_K, e.rmse_K, e.rmse_change_error_K)
     line = f"With the extension, the root mean square of the differences, noise included, {fitted}"
-    line += f" (chi2/dof {format_ratio(b.chi2_per_dof)} to {format_ratio(e.chi2_per_dof)})"
+    line += f" (chi2/dof {ratios})"
     if math.isfinite(b.near_contact_rmse_K) and math.isfinite(e.near_contact_rmse_K):
         near_contact = _describe_change(b.near_contact_rmse_K, e.near_contact_rmse_K)
         line += f", that of means over frames near the contact {near_contact}"

@@ -203,7 +203,7 @@ def gain_tables(v: Verdict) -> list[str]:
             [words, *((format_number if key.endswith("K") else format_ratio)(getattr(m, key)) for m in models)]
             for key, words in FIT_METRICS
         ]
-        rows = [r for r in rows if any(cell != "–" for cell in r[1:])]
+        rows = [r for r in rows if any(cell not in ("–", "0") for cell in r[1:])]
         out.append(page.table(["measure", "base", "extended"][: 1 + len(models)], rows))
     for c in v.causes:
         gain = f"{effect_label(c.effect)}: left-out data become more probable by {format_number(c.held_out_gain)} (ln)"

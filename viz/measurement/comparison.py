@@ -296,7 +296,9 @@ def draw_summary(comparison) -> Figure:
     blocks = [b for b in blocks if b[0]]
     rows = [max(len(results), 2) for results, _, _ in blocks]
     height = 0.6 + 0.75 * len(blocks) + 0.26 * sum(rows)
-    fig = theme.make_figure("Size of all differences", comparison.campaign.title, COMPARISON_WIDTH_IN, height)
+    fig = theme.make_figure(
+        "Size of the differences of every recording", comparison.campaign.title, COMPARISON_WIDTH_IN, height
+    )
     axes = fig.subplots(len(blocks), 2, squeeze=False, height_ratios=rows, width_ratios=[1.3, 1.0])
     for (left, right), (results, title, unit) in zip(axes, blocks, strict=True):
         _draw_sizes(left, results, title, unit)

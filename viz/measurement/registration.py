@@ -23,7 +23,9 @@ def draw(recording, block=None) -> Figure:
     image = recording.temperature[recording.frames // 2]
     tall = np.clip((edges[3] - edges[2]) / (edges[1] - edges[0]), 0.15, 1.2)
     height = 1.1 + 0.85 * theme.WIDE_FIGURE_IN * tall
-    fig = theme.make_figure("Registration", recording.source or "the recording", theme.WIDE_FIGURE_IN, height)
+    fig = theme.make_figure(
+        "Position of the block in the image", recording.source or "the recording", theme.WIDE_FIGURE_IN, height
+    )
     ax = fig.subplots()
     shown = ax.imshow(
         image,

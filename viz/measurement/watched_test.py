@@ -26,7 +26,8 @@ def draw(test) -> Figure:
     `test` is a `discovery.watched_test.WatchedTest` with an assessment.
     """
     decision = test.assessment.decision
-    fig = theme.make_figure(f"{test.campaign.title}: {decision.words}", "", *FIGURE_SIZE_IN)
+    subject = f"{test.campaign.title}\n{decision.words[:1].upper()}{decision.words[1:]}"
+    fig = theme.make_figure("Latest frame and evidence so far", subject, *FIGURE_SIZE_IN)
     above, below = fig.subfigures(2, 1, height_ratios=[1.15, 1.0])
     name = test.latest if test.latest in test.assessment.recordings else next(iter(test.assessment.recordings))
     compared = test.assessment.recordings[name]

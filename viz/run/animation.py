@@ -32,7 +32,7 @@ FADING_COLOURS = (
 
 def applies(run) -> bool:
     """Whether there are several repetitions."""
-    return run_views.has_repetitions(run)
+    return run_views.has_fields(run) and run_views.has_repetitions(run)
 
 
 @theme.styled

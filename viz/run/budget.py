@@ -24,7 +24,7 @@ def draw(run) -> Figure:
 
     The black line is the friction heat; the areas add up to it except for the printed imbalance.
     """
-    fig = theme.make_figure("Heat budget", run.title, theme.WIDE_FIGURE_IN, 3.4)
+    fig = theme.make_figure("Heat budget over time", run.title, theme.WIDE_FIGURE_IN, 3.4)
     over, last = fig.subplots(1, 2, width_ratios=[1.6, 1.0])
     size = max(abs(v).max() for v in (*heat_parts(run).values(), run.width * run.energy["friction"]))
     unit, scale = ("kJ", 1e-3) if size > 2e3 else ("J", 1.0)

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from flashtemp.physics.interpolation import interpolate_linear
 from flashtemp.viz import theme
+from flashtemp.viz.run import run_views
 from flashtemp.viz.time_axis import repetition_axis, sliding_ends
 
 PICTURE = "field"
@@ -14,6 +15,11 @@ ROAD_SHOWN_M = 3e-3  # m of road drawn to scale
 MAX_BLOCK_NEAR_M, MAX_ROAD_NEAR_M = 2e-3, 1e-3  # m; maximum reach of the stretched panels
 MIN_RISE_FRACTION = 0.1  # of the maximum temperature rise; the stretched panels end below it
 FIELD_COLUMNS, FIELD_ROWS = 400, 120  # of the image of a body: finer than its pixels at 160 dpi
+
+
+def applies(run) -> bool:
+    """Whether the run has saved temperature fields."""
+    return run_views.has_fields(run)
 
 
 @theme.styled

@@ -28,7 +28,7 @@ def draw(run) -> Figure:
     numbers = np.unique(run.repetition[run.sliding])
     several = len(numbers) > 1
     width = theme.WIDE_FIGURE_IN if several else theme.NARROW_FIGURE_IN
-    fig = theme.make_figure("Friction coefficient", run.title, width, 3.1)
+    fig = theme.make_figure("Friction coefficient over the distance slid", run.title, width, 3.1)
     axes = fig.subplots(1, 2, width_ratios=[1.5, 1.0]) if several else [fig.add_subplot()]
     fig.get_layout_engine().set(wspace=0.04)
     colours = theme.repetition_colours(len(numbers))

@@ -20,7 +20,7 @@ def draw(run, road: bool | None = None, bands=None) -> Figure:
     `road`: whether to draw the road in the heated tracks, by default where it differs from the spots.
     `bands` {"T_spot", "T_block": 95 % band over (time, x)}: shaded.
     """
-    fig = theme.make_figure("Temperature along the contact", run.title, theme.NARROW_FIGURE_IN, 4.0)
+    fig = theme.make_figure("Surface temperature along the block", run.title, theme.NARROW_FIGURE_IN, 4.0)
     ax = fig.add_subplot()
     x, k = 1e3 * run.x, run.last_sliding_index
     earlier = sliding_ends(run)[:-1]

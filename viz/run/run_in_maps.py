@@ -18,7 +18,7 @@ MIN_HOT_SPOT_K = 0.05  # smallest temperature range of the contact with a marked
 
 def applies(run) -> bool:
     """Whether there are several repetitions."""
-    return run_views.has_repetitions(run)
+    return run_views.has_fields(run) and run_views.has_repetitions(run)
 
 
 @theme.styled

@@ -102,6 +102,11 @@ def last_frames(run) -> dict[int, int]:
     return {int(run.repetition[run.frames[i]]): int(i) for i in sliding}
 
 
+def has_fields(run) -> bool:
+    """Whether the run has temperature fields, which a finished run has only if it saved them."""
+    return len(run.frames) > 0
+
+
 def has_repetitions(run) -> bool:
     """Whether a run has more than one repetition to compare."""
     return len(sliding_ends(run)) > 1

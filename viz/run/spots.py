@@ -9,6 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
+from flashtemp.viz.run import run_views
 from flashtemp.viz.run.animation import select_frames, write_gif
 
 PICTURE = "spots"
@@ -18,7 +19,7 @@ SPOT_FRAME_MS, SPOT_LAST_FRAME_MS = 120, 1500  # of a frame, and of the last one
 
 def applies(run) -> bool:
     """Whether the spots are resolved by the mesh."""
-    return "cover" in run.maps
+    return run_views.has_fields(run) and "cover" in run.maps
 
 
 @theme.styled

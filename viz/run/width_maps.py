@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from flashtemp.meshes.mesh import centres
 from flashtemp.physics.interpolation import interpolate_linear
 from flashtemp.viz import theme
+from flashtemp.viz.run import run_views
 from flashtemp.viz.run.run_views import VIEW_COLUMNS, VIEW_ROWS, has_wake
 
 PICTURE = "width"
@@ -18,7 +19,7 @@ EVEN_PRESSURE_FRACTION = 1e-3  # of the pressure; smaller differences count as u
 
 def applies(run) -> bool:
     """Whether the run has cells across."""
-    return run.mesh.n_across > 1
+    return run_views.has_fields(run) and run.mesh.n_across > 1
 
 
 @theme.styled

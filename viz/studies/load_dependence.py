@@ -18,7 +18,7 @@ MAX_SPEED_PANELS = 4
 def draw(study) -> Figure:
     """mu over load (MPa) at each speed, the change by each process at each speed, and local slopes."""
     shown = theme.spread_indices(len(study.speed), MAX_SPEED_PANELS)
-    fig = theme.make_figure("Friction over load, by process", study.title, theme.WIDE_FIGURE_IN, 5.4)
+    fig = theme.make_figure("Friction coefficient over load, by process", study.title, theme.WIDE_FIGURE_IN, 5.4)
     upper, lower = fig.subfigures(2, 1, height_ratios=[1.15, 1.0])
     axes = upper.subplots(1, len(shown), sharey=True, squeeze=False)[0]
     for ax, i in zip(axes, shown, strict=True):

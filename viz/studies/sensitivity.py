@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from flashtemp.viz import theme
 from flashtemp.viz.key_labels import describe_key
+from flashtemp.viz.number_format import format_number
 
 MAX_INPUTS_DRAWN = 10
 SIGMA_95 = 1.96
@@ -41,8 +42,7 @@ def draw(result) -> Figure:
                     c + np.copysign(0.04 * reach, c or 1.0), y, f"{100 * first:.0f}/{100 * total:.0f} %",
                     ha="left" if c >= 0 else "right", va="center", fontsize=6.5,
                 )  # fmt: skip
-        band = f"{theme.format_decimal(number.low)} to {theme.format_decimal(number.high)}"
-        ax.set_title(f"95 %: {band}{unit}")
+        ax.set_title(f"95 %: {format_number(number.low)} to {format_number(number.high)}{unit}")
     axes[0].set_yticks(at, [describe_key(result.inputs[k].key).words for k in shown])
     words = "Bars: change by +1.96 sd of the input. Numbers: first-order and total fraction of the variance."
     theme.add_caption(fig, words)

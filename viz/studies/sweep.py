@@ -23,7 +23,7 @@ def draw(dataset) -> Figure:
     first = dataset.isel({k: 0 for k in keys[1:]})
     words = " and ".join(_coordinate_label(dataset[k]).words for k in keys[:2])
     height = 5.6 if len(keys) > 1 else 3.0
-    fig = theme.make_figure(f"Sweep of {words}", dataset.attrs["title"], theme.WIDE_FIGURE_IN, height)
+    fig = theme.make_figure(f"Temperature over {words}", dataset.attrs["title"], theme.WIDE_FIGURE_IN, height)
     axes = fig.subplots(2 if len(keys) > 1 else 1, 2, squeeze=False)
     _draw_profiles(axes[0, 0], first, keys[0])
     _draw_rises(axes[0, 1], first, keys[0])
@@ -47,7 +47,11 @@ def _draw_profiles(ax, dataset, key: str) -> None:
             color=colour,
             label=_coordinate_label(dataset[key]).format_value(dataset[key].values[i]),
         )
-    ax.set(xlabel="x/L along the block", ylabel=f"in the spots ({theme.CELSIUS})", title="end of the last repetition")
+    ax.set(
+        xlabel="x/L along the block",
+        ylabel=f"temperature ({theme.CELSIUS})",
+        title="in the contact spots, end of the last repetition",
+    )
     ax.legend(title=_coordinate_label(dataset[key]).label, title_fontsize=7.5)
 
 
@@ -57,8 +61,8 @@ def _draw_rises(ax, dataset, key: str) -> None:
         ax.plot(at, dataset[f"rise_{label}_K"], "o-", color=colour, ms=3, label=name)
     ax.set(
         xlabel=_coordinate_label(dataset[key]).label,
-        ylabel="temperature rise, block surface (K)",
-        title="end of the last repetition",
+        ylabel="temperature rise (K)",
+        title="surface of the block, end of the last repetition",
     )
     if words:
         ax.set_xticks(at, words)

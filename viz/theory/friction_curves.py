@@ -26,7 +26,7 @@ def draw(curves, title: str) -> Figure:
 
     `curves` is a FrictionCurves.  Dashed: falling friction, where a tester that sets the force is unstable.
     """
-    fig = theme.make_figure("Friction of the rubber on the road", title, theme.WIDE_FIGURE_IN, 5.8)
+    fig = theme.make_figure("Friction coefficient of the rubber on the road", title, theme.WIDE_FIGURE_IN, 5.8)
     fig.get_layout_engine().set(wspace=0.06, hspace=0.07)
     grid = fig.add_gridspec(2, 2, height_ratios=[1.3, 1.0], width_ratios=[1.15, 1.0])
     _draw_branches(fig.add_subplot(grid[0, 0]), curves)

@@ -18,7 +18,7 @@ def draw(rolling, title: str) -> Figure:
 
     `rolling` is a RollingResult.  Thick: kernel theory; thin and dark: cold-hot law.
     """
-    fig = theme.make_figure("Friction of a tread block", title, theme.WIDE_FIGURE_IN, 5.6)
+    fig = theme.make_figure("Friction coefficient of the tread block", title, theme.WIDE_FIGURE_IN, 5.6)
     fig.get_layout_engine().set(wspace=0.05, hspace=0.06)
     grid = fig.add_gridspec(2, 2, height_ratios=[1.35, 1.0])
     colours = theme.repetition_colours(len(rolling.slips))

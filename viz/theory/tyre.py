@@ -22,7 +22,9 @@ def draw(cornering, title: str) -> Figure:
     `cornering` is a CorneringResult.  Colours are loads; grey are the controls with two equal branches.
     """
     with_maxima = any(cornering.has_inner_peaks(m, n) for m in MODEL_LABELS for n in (*CONTROL_COLOURS, "law"))
-    fig = theme.make_figure("Side force of the tyre", title, theme.WIDE_FIGURE_IN, 5.4 if with_maxima else 3.6)
+    fig = theme.make_figure(
+        "Side force of the tyre over the slip angle", title, theme.WIDE_FIGURE_IN, 5.4 if with_maxima else 3.6
+    )
     fig.get_layout_engine().set(wspace=0.05, hspace=0.06)
     ratios = [1.45, 1.0] if with_maxima else [1.0]
     axes = fig.subplots(len(ratios), 2, squeeze=False, height_ratios=ratios, sharey="row")

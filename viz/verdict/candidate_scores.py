@@ -130,7 +130,9 @@ def _draw_amplitudes(ax, cause) -> None:
     ax.set_xlim(theme.padded_limits(values, [1.0] if is_law else [*common.ci95], least=1e-12, margin=0.08))
     unit = "–" if is_law or common.unit == "1" else escape_mathematics(common.unit)
     ax.set_xlabel(f"{'factor on the whole law' if is_law else plot_helpers.plot_label(common.name)} ({unit})")
-    ax.set_title(f"each condition alone\nprobability of such scatter: {format_number(100 * cause.consistent)} %")
+    # aligned right, where a long title has the room of the labels
+    scatter = f"probability of such scatter: {format_number(100 * cause.consistent)} %"
+    ax.set_title(f"each condition alone\n{scatter}", loc="right")
 
 
 # --- alternative explanations -----------------------------------------------------------------------
@@ -192,4 +194,4 @@ def _draw_deviations(ax, pulls: list, total: int) -> None:
     ax.set_xlim(-reach, reach)
     ax.set_xlabel("deviation from\nthe prior (sigma)")
     ax.xaxis.set_major_locator(MaxNLocator(7, integer=True))
-    ax.set_title(f"nuisance parameters{f', {len(pulls)} of {total}' if total > len(pulls) else ''}")
+    ax.set_title(f"nuisance parameters{f', {len(pulls)} of {total}' if total > len(pulls) else ''}", loc="right")

@@ -13,7 +13,9 @@ from flashtemp.viz.number_format import law_axis_labels
 def draw(verdict) -> Figure:
     """The law of a verdict of kind "learned": a factor (1), or in the unit of its quantity."""
     law = verdict.law
-    fig = theme.make_figure("Learned law", verdict.title, theme.NARROW_FIGURE_IN, 3.0)
+    fig = theme.make_figure(
+        f"Learned law: {law.quantity} over {law.argument}", verdict.title, theme.NARROW_FIGURE_IN, 3.0
+    )
     ax = fig.add_subplot()
     ax.fill_between(law.at, law.low, law.high, color=theme.SPOT_COLOUR, alpha=0.2, lw=0)
     ax.axhline(1.0 if law.unit == "1" else 0.0, color=theme.AMBIENT_COLOUR, lw=0.8)

@@ -19,9 +19,9 @@ def draw(report) -> Figure:
     at = [report.separability.names.index(n) for n in names]
     rho = report.separability.rho[np.ix_(at, at)]
     size = 1.6 + 0.2 * len(names)
-    fig = theme.make_figure("Effects that can be distinguished", report.title, size + 4.2, size + 0.6)
+    fig = theme.make_figure("Correlation and signal of the candidate effects", report.title, size + 4.2, size + 0.6)
     left, right = fig.subplots(1, 2, width_ratios=[size, 2.4])
-    shown = left.imshow(rho, cmap="RdBu_r", vmin=-1, vmax=1, interpolation="nearest")
+    shown = left.imshow(rho, cmap="RdBu_r", vmin=-1, vmax=1, interpolation="nearest", aspect="auto")
     left.set_xticks(range(len(names)), [_effect_label(n) for n in names], rotation=90)
     left.set_yticks(range(len(names)), [_effect_label(n) for n in names])
     left.set_title("correlation of signatures after calibration")

@@ -54,8 +54,8 @@ POINTS_CAPTION = (
     "the noise."
 )
 ABSENCE_REASONS = {
-    "what_is_wrong": "No recording was kept with this verdict, so no images are shown.",
-    "not_noise": "No recording was kept with this verdict, so no maps are shown.",
+    "what_is_wrong": "This verdict has no recording of temperatures, so no images are shown.",
+    "not_noise": "This verdict has no recording of temperatures, so no maps are shown.",
     "missing": "The missing heat flux was not computed for these data.",
     "why": "No candidate was scored.",
     "else": "Neither correlations between effects nor calibrated parameters were kept.",

@@ -127,6 +127,8 @@ def _fit_shortlist(search: EffectSearch, ranked: Sequence[CandidateScore], watch
         return search
     wanted = {frozenset({*effect_names(search.best), *(c.effect for c in g)}): g for g in groups}
     wanted = {names: g for names, g in wanted.items() if names not in search.fits}
+    if not wanted:
+        return search
     words = f"fitting {', '.join(' with '.join(c.effect for c in g) for g in wanted.values())}"
     watch(ProgressMessage(words, **describe_search(search), fitting=[sorted(names) for names in wanted]))
     fittings = {
@@ -142,7 +144,8 @@ def _fit_shortlist(search: EffectSearch, ranked: Sequence[CandidateScore], watch
 def describe_search(search: EffectSearch) -> dict[str, Any]:
     """How far a selection has got, as plain data: scores of all candidates, and full fits with their ln evidence.
 
-    `ln_evidence_base` is that of the stated model; an ln Bayes factor is the difference to it.
+    `ln_evidence_base` is that of the stated model; an ln Bayes factor is the difference to it.  `chi2_per_dof_base` is
+    that of the stated model after calibration, as in the verdict.
     """
     scores = search.ranking[-1] if search.ranking else ()
     return {
@@ -150,7 +153,7 @@ def describe_search(search: EffectSearch) -> dict[str, Any]:
         "fits": [describe_fit(names, fit) for names, fit in search.fits.items() if names],
         "failed": [{"effects": sorted(names), "reason": reason} for names, reason in search.unfitted.items()],
         "ln_evidence_base": search.base.secured_evidence,
-        "chi2_per_value_base": search.base.chi2 / search.base.solution.count,
+        "chi2_per_dof_base": search.base.chi2 / max(search.base.solution.count, 1),
         "accepted": sorted(effect_names(search.best)),
     }
 

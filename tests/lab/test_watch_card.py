@@ -1,0 +1,163 @@
+"""A test is watched from the page of its campaign: template found, files imported, evidence shown, stopped."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import pytest
+from lab.browsing import page, served
+from lab.test_runs_page import COMMANDS, find_barriers, write_job
+from runs.arriving_frames import make_campaign, measure_frames
+
+from flashtemp.errors import BadInput
+from flashtemp.lab.campaign_document import CampaignDocument
+from flashtemp.lab.command_options import fill_form, find_risky_words
+from flashtemp.lab.job_record import read_job
+from flashtemp.lab.job_result import find_result
+from flashtemp.lab.job_start import check_job_words
+from flashtemp.lab.jobs import JobList
+from flashtemp.lab.live_state import LiveState
+from flashtemp.lab.live_watch import (
+    describe_answer,
+    describe_frame,
+    describe_left_files,
+    describe_watch,
+    evidence_series,
+    hypothesis_cells,
+)
+from flashtemp.lab.programs import AllowedPrograms
+from flashtemp.lab.watch_card import WatchCard
+from flashtemp.lab.workspace import list_image_folders
+
+LONGEST_MS = 120_000  # until a file has been compared, on a busy machine
+WATCH = {
+    "state": "watching", "decided": False, "says": "not yet: tilt must exceed wear",
+    "leader": {"hypothesis": "tilt", "ln_bayes": 6.25},
+    "hypotheses": [{"effect": "tilt", "ln_bayes": 6.25, "expected_now": 9.0, "expected_in_the_end": 30.0, "reason": ""},
+                   {"effect": "idle", "ln_bayes": 0.0, "reason": "has no effect"}],
+    "recordings": [{"file": "a.nc", "frames": 2, "files": ["a0.csv", "a1.csv"], "rmse_K": 0.2, "calibrated_rmse_K": 0.05,
+                    "waiting": {"a2.csv": "is\u202ebeing written"}, "refused": {}}],
+    "history": [{"frames": 1, "ln_bayes": {"tilt": 1.0}}, {"frames": 2, "ln_bayes": {"tilt": 6.25}}],
+    "latest": {"recording": "a.nc", "time_s": 1.5, "repetition": 2},
+}  # fmt: skip
+
+
+def test_a_watch_is_started_followed_and_stopped_on_the_page_of_its_campaign(browser, tmp_path):
+    (tmp_path / "measured").mkdir()
+    measured, place = measure_frames(tmp_path / "measured"), tmp_path / "laboratory"
+    rig = make_campaign(measured, place / "rig")
+    with served(place) as (address, _), page(browser, address) as seen:
+        seen.goto(address.split("/?")[0] + "/campaign?open=rig/campaign.toml")
+        seen.get_by_text("side.toml makes condition1_sidewall.nc of files img*.csv").wait_for()
+        seen.get_by_text("flashtemp watch rig/incoming rig --out results/rig-watch").wait_for()
+        seen.get_by_role("button", name="Start watching").click()
+        seen.get_by_text("No frame has been compared yet").wait_for(timeout=LONGEST_MS)
+        for k, words in enumerate(("1 camera file imported, 1 frame", "2 camera files imported, 2 frames")):
+            shutil.copyfile(measured / "frames" / f"img{k}.csv", rig / "incoming" / f"img{k}.csv")
+            seen.get_by_text(words).wait_for(timeout=LONGEST_MS)
+        seen.get_by_text("Not yet: the ln Bayes factor of pressure_tilt must reach 8").wait_for()
+        image = seen.get_by_alt_text("measured minus computed temperature")
+        assert image.get_attribute("src").startswith("data:image/png")
+        seen.get_by_role("cell", name="pressure_tilt").wait_for()
+        seen.get_by_text("no file 'condition1_sidewall.nc'").wait_for(state="detached")  # it is checked again
+        assert find_barriers(seen) == []
+        seen.set_viewport_size({"width": 800, "height": 900})
+        assert seen.evaluate("document.documentElement.scrollWidth") <= 800
+        seen.reload()  # a page that is opened later shows the same watch
+        seen.get_by_text("2 camera files imported, 2 frames").wait_for()
+        seen.get_by_role("button", name="Stop watching").click()
+        seen.get_by_text("the watch has ended").wait_for(timeout=LONGEST_MS)
+        seen.get_by_role("button", name="Start watching").wait_for()
+        seen.goto(address.split("/?")[0] + "/runs")
+        seen.get_by_text("Not yet: the ln Bayes factor of pressure_tilt").wait_for()
+        seen.get_by_role("button", name="Change and run").click()
+        seen.get_by_label("folder of camera files (required)").wait_for()
+        seen.get_by_text("flashtemp watch rig/incoming rig --out results/rig-watch-2").wait_for()
+    assert json.loads((place / "results" / "rig-watch" / "watch.json").read_text())["state"] == "interrupted"
+
+
+def test_a_watch_is_described_in_words():
+    watch = LiveState({"watch": WATCH})
+    assert describe_answer(watch) == "Not yet: tilt must exceed wear."
+    assert describe_watch(watch) == (
+        "2 camera files imported, 2 frames in 1 recording · leading: tilt, ln Bayes factor 6.2"
+    )
+    assert describe_left_files(watch) == r"a2.csv is waiting: is\u202ebeing written"
+    assert describe_frame(watch).startswith(
+        "Latest frame of a.nc · repetition 2, t = 1.5 s · all frames differ by 0.2 K"
+    )
+    assert [s["data"] for s in evidence_series(watch)] == [[[1.0, 1.0], [2.0, 6.25]]]
+    assert hypothesis_cells(watch) == [["tilt", "6.2", "9.0", "30.0"], ["idle", "has no effect", "", ""]]
+
+
+@pytest.mark.parametrize("key", [*WATCH, "all"])
+@pytest.mark.parametrize("value", [None, 7, "<script>", [1, [2]], {"a": {"b": 1}}, [{"a": 1}]])
+def test_a_state_of_a_watch_that_a_stranger_wrote_is_no_danger(key, value):
+    watch = LiveState({"watch": value if key == "all" else WATCH | {key: value}})
+    words = (describe_answer(watch), describe_watch(watch), describe_left_files(watch), describe_frame(watch))
+    assert all(isinstance(text, str) for text in words)
+    assert all(isinstance(cell, str) for row in hypothesis_cells(watch) for cell in row)
+    assert isinstance(evidence_series(watch), list)
+
+
+def test_a_template_that_leads_out_of_the_folder_is_not_read(tmp_path):
+    place = tmp_path / "place"
+    (place / "in").mkdir(parents=True)
+    text = '[[recording]]\nfile = "a.nc"\n'
+    (tmp_path / "secret.toml").write_text('files = ["in/*.csv"]\nout = "a.nc"\n')
+    card = WatchCard(CampaignDocument(place, "campaign.toml", text), JobList(place), AllowedPrograms(), None)
+    with pytest.raises(BadInput, match="no recording template"):
+        card.find_templates("in")
+    shutil.copy(tmp_path / "secret.toml", place / "side.toml")
+    assert list(card.find_templates("in")) == ["a.nc"]
+    (place / "other.toml").symlink_to(tmp_path / "secret.toml")
+    with pytest.raises(BadInput, match="not a file of this folder"):
+        card.find_templates("in")
+    with pytest.raises(BadInput, match="outside the folder"):
+        card.find_templates("../in")
+
+
+def test_the_form_of_runs_has_a_field_for_the_watched_folder():
+    words = ["watch", "rig/incoming", "rig", "--until-decided", "--out", "w"]
+    form = fill_form(words, COMMANDS)
+    assert (form.arrivals, form.file, form.values, form.out, form.more) == (
+        "rig/incoming", "rig", {"until_decided": True}, "w", "",
+    )  # fmt: skip
+    assert find_risky_words(words, COMMANDS) == []
+    assert find_risky_words(["watch", "../elsewhere", "rig"], COMMANDS)
+    assert find_risky_words(["watch", "--trust", "rig"], COMMANDS)
+
+
+@pytest.mark.parametrize("words", [["watch", "../in", "rig"], ["watch", "in", "../rig"], ["watch", "in", "/rig"]])
+def test_no_watch_reads_outside_the_folder(tmp_path, words):
+    with pytest.raises(BadInput):
+        check_job_words(tmp_path, words)
+
+
+def test_camera_folders_are_offered_and_results_are_not(tmp_path):
+    for name in ("incoming", "cam", "results/run", "notes"):
+        (tmp_path / name).mkdir(parents=True)
+    (tmp_path / "cam" / "a.csv").touch()
+    (tmp_path / "notes" / "a.md").touch()
+    (tmp_path / "results" / "run" / "run.nc").touch()
+    assert list_image_folders(tmp_path) == ["cam", "incoming", "results", "notes"]
+
+
+def test_a_stopped_watch_has_its_answer_as_result(tmp_path):
+    (tmp_path / "w").mkdir()
+    (tmp_path / "w" / "watch.json").write_text(json.dumps({"says": "not yet: wait"}))
+    log = write_job(
+        tmp_path, "20260101-100000-1-watch", "$ flashtemp watch in rig --out w", end={"exit_code": 130, "time": 1}
+    )
+    result = find_result(tmp_path, read_job(log))
+    assert result.sentence == "Not yet: wait"
+    assert result.links[0][1] == "/runs?command=discover&of=rig"
+
+
+def test_a_watch_does_not_wait_for_its_turn(tmp_path):
+    jobs = JobList(tmp_path)
+    jobs.most_at_once = 0  # as if every core were busy
+    watch, other = jobs.start(["watch", "nothing", "nothing"]), jobs.start(["run", "nothing"])
+    assert (watch.process is not None, other.process is not None) == (True, False)
+    jobs.stop_all()

@@ -140,7 +140,7 @@ def watch(
     until_decided
         End when the data suffice.
     overwrite
-        Replace recordings even if they have frames whose camera files are not in the folder.
+        Replace recordings that hold frames of missing files.
     workers
         Number of processes; one per core when not given.
     """

@@ -340,7 +340,7 @@ def test_remarks_follow_the_keys_and_lead_to_them(browser, server, place):
 def test_a_number_in_a_command_is_shown_with_its_unit(browser, server):
     with page(browser, server) as seen:
         seen.goto(f"{server.split('/?')[0]}/runs?command=run&of=mine.toml")
-        seen.get_by_label("keys to change").fill("contact.pressure=150000")
+        seen.get_by_label("Keys of the case to change").fill("contact.pressure=150000")
         seen.get_by_text("contact.pressure is in Pa: 150 kPa").wait_for()
 
 

@@ -199,7 +199,7 @@ def test_a_recording_is_shown_upright_in_mm_with_its_facts_and_the_next_step(bro
         assert seen.locator(".tv-ruler.across b").inner_text() == "x, mm"
         assert "0" in seen.locator(".tv-ruler.up span").all_inner_texts()
         assert seen.locator(".tv-time").inner_text() == "frame 0 of 5 · 3 s · repetition 1"
-        for words in ("0.15 MPa", "0.05 K stated", "3 to 8 s from the first start of sliding"):
+        for words in ("150 kPa", "0.05 K stated", "3 to 8 s from the first start of sliding"):
             seen.get_by_text(words).first.wait_for()
         assert "--" not in seen.locator(".ft-main").inner_text()
         seen.get_by_role("button", name="Correct the marks").click()

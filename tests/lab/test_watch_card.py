@@ -152,7 +152,7 @@ def test_a_stopped_watch_has_its_answer_as_result(tmp_path):
     )
     result = find_result(tmp_path, read_job(log))
     assert result.sentence == "Not yet: wait"
-    assert result.links[0][1] == "/runs?command=discover&of=rig"
+    assert result.starts == (("Ask what is missing", ("discover", "rig", "--out", "results/rig-discover")),)
 
 
 def test_a_watch_does_not_wait_for_its_turn(tmp_path):

@@ -46,7 +46,22 @@ def text_list(value: Any) -> list[str]:
 
 def stored_number(value: Any) -> float:
     """A number of a JSON file, infinite ones as text; NaN for null and for anything else."""
-    return float(value) if isinstance(value, (int, float)) or value in ("inf", "-inf") else math.nan
+    try:
+        return float(value) if isinstance(value, (int, float)) or value in ("inf", "-inf") else math.nan
+    except OverflowError:  # an integer of hundreds of digits
+        return math.nan
+
+
+def percent_change(ln_change: float) -> float:
+    """A change of a logarithm as a change in %; infinite beyond the numbers that a computer holds.
+
+    >>> round(percent_change(0.05), 2), percent_change(1e4), percent_change(-1e4)
+    (5.13, inf, -100.0)
+    """
+    try:
+        return 100.0 * math.expm1(ln_change)
+    except OverflowError:
+        return math.inf
 
 
 def number_text(value: Any) -> str:

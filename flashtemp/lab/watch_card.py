@@ -11,6 +11,7 @@ from nicegui import run, ui
 from flashtemp.camera.importing.growing_recording import RecordingTemplate
 from flashtemp.discovery.watched_test import find_templates
 from flashtemp.errors import BadInput
+from flashtemp.lab.camera_files import check_stated_files
 from flashtemp.lab.campaign_document import CampaignDocument
 from flashtemp.lab.job_record import STATE_KINDS, LoggedJob, format_duration
 from flashtemp.lab.job_result import free_result_folder, usual_result_folder
@@ -103,7 +104,10 @@ class WatchCard:
             if find_own_file(self.folder, file.relative_to(self.folder.resolve())) is None:
                 raise BadInput(f"{file}: hidden, or a link out of this folder; remove it before you watch")
         names = [e["file"] for e in self.document.list_entries("recording") if isinstance(e.get("file"), str)]
-        return find_templates(place, home, names)
+        found = find_templates(place, home, names)
+        for template in found.values():
+            check_stated_files(self.folder, template.facts)
+        return found
 
     # --- before the start -------------------------------------------------------------------------------------
     def _choose_folder(self) -> None:

@@ -16,6 +16,7 @@ from nicegui.page import page as page_of_client
 from runs.arriving_frames import make_campaign, measure_frames
 
 from flashtemp.errors import BadInput
+from flashtemp.lab.camera_page import CameraPage
 from flashtemp.lab.campaign_document import CampaignDocument
 from flashtemp.lab.command_options import fill_form, find_risky_words
 from flashtemp.lab.job_record import read_job
@@ -121,6 +122,13 @@ def test_a_template_that_leads_out_of_the_folder_is_not_read(tmp_path):
         card.find_templates("in")
     with pytest.raises(BadInput, match="outside the folder"):
         card.find_templates("../in")
+    (place / "other.toml").unlink()
+    for key in ("times", "mask", "places", "case"):
+        (place / "side.toml").write_text(f'files = ["in/*.csv"]\nout = "a.nc"\n{key} = "../secret.toml"\n')
+        with pytest.raises(BadInput, match="outside the folder"):
+            card.find_templates("in")
+        with pytest.raises(BadInput, match="outside the folder"):
+            CameraPage(place)._load_template("side.toml")
 
 
 @pytest.mark.parametrize(("folder", "out"), [("in", "w-watch"), ("other", "w-watch-2")])

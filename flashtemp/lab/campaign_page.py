@@ -90,7 +90,7 @@ class CampaignPage:
             self._add_file_controls()
             self._add_commands()
         self.faults = ui.column().classes("w-full gap-1 ft-optional").props("aria-live=polite")
-        self.additions = CampaignAdditions(self.document, self.store, self._files_stored)
+        self.additions = CampaignAdditions(self.document, self.store, self._check_again)
         self.table = RecordingTable(self.document, self.store, self.additions.duplicate_entry)
         with card(
             "Measurements", "Each row has the conditions under which it was made. A cell changes the text below."
@@ -216,10 +216,6 @@ class CampaignPage:
 
     def _show_refusal(self, error: str) -> None:
         ui.notify(escape_control(error), type="negative")
-
-    def _files_stored(self) -> None:
-        """Files have been dropped: the check may find what it missed."""
-        self.checked_text = None
 
     # --- checks ----------------------------------------------------------------------------------------------
     async def _check_if_changed(self) -> None:

@@ -99,14 +99,19 @@ def show_answer(sentences: Sequence[str], numbers: Sequence[MainNumber] = (), gr
     with ui.element("section").classes(f"ft-card ft-answer-card {grade}").props('aria-label="answer"'):
         if state:
             chip(state, grade)
-        write_text("p", sentences[0] if sentences else "This result holds no numbers.").classes("ft-answer m-0")
-        if sentences[1:MAX_ANSWER_LINES]:
-            show_list(sentences[1:MAX_ANSWER_LINES])
-        if len(sentences) > MAX_ANSWER_LINES:
-            with folded_part(f"{len(sentences) - MAX_ANSWER_LINES} further findings"):
-                show_list(sentences[MAX_ANSWER_LINES:])
+        show_sentences(sentences or ["This result holds no numbers."])
         if numbers:
             show_figures(numbers)
+
+
+def show_sentences(sentences: Sequence[str]) -> None:
+    """Show the first sentence in large type and the others as a list, of which many are folded."""
+    write_text("p", sentences[0]).classes("ft-answer m-0")
+    if sentences[1:]:
+        show_list(sentences[1:MAX_ANSWER_LINES])
+    if len(sentences) > MAX_ANSWER_LINES:
+        with folded_part(f"{len(sentences) - MAX_ANSWER_LINES} further findings"):
+            show_list(sentences[MAX_ANSWER_LINES:])
 
 
 def write_text(tag: str, text: str) -> Any:

@@ -73,7 +73,21 @@ class WatchCard:
         self.job = self._find_job()
         self._show_job()
         self._choose_folder()
+        self.shown = self._choice_state()
         ui.timer(REFRESH_INTERVAL_S, self._refresh)
+
+    def update_choices(self) -> None:
+        """Show templates and command again where the name or the recordings of the campaign have changed."""
+        if self.document.raw is None or (state := self._choice_state()) == self.shown:
+            return
+        self.shown = state
+        if self.arrivals.value is None:
+            self.arrivals.value = self._likely_folder(list(self.arrivals.options))
+        self._choose_folder()
+
+    def _choice_state(self) -> tuple[str, list[str]]:
+        """What decides on templates and command, besides the choices of the card."""
+        return self.document.name, [str(entry.get("file")) for entry in self.document.list_entries("recording")]
 
     def _add_choices(self) -> None:
         """The folder of the camera files, and whether the watch ends by itself."""

@@ -140,6 +140,20 @@ def test_a_watch_replaces_no_result_of_the_watch_of_another_test(tmp_path, folde
     assert card.command_words() == ["watch", "in", "w", "--out", f"results/{out}"]
 
 
+def test_a_recording_that_is_added_on_the_page_can_be_watched_at_once(tmp_path):
+    (tmp_path / "in").mkdir()
+    (tmp_path / "side.toml").write_text('files = ["in/*.csv"]\nout = "a.nc"\n')
+    document = CampaignDocument(tmp_path, "campaign.toml", "")
+    with Client(page_of_client("/watch"), request=None):
+        card = WatchCard(document, JobList(tmp_path), AllowedPrograms(), None)
+        card.show()
+        assert not card.start.enabled
+        document.text = '[[recording]]\nfile = "a.nc"\n'
+        card.update_choices()
+        assert card.start.enabled
+        assert card.command_words()[1:3] == ["in", "campaign.toml"]
+
+
 def test_a_second_click_and_a_second_tab_start_no_second_watch(tmp_path, monkeypatch):
     monkeypatch.setattr(JobList, "_start_process", lambda self, job: SimpleNamespace(poll=lambda: None, wait=lambda: 0))
     monkeypatch.setattr(JobList, "_await_end", lambda self, process, job: None)

@@ -114,9 +114,9 @@ class WatchCard:
     def find_templates(self, arrivals: str) -> dict[str, RecordingTemplate]:
         """The templates of recordings of the campaign for files in a folder.  Raises BadInput."""
         home, place = self.document.path.parent, resolve_inside(self.folder, arrivals)
-        for file in (file for at in (home, place) for file in at.glob("*.toml")):
+        for file in (file for at in (home, place) for file in at.glob("[!.]*.toml")):
             if find_own_file(self.folder, file.relative_to(self.folder.resolve())) is None:
-                raise BadInput(f"{file}: hidden, or a link out of this folder; remove it before you watch")
+                raise BadInput(f"{file}: not a file of this folder; remove the link before you watch")
         names = [e["file"] for e in self.document.list_entries("recording") if isinstance(e.get("file"), str)]
         found = find_templates(place, home, names)
         for template in found.values():

@@ -116,9 +116,10 @@ def test_a_template_that_leads_out_of_the_folder_is_not_read(tmp_path):
     with pytest.raises(BadInput, match="no recording template"):
         card.find_templates("in")
     shutil.copy(tmp_path / "secret.toml", place / "side.toml")
+    (place / "._side.toml").symlink_to(tmp_path / "secret.toml")  # hidden
     assert list(card.find_templates("in")) == ["a.nc"]
     (place / "other.toml").symlink_to(tmp_path / "secret.toml")
-    with pytest.raises(BadInput, match="a link out of this folder"):
+    with pytest.raises(BadInput, match="not a file of this folder"):
         card.find_templates("in")
     with pytest.raises(BadInput, match="outside the folder"):
         card.find_templates("../in")

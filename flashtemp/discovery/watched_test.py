@@ -88,7 +88,8 @@ def find_templates(folder: Path, home: Path, names: Sequence[str]) -> dict[str, 
     files = {(home / name).resolve(): name for name in names}
     places = dict.fromkeys((home.resolve(), folder.resolve()))
     found: dict[str, RecordingTemplate] = {}
-    for path in (path for place in places for path in sorted(place.glob("*.toml"))):
+    # hidden files are left out, as among camera files: some systems write one beside every file
+    for path in (path for place in places for path in sorted(place.glob("[!.]*.toml"))):
         template = RecordingTemplate.from_file(path, folder)
         name = None if template is None else files.get(template.out)
         if template is None or name is None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 from base64 import b64encode
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -59,6 +61,16 @@ def find_camera_files(folder: Path, names: list[str]) -> list[Path]:
         if not path.is_file():
             raise BadInput(f"{escape_control(name)}: neither a file nor a folder of files; give a camera file")
     return files
+
+
+def check_stated_files(folder: Path, facts: ImportOptions) -> None:
+    """Check that the tables, the mask and the case of a template lie inside the folder.  Raises BadInput."""
+    for field in fields(ImportOptions):
+        if isinstance(path := getattr(facts, field.name), Path):
+            try:
+                resolve_inside(folder, os.path.relpath(path, folder.resolve()))
+            except ValueError as fault:  # a NUL byte
+                raise BadInput(f"{field.name}: {escape_control(str(path))!r}: not a valid file name") from fault
 
 
 def find_time_tables(folder: Path) -> dict[str, Path]:

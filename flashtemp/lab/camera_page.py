@@ -9,7 +9,13 @@ from nicegui import ui
 
 from flashtemp.camera.importing.import_options import ImportOptions, load_template
 from flashtemp.errors import BadInput
-from flashtemp.lab.camera_files import UploadArea, find_camera_files, show_example_button, show_file_cards
+from flashtemp.lab.camera_files import (
+    UploadArea,
+    check_stated_files,
+    find_camera_files,
+    show_example_button,
+    show_file_cards,
+)
 from flashtemp.lab.frame_reading import FrameReading
 from flashtemp.lab.frame_server import FrameServer
 from flashtemp.lab.import_part import ImportPart
@@ -82,7 +88,9 @@ class CameraPage:
         """Take files, marks and values of a template.  Raises BadInput."""
         _, version = read_text(self.folder, template)  # checks that it is a short regular file before it is parsed
         path = resolve_inside(self.folder, template)
-        names, out, self.inherited = load_template(path)
+        names, out, facts = load_template(path)
+        check_stated_files(self.folder, facts)
+        self.inherited = facts
         place = Path(template).parent
         self.names, self.version = [str(place / n) for n in names], version.digest
         made = Path(out or path.with_suffix(".nc")).resolve()

@@ -90,7 +90,7 @@ class CampaignPage:
             self._add_file_controls()
             self._add_commands()
         self.faults = ui.column().classes("w-full gap-1 ft-optional").props("aria-live=polite")
-        self.additions = CampaignAdditions(self.document, self.store, self._files_stored)
+        self.additions = CampaignAdditions(self.document, self.store, self._check_again)
         self.table = RecordingTable(self.document, self.store, self.additions.duplicate_entry)
         with card(
             "Measurements", "Each row has the conditions under which it was made. A cell changes the text below."
@@ -99,9 +99,9 @@ class CampaignPage:
             self.table.show()
         with card("Add measurements"):
             self.additions.show()
-        watch = WatchCard(self.document, self.jobs, self.allowed, self._save)
-        watch.imported = self._check_again
-        watch.show()
+        self.watch = WatchCard(self.document, self.jobs, self.allowed, self._save)
+        self.watch.imported = self._check_again
+        self.watch.show()
         with ui.element("div").classes("ft-split"):
             self.keys = FreeKeysPanel(self.document)
             with card("What is fitted"):
@@ -183,6 +183,7 @@ class CampaignPage:
         self.document.name = self.name.value or ""
         self.checked_text = None
         self._show_state()
+        self.watch.update_choices()
 
     def _choose_case(self) -> None:
         chosen = self.case.value
@@ -213,13 +214,10 @@ class CampaignPage:
             self.keys.update_values()
             self.candidates.update_values()
             self.additions.update_offers()
+            self.watch.update_choices()
 
     def _show_refusal(self, error: str) -> None:
         ui.notify(escape_control(error), type="negative")
-
-    def _files_stored(self) -> None:
-        """Files have been dropped: the check may find what it missed."""
-        self.checked_text = None
 
     # --- checks ----------------------------------------------------------------------------------------------
     async def _check_if_changed(self) -> None:

@@ -31,7 +31,7 @@ from flashtemp.lab.page_layout import (
 )
 from flashtemp.lab.programs import AllowedPrograms, programs_of_text
 from flashtemp.lab.remark_list import RemarkList
-from flashtemp.lab.saved_text import SAVED, SavedText
+from flashtemp.lab.saved_text import SavedText
 from flashtemp.lab.saving import TextVersion, read_text
 from flashtemp.lab.start_button import OPTIONS_LABEL, CommandStarter, options_address, start_once
 from flashtemp.lab.style import read_asset
@@ -370,9 +370,8 @@ class CasePage:
                 return False
 
     async def _run(self) -> bool:
-        """Save the text where it has changed, run the case and show its live view; whether it was started."""
-        name = self.name.value or ""
-        if self.saved.describe_state(name, self.editor.text) == SAVED or await self._save():
+        """Save the text, run the case and show its live view; whether it was started."""
+        if await self._save():  # also an unchanged text: the file may have changed on disk
             with self.faults, show_errors(self.folder):
-                return await self.starter.start(self.starter.command_words("run", name))
+                return await self.starter.start(self.starter.command_words("run", self.name.value or ""))
         return False

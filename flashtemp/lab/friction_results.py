@@ -15,6 +15,7 @@ from flashtemp.lab.result_parts import (
     MainNumber,
     folded_part,
     number_text,
+    percent_change,
     record_list,
     show_answer,
     show_list,
@@ -128,7 +129,7 @@ def _show_load_dependence(data: Mapping[str, Any]) -> None:
     labels = [escape_control(str(words.get(name, name))) for name in acting]
     with card("What makes friction depend on load", "Change from the lowest to the highest load, by process."):
         series = [
-            bar_series(f"at {v} m/s", labels, [100.0 * math.expm1(stored_number(shares[n][k])) for n in acting], k)
+            bar_series(f"at {v} m/s", labels, [percent_change(stored_number(shares[n][k])) for n in acting], k)
             for k, v in enumerate(speeds)
         ]
         chart = show_chart(

@@ -63,10 +63,19 @@ def free_result_folder(folder: Path, out: str, jobs: Iterable[LoggedJob]) -> str
 
 
 def choose_result_folder(folder: Path, command: str, file: str | Path, jobs: Iterable[LoggedJob]) -> str:
-    """A free result folder named after the file of a command, or after its folder, and the command."""
+    """The usual result folder of a command, or one like it that is free."""
+    return free_result_folder(folder, usual_result_folder(command, file), jobs)
+
+
+def usual_result_folder(command: str, file: str | Path) -> str:
+    """A result folder named after the file of a command, or after its folder, and the command.
+
+    >>> usual_result_folder("compare", "rig/campaign.toml"), usual_result_folder("run", "tyre.toml")
+    ('results/rig-compare', 'results/tyre-run')
+    """
     path = Path(file)
     name = ((path.parent.name if path.name in STANDARD_FILES else "") or path.stem).lstrip(".")
-    return free_result_folder(folder, f"results/{name}-{command}", jobs)
+    return f"results/{name}-{command}"
 
 
 def find_result(folder: Path, job: LoggedJob) -> JobResult | None:

@@ -7,9 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from flashtemp.errors import BadInput
+from flashtemp.lab.campaign_checks import find_outside_files
 from flashtemp.lab.jobs import LOG_FOLDER, WATCH_COMMAND, JobList
 from flashtemp.lab.page_layout import STANDARD_FILES, ask_to_run
-from flashtemp.lab.programs import AllowedPrograms, has_trust, programs_of_command
+from flashtemp.lab.programs import CAMPAIGN_COMMANDS, AllowedPrograms, has_trust, programs_of_command, read_toml_text
+from flashtemp.lab.toml_editing import try_parse
 from flashtemp.lab.workspace import resolve_inside
 
 
@@ -29,7 +31,7 @@ async def start_job(folder: Path, jobs: JobList, allowed: AllowedPrograms, words
 
 
 def check_job_words(folder: Path, words: Sequence[str]) -> None:
-    """Check that a command reads and writes inside the folder.  Raises BadInput."""
+    """Check that a command and its campaign name files inside the folder only.  Raises BadInput."""
     n_files = 2 if words[:1] == [WATCH_COMMAND] else 1  # a watch names its folder of camera files first
     files = [words[2]] if words[1:2] == ["--resume"] and len(words) > 2 else list(words[1 : 1 + n_files])
     for k, word in enumerate(words):
@@ -39,8 +41,16 @@ def check_job_words(folder: Path, words: Sequence[str]) -> None:
             files.append(words[k + 1])
         elif word == "--log" or word.startswith("--log="):
             raise BadInput("--log: the page keeps the log of every command itself; leave it out")
-    for file in files:
-        resolve_inside(folder, file)
+    paths = [resolve_inside(folder, file) for file in files]
+    if words[:1] and words[0] in (*CAMPAIGN_COMMANDS, WATCH_COMMAND) and len(paths) >= n_files:
+        _check_campaign_files(folder, paths[n_files - 1])
+
+
+def _check_campaign_files(folder: Path, campaign: Path) -> None:
+    """Check that the files that a campaign names lie inside the folder.  Raises BadInput."""
+    path = campaign / "campaign.toml" if campaign.is_dir() else campaign
+    if outside := find_outside_files(try_parse(read_toml_text(path)) or {}, path, folder):
+        raise BadInput(*(f"{path}: {fault.text}" for fault in outside))
 
 
 def file_word(name: str) -> str:

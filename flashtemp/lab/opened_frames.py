@@ -61,21 +61,6 @@ class OpenedFrames:
         clock = self.preview.time if self.preview.time is not None else self.preview.clock
         return np.arange(len(self.preview.mean)) if clock is None else clock
 
-    def pixel_value(self, frame: int, column: float, row: float) -> float | None:
-        """Temperature (degC) of the pixel at a position, None outside the image."""
-        c, r = round(column), round(row)
-        rows, columns = self.frames.shape[1:]
-        return float(self.frames[frame, r, c]) if 0 <= c < columns and 0 <= r < rows else None
-
-    def describe_pixel(self, frame: int, column: float, row: float) -> str:
-        """Temperature or state of the pixel at a position, in words."""
-        T = self.pixel_value(frame, column, row)
-        if T is None:
-            return "outside"
-        if np.isfinite(T):
-            return f"{T:.2f} °C"
-        return "dead in every frame" if self.preview.dead[round(row), round(column)] else self.missing_words
-
     @property
     def missing_words(self) -> str:
         """Why a pixel that is not dead may have no value."""

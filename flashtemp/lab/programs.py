@@ -77,7 +77,7 @@ def _listed_files(conditions: dict[str, Any]) -> list[str]:
 def programs_of_case(case: Path) -> list[Path]:
     """Effect files that a case, a folder with a case.toml or a .toml file, lists.  Raises BadInput."""
     file = case / "case.toml" if case.is_dir() else case
-    return programs_of_text(_read_toml(file), file.parent)
+    return programs_of_text(read_toml_text(file), file.parent)
 
 
 def programs_of_command(words: Sequence[str], folder: Path) -> list[Path]:
@@ -91,7 +91,7 @@ def programs_of_command(words: Sequence[str], folder: Path) -> list[Path]:
     path = resolve_inside(folder, words[1])
     if words[0] in CAMPAIGN_COMMANDS:
         file = path / "campaign.toml" if path.is_dir() else path
-        return programs_of_campaign(_read_toml(file), file.parent)
+        return programs_of_campaign(read_toml_text(file), file.parent)
     home = path if path.is_dir() else path.parent
     changed = [_resolve_links(home / name) for word in words[2:] for name in _python_files(word)]
     return list(dict.fromkeys([*programs_of_case(path), *changed]))
@@ -115,7 +115,7 @@ def _resolve_links(file: Path) -> Path:
         return file
 
 
-def _read_toml(file: Path) -> str:
+def read_toml_text(file: Path) -> str:
     """The text of a TOML file, "" where no command could read it.  Raises BadInput for a large file."""
     try:
         if not file.is_file():

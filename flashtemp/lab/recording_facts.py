@@ -14,6 +14,7 @@ from flashtemp.camera.image_screening import temporal_noise
 from flashtemp.camera.recording import Recording
 from flashtemp.errors import FlashtempError
 from flashtemp.lab.campaign_document import CampaignDocument
+from flashtemp.lab.recording_store import MAX_NOISE_VALUES
 from flashtemp.lab.saving import read_text
 from flashtemp.lab.workspace import FolderListing, find_own_file
 from flashtemp.model.case_file import parse_toml
@@ -33,7 +34,6 @@ FACT_WORDS: Final = {  # attribute of a recording: what it is and its unit
     "exposure_s": ("exposure time", "s"),
     "fps": ("frame rate", "1/s"),
 }
-MAX_NOISE_VALUES: Final = 1_000_000  # from which the noise is measured
 
 
 @dataclass(frozen=True)

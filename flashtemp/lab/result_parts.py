@@ -46,7 +46,22 @@ def text_list(value: Any) -> list[str]:
 
 def stored_number(value: Any) -> float:
     """A number of a JSON file, infinite ones as text; NaN for null and for anything else."""
-    return float(value) if isinstance(value, (int, float)) or value in ("inf", "-inf") else math.nan
+    try:
+        return float(value) if isinstance(value, (int, float)) or value in ("inf", "-inf") else math.nan
+    except OverflowError:  # an integer of hundreds of digits
+        return math.nan
+
+
+def percent_change(ln_change: float) -> float:
+    """A change of a logarithm as a change in %; infinite beyond the numbers that a computer holds.
+
+    >>> round(percent_change(0.05), 2), percent_change(1e4), percent_change(-1e4)
+    (5.13, inf, -100.0)
+    """
+    try:
+        return 100.0 * math.expm1(ln_change)
+    except OverflowError:
+        return math.inf
 
 
 def number_text(value: Any) -> str:
@@ -84,14 +99,19 @@ def show_answer(sentences: Sequence[str], numbers: Sequence[MainNumber] = (), gr
     with ui.element("section").classes(f"ft-card ft-answer-card {grade}").props('aria-label="answer"'):
         if state:
             chip(state, grade)
-        write_text("p", sentences[0] if sentences else "This result holds no numbers.").classes("ft-answer m-0")
-        if sentences[1:MAX_ANSWER_LINES]:
-            show_list(sentences[1:MAX_ANSWER_LINES])
-        if len(sentences) > MAX_ANSWER_LINES:
-            with folded_part(f"{len(sentences) - MAX_ANSWER_LINES} further findings"):
-                show_list(sentences[MAX_ANSWER_LINES:])
+        show_sentences(sentences or ["This result holds no numbers."])
         if numbers:
             show_figures(numbers)
+
+
+def show_sentences(sentences: Sequence[str]) -> None:
+    """Show the first sentence in large type and the others as a list, of which many are folded."""
+    write_text("p", sentences[0]).classes("ft-answer m-0")
+    if sentences[1:]:
+        show_list(sentences[1:MAX_ANSWER_LINES])
+    if len(sentences) > MAX_ANSWER_LINES:
+        with folded_part(f"{len(sentences) - MAX_ANSWER_LINES} further findings"):
+            show_list(sentences[MAX_ANSWER_LINES:])
 
 
 def write_text(tag: str, text: str) -> Any:

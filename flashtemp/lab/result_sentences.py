@@ -8,7 +8,7 @@ from typing import Any
 
 from flashtemp.display import format_count
 from flashtemp.lab.live_state import finite_number
-from flashtemp.lab.result_parts import number_text, record_list, stored_number, text_list
+from flashtemp.lab.result_parts import number_text, percent_change, record_list, stored_number, text_list
 from flashtemp.lab.workspace import escape_control
 
 Data = Mapping[str, Any]
@@ -196,7 +196,7 @@ def describe_loads(data: Data) -> list[str]:
     words = data.get("words")
     cause = str(words.get(str(data.get("leading")), "")) if isinstance(words, dict) else ""
     low, high = (number_text(1e-6 * p) for p in (pressures[0], pressures[-1]))
-    change = f"{100.0 * math.expm1(changes[n]):+.1f} % at {number_text(speeds[n])} m/s"
+    change = f"{percent_change(changes[n]):+.1f} % at {number_text(speeds[n])} m/s"
     why = f", mostly because {escape_control(cause)}" if cause else ""
     return [f"From {low} to {high} MPa friction changes by {change}{why}.", *_describe_trends(data)]
 

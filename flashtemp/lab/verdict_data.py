@@ -53,11 +53,6 @@ class StoredVerdict:
     law: dict[str, Any]
     measured: tuple[str, ...]
 
-    @property
-    def held_out_names(self) -> list[str]:
-        """Files of the recordings that no fit has used."""
-        return [r.file for r in self.recordings if r.held_out]
-
 
 def read_verdict(result: ResultFolder) -> StoredVerdict:
     """The verdict of a result.  Raises BadInput for a damaged file."""

@@ -32,6 +32,7 @@ from flashtemp.lab.result_parts import (
     refuse_unreadable,
     show_figures,
     show_list,
+    show_sentences,
     show_table,
     write_text,
 )
@@ -46,7 +47,6 @@ from flashtemp.lab.verdict_data import (
 from flashtemp.lab.workspace import escape_control, list_folder
 
 KEY_PICTURES = ("what_is_wrong.png", "law.png")  # the one that exists shows the answer
-MAX_ANSWER_LINES = 6
 MAX_PLANS = 3
 VERDICT_BADGES = {"good": "certain enough to act on", "warning": "not certain yet", "error": "no answer yet"}
 
@@ -93,12 +93,7 @@ class VerdictCards:
                 chip(words, grade)
                 doubtful = [c for c in v.causes if c.is_doubtful]
                 chip("the cause is certain, its law is not" if doubtful else VERDICT_BADGES[grade])
-            write_text("p", v.says[0] if v.says else f"{words}.").classes("ft-answer m-0")
-            if len(v.says) > 1:
-                show_list(v.says[1:MAX_ANSWER_LINES])
-            if len(v.says) > MAX_ANSWER_LINES:
-                with folded_part(f"{len(v.says) - MAX_ANSWER_LINES} further findings"):
-                    show_list(v.says[MAX_ANSWER_LINES:])
+            show_sentences(v.says or [f"{words}."])
             numbers = self._answer_numbers()
             if numbers:
                 show_figures(numbers)

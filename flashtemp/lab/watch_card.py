@@ -11,16 +11,24 @@ from nicegui import run, ui
 from flashtemp.camera.importing.growing_recording import RecordingTemplate
 from flashtemp.discovery.watched_test import find_templates
 from flashtemp.errors import BadInput
+from flashtemp.lab.camera_files import check_stated_files
 from flashtemp.lab.campaign_document import CampaignDocument
 from flashtemp.lab.job_record import STATE_KINDS, LoggedJob, format_duration
-from flashtemp.lab.job_result import free_result_folder
-from flashtemp.lab.job_start import file_word, start_job
+from flashtemp.lab.job_result import free_result_folder, usual_result_folder
+from flashtemp.lab.job_start import file_word, short_file_name, start_job
 from flashtemp.lab.jobs import WATCH_COMMAND, JobList, command_text
 from flashtemp.lab.live_state import finite_number
 from flashtemp.lab.live_view import LiveView
-from flashtemp.lab.page_layout import STANDARD_FILES, action, card, chip, note, page_address, show_command, show_errors
+from flashtemp.lab.page_layout import action, card, chip, note, page_address, show_command, show_errors
 from flashtemp.lab.programs import AllowedPrograms
-from flashtemp.lab.workspace import escape_control, find_own_file, list_image_folders, resolve_inside
+from flashtemp.lab.start_button import start_once
+from flashtemp.lab.workspace import (
+    escape_control,
+    find_own_file,
+    list_image_folders,
+    read_json_quietly,
+    resolve_inside,
+)
 
 REFRESH_INTERVAL_S: Final = 0.5
 MAX_PAST_JOBS: Final = 20  # among which a watch of an earlier server is sought
@@ -56,7 +64,7 @@ class WatchCard:
             self.faults = ui.column().classes("w-full gap-1 ft-optional")
             self.command = ui.column().classes("w-full ft-optional")
             with ui.row().classes("items-center gap-3"):
-                self.start = action("Start watching", self._start, "sensors")
+                self.start = action("Start watching", start_once(self._start), "sensors")
                 self.stop = action("Stop watching", self._stop, "stop")
                 self.state = chip("")
                 self.clock = ui.label().classes("ft-muted ft-small")
@@ -65,7 +73,21 @@ class WatchCard:
         self.job = self._find_job()
         self._show_job()
         self._choose_folder()
+        self.shown = self._choice_state()
         ui.timer(REFRESH_INTERVAL_S, self._refresh)
+
+    def update_choices(self) -> None:
+        """Show templates and command again where the name or the recordings of the campaign have changed."""
+        if self.document.raw is None or (state := self._choice_state()) == self.shown:
+            return
+        self.shown = state
+        if self.arrivals.value is None:
+            self.arrivals.value = self._likely_folder(list(self.arrivals.options))
+        self._choose_folder()
+
+    def _choice_state(self) -> tuple[str, list[str]]:
+        """What decides on templates and command, besides the choices of the card."""
+        return self.document.name, [str(entry.get("file")) for entry in self.document.list_entries("recording")]
 
     def _add_choices(self) -> None:
         """The folder of the camera files, and whether the watch ends by itself."""
@@ -92,11 +114,14 @@ class WatchCard:
     def find_templates(self, arrivals: str) -> dict[str, RecordingTemplate]:
         """The templates of recordings of the campaign for files in a folder.  Raises BadInput."""
         home, place = self.document.path.parent, resolve_inside(self.folder, arrivals)
-        for file in (file for at in (home, place) for file in at.glob("*.toml")):
+        for file in (file for at in (home, place) for file in at.glob("[!.]*.toml")):
             if find_own_file(self.folder, file.relative_to(self.folder.resolve())) is None:
                 raise BadInput(f"{file}: not a file of this folder; remove the link before you watch")
         names = [e["file"] for e in self.document.list_entries("recording") if isinstance(e.get("file"), str)]
-        return find_templates(place, home, names)
+        found = find_templates(place, home, names)
+        for template in found.values():
+            check_stated_files(self.folder, template.facts)
+        return found
 
     # --- before the start -------------------------------------------------------------------------------------
     def _choose_folder(self) -> None:
@@ -137,24 +162,31 @@ class WatchCard:
 
     def command_words(self) -> list[str]:
         """The command line without `flashtemp`; the result folder of an earlier watch is used again."""
-        path = Path(self.document.name)
-        of = path.parent if path.name in STANDARD_FILES and path.parent != Path() else path
-        out = f"results/{of.stem}-{WATCH_COMMAND}"
-        if find_own_file(self.folder, Path(out) / "watch.json") is None:
+        out = usual_result_folder(WATCH_COMMAND, self.document.name)
+        earlier = read_json_quietly(self.folder, Path(out) / "watch.json").get("folder")
+        if earlier is None or earlier != str(Path(self.arrivals.value or "")):  # none, or the watch of another test
             out = free_result_folder(self.folder, out, self.jobs.all)
         end = ["--until-decided"] if self.until_decided.value else []
-        return [WATCH_COMMAND, file_word(self.arrivals.value or ""), file_word(of.as_posix()), *end, "--out", out]
+        of = file_word(short_file_name(self.document.name))
+        return [WATCH_COMMAND, file_word(self.arrivals.value or ""), of, *end, "--out", out]
 
-    async def _start(self) -> None:
+    async def _start(self) -> bool:
+        """Save the campaign and start its watch, unless one runs; whether it was started."""
         self.faults.clear()
         with self.faults, show_errors(self.folder):
             if not await self.save():
-                return
+                return False
+            if (running := self._find_job()) is not None:  # started by another tab of the browser
+                self.job = running
+                self._show_job()
+                return False
             before = {job.name for job in self.jobs.all}
             if await start_job(self.folder, self.jobs, self.allowed, self.command_words()):
                 self.job = next((job for job in self.jobs.all if job.name not in before), None)
                 self.command.clear()
                 self._show_job()
+                return True
+        return False
 
     async def _stop(self) -> None:
         if self.job is not None:

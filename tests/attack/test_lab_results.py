@@ -175,6 +175,22 @@ def test_the_home_page_stands_whatever_number_a_summary_holds(tmp_path, value):
     assert "highest" not in text
 
 
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("compare", '{"recordings": [{"file": "a.nc", "chi2_per_dof": 9, "rmse_K": %s}]}'),
+        ("loads", '{"pressure_Pa": [1, 2], "speed_m_s": [1], "ln_change": [%s]}'),
+        ("tread", '{"maximum": {"slip": %s, "friction": 1}}'),
+        ("tyre", '{"maxima": [{"model": "brush", "law": "law", "load_N": %s, "mu": 1}], "fall": {"brush": 0.1}}'),
+    ],
+)
+@pytest.mark.parametrize("value", ["1" + "0" * 400, "1e308", "Infinity"])
+def test_the_home_page_stands_whatever_number_a_result_holds(tmp_path, name, content, value):
+    result_of(tmp_path, **{name: content % value})
+    text, _ = shown_texts(HomePage(tmp_path, JobList(tmp_path), AllowedPrograms()).show)
+    assert "Recent results" in text
+
+
 def test_the_time_of_a_file_may_lie_beyond_the_calendar(tmp_path, monkeypatch):
     result = result_of(tmp_path, verdict="{}")
     state = os.stat(result.path / "verdict.json")

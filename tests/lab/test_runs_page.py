@@ -326,6 +326,16 @@ def test_no_command_reads_or_writes_outside_the_folder(tmp_path, words):
         check_job_words(tmp_path, words)
 
 
+@pytest.mark.parametrize("command", ["compare", "discover", "plan", "watch"])
+@pytest.mark.parametrize(
+    "text", ['case = "../secret.toml"', '[[recording]]\nfile = "../a.nc"', '[[force]]\nfile = "/f.csv"']
+)
+def test_no_command_starts_on_a_campaign_that_names_files_outside_the_folder(tmp_path, command, text):
+    (tmp_path / "campaign.toml").write_text(text + "\n")
+    with pytest.raises(BadInput, match="outside the folder"):
+        check_job_words(tmp_path, [command, *["."] * (command == "watch"), "campaign.toml"])
+
+
 # --- in the browser --------------------------------------------------------------------------------------------
 def find_barriers(seen):
     """What axe-core finds in the cards of a page."""

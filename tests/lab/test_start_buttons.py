@@ -82,6 +82,19 @@ def test_two_clicks_on_run_it_start_one_run_and_show_it(browser, server, place):
     assert started(place) == ["$ flashtemp run case.toml --out results/case-run"]
 
 
+def test_a_case_that_another_tab_has_changed_is_not_run_unseen(browser, server, place):
+    before = started(place)
+    (place / "other.toml").write_text(FAST)
+    with page(browser, server) as seen:
+        seen.goto(server.split("/?")[0] + "/case?open=other.toml")
+        seen.get_by_text("ready to run").wait_for()
+        (place / "other.toml").write_text(FAST.replace("mesh = 1.5", "mesh = 2.5"))
+        seen.get_by_role("button", name="Run it").click()
+        seen.get_by_text("changed on disk since it was opened").wait_for()
+    assert started(place) == before
+    assert "mesh = 2.5" in (place / "other.toml").read_text()
+
+
 def test_the_home_page_asks_what_is_missing_and_lists_starts(browser, server, place):
     with page(browser, server, 800) as seen:
         seen.get_by_text("flashtemp discover campaign.toml --out results/campaign-discover").wait_for()

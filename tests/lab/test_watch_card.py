@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import shutil
+from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
 import pytest
 from lab.browsing import page, served
 from lab.test_runs_page import COMMANDS, find_barriers, write_job
+from nicegui.client import Client
+from nicegui.page import page as page_of_client
 from runs.arriving_frames import make_campaign, measure_frames
 
 from flashtemp.errors import BadInput
+from flashtemp.lab.camera_page import CameraPage
 from flashtemp.lab.campaign_document import CampaignDocument
 from flashtemp.lab.command_options import fill_form, find_risky_words
 from flashtemp.lab.job_record import read_job
@@ -110,12 +116,71 @@ def test_a_template_that_leads_out_of_the_folder_is_not_read(tmp_path):
     with pytest.raises(BadInput, match="no recording template"):
         card.find_templates("in")
     shutil.copy(tmp_path / "secret.toml", place / "side.toml")
+    (place / "._side.toml").symlink_to(tmp_path / "secret.toml")  # hidden
     assert list(card.find_templates("in")) == ["a.nc"]
     (place / "other.toml").symlink_to(tmp_path / "secret.toml")
     with pytest.raises(BadInput, match="not a file of this folder"):
         card.find_templates("in")
     with pytest.raises(BadInput, match="outside the folder"):
         card.find_templates("../in")
+    (place / "other.toml").unlink()
+    for key in ("times", "mask", "places", "case"):
+        (place / "side.toml").write_text(f'files = ["in/*.csv"]\nout = "a.nc"\n{key} = "../secret.toml"\n')
+        with pytest.raises(BadInput, match="outside the folder"):
+            card.find_templates("in")
+        with pytest.raises(BadInput, match="outside the folder"):
+            CameraPage(place)._load_template("side.toml")
+
+
+@pytest.mark.parametrize(("folder", "out"), [("in", "w-watch"), ("other", "w-watch-2")])
+def test_a_watch_replaces_no_result_of_the_watch_of_another_test(tmp_path, folder, out):
+    (tmp_path / "results" / "w-watch").mkdir(parents=True)
+    (tmp_path / "results" / "w-watch" / "watch.json").write_text(json.dumps({"folder": folder}))
+    card = WatchCard(CampaignDocument(tmp_path, "w/campaign.toml", ""), JobList(tmp_path), AllowedPrograms(), None)
+    card.arrivals, card.until_decided = SimpleNamespace(value="in"), SimpleNamespace(value=False)
+    assert card.command_words() == ["watch", "in", "w", "--out", f"results/{out}"]
+
+
+def test_a_recording_that_is_added_on_the_page_can_be_watched_at_once(tmp_path):
+    (tmp_path / "in").mkdir()
+    (tmp_path / "side.toml").write_text('files = ["in/*.csv"]\nout = "a.nc"\n')
+    document = CampaignDocument(tmp_path, "campaign.toml", "")
+    with Client(page_of_client("/watch"), request=None):
+        card = WatchCard(document, JobList(tmp_path), AllowedPrograms(), None)
+        card.show()
+        assert not card.start.enabled
+        document.text = '[[recording]]\nfile = "a.nc"\n'
+        card.update_choices()
+        assert card.start.enabled
+        assert card.command_words()[1:3] == ["in", "campaign.toml"]
+
+
+def test_a_second_click_and_a_second_tab_start_no_second_watch(tmp_path, monkeypatch):
+    monkeypatch.setattr(JobList, "_start_process", lambda self, job: SimpleNamespace(poll=lambda: None, wait=lambda: 0))
+    monkeypatch.setattr(JobList, "_await_end", lambda self, process, job: None)
+    (tmp_path / "in").mkdir()
+    (tmp_path / "campaign.toml").write_text(text := '[[recording]]\nfile = "a.nc"\n')
+    (tmp_path / "side.toml").write_text('files = ["in/*.csv"]\nout = "a.nc"\n')
+    jobs, document = JobList(tmp_path), CampaignDocument(tmp_path, "campaign.toml", text)
+
+    async def save():
+        await asyncio.sleep(0.01)
+        return True
+
+    async def start(card):
+        with client:
+            return await card._start()
+
+    async def start_often():
+        with client:
+            tabs = [WatchCard(document, jobs, AllowedPrograms(), save) for _ in range(2)]
+            for tab in tabs:
+                tab.show()
+        return await asyncio.gather(start(tabs[0]), start(tabs[0]), start(tabs[1]))
+
+    with Client(page_of_client("/watch"), request=None) as client:
+        ThreadPoolExecutor(1).submit(lambda: asyncio.run(start_often())).result()  # the browser has its own loop here
+    assert len(jobs.all) == 1
 
 
 def test_the_form_of_runs_has_a_field_for_the_watched_folder():

@@ -7,6 +7,7 @@ import re
 import shlex
 from types import SimpleNamespace
 
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
@@ -42,6 +43,16 @@ def swept(tmp_path_factory):
     axes = {"contact.pressure": [1e5, 2e5], "schedule.speed": [0.05, 0.1]}
     flashtemp.sweep(folder / "case.toml", axes, out=folder / "sweep", workers=1)
     return folder / "sweep"
+
+
+def test_the_report_of_a_sweep_takes_no_data_of_a_file_outside_of_its_folder(tmp_path):
+    (tmp_path / "secret.bin").write_bytes(np.full(2, 4711.0).tobytes())
+    (tmp_path / "r").mkdir()
+    (tmp_path / "r" / "case.toml").write_text(CASE)
+    with h5py.File(tmp_path / "r" / "sweep.nc", "w") as out:
+        out.create_dataset("T_max_degC", (2,), "f8", external=[(str(tmp_path / "secret.bin"), 0, 16)])
+    with pytest.raises(BadInput, match="keeps its data in another file"):
+        flashtemp.report(tmp_path / "r")
 
 
 def test_the_report_of_a_sweep_has_its_numbers_conditions_and_command(swept):

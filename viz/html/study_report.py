@@ -16,6 +16,7 @@ import numpy as np
 from flashtemp.display import atomic_write, format_count
 from flashtemp.errors import BadInput, FlashtempError, describe_exception
 from flashtemp.model.case import load_case
+from flashtemp.physics import safe_hdf5
 from flashtemp.viz.html import page, title_page
 from flashtemp.viz.html.page import ReportSubject, Section
 from flashtemp.viz.key_labels import describe_key
@@ -118,6 +119,7 @@ def write_sweep_report(folder: Path, trust: bool = False) -> Path:
 
     file, case = folder / "sweep.nc", load_case(folder / "case.toml", trust=trust)
     with _refuse_damaged(file):
+        safe_hdf5.check_hdf5_file(file, lambda name: False, lambda *about: None)  # no links into other files
         data = xr.load_dataset(file, engine="h5netcdf")
         keys = [str(d) for d in data.T_max_degC.dims]
         points = [dict(zip(keys, p, strict=True)) for p in itertools.product(*(data[k].values.tolist() for k in keys))]

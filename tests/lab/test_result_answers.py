@@ -16,6 +16,7 @@ from flashtemp.lab.result_sentences import (
     SENTENCES,
     describe_comparison,
     describe_loads,
+    describe_run,
     describe_tyre,
     grade_comparison,
 )
@@ -109,6 +110,17 @@ def test_a_load_cell_that_differs_is_a_misfit():
     data = {"recordings": [entry("a.nc", 1.0)], "forces": [{"file": "mu.csv", "chi2_per_dof": 90.0, "bias": -0.06}]}
     assert grade_comparison(data) == "error"
     assert describe_comparison(data)[1].endswith("in mu.csv it is measured 0.06 lower than computed.")
+
+
+def test_a_run_says_where_the_block_warms_also_between_its_edges():
+    rises = {"rise_leading_K": 5.13, "rise_middle_K": 23.54, "rise_trailing_K": 0.107}
+    assert describe_run({"T_max_degC": 56.0} | rises) == [
+        "The highest temperature is 56 °C; the block warms by 5.1 K at the leading edge, 23.5 K in the middle and 0.1 K "
+        "at the trailing edge."
+    ]
+    assert describe_run({"T_max_degC": 56.0, "rise_trailing_K": 2.0})[0].endswith(
+        "warms by 2.0 K at the trailing edge."
+    )
 
 
 def test_load_and_tyre_say_what_falls_and_why():

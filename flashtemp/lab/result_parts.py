@@ -83,7 +83,8 @@ def show_answer(sentences: Sequence[str], numbers: Sequence[MainNumber] = (), gr
     """
     with ui.element("section").classes(f"ft-card ft-answer-card {grade}").props('aria-label="answer"'):
         if state:
-            chip(state, grade)
+            with ui.row():  # as wide as its words
+                chip(state, grade)
         write_text("p", sentences[0] if sentences else "This result holds no numbers.").classes("ft-answer m-0")
         if sentences[1:MAX_ANSWER_LINES]:
             show_list(sentences[1:MAX_ANSWER_LINES])

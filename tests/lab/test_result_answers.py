@@ -214,6 +214,8 @@ def test_a_comparison_answers_shows_and_asks_what_is_missing(browser, server, pl
         open_result_page(seen, server, "compared")
         answer = seen.get_by_role("region", name="answer")
         answer.get_by_text("The model does not explain the recording").wait_for()
+        state = answer.get_by_text("the model does not explain the data", exact=True)
+        assert state.bounding_box()["width"] < answer.bounding_box()["width"] / 2
         seen.get_by_role("img", name="temperature measured and computed").wait_for()
         seen.get_by_text("flashtemp discover lab --out results/lab-discover").wait_for()
         assert find_barriers(seen) == []

@@ -162,7 +162,7 @@ def _verdict_numbers(data: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
     kind = data.get("verdict")
     out = [("verdict", GRADES[kind][0])] if isinstance(kind, str) and kind in GRADES else []
     if rms[0] is not None and rms[1] is not None:
-        out.append(("rms difference, stated → extended model", f"{rms[0]:.3g} → {rms[1]:.3g} K"))
+        out.append(("rms difference, calibrated case → extended model", f"{rms[0]:.3g} → {rms[1]:.3g} K"))
     return tuple(out)
 
 

@@ -228,12 +228,19 @@ def test_a_folder_that_was_there_is_not_the_result_of_a_job_that_failed(tmp_path
 
 def test_a_verdict_is_named_as_on_its_page(tmp_path):
     (tmp_path / "x").mkdir()
-    (tmp_path / "x" / "verdict.json").write_text('{"verdict": "held_key", "says": ["The load differs."]}')
+    verdict = {
+        "verdict": "held_key",
+        "says": ["The load differs."],
+        "base": {"rmse_K": 0.2},
+        "extended": {"rmse_K": 0.1},
+    }
+    (tmp_path / "x" / "verdict.json").write_text(json.dumps(verdict))
     log = write_job(
         tmp_path, "20260101-100000-1-discover", "$ flashtemp discover lab --out x", end={"exit_code": 0, "time": 1}
     )
     assert dict(find_result(tmp_path, read_job(log)).numbers) == {
-        "verdict": "A stated input differs from what the data require"
+        "verdict": "A stated input differs from what the data require",
+        "rms difference, calibrated case → extended model": "0.2 → 0.1 K",  # the comparison has that of the stated case
     }
 
 

@@ -139,6 +139,15 @@ def _notify_rejected() -> None:
     ui.notify(f"only camera files are accepted, {UPLOAD_LIMIT}: {' '.join(sorted(CAMERA_SUFFIXES))}", type="negative")
 
 
+def describe_place(name: str) -> str:
+    """The name of files as people read it.
+
+    >>> describe_place("."), describe_place("warm")
+    ('this folder', 'warm')
+    """
+    return "this folder" if name == "." else escape_control(name)
+
+
 async def show_file_cards(folder: Path) -> None:
     """Show the camera files of the folder as cards; thumbnails follow one after the other."""
     series = list(list_folder(folder).image_series.items())
@@ -150,7 +159,7 @@ async def show_file_cards(folder: Path) -> None:
         for name, number in series[:MAX_CARDS]:
             with ui.link(target=page_address("camera", open=name)).classes("ft-card no-underline"):
                 pictures[name] = ui.element("div").classes("ft-thumbnail")
-                ui.label(escape_control(name)).classes("break-all font-medium")
+                ui.label(describe_place(name)).classes("break-all font-medium")
                 ui.label(format_count(number, "file")).classes("ft-muted ft-small")
     if len(series) > MAX_CARDS:
         ui.label(f"and {len(series) - MAX_CARDS} more in the list above").classes("ft-muted")

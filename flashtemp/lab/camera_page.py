@@ -12,6 +12,7 @@ from flashtemp.errors import BadInput
 from flashtemp.lab.camera_files import (
     UploadArea,
     check_stated_files,
+    describe_place,
     find_camera_files,
     show_example_button,
     show_file_cards,
@@ -139,7 +140,7 @@ class CameraPage:
                 self.like = ui.select(
                     like, label="use marks of template", on_change=lambda: self._open_with_template(name)
                 ).props("outlined dense clearable")  # fmt: skip
-            choices = [choice for choice in self._file_choices("") if choice != name]
+            choices = {choice: describe_place(choice) for choice in self._file_choices("") if choice != name}
             if choices:
                 self.other = ui.select(choices, label="compare with", with_input=True, on_change=self._compare).props(
                     "outlined dense clearable"
@@ -155,7 +156,7 @@ class CameraPage:
         self.zone.set_visibility(not self.zone.visible)
 
     def _add_choice(self, name: str) -> None:
-        choices = self._file_choices(name)
+        choices = {choice: describe_place(choice) for choice in self._file_choices(name)}
         self.choice = ui.select(choices, value=name or None, label="camera files", with_input=True)
         self.choice.props("outlined dense").classes("w-full").set_visibility(bool(choices))
         self.choice.on_value_change(lambda: ui.navigate.to(page_address("camera", open=self.choice.value)))

@@ -10,6 +10,7 @@ from nicegui import ui
 
 from flashtemp.lab.campaign_lookup import find_campaign
 from flashtemp.lab.charts import bar_options, bar_series, chart_options, line_series, show_chart, update_chart
+from flashtemp.lab.key_units import describe_value, find_param
 from flashtemp.lab.page_layout import card, note, page_address
 from flashtemp.lab.result_files import ResultFolder
 from flashtemp.lab.result_parts import (
@@ -137,8 +138,6 @@ def _show_next_step(result: ResultFolder, data: dict[str, Any], grade: str, star
 # --- numbers -----------------------------------------------------------------------------------------------
 def _show_recordings(recordings: list[dict[str, Any]]) -> None:
     """Bars and a table of the difference of every recording."""
-    from flashtemp.viz.key_labels import describe_condition
-
     with card("Misfit of every recording", "Measured minus computed, for the case as stated."):
         files = [escape_control(str(r.get("file"))) for r in recordings]
         series = [
@@ -149,9 +148,19 @@ def _show_recordings(recordings: list[dict[str, Any]]) -> None:
         chart.style(f"height: {110 + 44 * len(files)}px")
         head = ("recording", "conditions", "rms (K)", "mean (K)", "times the noise", "largest difference")
         rows = [
-            (str(r.get("file")), describe_condition(dict(r.get("with") or {})), number_text(r.get("rmse_K")),
+            (str(r.get("file")), _describe_conditions(r.get("with")), number_text(r.get("rmse_K")),
              number_text(r.get("bias_K")), number_text(math.sqrt(max(stored_number(r.get("chi2_per_dof")), 0.0))),
              describe_peak(r) or "–")
             for r in recordings
         ]  # fmt: skip
         show_table(head, rows, "recordings", numbers=(2, 3, 4))
+
+
+def _describe_conditions(overrides: Any) -> str:
+    """The conditions of a recording in words, with the units of the campaign page."""
+    words = []
+    for key, value in (overrides if isinstance(overrides, dict) else {}).items():
+        param = find_param(None, key)
+        text = str(value) if param is None else describe_value(value, param)
+        words.append(f"{key.removeprefix('schedule.').replace('.', ' ').replace('_', ' ')} {text}")
+    return ", ".join(words) or "as in the case"

@@ -10,7 +10,7 @@ from pathlib import Path
 from nicegui import ui
 
 from flashtemp.display import format_count
-from flashtemp.lab.camera_files import UploadArea
+from flashtemp.lab.camera_files import UploadArea, describe_place
 from flashtemp.lab.examples import Example, list_examples, write_example
 from flashtemp.lab.job_start import file_word, short_file_name
 from flashtemp.lab.jobs import JobList, command_text
@@ -219,7 +219,7 @@ class HomePage:
             for row in rows[:MAX_NAMES_LISTED]:
                 with ui.row().classes("items-center gap-3 w-full no-wrap"):
                     name = escape_control(str(row.path))
-                    ui.label(name).classes("break-all grow ft-mono ft-small")
+                    ui.label(describe_place(str(row.path))).classes("break-all grow ft-mono ft-small")
                     if row.link is not None:
                         ui.link(*row.link).props["aria-label"] = f"{row.link[0]}: {name}"
                     for words, find_words in row.starts.items():

@@ -16,6 +16,7 @@ from flashtemp.lab.live_state import finite_number, number_list
 from flashtemp.lab.page_layout import STANDARD_FILES, page_address
 from flashtemp.lab.result_card import describe_result, find_main_picture
 from flashtemp.lab.result_sentences import grade_comparison
+from flashtemp.lab.verdict_data import GRADES
 from flashtemp.lab.workspace import RESULT_COMMANDS, find_own_file, free_name, read_json_quietly, resolve_inside
 
 NUMBER_FILES = {"run": "summary.json", "discover": "verdict.json", "compare": "compare.json"}
@@ -168,9 +169,9 @@ def _verdict_numbers(data: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
     models = [data.get(name) for name in ("base", "extended")]
     rms = [finite_number(m.get("rmse_K")) if isinstance(m, dict) else None for m in models]
     kind = data.get("verdict")
-    out = [("verdict", kind.replace("_", " "))] if isinstance(kind, str) else []
+    out = [("verdict", GRADES[kind][0])] if isinstance(kind, str) and kind in GRADES else []
     if rms[0] is not None and rms[1] is not None:
-        out.append(("rms difference, stated → extended model", f"{rms[0]:.3g} → {rms[1]:.3g} K"))
+        out.append(("rms difference, calibrated case → extended model", f"{rms[0]:.3g} → {rms[1]:.3g} K"))
     return tuple(out)
 
 

@@ -105,8 +105,6 @@ def describe_discovery(state: LiveState) -> str:
     if fits:
         running = sum(state_of == "fitting" for _, state_of in fits.values())
         words.append(f"{len(fits) - running} full fits done" + (f", {running} under way" if running else ""))
-    if (ratio := state.number("stage", "chi2_per_dof_base")) is not None:
-        words.append(f"stated model after calibration: chi2/dof {ratio:.3g} (1: noise explains everything)")
     if accepted := state.names("stage", "accepted"):
         words.append(f"accepted so far: {escape_control(', '.join(accepted))}")
     return " · ".join(words) or "The recordings are being read."

@@ -99,7 +99,7 @@ class LiveWatchPanel:
                 y = number_list(row.get(key))
                 n = min(len(x), len(y))
                 # dots and line of one image differ in colour; those of a sensor share it
-                number = k if name else 2 if key == "measured" else 0
+                number = k if name else int(key == "computed")
                 series.append(line_series(words[key], x[:n], y[:n], number, **more))
         axis = escape_control(watch.text("watch", "latest", "axis"))
         update_chart(self.lines, chart_options(series, axis, "temperature (°C)"))

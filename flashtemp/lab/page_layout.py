@@ -36,7 +36,7 @@ def page_frame(here: str, folder: Path, title: str = "") -> Iterator[None]:
     """
     ui.add_css(style_sheet())
     add_script("scheme.js")
-    ui.page_title(f"{title or PAGE_TITLES.get(here, '')} · flashtemp")
+    ui.page_title(f"{title or PAGE_TITLES.get(here, 'Result')} · flashtemp")
     with ui.header().classes("ft-header items-center gap-4 py-2 px-4"):
         ui.link("Skip to the content", "#content").classes("ft-skip")
         ui.link("flashtemp", "/").classes("ft-brand")

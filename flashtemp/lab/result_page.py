@@ -36,7 +36,7 @@ from flashtemp.lab.run_result import show_run_charts
 from flashtemp.lab.scene_3d import show_scene
 from flashtemp.lab.start_button import CommandStarter
 from flashtemp.lab.study_results import show_study
-from flashtemp.lab.workspace import RESULT_COMMANDS, list_folder
+from flashtemp.lab.workspace import RESULT_COMMANDS, escape_control, list_folder
 
 MAX_OFFERED = 8  # results shown where none is chosen
 KIND_WORDS = {
@@ -93,7 +93,9 @@ def show_no_result(folder: Path, title: str, how: str) -> None:
 
 def show_title(result: ResultFolder) -> None:
     """The heading of the page with the kind, the folder and the age of the result."""
-    heading(1, f"{KIND_WORDS.get(result.command, 'Result')} {result.here.name}")
+    title = f"{KIND_WORDS.get(result.command, 'Result')} {result.here.name}"
+    heading(1, title)
+    ui.page_title(f"{escape_control(title)} · flashtemp")
     with ui.row().classes("items-center gap-2"):
         if result.command:
             chip(f"flashtemp {result.command}", "accent")

@@ -98,7 +98,8 @@ def show_answer(sentences: Sequence[str], numbers: Sequence[MainNumber] = (), gr
     """
     with ui.element("section").classes(f"ft-card ft-answer-card {grade}").props('aria-label="answer"'):
         if state:
-            chip(state, grade)
+            with ui.row():  # as wide as its words
+                chip(state, grade)
         show_sentences(sentences or ["This result holds no numbers."])
         if numbers:
             show_figures(numbers)

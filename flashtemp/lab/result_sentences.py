@@ -109,13 +109,16 @@ def describe_peak(recording: Mapping[str, Any]) -> str:
 # --- run ---------------------------------------------------------------------------------------------------
 def describe_run(data: Data) -> list[str]:
     """The highest temperature of a run, how much the block warms along its length, and how friction changes."""
-    keys = ("T_max_degC", "rise_trailing_K", "rise_leading_K")
-    hottest, trailing, leading = (finite_number(data.get(key)) for key in keys)
+    hottest, trailing = finite_number(data.get("T_max_degC")), finite_number(data.get("rise_trailing_K"))
     if hottest is None or trailing is None:
         return []
-    at_leading = "" if leading is None else f" and by {number_text(leading)} K at the leading edge"
-    out = [f"The highest temperature is {number_text(hottest)} °C; the block warms by {number_text(trailing)} K at the "
-           f"trailing edge{at_leading}."]  # fmt: skip
+    places = {"leading": "at the leading edge", "middle": "in the middle", "trailing": "at the trailing edge"}
+    rises = {words: finite_number(data.get(f"rise_{place}_K")) for place, words in places.items()}
+    texts = [f"{rise:.1f} K {words}" for words, rise in rises.items() if rise is not None]
+    parts = (", ".join(texts[:-1]), texts[-1])
+    out = [
+        f"The highest temperature is {number_text(hottest)} °C; the block warms by {' and '.join(filter(None, parts))}."
+    ]
     friction = [v for v in _number_list(data.get("friction_per_repetition")) if math.isfinite(v)]
     if len(friction) > 1 and number_text(friction[0]) != number_text(friction[-1]):
         change = f"from {number_text(friction[0])} to {number_text(friction[-1])}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
@@ -53,6 +54,7 @@ class SavedText:
             return False
         self.opened, self.kept_text = version, text
         self.update(name, text)
+        await asyncio.sleep(0)  # the script is sent by a task, which must come before one that leads to another page
         ui.navigate.history.replace(page_address(self.page, open=name))
         ui.notify(f"{escape_control(name)} is saved")
         return True

@@ -344,6 +344,16 @@ def test_the_example_has_no_defects(tmp_path):
     assert opened.with_screening().screened.summary == "no bad pixels, shutter events or frozen frames"
 
 
+def test_camera_files_beside_no_others_are_called_this_folder(browser, tmp_path):
+    np.savetxt(tmp_path / "a1.csv", IMAGE, delimiter="\t")
+    np.savetxt(tmp_path / "a2.csv", IMAGE, delimiter="\t")
+    with served(tmp_path) as (address, _), page(browser, address) as seen:
+        seen.get_by_text("this folder", exact=True).wait_for()
+        seen.get_by_role("link", name="view 2 files").click()
+        seen.locator(".tv[data-frame]").wait_for()
+        assert seen.get_by_label("camera files", exact=True).input_value() == "this folder"
+
+
 def test_cards_of_files_lead_to_them(browser, server):
     with page(browser, server) as seen:
         seen.goto(f"{server.split('/?')[0]}/camera")

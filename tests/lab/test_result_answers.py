@@ -16,6 +16,7 @@ from flashtemp.lab.result_sentences import (
     SENTENCES,
     describe_comparison,
     describe_loads,
+    describe_run,
     describe_tyre,
     grade_comparison,
 )
@@ -111,6 +112,17 @@ def test_a_load_cell_that_differs_is_a_misfit():
     assert describe_comparison(data)[1].endswith("in mu.csv it is measured 0.06 lower than computed.")
 
 
+def test_a_run_says_where_the_block_warms_also_between_its_edges():
+    rises = {"rise_leading_K": 5.13, "rise_middle_K": 23.54, "rise_trailing_K": 0.107}
+    assert describe_run({"T_max_degC": 56.0} | rises) == [
+        "The highest temperature is 56 °C; the block warms by 5.1 K at the leading edge, 23.5 K in the middle and 0.1 K "
+        "at the trailing edge."
+    ]
+    assert describe_run({"T_max_degC": 56.0, "rise_trailing_K": 2.0})[0].endswith(
+        "warms by 2.0 K at the trailing edge."
+    )
+
+
 def test_load_and_tyre_say_what_falls_and_why():
     assert describe_loads(LOADS) == [
         "From 0.1 to 0.2 MPa friction changes by -4.3 % at 0.5 m/s, mostly because friction heats the contact."
@@ -202,6 +214,8 @@ def test_a_comparison_answers_shows_and_asks_what_is_missing(browser, server, pl
         open_result_page(seen, server, "compared")
         answer = seen.get_by_role("region", name="answer")
         answer.get_by_text("The model does not explain the recording").wait_for()
+        state = answer.get_by_text("the model does not explain the data", exact=True)
+        assert state.bounding_box()["width"] < answer.bounding_box()["width"] / 2
         seen.get_by_role("img", name="temperature measured and computed").wait_for()
         seen.get_by_text("flashtemp discover lab --out results/lab-discover").wait_for()
         assert find_barriers(seen) == []

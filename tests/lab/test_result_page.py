@@ -312,11 +312,12 @@ def test_a_verdict_answers_and_starts_its_extended_case_after_consent(browser, s
 
 def test_studies_are_shown_and_damage_is_reported_in_place(browser, server, place):
     with page(browser, server, 800) as seen:
-        for name, words in {"compare": "contact pressure 0.15 MPa", "plan": "at three times the speed",
+        for name, words in {"compare": "contact pressure 150 kPa", "plan": "at three times the speed",
                             "sensitivity": "load cell"}.items():  # fmt: skip
             open_page(seen, server, f"/result?open={name}")
             seen.get_by_text(words).first.wait_for()
             assert not seen.get_by_role("alert").count(), name
+            assert seen.title().endswith(f" {name} · flashtemp")
         open_page(seen, server, "/result?open=broken")
         alerts = seen.get_by_role("alert")
         alerts.nth(1).wait_for()

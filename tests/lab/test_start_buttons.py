@@ -95,6 +95,20 @@ def test_a_case_that_another_tab_has_changed_is_not_run_unseen(browser, server, 
     assert "mesh = 2.5" in (place / "other.toml").read_text()
 
 
+def test_no_question_about_unsaved_changes_comes_from_a_start_that_saves_them(browser, server, place):
+    asked = []
+    with page(browser, server) as seen:
+        seen.on("dialog", lambda dialog: (asked.append(dialog.type), dialog.accept()))
+        seen.goto(server.split("/?")[0] + "/case?open=case.toml")
+        title = seen.get_by_role("textbox", name=re.compile("^title"))
+        title.fill("changed")
+        title.press("Tab")
+        seen.get_by_text("unsaved changes").wait_for()
+        seen.get_by_role("button", name="Run it").click()
+        seen.wait_for_url("**/runs?job=*-run")
+    assert asked == []
+
+
 def test_the_home_page_asks_what_is_missing_and_lists_starts(browser, server, place):
     with page(browser, server, 800) as seen:
         seen.get_by_text("flashtemp discover campaign.toml --out results/campaign-discover").wait_for()

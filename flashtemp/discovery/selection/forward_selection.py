@@ -144,8 +144,7 @@ def _fit_shortlist(search: EffectSearch, ranked: Sequence[CandidateScore], watch
 def describe_search(search: EffectSearch) -> dict[str, Any]:
     """How far a selection has got, as plain data: scores of all candidates, and full fits with their ln evidence.
 
-    `ln_evidence_base` is that of the stated model; an ln Bayes factor is the difference to it.  `chi2_per_dof_base` is
-    that of the stated model after calibration, as in the verdict.
+    `ln_evidence_base` is that of the stated model; an ln Bayes factor is the difference to it.
     """
     scores = search.ranking[-1] if search.ranking else ()
     return {
@@ -153,7 +152,6 @@ def describe_search(search: EffectSearch) -> dict[str, Any]:
         "fits": [describe_fit(names, fit) for names, fit in search.fits.items() if names],
         "failed": [{"effects": sorted(names), "reason": reason} for names, reason in search.unfitted.items()],
         "ln_evidence_base": search.base.secured_evidence,
-        "chi2_per_dof_base": search.base.chi2 / max(search.base.solution.count, 1),
         "accepted": sorted(effect_names(search.best)),
     }
 

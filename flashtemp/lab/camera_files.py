@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from base64 import b64encode
+from collections.abc import Iterable
 from dataclasses import fields
 from pathlib import Path
 
@@ -12,12 +13,19 @@ import numpy as np
 from nicegui import events, run, ui
 
 from flashtemp.camera.importing.file_preview import iter_frames
-from flashtemp.camera.importing.import_options import ImportOptions
+from flashtemp.camera.importing.import_options import ImportOptions, load_template
 from flashtemp.camera.importing.import_request import expand_patterns
 from flashtemp.display import format_count
 from flashtemp.errors import BadInput
 from flashtemp.lab.page_layout import action, heading, page_address, refuse_damaged, show_errors
-from flashtemp.lab.saving import MAX_UPLOAD_BYTES, MAX_UPLOAD_FILES, UPLOAD_LIMIT, check_upload_name, write_upload
+from flashtemp.lab.saving import (
+    MAX_UPLOAD_BYTES,
+    MAX_UPLOAD_FILES,
+    UPLOAD_LIMIT,
+    check_upload_name,
+    read_text,
+    write_upload,
+)
 from flashtemp.lab.workspace import (
     CAMERA_SUFFIXES,
     MAX_LINE_BYTES,
@@ -71,6 +79,23 @@ def check_stated_files(folder: Path, facts: ImportOptions) -> None:
                 resolve_inside(folder, os.path.relpath(path, folder.resolve()))
             except ValueError as fault:  # a NUL byte
                 raise BadInput(f"{field.name}: {escape_control(str(path))!r}: not a valid file name") from fault
+
+
+def find_templates_of(folder: Path, name: str, templates: Iterable[str]) -> list[str]:
+    """Those of the recording templates that are made for just the camera files of a name, pattern or folder."""
+    out = []
+    for template in templates:
+        place = Path(template).parent
+        try:
+            read_text(folder, template)  # checks that it is a short regular file before it is parsed
+            names, _, _ = load_template(resolve_inside(folder, template))
+            if set(find_camera_files(folder, [str(place / n) for n in names])) == set(
+                find_camera_files(folder, [name])
+            ):
+                out.append(template)
+        except (BadInput, OSError):
+            continue
+    return out
 
 
 def find_time_tables(folder: Path) -> dict[str, Path]:

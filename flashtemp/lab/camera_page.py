@@ -14,6 +14,7 @@ from flashtemp.lab.camera_files import (
     check_stated_files,
     describe_place,
     find_camera_files,
+    find_templates_of,
     show_example_button,
     show_file_cards,
 )
@@ -148,6 +149,12 @@ class CameraPage:
             more = action("Add files", self._toggle_zone, icon="upload_file")
             more.classes("justify-self-start").props["aria-expanded"] = "false"
             more.on("click", js_handler=TOGGLE_EXPANDED)
+        if "template" not in self.address and name and not name.endswith(".nc"):
+            for template in find_templates_of(self.folder, name, like):
+                with card(), ui.row().classes("items-center gap-3"):
+                    ui.label(f"{escape_control(template)} has marks and values for these files.")
+                    target = page_address("camera", open=name, template=template)
+                    action("Use them", lambda target=target: ui.navigate.to(target), "edit_location")
         with ui.element("div").classes("w-full") as self.zone:
             UploadArea(self.folder).show()
         self.zone.set_visibility(False)

@@ -146,7 +146,7 @@ class CampaignPage:
                 note(
                     "The folder has no case. A campaign needs one: block, road, load, speed and what heats.", "warning"
                 )
-                action("New case", lambda: ui.navigate.to(page_address("case")), "add")
+                action("Begin a case", lambda: ui.navigate.to(page_address("case")), "add")
         self._fill_file_controls()
 
     def _fill_file_controls(self) -> None:

@@ -125,7 +125,7 @@ class HomePage:
             UploadArea(self.folder).show()
         if not listing.cases:
             with card("A case", "A case states block, road, load, speed and what heats. A campaign needs one."):
-                action("New case", lambda: ui.navigate.to("/case"), "add").classes("self-start")
+                action("Begin a case", lambda: ui.navigate.to("/case"), "add").classes("self-start")
         self._show_results(recent)
         self._show_examples()
         self._show_files(listing)

@@ -13,7 +13,7 @@ from lab.browsing import CASE, page, served
 from flashtemp.camera.importing.import_options import ImportOptions
 from flashtemp.camera.recording import Recording
 from flashtemp.errors import BadInput
-from flashtemp.lab.camera_files import find_camera_files
+from flashtemp.lab.camera_files import find_camera_files, find_templates_of
 from flashtemp.lab.frame_reading import ReadingCancelled
 from flashtemp.lab.frame_server import FrameServer
 from flashtemp.lab.measurements import read_measurements
@@ -114,6 +114,14 @@ def test_uses_and_template_of_a_recording_are_found(place):
     assert str(find_template(place, listing, file)) == "template.toml"
     other = place / "measured" / "150kPa.nc"
     assert (find_uses(place, listing, other), find_template(place, listing, other)) == ([], None)
+
+
+def test_a_template_of_just_these_camera_files_is_offered(place):
+    (place / "damaged.toml").write_text("files = [")
+    templates = ["template.toml", "damaged.toml", "missing.toml"]
+    assert find_templates_of(place, "camera", templates) == ["template.toml"]
+    assert find_templates_of(place, "camera/frame_0.csv", templates) == []
+    (place / "damaged.toml").unlink()
 
 
 def test_messages_name_the_fields_of_the_page():

@@ -78,7 +78,11 @@ def _draw_run(
 
     say("drawing pictures")
     made, missing = viz.draw_each(run, folder, kinds, animated and "png" in kinds)
-    return [*made, *series], missing if len(run.frames) else dict.fromkeys(missing, NO_FIELDS_REASON)
+    if not len(run.frames):
+        from flashtemp.viz.run import field
+
+        missing |= {f"{field.PICTURE}.{kind}": NO_FIELDS_REASON for kind in kinds}
+    return [*made, *series], missing
 
 
 def _write_pvd(run: Run, folder: Path) -> Path:

@@ -362,6 +362,7 @@ def test_a_flir_image_is_dropped_marked_and_saved(browser, tmp_path, several):
     assert not (tmp_path / "notes.pdf").exists()
 
 
+@pytest.mark.long  # test_start_buttons.py starts a run from a case
 def test_a_case_is_written_run_and_seen(browser, server, place):
     """By keys alone: a field of the form, the text beside it, a fault, a run with its result."""
     with page(browser, server) as seen:

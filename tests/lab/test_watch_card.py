@@ -49,6 +49,7 @@ WATCH = {
 }  # fmt: skip
 
 
+@pytest.mark.long  # tests/runs/test_watch.py has the watch, the tests below the card
 def test_a_watch_is_started_followed_and_stopped_on_the_page_of_its_campaign(browser, tmp_path):
     (tmp_path / "measured").mkdir()
     measured, place = measure_frames(tmp_path / "measured"), tmp_path / "laboratory"

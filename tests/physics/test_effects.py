@@ -246,9 +246,9 @@ WORDS = {  # that are quantities or parts of a camera's image before they are ef
     "emissivity": (
         "camera", "physics/quantities.py", "lab/import_form.py", "comparison/known_inputs.py",
         "discovery/hypotheses", "discovery/prediction/prediction.py", "discovery/diagnostics/stated_inputs.py",
-        "discovery/live_evidence.py", "lab/free_keys.py",
+        "discovery/live_evidence.py", "lab/free_keys.py", "lab/page_fields.py", "lab/recording_facts.py",
     ),
-    "blur": ("camera", "physics/quantities.py"),
+    "blur": ("camera", "physics/quantities.py", "lab/recording_facts.py"),
     "radiation": ("camera/radiometry.py",),
     "registration": ("camera", "comparison/compare.py", "api/camera.py"),
 }  # fmt: skip

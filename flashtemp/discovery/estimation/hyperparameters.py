@@ -12,8 +12,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from flashtemp.discovery.estimation.camera_error_columns import NO_CAMERA_ERRORS
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem, NormalEquations, Solution
 from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY, LEAST_DISCREPANCY
@@ -99,9 +97,7 @@ def _maximise_at_noise(
     priors = scale_priors(plain, best.scale, best.discrepancy_sd, best.families) | more
     solution = system.fit_heldout_nuisances(system.solve(priors, equations), priors)
     families = {p.kind for p in priors if p.kind in CAMERA_ERROR_KINDS or is_camera_gain(p)}
-    # a larger variance of n data costs n/2 of its logarithm: the normalisation in eq. (41)
-    noise = 0.5 * sum(b.count * np.log(variances.get(b.label, 1.0)) for b in system.blocks if not b.held_out)
-    solution = replace(solution, ln_evidence=solution.ln_evidence - LN_ODDS_AGAINST_FAMILY * len(families) - noise)
+    solution = replace(solution, ln_evidence=solution.ln_evidence - LN_ODDS_AGAINST_FAMILY * len(families))
     return EvidenceMaximum(solution, priors, Hyperparameters(best.scale, best.discrepancy_sd, best.families, variances))
 
 

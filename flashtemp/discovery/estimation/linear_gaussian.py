@@ -84,6 +84,7 @@ class DataBlock:
 class NormalEquations:
     """`matrix` C'C (k, k), `right` C'r (k,), `square` r'r and the number `count` of data.
 
+    `ln_noise`: sum over all data of the logarithm of the noise standard deviation, relative to the stated one.
     `schur_complements` is a cache of `EvidenceFunction`.
     """
 
@@ -91,6 +92,7 @@ class NormalEquations:
     right: Array
     square: float
     count: int
+    ln_noise: float = 0.0
     schur_complements: dict[bytes, SchurComplement] = field(default_factory=dict, init=False, repr=False, compare=False)
 
 
@@ -231,14 +233,15 @@ class LinearSystem:
         `variances` {label: factor}: noise variance of a block relative to the stated one.
         """
         n = len(self.names)
-        N, b, rr, count = np.zeros((n, n)), np.zeros(n), 0.0, 0
+        N, b, rr, count, ln_noise = np.zeros((n, n)), np.zeros(n), 0.0, 0, 0.0
         for block, part in zip(self.blocks, self.parts, strict=True):
             if keep(block) if keep else not block.held_out:
                 own, weight = part.equations, 1.0 / (variances or {}).get(block.label, 1.0)
+                ln_noise -= 0.5 * own.count * float(np.log(weight))
                 N[np.ix_(part.at, part.at)] += weight * own.matrix
                 b[part.at] += weight * own.right
                 rr, count = rr + weight * own.square, count + own.count
-        return NormalEquations(N, b, rr, count)
+        return NormalEquations(N, b, rr, count, ln_noise)
 
     def block_chi2(self, solution: Solution) -> list[float]:
         """Sum of squared residuals of every block with a solution."""
@@ -257,7 +260,9 @@ class LinearSystem:
         found = _solve_posterior(right, matrix, total.square, *_prior_means_and_sds(priors, names))
         inverse = cho_solve((found.lower, True), np.eye(len(names)), check_finite=False)
         covariance = found.sd[:, None] * inverse * found.sd[None]
-        return Solution(names, found.sd * found.u, covariance, found.ln_evidence, found.chi2, total.count)
+        # a larger variance of n data costs n/2 of its logarithm: the normalisation in eq. (41)
+        ln_evidence = found.ln_evidence - total.ln_noise
+        return Solution(names, found.sd * found.u, covariance, ln_evidence, found.chi2, total.count)
 
     @property
     def fitted_columns(self) -> frozenset[ParameterId]:

@@ -321,7 +321,8 @@ def find_outlying_pixels(residual: Array) -> Mask:
 
     Tested is the deviation from the median of the four nearest neighbours, along the axis where it is smaller: an error
     of the model is wider than one pixel along one axis at least.  Its mean over the frames and its scatter are compared
-    with those of all pixels, by their median and MAD.
+    with those of all pixels, by their median and MAD.  At an edge of the known pixels, where the neighbours of one side
+    cannot distinguish a defect from an edge of the scene, only the scatter is tested.
     """
     from scipy.stats import chi2
 
@@ -331,17 +332,24 @@ def find_outlying_pixels(residual: Array) -> Mask:
         return none
     found = [_deviation_from_neighbours(residual, a) for a in axes]
     alone = found[0] if len(found) == 1 else _smaller_known_deviation(*found)
-    mean, scatter, count = _time_moments(alone)
+    mean, _, count = _time_moments(alone)
     tests = int((count > 0).sum())
     if tests < MIN_SCALE_PIXELS:
         return none
     # along one axis deviations are larger than along both, so these scales are on the safe side
     single = [_time_moments(one) for one in found]
     far: Mask = np.abs(mean) > _outlier_limit(tests, tests) * max(min(_mad_scale(one) for one, _, _ in single), 1e-12)
-    free = np.maximum(count - 1, 1)
     if len(residual) < 3 or not (count > 1).any():
         return far
-    middle = float(np.median(free[count > 1]))
+    middle = float(np.median(count[count > 1] - 1))
+    if len(found) > 1:
+        at_edge = np.isnan(found[0]) != np.isnan(found[1])  # not at a corner
+        near_edge = _smaller_known_deviation(
+            *(_deviation_from_neighbours(residual, a, is_one_sided=True) for a in axes)
+        )
+        alone = np.where(at_edge, near_edge, alone)
+    _, scatter, count = _time_moments(alone)
+    free = np.maximum(count - 1, 1)
     usual = min(float(np.median(one[n > 1])) for _, one, n in single) * middle / chi2.median(middle)
     return far | ((count > 1) & (scatter * free > usual * chi2.isf(FALSE_ALARMS / tests, free)))
 
@@ -410,8 +418,11 @@ def _time_moments(values: Array) -> tuple[Array, Array, npt.NDArray[np.int64]]:
     return mean, np.sum((values - mean) ** 2, axis=0, where=known) / np.maximum(count - 1, 1), count
 
 
-def _deviation_from_neighbours(T: Array, axis: int) -> Array:
-    """Values minus the median of their known neighbours, two per side along an axis; NaN if a side has none."""
+def _deviation_from_neighbours(T: Array, axis: int, is_one_sided: bool = False) -> Array:
+    """Values minus the median of their known neighbours, two per side along an axis.
+
+    NaN if a side has none, or with `is_one_sided` if both have none.
+    """
     T = np.moveaxis(T, axis, -1)
     padded = np.pad(T, [(0, 0)] * (T.ndim - 1) + [(NEIGHBOURS_PER_SIDE, NEIGHBOURS_PER_SIDE)], constant_values=np.nan)
     near = np.stack(
@@ -421,8 +432,9 @@ def _deviation_from_neighbours(T: Array, axis: int) -> Array:
     count = known.sum(axis=0)
     ordered = np.sort(near, axis=0)  # NaN last
     low, high = (np.take_along_axis(ordered, k[None], 0)[0] for k in (np.maximum(count - 1, 0) // 2, count // 2))
-    both = known[:2].any(axis=0) & known[2:].any(axis=0)
-    return np.moveaxis(np.where(both, T - 0.5 * (low + np.where(count == 4, high, low)), np.nan), -1, axis)
+    sides = known[:2].any(axis=0), known[2:].any(axis=0)
+    enough = sides[0] | sides[1] if is_one_sided else sides[0] & sides[1]
+    return np.moveaxis(np.where(enough, T - 0.5 * (low + np.where(count == 4, high, low)), np.nan), -1, axis)
 
 
 def _smaller_known_deviation(a: Array, b: Array) -> Array:

@@ -156,6 +156,18 @@ def test_outlying_residuals_are_rejected_and_what_a_model_misses_is_not():
     assert np.argwhere(find_outlying_pixels(left)).tolist() == [[10, 20], [20, 40]]
 
 
+def test_a_pixel_that_flickers_at_an_edge_of_the_image_is_rejected_and_growing_heat_is_not():
+    rng = np.random.default_rng(8)
+    grown = np.linspace(0.0, 1.0, 12)[:, None, None]
+    left = rng.normal(0.0, SIGMA, (12, 30, 60)) + grown * np.exp(-np.arange(60) / 3.0)  # along the edge
+    left += grown * np.exp(-np.hypot(np.arange(30)[:, None] - 29.0, np.arange(60) - 59.0) / 2.0)  # in a corner
+    left[:, :3] = np.nan  # the body ends inside the image
+    assert not find_outlying_pixels(left).any()
+    left[2:9:3, 12, 59] += 1.0
+    left[1:9:3, 3, 40] -= 1.0
+    assert np.argwhere(find_outlying_pixels(left)).tolist() == [[3, 40], [12, 59]]
+
+
 # --- the class of a camera ------------------------------------------------------------------------------
 def test_class_of_the_camera_is_uncooled_unless_said_and_kept_in_files(tmp_path):
     made = recorded(scene(5), np.random.default_rng(8))

@@ -344,10 +344,8 @@ def find_outlying_pixels(residual: Array) -> Mask:
     middle = float(np.median(count[count > 1] - 1))
     if len(found) > 1:
         at_edge = np.isnan(found[0]) != np.isnan(found[1])  # not at a corner
-        near_edge = _smaller_known_deviation(
-            *(_deviation_from_neighbours(residual, a, is_one_sided=True) for a in axes)
-        )
-        alone = np.where(at_edge, near_edge, alone)
+        loose = [_deviation_from_neighbours(residual, a, is_one_sided=True) for a in axes]
+        alone = np.where(at_edge, _smaller_known_deviation(*loose), alone)
     _, scatter, count = _time_moments(alone)
     free = np.maximum(count - 1, 1)
     usual = min(float(np.median(one[n > 1])) for _, one, n in single) * middle / chi2.median(middle)

@@ -151,7 +151,9 @@ class ImportPart:
         unplaced = replace(self.inherited, point=None, pixel=None, second=None, at=None, mm_per_pixel=None)
         stated = self.form.stated_options((marks.length, marks.height))
         facts = marks.to_options().merged_over(stated.merged_over(unplaced))
-        return facts if facts.starts or facts.case or facts.repetition else replace(facts, repetition=1)
+        # frames of a table of times may belong to several repetitions: the table or the user says to which
+        says_repetition = facts.starts or facts.case or facts.repetition or facts.times
+        return facts if says_repetition else replace(facts, repetition=1)
 
     def template_text(self) -> str:
         """The equivalent recording template as TOML."""

@@ -14,6 +14,9 @@ from flashtemp.lab.page_layout import show_error
 OPTION_WORDS: Final = {  # option with its arguments: what the page calls it; the longest form first
     "give --fps and --start, or --times FILE.csv": "enter the frame rate and the time of the first frame, or choose a"
     " table of times",
+    "give --repetition N, --starts with the time of each start of sliding, --case, or a column repetition in --times": (
+        "enter the starts of sliding (0 where there is one), or choose a table of times with a column repetition"
+    ),
     "--fps and --start, or --times": "enter the frame rate and the time of the first frame, or choose a table of times",
     "--times FILE.csv": "a table of times",
     "--times": "a table of times",

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from lab.browsing import CASE, page, served
 
+from flashtemp.camera.importing.frame_times import FrameTimestamps, resolve_repetitions
 from flashtemp.camera.importing.import_options import ImportOptions
 from flashtemp.camera.recording import Recording
 from flashtemp.errors import BadInput
@@ -131,6 +132,9 @@ def test_messages_name_the_fields_of_the_page():
     )
     assert name_page_fields("give --crop u0 u1 v0 v1") == "give crop in the template u0 u1 v0 v1"
     assert name_page_fields("a -- b, a--b.csv") == "a -- b, a--b.csv"
+    with pytest.raises(BadInput) as refused:
+        resolve_repetitions([("a.csv", FrameTimestamps(2))], np.zeros(2), ImportOptions())
+    assert "--" not in name_page_fields(str(refused.value))
 
 
 def test_a_file_that_is_gone_is_named(place):

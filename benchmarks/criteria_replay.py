@@ -278,9 +278,11 @@ def add_reports(old: Record, new: Record) -> Record:
     """
     if twice := sorted(set(old["campaigns"]) & set(new["campaigns"])):
         raise ValueError(f"{', '.join(twice)}: in the report already; leave them out, or replay all without --add")
-    if {k: r["value"] for k, r in old["criteria"].items()} != {k: r["value"] for k, r in new["criteria"].items()}:
-        raise ValueError("the report was made with other criteria; replay all campaigns without --add")
-    criteria = {name: _add_rows(old["criteria"][name], row) for name, row in new["criteria"].items()}
+    known = {name: row for name, row in old["criteria"].items() if name in new["criteria"]}
+    if changed := sorted(name for name, row in known.items() if row["value"] != new["criteria"][name]["value"]):
+        raise ValueError(f"{', '.join(changed)}: had other values in the report; replay all campaigns without --add")
+    # a criterion that the report lacks has the campaigns of the new one alone, as its number of campaigns says
+    criteria = {name: _add_rows(known[name], row) if name in known else row for name, row in new["criteria"].items()}
     return {"campaigns": [*old["campaigns"], *new["campaigns"]], "criteria": criteria}
 
 

@@ -24,7 +24,7 @@ SETS = {  # what a set of campaigns is, by the first word of its campaigns' name
     "setup": "set-up errors",
     "twin": "short twins (`flashtemp twin`)",
     "newcomer": "one short twin",
-    "fresh": "fresh seeds",
+    "fresh": "uncooled camera, seeds after the last changes",
 }
 KINDS = {"null": "nothing", "single": "one effect", "pair": "two effects", "outside": "law outside the catalogue"}
 

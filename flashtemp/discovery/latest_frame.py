@@ -41,11 +41,11 @@ def _describe_images(compared: ComparedRecording) -> dict[str, Any]:
     rows, columns = (-(-n // most) for n, most in zip(difference.shape, MAX_IMAGE_SHAPE, strict=True))
     thin = np.s_[::-rows, ::columns]
     images = {"measured": measured, "computed": computed, "difference": difference}
-    size = {"length": _extent(r.u), "height": _extent(r.v)}
-    return size | {key: [_rounded(row) for row in image[thin]] for key, image in images.items()}
+    size = {"length": _row_length_mm(r.u), "height": _row_length_mm(r.v)}
+    return size | {key: [_round_values(row) for row in image[thin]] for key, image in images.items()}
 
 
-def _extent(centres: np.ndarray) -> float:
+def _row_length_mm(centres: np.ndarray) -> float:
     """Length (mm) of a row of pixels with these centres (m)."""
     return float(1e3 * (centres[-1] - centres[0]) * len(centres) / max(len(centres) - 1, 1))
 
@@ -55,25 +55,25 @@ def _describe_lines(compared: ComparedRecording) -> list[dict[str, Any]]:
     r = compared.entry.recording
     if r.places is not None:
         return [
-            _line(r.places.names[k], r.time, r.temperature[:, 0, k], compared.predicted[:, 0, k])
+            _describe_line(r.places.names[k], r.time, r.temperature[:, 0, k], compared.predicted[:, 0, k])
             for k in range(min(len(r.places), MAX_POINTS_DESCRIBED))
         ]
     known = np.flatnonzero(np.isfinite(compared.residual[-1]).any(axis=1))
     lowest = int(known[0]) if len(known) else 0
     is_known = np.isfinite(compared.residual[-1, lowest])
     both = (np.where(is_known, T[-1, lowest], np.nan) for T in (r.temperature, compared.predicted))
-    return [_line("", 1e3 * r.u, *both)]
+    return [_describe_line("", 1e3 * r.u, *both)]
 
 
-def _line(name: str, x: np.ndarray, measured: np.ndarray, computed: np.ndarray) -> dict[str, Any]:
+def _describe_line(name: str, x: np.ndarray, measured: np.ndarray, computed: np.ndarray) -> dict[str, Any]:
     return {
         "name": name,
-        "x": _rounded(x, POSITION_DECIMALS),
-        "measured": _rounded(measured),
-        "computed": _rounded(computed),
+        "x": _round_values(x, POSITION_DECIMALS),
+        "measured": _round_values(measured),
+        "computed": _round_values(computed),
     }
 
 
-def _rounded(values: np.ndarray, decimals: int = TEMPERATURE_DECIMALS) -> list[float | None]:
+def _round_values(values: np.ndarray, decimals: int = TEMPERATURE_DECIMALS) -> list[float | None]:
     """Values as a list, with None where one is not finite."""
     return [round(float(v), decimals) if np.isfinite(v) else None for v in values]

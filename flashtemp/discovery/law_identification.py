@@ -192,7 +192,7 @@ def score_laws(search: EffectSearch, laws: Sequence[PiecewiseLinearLaw]) -> tupl
         batch = {law.name: law for law in laws[first : first + size]}
         problem, _, found = _with_laws(search.problem, search.data, batch)
         fit = _with_sensitivities(problem, search, tuple(found.values()))
-        plain = fit.solve_with(problem, _free_effect_priors(fit), fit.equations).solution.ln_evidence
+        plain = fit.solve_with(problem, fit.free_effect_priors, fit.equations).solution.ln_evidence
         out += [_score_law(problem, fit, plain, batch[name], c) for name, c in found.items()]
     return tuple(sorted(out, key=lambda s: -s.ln_bayes))
 
@@ -221,7 +221,7 @@ def _likeliest_width(
     problem: Problem, fit: LinearisedFit, law: PiecewiseLinearLaw, nodes: Sequence[ParameterId], hyper: Hyperparameters
 ) -> float:
     """The relative prior width of some nodes that has the largest evidence at given hyperparameters."""
-    own = _free_effect_priors(fit)
+    own = fit.free_effect_priors
 
     def evidence_at(width: float) -> float:
         more = own | {p: (0.0, width * law.quantity.typical_size) for p in nodes}
@@ -239,7 +239,7 @@ def _solve_within_bounds(
     nodes = list(columns)
     while True:
         priors = {p: (0.0, width * law.quantity.typical_size) for p in nodes}
-        found = fit.solve_with(problem, _free_effect_priors(fit) | priors, fit.equations)
+        found = fit.solve_with(problem, fit.free_effect_priors | priors, fit.equations)
         outside = [p for p in nodes if not low <= found.solution[p] <= high]
         if not outside:
             return nodes, found
@@ -415,8 +415,3 @@ def _join_columns(
         for new, old in zip(data.make_blocks(predictions), fit.blocks, strict=True)
     ]
     return LinearSystem(blocks)
-
-
-def _free_effect_priors(fit: LinearisedFit) -> dict[ParameterId, tuple[float, float]]:
-    """Priors of the effect parameters of a fit, without those on a bound."""
-    return {p: v for p, v in fit.effect_priors.items() if p not in fit.bound}

@@ -56,8 +56,7 @@ def score(c: CandidateEffect, amplitude: float):
     fit = SimpleNamespace(
         system=system,
         free_priors={MU: PRIOR_MU},
-        effect_priors={},
-        bound=(),
+        free_effect_priors={},
         model=SimpleNamespace(effects={}),
         solve_with=solved,
         equations=system.normal_equations(),

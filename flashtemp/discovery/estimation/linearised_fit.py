@@ -92,6 +92,11 @@ class LinearisedFit:
         return {p: v for p, v in self.priors.items() if p.effect in self.model.effects}
 
     @property
+    def free_effect_priors(self) -> Priors:
+        """Priors of the effect parameters that are not on a bound."""
+        return {p: v for p, v in self.effect_priors.items() if p not in self.bound}
+
+    @property
     def effect_parameters(self) -> list[ParameterId]:
         """Effect parameters that were estimated."""
         return [p for p in self.solution.names if p.effect in self.model.effects]

@@ -15,7 +15,7 @@ import numpy as np
 from flashtemp.discovery.estimation.linear_gaussian import Array, NormalEquations, Solution
 from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
 from flashtemp.discovery.hypotheses.candidates import CandidateEffect
-from flashtemp.discovery.parameters import ParameterId, Priors
+from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction.problem import Problem
 
 MIN_EFFECT_Z = (
@@ -85,13 +85,8 @@ class ScoringContext:
     @classmethod
     def from_fit(cls, problem: Problem, fit: LinearisedFit) -> ScoringContext:
         equations = fit.equations
-        own = fit.solve_with(problem, _free_effect_priors(fit), equations)
+        own = fit.solve_with(problem, fit.free_effect_priors, equations)
         return cls(problem, fit, equations, own.solution.ln_evidence)
-
-
-def _free_effect_priors(fit: LinearisedFit) -> Priors:
-    """Priors of the effect parameters of a fit, without those on a bound."""
-    return {p: v for p, v in fit.effect_priors.items() if p not in fit.bound}
 
 
 def score_candidates(
@@ -150,7 +145,7 @@ def _score_variant(base: ScoringContext, c: CandidateEffect, variant: int) -> Ca
     if typical_z < MIN_EFFECT_Z or not np.all(np.isfinite(info)):
         return CandidateScore.untestable(c, variant, typical_z, "has no effect under these conditions")
     priors = {n: (0.0, abs(a)) for n, a in zip(names, c.strengths.values(), strict=True)}
-    solution = fit.solve_with(base.problem, _free_effect_priors(fit) | priors, base.equations).solution
+    solution = fit.solve_with(base.problem, fit.free_effect_priors | priors, base.equations).solution
     amplitude, errors = tuple(solution[n] for n in names), tuple(solution.sd(n) for n in names)
     # u' I^-1 u of eq. (42): what the data say of the effect beyond all nuisances
     z = float(np.sqrt(max(float(u @ np.linalg.pinv(info, hermitian=True) @ u), 0.0)))
@@ -243,7 +238,7 @@ def score_pairs(
 
     def solve_together(*together: CandidateScore) -> Solution:
         more = {n: (0.0, abs(v)) for s in together for n, v in s.typical_strengths.items()}
-        return fit.solve_with(problem, _free_effect_priors(fit) | more, base.equations).solution
+        return fit.solve_with(problem, fit.free_effect_priors | more, base.equations).solution
 
     out, alone = [], {s.effect: solve_together(s).ln_evidence for s in best}
     for i, a in enumerate(best):

@@ -4,6 +4,7 @@
     python benchmarks/discover.py run 1000 1020 found.jsonl wide   made in 3D, judged in 2D, in more or less air
     python benchmarks/discover.py realistic 7000 7050 found.jsonl  by tests/reference, errors of uncooled cameras
     python benchmarks/discover.py store 7000 7050 FOLDER           the campaigns of `realistic`, for campaigns.py
+    python benchmarks/discover.py store 8000 8050 FOLDER varied    another block, road, schedule and camera in each
     python benchmarks/discover.py table found.jsonl
 
 In the first two modes `twin` computes the campaign (with another mesh, grading, tolerance, order and CVODE binding),
@@ -47,6 +48,12 @@ REALISTIC = {  # effects of the independent generator: parameter, and a size tha
     "third_body": ("growth", 2e-5), "side_cooling": ("gain", 40.0), "ambient_drift": ("rate", 0.01),
 }  # fmt: skip
 FOREIGN = {"waves": 0.2, "polishing": 0.2}  # laws that no effect of the catalogue describes
+SETUP_ERRORS: dict[str, tuple[float, float]] = {  # of `varied`: smallest and largest size, of either sign
+    "length": (0.02, 0.05), "load": (0.08, 0.2), "speed": (0.05, 0.15), "density": (0.08, 0.2), "larger": (0.015, 0.04),
+    "turned": (0.03, 0.08), "clock": (0.1, 0.5), "emissivity": (0.05, 0.15), "mirrored": (1.0, 1.0),
+    "exchanged": (1.0, 1.0),
+}  # fmt: skip
+RATIOS = ("load", "speed", "density")  # of the real value to the stated one
 STRENGTH = SINGLE | {name: parameter for name, (parameter, _) in REALISTIC.items()}
 COUNTED = 10_000_000  # steps of a loop that measures the speed of the machine
 
@@ -131,26 +138,75 @@ def run_seed(seed: int, wide: bool = False) -> dict:
 def make_realistic(plan: dict, folder: Path) -> tuple[dict, dict]:
     """The campaign that the independent generator computes for uncooled cameras, in `folder`; hidden effects with
     their parameters, and what else was drawn."""
-    sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+    _find_reference()
     from reference import laboratory
 
-    hidden = {n: a * REALISTIC[n][1] if n in REALISTIC else FOREIGN[n] for n, a in plan["size"].items()}
     pitch = {"sidewall": 4e-4, "wake": 1e-3}
     frames = laboratory.continuous_frames(20, 3)
     test = laboratory.MeasurementProgramme(0.4, wait=4.0, columns=50, mesh=0.5, pitch=pitch, wake_length=0.02, **frames)
-    drawn = laboratory.write_campaign(folder, hidden, plan["seed"], test=test, uncooled=True)
+    return _write_uncooled(plan, folder, test)
+
+
+def draw_varied(seed: int) -> dict:
+    """Hidden content of a varied campaign: as of `draw_realistic`, or in a fifth of all one error of the set-up."""
+    rng, plan = np.random.default_rng([seed, 80]), draw_realistic(seed)
+    if rng.uniform() > 0.2:
+        return plan | {"setup": {}}
+    name = str(rng.choice(sorted(SETUP_ERRORS)))
+    size = float(np.exp(rng.uniform(*np.log(SETUP_ERRORS[name]))) * rng.choice((-1.0, 1.0)))
+    if name == "emissivity":  # stated less real; the real one cannot exceed 1
+        size = abs(size)
+    return plan | {"kind": "setup", "hidden": [], "size": {}, "setup": {name: size}}
+
+
+def make_varied(plan: dict, folder: Path) -> tuple[dict, dict]:
+    """As `make_realistic`, with a block, road, schedule and cameras that are drawn too, and an error of the set-up."""
+    _find_reference()
+    from independent import draw_programme
+    from reference import laboratory
+
+    rng, drawn = np.random.default_rng([plan["seed"], 81]), draw_programme(plan["seed"])
+    frames = laboratory.continuous_frames(int(rng.integers(10, 25)), int(rng.integers(2, 5)))
+    test = replace(drawn, columns=min(drawn.columns, 80), **frames)
+    errors: dict = {}
+    for name, size in plan["setup"].items():
+        stated = {"length": size * test.pair.length, "mirrored": True, "exchanged": _draw_exchange(rng, test)}
+        stated |= {n: 1.0 + size for n in RATIOS}
+        errors[name] = stated.get(name, size)
+    return _write_uncooled(plan, folder, test, errors)
+
+
+def _draw_exchange(rng: np.random.Generator, test) -> tuple[str, str]:
+    """The recordings of one view in two conditions."""
+    first, second = rng.choice(len(test.conditions), size=2, replace=False) + 1
+    view = rng.choice(("sidewall", "wake"))
+    return f"condition{first}_{view}.nc", f"condition{second}_{view}.nc"
+
+
+def _find_reference() -> None:
+    sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+
+def _write_uncooled(plan: dict, folder: Path, test, setup_errors: dict | None = None) -> tuple[dict, dict]:
+    """Write the campaign of a plan; its candidates are the effects that the independent generator knows."""
+    from reference import laboratory
+
+    hidden = {n: a * REALISTIC[n][1] if n in REALISTIC else FOREIGN[n] for n, a in plan["size"].items()}
+    drawn = laboratory.write_campaign(folder, hidden, plan["seed"], test=test, uncooled=True, setup_errors=setup_errors)
     file = folder / "campaign.toml"
-    candidates = f"candidates = {json.dumps(list(REALISTIC))}\n"  # effects of the generator
+    candidates = f"candidates = {json.dumps(list(REALISTIC))}\n"
     file.write_text(re.sub(r"(?m)^case = .*\n", rf"\g<0>{candidates}", file.read_text(), count=1))
     return {n: {REALISTIC[n][0]: a} if n in REALISTIC else {"size": a} for n, a in hidden.items()}, drawn
 
 
-def store_realistic(first: int, last: int, folder: Path) -> None:
+def store_campaigns(first: int, last: int, folder: Path, varied: bool = False) -> None:
     """Campaigns of seeds first..last-1 as `campaigns.py run` reads them."""
+    draw, make = (draw_varied, make_varied) if varied else (draw_realistic, make_realistic)
     for seed in range(first, last):
-        own, plan = folder / f"realistic_{seed}", draw_realistic(seed)
-        hidden, drawn = make_realistic(plan, own / "campaign")
+        own, plan = folder / f"{'varied' if varied else 'realistic'}_{seed}", draw(seed)
+        hidden, drawn = make(plan, own / "campaign")
         truth = {"kind": plan["kind"], "hidden": hidden, "drawn": drawn["drawn"], "recordings": drawn["recordings"]}
+        truth["setup"] = plan.get("setup", {})
         (own / "truth.json").write_text(json.dumps(truth, default=float))
 
 
@@ -309,6 +365,6 @@ if __name__ == "__main__":
         if mode == "realistic":
             print_tables(Path(sys.argv[4]))
     elif sys.argv[1] == "store":
-        store_realistic(int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]))
+        store_campaigns(int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]), "varied" in sys.argv[5:])
     else:
         print_tables(Path(sys.argv[2]))

@@ -80,9 +80,11 @@ def select_stored(stored: StoredSearch) -> tuple[Any, set[Names], set[Names]]:
     """The search that the present criteria make of the stored fits; all fits that they require, and those not made."""
     base, asked, missing = stored.fits[stored.base], set[Names](), set[Names]()
     errors = tuple(SimpleNamespace(kind=kind) for kind in stored.recording_errors)
+    problem = SimpleNamespace(freed_inputs=stored.freed_inputs)
     search = SimpleNamespace(
-        best=base, base=base, problem=None, data=None, fits={stored.base: base}, unfitted={}, recording_errors=errors
-    )
+        best=base, base=base, problem=problem, data=None, fits={stored.base: base}, unfitted={},
+        recording_errors=errors, input_alternatives=(),
+    )  # fmt: skip
     for _ in range(int(CRITERIA.max_causes)):
         ranked = _ranking(stored, search.best)
         if ranked is None:
@@ -99,6 +101,8 @@ def select_stored(stored: StoredSearch) -> tuple[Any, set[Names], set[Names]]:
         if found is None:
             break
         search.best = found
+    if stored.rankings and _ranking(stored, search.best) is stored.rankings[-1]:  # what the stored search accepted
+        search.input_alternatives = stored.input_alternatives
     return search, asked, missing
 
 
@@ -128,7 +132,7 @@ def _verdict(
     if final.model.effects and final.size is not None:
         mesh_error = CRITERIA.mesh_error_left * final.size.mesh_error_K
         change = SimpleNamespace(size=replace(final.size, mesh_error_K=mesh_error))
-    setup = engine.find_setup_errors(None, None, final, None, stored.inputs, CRITERIA)  # type: ignore[arg-type]
+    setup = engine.find_setup_errors(search.problem, None, final, None, stored.inputs, CRITERIA)  # type: ignore[arg-type]
     base, own = _assessment(search.base), _assessment(final)
     evidence = engine.collect_evidence(search, final, base, own, change, setup, None, is_hint)  # type: ignore[arg-type]
     if law_excess is not None:

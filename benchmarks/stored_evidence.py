@@ -30,7 +30,7 @@ from flashtemp.discovery.estimation.per_condition import estimate_effect_by_cond
 from flashtemp.discovery.law_identification import IdentifiedLaw, heldout_excess, ln_choice_odds
 from flashtemp.discovery.parameters import PLACEMENT_KINDS, ParameterId, ParameterKind
 from flashtemp.discovery.selection import forward_selection
-from flashtemp.discovery.selection.forward_selection import EffectSearch
+from flashtemp.discovery.selection.forward_selection import EffectSearch, InputAlternative
 
 Names = frozenset[str]
 RECORDING_CRITERIA = ("ln_bayes_distinct", "law_excess_left", "adequacy_standard_errors", "noise_sd_uncertainty")
@@ -162,6 +162,8 @@ class StoredSearch:
     inputs: tuple[StatedInput, ...]
     law_was_tried: bool = False
     law: StoredLaw | None = None
+    input_alternatives: tuple[InputAlternative, ...] = ()
+    freed_inputs: tuple[str, ...] = ()
 
 
 # --- recording --------------------------------------------------------------------------------------------------
@@ -228,6 +230,8 @@ class Recorder:
             recordings=self._recordings(),
             inputs=tuple(self.inputs),
             law_was_tried=bool(self.laws),
+            input_alternatives=search.input_alternatives,
+            freed_inputs=search.problem.freed_inputs,
             law=stored_law,
         )
 

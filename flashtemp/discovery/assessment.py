@@ -21,6 +21,7 @@ from flashtemp.discovery.diagnostics.effect_size import (
 )
 from flashtemp.discovery.diagnostics.input_checks import InputCheck, compare_inputs_with_data, group_inputs
 from flashtemp.discovery.diagnostics.stated_inputs import (
+    INPUT_CELL_FACTORS,
     StatedInput,
     add_input_columns,
     list_stated_inputs,
@@ -93,19 +94,32 @@ def assess_inputs(search: EffectSearch, final: LinearisedFit, watch: ProgressCal
     of an input with hardly any influence may be a mesh error, so contradicted inputs are checked again on the mesh of
     the fit.
     """
-    problem = search.problem
-    inputs = list_stated_inputs(problem)
+    inputs = list_stated_inputs(search.problem)
     watch(f"checking {len(inputs)} stated inputs")
-    # without the columns of the fit: those of the inputs are all that is computed, and merged with them below
-    bare = [replace(p, observables={k: replace(o, columns={}) for k, o in p.observables.items()})
-            for p in final.predictions]  # fmt: skip
-    coarse = add_input_columns(problem, final.model, bare, inputs)
+    coarse = _predict_input_columns(search, final, inputs, INPUT_CELL_FACTORS)
     assessment = _assess_with_sensitivities(search, final, inputs, coarse)
     contradicted = [c.input for c in assessment.checks if c.is_contradicted]
     if not contradicted:
         return assessment
-    exact = add_input_columns(problem, final.model, bare, contradicted, None)
+    exact = _predict_input_columns(search, final, contradicted, None)
     return _assess_with_sensitivities(search, final, inputs, list(map(merge_columns, exact, coarse)))
+
+
+def screen_inputs(search: EffectSearch, fit: LinearisedFit) -> InputAssessment:
+    """Check all stated inputs at a fit with sensitivities on the coarse mesh alone."""
+    inputs = list_stated_inputs(search.problem)
+    return _assess_with_sensitivities(
+        search, fit, inputs, _predict_input_columns(search, fit, inputs, INPUT_CELL_FACTORS)
+    )
+
+
+def _predict_input_columns(
+    search: EffectSearch, fit: LinearisedFit, inputs: Sequence[StatedInput], cells: tuple[float, ...] | None
+) -> list[Prediction]:
+    """Predictions at a fit whose only columns are those of stated inputs."""
+    bare = [replace(p, observables={k: replace(o, columns={}) for k, o in p.observables.items()})
+            for p in fit.predictions]  # fmt: skip
+    return add_input_columns(search.problem, fit.model, bare, inputs, cells)
 
 
 def _assess_with_sensitivities(

@@ -38,6 +38,7 @@ from flashtemp.discovery.estimation.linearised_fit import FitStatus, LinearisedF
 from flashtemp.discovery.estimation.nuisance_priors import all_derivatives
 from flashtemp.discovery.estimation.outlier_rejection import reject_outliers
 from flashtemp.discovery.estimation.whitening import WhitenedData
+from flashtemp.discovery.input_alternatives import find_input_alternatives, free_input
 from flashtemp.discovery.law_identification import IdentifiedLaw, heldout_excess, identify_law
 from flashtemp.discovery.measurement_errors.initial_registration import register_images
 from flashtemp.discovery.measurement_errors.recording_errors import (
@@ -83,7 +84,8 @@ def discover(
         problem = prepare_problem(campaign, run)
         problem, errors, first = correct_measurements(problem, watch)
         problem, data, base = calibrate_base(problem, first, watch)
-        search = replace(select_effects(problem, data, base, watch), recording_errors=errors)
+        search = select_with_inputs(problem, data, base, watch)
+        search = replace(search, recording_errors=errors)
         watch(ProgressMessage("judging", **describe_search(search)))
         verdict = judge_search(search, watch)
         if verdict.kind == "unexplained":
@@ -136,6 +138,25 @@ def calibrate_base(
     names = [c.effect for c in problem.candidates]
     watch(ProgressMessage(f"sensitivities of {len(names)} candidates", candidates=[{"effect": n} for n in names]))
     return problem, data, refit_with_candidates(problem, data, base, problem.candidates, watch)
+
+
+def select_with_inputs(
+    problem: Problem, data: WhitenedData, base: LinearisedFit, watch: ProgressCallback
+) -> EffectSearch:
+    """Select effects; where a stated input explains the data better than what was selected, estimate it and select
+    again.
+
+    Raises BadInput, SolverFailure.
+    """
+    while True:
+        search = select_effects(problem, data, base, watch)
+        alternatives = find_input_alternatives(search, watch)
+        search = replace(search, input_alternatives=alternatives)
+        best = min(alternatives, key=lambda a: a.deficit(search.best), default=None)
+        if best is None or not best.is_key or best.deficit(search.best) > -CRITERIA.ln_bayes_distinct:
+            return search
+        problem = free_input(problem, best.key, best.prior_sd)
+        problem, data, base = calibrate_base(problem, _predict_stated_model(problem), watch)
 
 
 def judge_with_law(verdict: Verdict, search: EffectSearch, watch: ProgressCallback) -> tuple[Verdict, EffectSearch]:
@@ -264,11 +285,12 @@ def collect_evidence(
 
 
 def _find_alternatives(search: EffectSearch, final: LinearisedFit) -> tuple[AlternativeCause, ...]:
-    """Fits with as many effects as the final one, of which one differs; the best first."""
+    """Fits with as many effects as the final one, of which one differs, and stated inputs; the best first."""
     own, out = effect_names(final), []
     for names, fit in search.fits.items():
         if len(names) == len(own) and len(names - own) == 1:
             out.append(AlternativeCause(names, final.ln_evidence - fit.ln_evidence, fit.is_comparable))
+    out += [AlternativeCause(a.names, a.deficit(final)) for a in search.input_alternatives]
     return tuple(sorted(out, key=lambda a: a.deficit))
 
 

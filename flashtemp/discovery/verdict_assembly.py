@@ -25,6 +25,7 @@ from flashtemp.discovery.diagnostics.mesh_resolution import (
 from flashtemp.discovery.diagnostics.setup_errors import SetupError
 from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
 from flashtemp.discovery.measurement_errors.recording_errors import RecordingError
+from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.discovery.selection.forward_selection import (
     EffectSearch,
@@ -124,11 +125,14 @@ def _input_correction(
     value = i.value * math.exp(e.value) if i.relative else i.value + e.value
     sd = value * e.stderr if i.relative else e.stderr
     # the free keys are estimated again with the input corrected, because they absorbed a part of its error before
-    fixed = final.free_priors | {e.parameter: (e.value, FIXED_INPUT_SD_FRACTION * i.sd)}
+    freed = ParameterId.of_key(i.key)
+    fixed = {p: v for p, v in final.free_priors.items() if p != freed}
+    fixed[e.parameter] = (e.value - final.model.free.get(i.key, 0.0), FIXED_INPUT_SD_FRACTION * i.sd)
     solution = inputs.system.solve(fixed, inputs.system.normal_equations(variances=final.hyper.variances))
     calibrated = {
-        p.name: problem.case[p.name] * math.exp(final.model.free[p.name] + solution[p]) for p in problem.free_keys
-    }
+        p.name: problem.case[p.name] * math.exp(final.model.free[p.name] + solution[p])
+        for p in problem.free_keys if p != freed
+    }  # fmt: skip
     return InputCorrection(i.key, i.value, value, sd, i.unit, e.ln_bayes, e.words, calibrated)
 
 

@@ -34,8 +34,10 @@ from flashtemp.discovery.estimation.nuisance_priors import (
     nuisance_priors,
 )
 from flashtemp.discovery.estimation.trust_region import QuadraticModel
+from flashtemp.discovery.estimation.whitening import WhitenedData
 from flashtemp.discovery.hypotheses.candidates import ModelPoint
 from flashtemp.discovery.parameters import ParameterId, ParameterKind
+from flashtemp.discovery.prediction.prediction import DerivativeRequest
 from flashtemp.discovery.prediction.problem import _unstated_facts, prepare_problem
 from flashtemp.discovery.selection.scores import MIN_PARTNER_Z, score_candidates, select_for_rescoring
 from flashtemp.errors import BadInput
@@ -133,6 +135,19 @@ def test_what_was_drawn_is_found_again(two):
         drawn = np.log(two.truth["nuisance"]["friction.mu"] * own["friction_jitter"])
         assert level == pytest.approx(drawn, abs=0.01)
     assert fit.solution.chi2 == pytest.approx(fit.solution.count, abs=5 * np.sqrt(2 * fit.solution.count))
+
+
+def test_friction_differs_between_conditions_also_where_it_is_stated(two):
+    """Without friction among the free keys, the level of a condition is that of all its repetitions together."""
+    wanted = DerivativeRequest(two.problem.free_keys, scatter=True)
+    first = two.problem.predict(two.problem.make_tasks(two.problem.stated_model, wanted))
+    free = tuple(key for key in two.problem.campaign.free if key != "friction.mu")
+    stated = replace(two.problem, campaign=replace(two.problem.campaign, free=free))
+    both = [WhitenedData.from_predictions(p, first).make_blocks(first) for p in (two.problem, stated)]
+    for calibrated, block in zip(*both, strict=True):
+        level = ParameterId(ParameterKind.LEVEL, condition=block.condition)
+        exact, own = (np.concatenate([b.C, b.F], axis=1)[:, dict(b.names)[level]] for b in (calibrated, block))
+        np.testing.assert_allclose(own, exact, atol=0.02 * np.abs(exact).max())
 
 
 def test_predictions_at_the_best_point_leave_noise(two):

@@ -328,13 +328,22 @@ def test_a_shorter_block_is_never_taken_for_physics(tmp_path):
 
 
 @pytest.mark.long
-def test_friction_stated_at_a_wrong_value_is_said_first(tmp_path):
-    lab = made(tmp_path, 13, **{"friction.mu": 1.0})
+@pytest.mark.parametrize("conditions", [2, 3])
+def test_friction_stated_at_a_wrong_value_is_said_first(tmp_path, conditions):
+    """The first two conditions have one speed, at which a law of the speed is nothing but another friction."""
+    (tmp_path / "case.toml").write_text("")
+    stated = load_case(tmp_path / "case.toml", SMALL | {"friction.mu": 1.0})
+    lab = make_synthetic_campaign(stated, SyntheticPlan((), 13, conditions=conditions, sliding=3), tmp_path / "lab")
     text = (lab / "case.toml").read_text()
     (lab / "case.toml").write_text(text.replace("mu = 1.0", "mu = 0.8", 1))
     text = (lab / "campaign.toml").read_text()
     (lab / "campaign.toml").write_text(text.replace('    "friction.mu",\n', ""))
     v = judged(lab)
+    if conditions == 2:
+        assert v.kind == "group", v.says
+        assert set(v.group) == {"friction_speed", "friction.mu"}
+        assert v.says[0].startswith("Either an effect is missing or a stated input is wrong")
+        return
     assert v.kind == "held_key", v.says
     assert v.held_key.key == "friction.mu"
     assert v.says[0].startswith("No effect is missing, but the data contradict a stated input: friction.mu")

@@ -102,7 +102,7 @@ def _check_input(
     column = find_column(system, i)
     if column is None:
         return InputCheck(i, i.value, math.inf, 0.0, 0.0, 0.0, 0.0, InputVerdict.NOT_CHECKABLE)
-    twin = _same_nuisance(nuisances, i)
+    twin = same_nuisance(nuisances, i)
     mean = nuisances[twin][0] if twin else 0.0
     others = {p: prior for p, prior in nuisances.items() if p != twin}
     prior: Prior = (mean, i.sd)
@@ -148,7 +148,7 @@ def find_column(system: LinearSystem, i: StatedInput) -> ParameterId | None:
     return next((p for p in ways if p in system.index), None)
 
 
-def _same_nuisance(nuisances: Priors, i: StatedInput) -> ParameterId | None:
+def same_nuisance(nuisances: Priors, i: StatedInput) -> ParameterId | None:
     """The nuisance that is the same number as an input."""
     return next(
         (p for p in (ParameterId(ParameterKind.SIZE, name=i.key), ParameterId.of_key(i.key)) if p in nuisances), None
@@ -165,7 +165,7 @@ def group_inputs(
     from scipy.sparse.csgraph import connected_components
 
     columns = {i.key: find_column(system, i) for i in inputs}
-    twins = {_same_nuisance(nuisance_priors, i) for i in inputs}
+    twins = {same_nuisance(nuisance_priors, i) for i in inputs}
     known = [i for i in inputs if columns[i.key] is not None]
     if not known:
         return ()

@@ -47,7 +47,7 @@ class SetupError:
     """An error of the set-up: `value` with `stderr` in `unit`, and `pull` in prior standard deviations.
 
     `ln_bayes`: against no error.  `words`: a sentence for reports.  `alternatives`: name and words of other errors that
-    explain the data as well.
+    explain the data as well.  `is_freed`: it is a stated input that explains the data better than an effect does.
     """
 
     name: str
@@ -59,6 +59,7 @@ class SetupError:
     ln_bayes: float
     words: str
     alternatives: tuple[tuple[str, str], ...] = ()  # name and words of each
+    is_freed: bool = False
 
     @property
     def is_input(self) -> bool:
@@ -68,7 +69,7 @@ class SetupError:
     def is_unusual(self, criteria: Criteria) -> bool:
         """Whether it exceeds the limit of its kind; for placements and block sizes less two standard errors."""
         if self.is_input:
-            return abs(self.pull) > criteria.pull_input
+            return self.is_freed or abs(self.pull) > criteria.pull_input
         return abs(self.pull) * (1.0 - 2.0 * self.stderr / abs(self.value)) > criteria.pull_setup
 
 
@@ -204,9 +205,11 @@ def _reduce_fit(
     names = (*names, *(p for p in known if p in system.index and p.name not in sizes))
     if not names:
         return None
+    free_inputs = {ParameterId.of_key(p.name) for p in known}  # the columns of the inputs take their place
     priors: Priors = {
-        p: v for p, v in fit.free_priors.items() if p.kind not in PLACEMENT_KINDS and p.kind is not ParameterKind.SIZE
-    }
+        p: v for p, v in fit.free_priors.items()
+        if p.kind not in PLACEMENT_KINDS and p.kind is not ParameterKind.SIZE and p not in free_inputs
+    }  # fmt: skip
     if discrepancy_sd is not None:
         priors |= {
             p: (mean, discrepancy_sd) for p, (mean, _) in priors.items() if p.kind is ParameterKind.MODEL_DISCREPANCY
@@ -222,7 +225,8 @@ def _reduce_fit(
     places = []
     for p in names:
         single = alone.get(p.name) if p.kind in PLACEMENT_KINDS and not p.file else None
-        places.append(fit.model.setup_value(replace(p, name="", file=single.file) if single else p))
+        value = fit.model.free.get(p.name, 0.0) if p in known else 0.0
+        places.append(value or fit.model.setup_value(replace(p, name="", file=single.file) if single else p))
     # the quadratic is about the fitted placements; its gradient is needed about zero error
     gradient = projection.score + projection.information @ np.array(places)
     sd = np.array([known[p].sd if p in known else NUISANCE_SD[p.kind] for p in names])
@@ -248,7 +252,8 @@ def _make_error(
     key, sentence = _name_and_words(problem, known, p, value)
     factor = 180.0 / np.pi if p.kind is ParameterKind.TURN else 1.0
     usual, unit = (known[p].sd, "1") if p in known else (NUISANCE_SD[p.kind], SETUP_ERROR_UNITS[p.kind])
-    return SetupError(key, p, factor * value, factor * sd, unit, value / usual, gain, sentence, others)
+    is_freed = p in known and p.name in problem.freed_inputs
+    return SetupError(key, p, factor * value, factor * sd, unit, value / usual, gain, sentence, others, is_freed)
 
 
 def _visible_fraction(

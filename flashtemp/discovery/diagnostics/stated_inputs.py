@@ -64,7 +64,7 @@ class StatedInput:
 
 
 def list_stated_inputs(problem: Problem) -> tuple[StatedInput, ...]:
-    """Every stated number of case and set-up that is physical and not free.
+    """Every stated number of case and set-up that is physical and not free, or free only since the data contradict it.
 
     Raises BadInput for a key of `known` that is not a measured input of this campaign.
     """
@@ -82,7 +82,7 @@ def _case_inputs(problem: Problem, cases: list[Case]) -> Iterator[StatedInput]:
         units |= physical_keys(case)
         units |= {k: case.declared_params(t)[n].unit for t, n, k in _uncertain_choices(case, problem.campaign.known)}
     for key, unit in units.items():
-        if key not in problem.campaign.free:
+        if key not in problem.campaign.free or key in problem.freed_inputs:
             values = [v for case in cases if (v := time_series_values(case, key))]
             about = cases[0].declared_params(key.rpartition(".")[0])[key.rpartition(".")[2]].about
             yield _make_input(

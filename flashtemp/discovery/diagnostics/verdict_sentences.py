@@ -182,9 +182,7 @@ def describe_verdict(v: Verdict, known: Mapping[str, type[Effect]]) -> tuple[str
     if v.kind == "named" and (own := _physical_causes(v)) and all(_acts_in_camera(c, known) for c in own):
         lead = "No effect on heat is missing from the model, but the measurement has an error"
         answer[0] = f"{lead}: {' and '.join(map(_cause_words, own))}."
-    is_setup_in_answer = (v.kind == "named" and not _physical_causes(v)) or (
-        v.kind == "group" and not _is_physical(v, known)
-    )
+    is_setup_in_answer = (v.kind == "named" and not _physical_causes(v)) or (v.kind == "group" and _is_setup_group(v))
     setup = [] if is_setup_in_answer else [_setup_difference(c) for c in v.causes if c.laboratory]
     return (
         *answer,
@@ -256,32 +254,37 @@ def _answer_weak(v: Verdict) -> Iterator[str]:
 
 def _answer_group(v: Verdict, known: Mapping[str, type[Effect]]) -> Iterator[str]:
     words = _group_words(v, known)
-    if not _is_physical(v, known):
+    if _is_setup_group(v):
         yield f"The set-up differs from what is stated, and these data cannot distinguish how: {words}."
         yield "An independent measurement of one of these decides between them."
         return
+    if stated := " and ".join(name for name in v.group if name not in known):
+        yield (
+            "Either an effect is missing or a stated input is wrong, and these data cannot distinguish which: "
+            f"{words}. An independent measurement of {stated} decides between them."
+        )
+        return
     confirmed = [c for c in _physical_causes(v) if c.effect in v.certain]
-    count = "One more effect" if confirmed else "One effect"
-    yield f"{count} is missing, and these data cannot distinguish which: {words}."
+    yield f"One {'more ' * bool(confirmed)}effect is missing, and these data cannot distinguish which: {words}."
     yield from (f"Confirmed: {_cause_words(c)}; {_parameter_words(c)}".removesuffix("; ") + "." for c in confirmed)
     if v.next_experiment:
         yield f"To distinguish them: {v.next_experiment}."
 
 
-def _is_physical(v: Verdict, known: Mapping[str, type[Effect]]) -> bool:
-    """Whether a group consists of effects, not of errors of the set-up."""
-    return all(name in known for name in v.group)
+def _is_setup_group(v: Verdict) -> bool:
+    """Whether a group consists of errors of the set-up and of stated inputs, without an effect."""
+    return not any(c.effect in v.group for c in _physical_causes(v))
 
 
 def _group_words(v: Verdict, known: Mapping[str, type[Effect]]) -> str:
     """Members of a group in words; the words of a set-up error contain its alternatives already."""
     setup = [c.words for c in v.causes if c.laboratory and c.effect in v.group]
-    if setup and not _is_physical(v, known):
+    if setup and _is_setup_group(v):
         return "; ".join(setup)
     if v.held_key is not None and v.held_key.key in v.group:
         others = [name.replace("_", " ") for name in v.group if name != v.held_key.key]
         return f"{_correction_words(v.held_key)}; or {' or '.join(others)} is wrong"
-    return " or ".join(f"{known[name].cause} ({name})" if name in known else name for name in v.group)
+    return " or ".join(f"{known[name].cause} ({name})" if name in known else f"{name} is wrong" for name in v.group)
 
 
 def _answer_unexplained(v: Verdict) -> Iterator[str]:

@@ -26,7 +26,7 @@ from flashtemp.solver.run import Run
 # small, or of unknown shape: their sensitivities from the first predictions are used in all fits
 FIXED_KINDS = (ParameterKind.SCATTER, ParameterKind.MODE, ParameterKind.TREND)
 CLOCK_STANDARD_DEVIATIONS = 3.0  # of the clock prior, within which a frame may belong to another phase
-FRICTION_LEVEL_KEY = "friction.mu"  # the free key for which each condition has an additional level
+FRICTION_LEVEL_KEY = "friction.mu"  # where it is a free key, its derivatives are those of the level of a condition too
 
 
 @dataclass(frozen=True)
@@ -68,6 +68,7 @@ class WhitenedData:
             for entry in condition.entries:
                 seen = fine.observables[entry.file]
                 own = {p: v for p, v in seen.columns.items() if p.kind in FIXED_KINDS}
+                own |= _friction_level(problem, own)
                 own |= _mesh_differences(seen, [other.observables[entry.file] for other in rough])
                 if isinstance(entry, RecordingEntry):
                     # noise is estimated from what no smooth shape explains: a missing effect is not noise
@@ -142,7 +143,7 @@ class WhitenedData:
                 entry, RecordingEntry
             ):  # all recordings of a view may have it alike
                 out.append((ParameterId(p.kind, name=entry.recording.view), i))
-            if p.kind is ParameterKind.KEY and p.name == FRICTION_LEVEL_KEY and p in self.problem.free_keys:
+            if p in self.problem.free_keys and p.name == FRICTION_LEVEL_KEY:
                 out.append((ParameterId(ParameterKind.LEVEL, condition=number), i))
             if p.kind is ParameterKind.MODE:
                 out.append((ParameterId(ParameterKind.FLUX, p.index, condition=number), i))
@@ -178,6 +179,14 @@ class WhitenedData:
         for k, values in enumerate(columns.values()):
             out[:, k] = self._whiten_values(entry, values)
         return out
+
+
+def _friction_level(problem: Problem, columns: Mapping[ParameterId, Single]) -> dict[ParameterId, Single]:
+    """Friction of a condition, all repetitions together; empty where friction itself is a free key."""
+    scatter = [c for p, c in columns.items() if p.kind is ParameterKind.SCATTER]
+    if not scatter or FRICTION_LEVEL_KEY in problem.campaign.free:
+        return {}
+    return {ParameterId(ParameterKind.LEVEL): np.sum(scatter, axis=0)}
 
 
 def _mesh_differences(predicted: Observable, coarser: list[Observable]) -> dict[ParameterId, npt.NDArray[Any]]:

@@ -39,6 +39,7 @@ class Problem:
     `placements` and `shifts`: starting values for images that are far from their stated positions.
     `assumed_camera_facts` {recording: names in ASSUMED_CAMERA_VALUES that it does not state}.
     `screening` {recording: camera defects that were found}.
+    `freed_inputs`: stated inputs that the data contradict, so that they are among the free keys.
     """
 
     campaign: Campaign
@@ -52,6 +53,7 @@ class Problem:
     shifts: dict[str, tuple[float, float]] = field(default_factory=dict)
     assumed_camera_facts: dict[str, tuple[str, ...]] = field(default_factory=dict)
     screening: dict[str, str] = field(default_factory=dict)
+    freed_inputs: tuple[str, ...] = ()
 
     def make_tasks(
         self, model: ModelPoint, derivatives: DerivativeRequest, cell_factors: tuple[float, ...] | None = None

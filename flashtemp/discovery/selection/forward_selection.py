@@ -43,6 +43,30 @@ EffectNames = frozenset[str]
 
 
 @dataclass(frozen=True)
+class InputAlternative:
+    """A model in which the stated input `key` is estimated, beside the effects that it `keeps`.
+
+    `prior_sd`: of the ln of the key, if the key can be estimated with the others (`is_key`); else the evidence is that
+    of the linearised model.
+    """
+
+    key: str
+    keeps: EffectNames
+    ln_evidence: float
+    prior_sd: float
+    is_key: bool
+
+    @property
+    def names(self) -> EffectNames:
+        return self.keeps | {self.key}
+
+    def deficit(self, accepted: LinearisedFit) -> float:
+        """ln Bayes factor of the accepted model against this one, where each cause costs what it needs to be named."""
+        more = len(effect_names(accepted)) - len(self.names)
+        return accepted.ln_evidence - self.ln_evidence - CRITERIA.ln_bayes_named * more
+
+
+@dataclass(frozen=True)
 class EffectSearch:
     """A selection of effects on a `problem` with its whitened `data`, as far as it has got.
 
@@ -51,7 +75,8 @@ class EffectSearch:
     `fits` {effects: fit}: every full fit.  `ranking`: scores at the base and at every accepted extension.
     `unfitted` {effects: reason}: models that could not be simulated.  `vanished`: models in which the full fit brought
     the strength of an effect to its neutral value.
-    `recording_errors`: errors of recordings that were corrected before the first fit.
+    `recording_errors`: errors of recordings that were corrected before the first fit.  `input_alternatives`: stated
+    inputs in place of the accepted effects.
     """
 
     problem: Problem
@@ -63,6 +88,7 @@ class EffectSearch:
     unfitted: dict[EffectNames, str] = field(default_factory=dict)
     vanished: frozenset[EffectNames] = frozenset()
     recording_errors: tuple[RecordingError, ...] = ()
+    input_alternatives: tuple[InputAlternative, ...] = ()
 
 
 def effect_names(fit: LinearisedFit) -> EffectNames:
@@ -164,10 +190,14 @@ def shortlist_candidates(ranked: Sequence[CandidateScore]) -> list[CandidateScor
     likely = [s for s in ranked if s.ln_bayes > CRITERIA.ln_bayes_hint]
     if not likely:
         return []
-    best = likely[0].ln_bayes
-    # errors of linearised scores have a size of their own while scores are small, and grow with large ones
-    lowest = min(best - CRITERIA.shortlist_range, CRITERIA.shortlist_fraction * best)
+    lowest = shortlist_limit(likely[0].ln_bayes)
     return [s for s in likely if s.ln_bayes > lowest][: int(CRITERIA.shortlist)]
+
+
+def shortlist_limit(best: float) -> float:
+    """The score above which a candidate may turn out better in a full fit than the one with the `best` score."""
+    # errors of linearised scores have a size of their own while scores are small, and grow with large ones
+    return min(best - CRITERIA.shortlist_range, CRITERIA.shortlist_fraction * best)
 
 
 def _promising_pairs(search: EffectSearch, ranked: Sequence[CandidateScore]) -> list[EffectPair]:

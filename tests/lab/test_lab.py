@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lab.browsing import CASE, page, served
+from lab.browsing import CASE, page, served, served_by_command
 
 import flashtemp
 from flashtemp.camera import recording
@@ -234,7 +234,7 @@ def test_a_command_is_started_stopped_and_gone_on_with(tmp_path):
 # --- the server ------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def server(place):
-    with served(place) as (address, process):
+    with served_by_command(place) as (address, _):
         yield address
 
 
@@ -289,7 +289,7 @@ def at(seen, column, row, zoom=6, columns=160):
 @pytest.mark.parametrize("width", [1280, pytest.param(800, marks=pytest.mark.long)])
 def test_clicks_make_the_recording_that_the_command_line_makes(browser, server, place, width, tmp_path):
     name = f"side{width}"
-    with page(browser, server, width) as seen:
+    with page(browser, server, width, path="/") as seen:
         seen.get_by_role("link", name="view 24 files").click()
         seen.locator("#image").wait_for()
         seen.get_by_label("frame rate (fps), 1/s", exact=True).wait_for()
@@ -398,7 +398,7 @@ def test_from_a_folder_to_a_verdict(browser, tmp_path):
     (place / "case.toml").write_text(CASE.replace("mesh = 0.3", "mesh = 0.6"))
     flashtemp.twin(place / "case.toml", hide=[], seed=3, out=tmp_path / "twin", conditions=1, views=["sidewall"])
     shutil.copy(next((tmp_path / "twin").glob("*sidewall.nc")), place / "side.nc")
-    with served(place) as (address, _), page(browser, address) as seen:
+    with served(place) as (address, _), page(browser, address, path="/") as seen:
         seen.get_by_role("button", name="Put it together").click()
         seen.get_by_role("button", name="New campaign").click()
         seen.get_by_text("One condition").wait_for()

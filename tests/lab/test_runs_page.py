@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from lab.browsing import CASE, page, served
+from lab.browsing import COARSE, page, served
 from lab.test_accessibility import RULES
 
 from flashtemp.__main__ import main
@@ -31,7 +31,6 @@ from flashtemp.lab.live_run import describe_run
 from flashtemp.lab.live_state import LiveState, read_live_state
 from flashtemp.lab.live_table import cells_of_rows
 
-COARSE = CASE.replace("mesh = 0.3", "mesh = 1.5") + "pictures = false\nvtk = false\n"
 COMMANDS = sort_commands(describe_commands())
 
 

@@ -24,7 +24,7 @@ mesh = 0.3
 [output]
 animation = false
 """
-COARSE = CASE.replace("mesh = 0.3", "mesh = 1.5") + "pictures = false\nvtk = false\n"  # for what a run leads to
+COARSE = CASE + "pictures = false\nvtk = false\n"  # where only matters that it has run
 # Servers are forked from a process that has loaded the program and what its first page needs: that takes 2 to 3 s.
 FORKS = get_context("forkserver")
 FORKS.set_forkserver_preload([

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lab.browsing import CASE, page, served, served_by_command
+from lab.browsing import CASE, COARSE, page, served, served_by_command
 
 import flashtemp
 from flashtemp.camera import recording
@@ -207,12 +207,10 @@ def ended(job: Job, seconds: float = 120.0) -> Job:
 
 
 def test_a_command_is_started_stopped_and_gone_on_with(tmp_path):
-    longer = CASE.replace("0.3\n", "2.0\n").replace(
-        "repetitions = 2", "repetitions = 8"
-    )  # not over before it is stopped
+    longer = COARSE.replace("repetitions = 2", "repetitions = 30")  # not over before it is stopped
     (tmp_path / "case.toml").write_text(longer)
     jobs = JobList(tmp_path)
-    job = jobs.start(["run", "case.toml", "output.pictures=false", "--out", "a"])
+    job = jobs.start(["run", "case.toml", "--out", "a"])
     assert job.state == "running"
     for _ in range(1200):
         if folders.list_folder(tmp_path).begun and job.progress()[0]:
@@ -227,7 +225,7 @@ def test_a_command_is_started_stopped_and_gone_on_with(tmp_path):
     assert owner.command == "run"
     assert ended(jobs.start(["run", "--resume", str(begun)])).state == "done"
     assert (tmp_path / "a" / "run.nc").is_file()
-    assert job.log.read_text().startswith("$ flashtemp run case.toml output.pictures=false --out a\n")
+    assert job.log.read_text().startswith("$ flashtemp run case.toml --out a\n")
     assert ended(jobs.start(["run", "nothing.toml"])).state == "failed, exit code 2"
 
 

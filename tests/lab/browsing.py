@@ -97,3 +97,25 @@ def page(browser, address, width=1280, scheme="light", path=None):
             seen.goto(f"{base}{path}?{token}")
         yield seen
         assert said == []
+
+
+QUIET = """(ms) => new Promise((done) => {
+    let timer;
+    const observer = new MutationObserver(() => restart());
+    const restart = () => {
+        clearTimeout(timer);
+        timer = setTimeout(() => {
+            if (document.querySelector(".q-spinner")) return restart();
+            observer.disconnect();
+            done();
+        }, ms);
+    };
+    observer.observe(document, {subtree: true, childList: true, attributes: true, characterData: true});
+    restart();
+})"""
+
+
+def wait_until_quiet(seen, ms=500):
+    """Until the page is connected to its server, has read all files, and nothing on it has changed for that time."""
+    seen.wait_for_function("window.socket?.connected")
+    seen.evaluate(QUIET, ms)

@@ -48,8 +48,22 @@ def serve_folder(place: Path, said: Path, announce) -> None:
 
 
 @contextmanager
-def served(place: Path):
-    """The address of a server of the folder, and its process."""
+def served_by_command(place: Path):
+    """The address of a server of the folder, and its process: by the command line itself."""
+    words = [sys.executable, "-m", "flashtemp", "lab", str(place), "--no-browser"]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        yield process.stdout.readline().strip(), process
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        said = process.communicate(timeout=60)[1]
+        assert "Traceback" not in said, said
+
+
+@contextmanager
+def served_by_fork(place: Path):
+    """The same, forked from a process that has loaded the program."""
     with tempfile.TemporaryDirectory() as away:
         said, (heard, announce) = Path(away) / "stderr", FORKS.Pipe(duplex=False)
         process = FORKS.Process(target=serve_folder, args=(place, said, announce))
@@ -65,18 +79,8 @@ def served(place: Path):
             assert "Traceback" not in said.read_text(), said.read_text()
 
 
-@contextmanager
-def served_by_command(place: Path):
-    """The same by the command line itself."""
-    words = [sys.executable, "-m", "flashtemp", "lab", str(place), "--no-browser"]
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
-        yield process.stdout.readline().strip(), process
-    finally:
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
-        said = process.communicate(timeout=60)[1]
-        assert "Traceback" not in said, said
+# coverage follows commands, not what is forked
+served = served_by_command if "COVERAGE_PROCESS_CONFIG" in os.environ else served_by_fork
 
 
 @contextmanager

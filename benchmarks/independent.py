@@ -100,8 +100,8 @@ def draw_programme(seed: int):
     )  # fmt: skip
 
 
-def run_seed(seed: int, small: bool = False, held: bool = False, varied: bool = False) -> dict:
-    """Make a campaign, run discovery, then read the truth."""
+def run_seed(seed: int, small: bool = False, held: bool = False, varied: bool = False, repetitions: int = 2) -> dict:
+    """Make a campaign, run discovery, then read the truth; only a `small` one has other `repetitions` than two."""
     from reference import laboratory
 
     from flashtemp.comparison import campaign
@@ -114,7 +114,7 @@ def run_seed(seed: int, small: bool = False, held: bool = False, varied: bool = 
     setup_errors = {name: LABORATORY[name]} if kind == "laboratory" else {}
     with tempfile.TemporaryDirectory() as folder:
         usual = (
-            laboratory.MeasurementProgramme(0.4, wait=4.0, columns=50, mesh=0.5)
+            laboratory.MeasurementProgramme(0.4, repetitions, wait=4.0, columns=50, mesh=0.5)
             if small
             else laboratory.MeasurementProgramme()
         )

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lab.browsing import CASE, page, served
+from lab.browsing import CASE, page, served, wait_until_quiet
 
 import flashtemp
 from flashtemp.lab.style import COLOURS
@@ -75,7 +75,7 @@ def test_page_is_accessible_and_never_scrolls_sideways(browser, address, name, s
     with page(browser, address, scheme=scheme) as seen:
         seen.goto(address.split("/?")[0] + (PAGES | BARE_PAGES)[name])
         seen.locator("h1").first.wait_for()
-        seen.wait_for_timeout(1000)  # what the server adds after the page is connected
+        wait_until_quiet(seen)  # what the server adds after the page is connected
         found = Axe().run(seen, options=RULES).response["violations"]
         told = [
             f"{v['id']}: {v['help']}: {n['html'][:160]} {n['failureSummary'][:200]}" for v in found for n in v["nodes"]

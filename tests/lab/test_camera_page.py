@@ -347,7 +347,7 @@ def test_the_example_has_no_defects(tmp_path):
 def test_camera_files_beside_no_others_are_called_this_folder(browser, tmp_path):
     np.savetxt(tmp_path / "a1.csv", IMAGE, delimiter="\t")
     np.savetxt(tmp_path / "a2.csv", IMAGE, delimiter="\t")
-    with served(tmp_path) as (address, _), page(browser, address) as seen:
+    with served(tmp_path) as (address, _), page(browser, address, path="/") as seen:
         seen.get_by_text("this folder", exact=True).wait_for()
         seen.get_by_role("link", name="view 2 files").click()
         seen.locator(".tv[data-frame]").wait_for()

@@ -68,7 +68,7 @@ def test_tables_of_times_are_no_camera_files(dropped):
 def test_files_of_two_loads_become_a_recording_with_the_times_of_the_table(browser, dropped, tmp_path):
     place = tmp_path / "place"
     place.mkdir()
-    with served(place) as (address, _), page(browser, address) as seen:
+    with served(place) as (address, _), page(browser, address, path="/") as seen:
         seen.get_by_text("Drop camera files here or choose them").wait_for()  # on the home page
         seen.locator("input[type=file]").set_input_files(sorted(dropped.iterdir()))
         seen.get_by_role("link", name="camera/150kPa_0.1ms_[0-9]*.csv").click()

@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 
 import pytest
-from lab.browsing import CASE, page, served
+from lab.browsing import COARSE, page, served
 
 from flashtemp.lab import examples
 from flashtemp.lab.home_page import find_steps
@@ -80,16 +80,16 @@ def test_load_cell_traces_are_not_camera_files(tmp_path):
 
 
 def test_an_empty_folder_says_what_belongs_there_and_an_example_runs(browser, tmp_path):
-    with served(tmp_path) as (address, _), page(browser, address) as seen:
+    with served(tmp_path) as (address, _), page(browser, address, path="/") as seen:
         seen.get_by_role("button", name="Add camera files").wait_for()
         assert seen.get_by_text("next step").count() == 1
         seen.get_by_text("No results yet").wait_for()
         (tmp_path / "examples").mkdir()
-        (tmp_path / "examples" / "run_in.toml").write_text(CASE)  # the user's own file of that name stays
+        (tmp_path / "examples" / "run_in.toml").write_text(COARSE)  # the user's own file of that name stays
         seen.get_by_role("button", name="Try: a run-in").click()
         seen.wait_for_url(re.compile("/runs"))
         seen.get_by_role("link", name="Open the result").first.wait_for(timeout=120_000)
-        assert (tmp_path / "examples" / "run_in.toml").read_text() == CASE
+        assert (tmp_path / "examples" / "run_in.toml").read_text() == COARSE
         seen.goto(address.split("/?")[0])
         seen.get_by_role("link", name="open results/run_in-run").wait_for()
         seen.get_by_text("highest").wait_for()

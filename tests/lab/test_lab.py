@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lab.browsing import CASE, page, served
+from lab.browsing import CASE, COARSE, page, served, served_by_command
 
 import flashtemp
 from flashtemp.camera import recording
@@ -207,12 +207,10 @@ def ended(job: Job, seconds: float = 120.0) -> Job:
 
 
 def test_a_command_is_started_stopped_and_gone_on_with(tmp_path):
-    longer = CASE.replace("0.3\n", "2.0\n").replace(
-        "repetitions = 2", "repetitions = 8"
-    )  # not over before it is stopped
+    longer = COARSE.replace("repetitions = 2", "repetitions = 30")  # not over before it is stopped
     (tmp_path / "case.toml").write_text(longer)
     jobs = JobList(tmp_path)
-    job = jobs.start(["run", "case.toml", "output.pictures=false", "--out", "a"])
+    job = jobs.start(["run", "case.toml", "--out", "a"])
     assert job.state == "running"
     for _ in range(1200):
         if folders.list_folder(tmp_path).begun and job.progress()[0]:
@@ -227,14 +225,14 @@ def test_a_command_is_started_stopped_and_gone_on_with(tmp_path):
     assert owner.command == "run"
     assert ended(jobs.start(["run", "--resume", str(begun)])).state == "done"
     assert (tmp_path / "a" / "run.nc").is_file()
-    assert job.log.read_text().startswith("$ flashtemp run case.toml output.pictures=false --out a\n")
+    assert job.log.read_text().startswith("$ flashtemp run case.toml --out a\n")
     assert ended(jobs.start(["run", "nothing.toml"])).state == "failed, exit code 2"
 
 
 # --- the server ------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def server(place):
-    with served(place) as (address, process):
+    with served_by_command(place) as (address, _):
         yield address
 
 
@@ -289,7 +287,7 @@ def at(seen, column, row, zoom=6, columns=160):
 @pytest.mark.parametrize("width", [1280, pytest.param(800, marks=pytest.mark.long)])
 def test_clicks_make_the_recording_that_the_command_line_makes(browser, server, place, width, tmp_path):
     name = f"side{width}"
-    with page(browser, server, width) as seen:
+    with page(browser, server, width, path="/") as seen:
         seen.get_by_role("link", name="view 24 files").click()
         seen.locator("#image").wait_for()
         seen.get_by_label("frame rate (fps), 1/s", exact=True).wait_for()
@@ -398,7 +396,7 @@ def test_from_a_folder_to_a_verdict(browser, tmp_path):
     (place / "case.toml").write_text(CASE.replace("mesh = 0.3", "mesh = 0.6"))
     flashtemp.twin(place / "case.toml", hide=[], seed=3, out=tmp_path / "twin", conditions=1, views=["sidewall"])
     shutil.copy(next((tmp_path / "twin").glob("*sidewall.nc")), place / "side.nc")
-    with served(place) as (address, _), page(browser, address) as seen:
+    with served(place) as (address, _), page(browser, address, path="/") as seen:
         seen.get_by_role("button", name="Put it together").click()
         seen.get_by_role("button", name="New campaign").click()
         seen.get_by_text("One condition").wait_for()

@@ -22,7 +22,6 @@ from flashtemp.lab.result_sentences import (
 )
 from flashtemp.lab.workspace import list_folder
 
-COARSE = CASE.replace("mesh = 0.3", "mesh = 1.0")
 LAW = {
     "quantity": "block_capacity", "argument": "inside", "formula": "line: 1 + s",
     "words": "the heat capacity of the block changes with its own temperature", "beside": {},
@@ -65,7 +64,7 @@ STORED = {"friction": FRICTION, "area": AREA, "loads": LOADS, "tread": TREAD, "t
 def place(tmp_path_factory):
     """A folder with a campaign that a tilt makes misfit, its comparison, and one stored result of every other kind."""
     place = tmp_path_factory.mktemp("answers")
-    (place / "case.toml").write_text(COARSE)
+    (place / "case.toml").write_text(CASE)
     flashtemp.twin(
         place / "case.toml", hide=["pressure_tilt"], seed=1, out=place / "lab", conditions=1, views=["sidewall"]
     )

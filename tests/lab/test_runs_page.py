@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from lab.browsing import CASE, page, served
+from lab.browsing import COARSE, page, served
 from lab.test_accessibility import RULES
 
 from flashtemp.__main__ import main
@@ -31,7 +31,6 @@ from flashtemp.lab.live_run import describe_run
 from flashtemp.lab.live_state import LiveState, read_live_state
 from flashtemp.lab.live_table import cells_of_rows
 
-COARSE = CASE.replace("mesh = 0.3", "mesh = 1.5") + "pictures = false\nvtk = false\n"
 COMMANDS = sort_commands(describe_commands())
 
 
@@ -39,7 +38,7 @@ COMMANDS = sort_commands(describe_commands())
 def test_a_run_that_is_watched_is_the_same_run_and_tells_where_it_is(tmp_path, monkeypatch, capsys):
     import xarray
 
-    (tmp_path / "case.toml").write_text(COARSE)
+    (tmp_path / "case.toml").write_text(COARSE.replace("mesh = 0.3", "mesh = 1.5"))  # the lowest cells are thin
     monkeypatch.delenv("FLASHTEMP_LIVE", raising=False)
     assert main(["run", str(tmp_path / "case.toml"), "--out", str(tmp_path / "plain")]) == 0
     monkeypatch.setenv("FLASHTEMP_LIVE", str(tmp_path / "live.json"))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lab.browsing import CASE, page, served
+from lab.browsing import CASE, page, served, wait_until_quiet
 
 SCREENS = Path(__file__).parents[1] / "data" / "screens"
 CELL_PX = 16  # side of the squares whose mean colours are compared: wider than a letter, narrower than a field
@@ -58,7 +58,7 @@ def test_page_looks_as_it_was_judged(browser, address, name):
     with page(browser, address, width, scheme) as seen:
         seen.goto(address.split("/?")[0] + path)
         seen.locator("h1").first.wait_for()
-        seen.wait_for_timeout(2500)
+        wait_until_quiet(seen, 1000)
         found = mean_colours(seen.screenshot())  # what is visible without scrolling
     file = SCREENS / f"{name}.png"
     if os.environ.get("FLASHTEMP_SCREENS") == "write":

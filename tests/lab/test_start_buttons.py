@@ -6,13 +6,11 @@ import asyncio
 import re
 
 import pytest
-from lab.browsing import CASE, page, served
+from lab.browsing import COARSE, page, served
 
 from flashtemp.lab.job_record import LOG_FOLDER
 from flashtemp.lab.jobs import JobList
 from flashtemp.lab.start_button import CommandStarter, start_once
-
-FAST = CASE.replace("mesh = 0.3", "mesh = 1.5") + "pictures = false\nvtk = false\n"
 
 
 def test_a_second_click_starts_nothing_and_a_refused_start_can_be_tried_again():
@@ -51,7 +49,7 @@ def test_a_command_names_its_file_and_a_free_folder(tmp_path, file, words):
 def place(tmp_path_factory):
     """A folder with a case and a campaign whose recording is damaged: its commands start, and end at once."""
     place = tmp_path_factory.mktemp("start")
-    (place / "case.toml").write_text(FAST)
+    (place / "case.toml").write_text(COARSE)
     (place / "side.nc").write_bytes(b"")
     (place / "campaign.toml").write_text('case = "case.toml"\n[[recording]]\nfile = "side.nc"\n')
     return place
@@ -84,15 +82,15 @@ def test_two_clicks_on_run_it_start_one_run_and_show_it(browser, server, place):
 
 def test_a_case_that_another_tab_has_changed_is_not_run_unseen(browser, server, place):
     before = started(place)
-    (place / "other.toml").write_text(FAST)
+    (place / "other.toml").write_text(COARSE)
     with page(browser, server) as seen:
         seen.goto(server.split("/?")[0] + "/case?open=other.toml")
         seen.get_by_text("ready to run").wait_for()
-        (place / "other.toml").write_text(FAST.replace("mesh = 1.5", "mesh = 2.5"))
+        (place / "other.toml").write_text(COARSE.replace("mesh = 0.3", "mesh = 0.5"))
         seen.get_by_role("button", name="Run it").click()
         seen.get_by_text("changed on disk since it was opened").wait_for()
     assert started(place) == before
-    assert "mesh = 2.5" in (place / "other.toml").read_text()
+    assert "mesh = 0.5" in (place / "other.toml").read_text()
 
 
 def test_no_question_about_unsaved_changes_comes_from_a_start_that_saves_them(browser, server, place):
@@ -100,6 +98,7 @@ def test_no_question_about_unsaved_changes_comes_from_a_start_that_saves_them(br
     with page(browser, server) as seen:
         seen.on("dialog", lambda dialog: (asked.append(dialog.type), dialog.accept()))
         seen.goto(server.split("/?")[0] + "/case?open=case.toml")
+        seen.get_by_text("ready to run").wait_for()
         title = seen.get_by_role("textbox", name=re.compile("^title"))
         title.fill("changed")
         title.press("Tab")
@@ -110,7 +109,7 @@ def test_no_question_about_unsaved_changes_comes_from_a_start_that_saves_them(br
 
 
 def test_the_home_page_asks_what_is_missing_and_lists_starts(browser, server, place):
-    with page(browser, server, 800) as seen:
+    with page(browser, server, 800, path="/") as seen:
         seen.get_by_text("flashtemp discover campaign.toml --out results/campaign-discover").wait_for()
         seen.get_by_role("button", name="Ask what is missing").dblclick()
         seen.wait_for_url(re.compile("/runs.job=.*-discover"))

@@ -68,7 +68,9 @@ def test_files_that_arrive_one_by_one_are_compared_until_the_data_suffice(measur
                 break
             put(measured, lab, k)
             wait_for(
-                lambda k=k: process.poll() is not None or len(state(out)["history"]) > k if out.is_dir() else False
+                lambda k=k: (
+                    process.poll() is not None or (out / "watch.json").is_file() and len(state(out)["history"]) > k
+                )
             )
         output, messages = process.communicate(timeout=LONGEST_S)
     assert process.returncode == 0, messages

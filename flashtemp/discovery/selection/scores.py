@@ -66,12 +66,6 @@ class CandidateScore:
         """Its columns in the best variant, with typical strengths."""
         return _typical_strengths(self.candidate, self.variant)
 
-    @property
-    def start_values(self) -> dict[str, float]:
-        """Values of all its parameters from which a full fit may start."""
-        off = self.candidate.neutral_values(self.variant)
-        return off | {k: off[k] + a for k, a in zip(self.candidate.strengths, self.amplitude, strict=True)}
-
 
 @dataclass(frozen=True)
 class ScoringContext:

@@ -100,9 +100,20 @@ def unnamed_heat_evidence(problem: Problem, fit: LinearisedFit) -> float:
 
 
 def pressure_mode_chi2(fit: LinearisedFit) -> float:
-    """chi2 of the pressure modes against their prior, at its nominal width."""
+    """chi2 of the pressure modes that the data require, against prior (of nominal width) and data uncertainty together.
+
+    This is a prior predictive check (Box, J. R. Stat. Soc. A 143, 1980, 383).  Modes that were drawn from their prior
+    give a chi2 variable with as many degrees of freedom as there are modes, however uncertain the data leave them.
+    """
     modes = [p for p in fit.solution.names if p.kind is ParameterKind.MODE]
-    return float(sum((fit.solution[p] / (PRESSURE_MODE_SD / p.index[0])) ** 2 for p in modes))
+    if not modes:
+        return 0.0
+    others = {p: v for p, v in fit.free_priors.items() if p not in modes}
+    data = fit.system.project_out(others, modes, fit.equations)
+    variances = np.diag([(PRESSURE_MODE_SD / p.index[0]) ** 2 for p in modes])
+    # the score is I d, where the estimate d of the data alone has the covariance I^-1 and that of the prior
+    covariance = data.information + data.information @ variances @ data.information
+    return float(data.score @ np.linalg.pinv(covariance, hermitian=True) @ data.score)
 
 
 def refit_all_data(fit: LinearisedFit) -> LinearisedFit:

@@ -120,6 +120,12 @@ class _PerturbedRun:
         if has_road_memory(scene):
             self.integration_state.track = build_track(self.balance, scene.schedule.lap)
 
+    @property
+    def meets_own_road(self) -> bool:
+        """Whether road that left the window is stored, to enter it again."""
+        track = self.integration_state.track
+        return track is not None and len(track.place) > 0
+
     def own_state(self, y: np.ndarray, s: np.ndarray) -> np.ndarray:
         """State y + step s of the perturbed run; its ledger is zero if it has other entries than the run's."""
         own, m = np.zeros(self.balance.size), self.m
@@ -270,17 +276,19 @@ class SensitivityIntegrator:
             if phase.begin <= one.start_s and one.integration_state.track is not None and base_track is not None:
                 stored: dict[str, Any] = {k: list(getattr(base_track, k)) for k in TRACK_FIELDS}
                 one.integration_state.track = replace(one.integration_state.track, **stored)
-        S = np.array([one.s for one in active]).reshape(len(active), len(reference.s))
-        S = _integrate_differences(
-            phase,
-            StateInterpolant(path),
-            reference.phase_segment(phase, leg),
-            [one.phase_segment(phase, leg) for one in active],
-            S,
-            times,
-        )
-        for k, one in enumerate(active):
-            one.s = S[k]
+        interpolant, base = StateInterpolant(path), reference.phase_segment(phase, leg)
+        for t, frame in times:
+            base.record_own(t, interpolant(t), reference.s, frame)
+        # road that comes round only in some runs changes them abruptly: their short steps must not hold up the others
+        revisiting = {id(one) for one in active if one.meets_own_road and not reference.meets_own_road}
+        for group in ([o for o in active if id(o) not in revisiting], [o for o in active if id(o) in revisiting]):
+            if not group:
+                continue
+            S = np.array([one.s for one in group])
+            segments = [one.phase_segment(phase, leg) for one in group]
+            S = _integrate_differences(phase, interpolant, base, segments, S, times)
+            for k, one in enumerate(group):
+                one.s = S[k]
         for one in unchanged:  # they have the records of the reference
             _copy_records(reference.integration_state, one.integration_state, phase)
 
@@ -310,7 +318,7 @@ def _integrate_differences(
     span, fine_until = phase.end - phase.begin, _fine_step_distance(phase, reference, times)
     u, h, times = 0.0, FIRST_STEP_U, list(times)
     if times and times[0][0] <= phase.begin:
-        _record_all(path, reference, perturbed, times.pop(0), S)
+        _record_all(path, perturbed, times.pop(0), S)
     while u < 1.0:
         new = 1.0 if 1.0 - u < 1.5 * h else u + h
         h = new - u
@@ -319,9 +327,7 @@ def _integrate_differences(
         while times and times[0][0] <= t * (1 + 1e-12):
             at = times.pop(0)
             reached = float(np.sqrt((at[0] - phase.begin) / span))
-            _record_all(
-                path, reference, perturbed, at, interpolate_quadratic(reached, (u - before, u, new), (old, S, after))
-            )
+            _record_all(path, perturbed, at, interpolate_quadratic(reached, (u - before, u, new), (old, S, after)))
         old, S, before, u = S, after, h, new
         if phase.sliding:
             y = path(t)
@@ -390,10 +396,9 @@ def _bdf2_step(
     return predicted + change, change
 
 
-def _record_all(path: StateInterpolant, reference: _PhaseSegment, perturbed: list[_PhaseSegment], at, S) -> None:
+def _record_all(path: StateInterpolant, perturbed: list[_PhaseSegment], at, S) -> None:
     t, frame = at
     y = path(t)
-    reference.record_own(t, y, reference.perturbed_run.s, frame)
     for one, s in zip(perturbed, S, strict=True):
         one.record_own(t, y, s, frame)
 

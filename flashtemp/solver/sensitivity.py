@@ -38,7 +38,7 @@ from flashtemp.solver.time_integration import StepHistory, integrate_schedule
 
 FIRST_STEP_U, MAX_STEP_U = 0.03, 0.1  # first and longest step in u = sqrt(fraction of the segment)
 CORRECTION_RATIO = 0.2  # target of Newton's correction over the largest change in the segment: it sets the next step
-FINE_CORRECTION_RATIO = 0.03  # the same while the front of the road that the block met first is visible
+FINE_CORRECTION_RATIO = 0.02  # the same while the front of the road that the block met first is visible
 FINE_STEP_WINDOWS = 4.0  # slid distance for which it may be visible, in lengths of the window
 MAX_STEP_GROWTH = 2.0  # BDF2 is stable up to 2.4
 NEGLIGIBLE_CHANGE_K = 1e-7  # K, smallest change that limits the length of steps
@@ -307,7 +307,8 @@ def _integrate_differences(
     """Differences (k, cells + worn depth + ledger) at the end of a segment from those at its start, S.
 
     Steps are taken in u with t = begin + span u^2, because temperatures grow as sqrt(t) when heat begins to flow, and
-    BDF2 is exact for parabolas in u.  The ledger does not influence the length of steps.
+    BDF2 is exact for parabolas in u.  The ledger does not influence the length of steps.  Until the first field of all
+    cells is recorded the tolerance is larger, inversely proportional to the time since the start of the segment.
     """
     m = reference.system.b.worn.stop
     # road that comes round enters with a temperature that changes all the time: shorter steps resolve it
@@ -316,6 +317,7 @@ def _integrate_differences(
     size = np.maximum(size, [NEGLIGIBLE_CHANGE_K / abs(one.perturbed_run.step) for one in perturbed])
     old, before = S, 0.0
     span, fine_until = phase.end - phase.begin, _fine_step_distance(phase, reference, times)
+    first_field = next((at for at, frame in times if frame and at > phase.begin), phase.end)
     u, h, times = 0.0, FIRST_STEP_U, list(times)
     if times and times[0][0] <= phase.begin:
         _record_all(path, perturbed, times.pop(0), S)
@@ -336,7 +338,9 @@ def _integrate_differences(
                 one.store_own_column(t, y, s)
         size = np.maximum(size, [one.largest_difference(s) for one, s in zip(perturbed, S - begin, strict=True)])
         moved = np.abs(change[:, :m]).max(axis=1, initial=0.0) / size
-        error = float(np.sqrt(np.mean(moved**2))) if perturbed else 0.0
+        # heat spreads, so errors of early steps have decayed when the first field is recorded
+        early = min(1.0, (t - phase.begin) / (first_field - phase.begin))
+        error = early * float(np.sqrt(np.mean(moved**2)))
         close = (
             FINE_CORRECTION_RATIO
             if fine_until and reference.system.law_context(t).slid < fine_until

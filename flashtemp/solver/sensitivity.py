@@ -38,7 +38,7 @@ from flashtemp.solver.time_integration import StepHistory, integrate_schedule
 
 FIRST_STEP_U, MAX_STEP_U = 0.03, 0.1  # first and longest step in u = sqrt(fraction of the segment)
 CORRECTION_RATIO = 0.2  # target of Newton's correction over the largest change in the segment: it sets the next step
-FINE_CORRECTION_RATIO = 0.02  # the same while the front of the road that the block met first is visible
+FINE_CORRECTION_RATIO = 0.015  # the same while the front of the road that the block met first is visible
 FINE_STEP_WINDOWS = 4.0  # slid distance for which it may be visible, in lengths of the window
 MAX_STEP_GROWTH = 2.0  # BDF2 is stable up to 2.4
 NEGLIGIBLE_CHANGE_K = 1e-7  # K, smallest change that limits the length of steps

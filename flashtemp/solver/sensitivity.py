@@ -38,7 +38,7 @@ from flashtemp.solver.time_integration import StepHistory, integrate_schedule
 
 FIRST_STEP_U, MAX_STEP_U = 0.03, 0.1  # first and longest step in u = sqrt(fraction of the segment)
 CORRECTION_RATIO = 0.2  # target of Newton's correction over the largest change in the segment: it sets the next step
-FINE_CORRECTION_RATIO = 0.03  # the same while the front of the road that the block met first is visible
+FINE_CORRECTION_RATIO = 0.015  # the same while the front of the road that the block met first is visible
 FINE_STEP_WINDOWS = 4.0  # slid distance for which it may be visible, in lengths of the window
 MAX_STEP_GROWTH = 2.0  # BDF2 is stable up to 2.4
 NEGLIGIBLE_CHANGE_K = 1e-7  # K, smallest change that limits the length of steps
@@ -119,6 +119,12 @@ class _PerturbedRun:
         self.integration_state = IntegrationState(y=own, removed_heat=np.zeros(2), track=None)
         if has_road_memory(scene):
             self.integration_state.track = build_track(self.balance, scene.schedule.lap)
+
+    @property
+    def meets_own_road(self) -> bool:
+        """Whether road that left the window is stored, to enter it again."""
+        track = self.integration_state.track
+        return track is not None and len(track.place) > 0
 
     def own_state(self, y: np.ndarray, s: np.ndarray) -> np.ndarray:
         """State y + step s of the perturbed run; its ledger is zero if it has other entries than the run's."""
@@ -270,17 +276,19 @@ class SensitivityIntegrator:
             if phase.begin <= one.start_s and one.integration_state.track is not None and base_track is not None:
                 stored: dict[str, Any] = {k: list(getattr(base_track, k)) for k in TRACK_FIELDS}
                 one.integration_state.track = replace(one.integration_state.track, **stored)
-        S = np.array([one.s for one in active]).reshape(len(active), len(reference.s))
-        S = _integrate_differences(
-            phase,
-            StateInterpolant(path),
-            reference.phase_segment(phase, leg),
-            [one.phase_segment(phase, leg) for one in active],
-            S,
-            times,
-        )
-        for k, one in enumerate(active):
-            one.s = S[k]
+        interpolant, base = StateInterpolant(path), reference.phase_segment(phase, leg)
+        for t, frame in times:
+            base.record_own(t, interpolant(t), reference.s, frame)
+        # road that comes round only in some runs changes them abruptly: their short steps must not hold up the others
+        revisiting = {id(one) for one in active if one.meets_own_road and not reference.meets_own_road}
+        for group in ([o for o in active if id(o) not in revisiting], [o for o in active if id(o) in revisiting]):
+            if not group:
+                continue
+            S = np.array([one.s for one in group])
+            segments = [one.phase_segment(phase, leg) for one in group]
+            S = _integrate_differences(phase, interpolant, base, segments, S, times)
+            for k, one in enumerate(group):
+                one.s = S[k]
         for one in unchanged:  # they have the records of the reference
             _copy_records(reference.integration_state, one.integration_state, phase)
 
@@ -299,7 +307,8 @@ def _integrate_differences(
     """Differences (k, cells + worn depth + ledger) at the end of a segment from those at its start, S.
 
     Steps are taken in u with t = begin + span u^2, because temperatures grow as sqrt(t) when heat begins to flow, and
-    BDF2 is exact for parabolas in u.  The ledger does not influence the length of steps.
+    BDF2 is exact for parabolas in u.  The ledger does not influence the length of steps.  Until the first field of all
+    cells is recorded the tolerance is larger, inversely proportional to the time since the start of the segment.
     """
     m = reference.system.b.worn.stop
     # road that comes round enters with a temperature that changes all the time: shorter steps resolve it
@@ -308,9 +317,10 @@ def _integrate_differences(
     size = np.maximum(size, [NEGLIGIBLE_CHANGE_K / abs(one.perturbed_run.step) for one in perturbed])
     old, before = S, 0.0
     span, fine_until = phase.end - phase.begin, _fine_step_distance(phase, reference, times)
+    first_field = next((at for at, frame in times if frame and at > phase.begin), phase.end)
     u, h, times = 0.0, FIRST_STEP_U, list(times)
     if times and times[0][0] <= phase.begin:
-        _record_all(path, reference, perturbed, times.pop(0), S)
+        _record_all(path, perturbed, times.pop(0), S)
     while u < 1.0:
         new = 1.0 if 1.0 - u < 1.5 * h else u + h
         h = new - u
@@ -319,9 +329,7 @@ def _integrate_differences(
         while times and times[0][0] <= t * (1 + 1e-12):
             at = times.pop(0)
             reached = float(np.sqrt((at[0] - phase.begin) / span))
-            _record_all(
-                path, reference, perturbed, at, interpolate_quadratic(reached, (u - before, u, new), (old, S, after))
-            )
+            _record_all(path, perturbed, at, interpolate_quadratic(reached, (u - before, u, new), (old, S, after)))
         old, S, before, u = S, after, h, new
         if phase.sliding:
             y = path(t)
@@ -330,7 +338,9 @@ def _integrate_differences(
                 one.store_own_column(t, y, s)
         size = np.maximum(size, [one.largest_difference(s) for one, s in zip(perturbed, S - begin, strict=True)])
         moved = np.abs(change[:, :m]).max(axis=1, initial=0.0) / size
-        error = float(np.sqrt(np.mean(moved**2))) if perturbed else 0.0
+        # heat spreads, so errors of early steps have decayed when the first field is recorded
+        early = min(1.0, (t - phase.begin) / (first_field - phase.begin))
+        error = early * float(np.sqrt(np.mean(moved**2)))
         close = (
             FINE_CORRECTION_RATIO
             if fine_until and reference.system.law_context(t).slid < fine_until
@@ -390,10 +400,9 @@ def _bdf2_step(
     return predicted + change, change
 
 
-def _record_all(path: StateInterpolant, reference: _PhaseSegment, perturbed: list[_PhaseSegment], at, S) -> None:
+def _record_all(path: StateInterpolant, perturbed: list[_PhaseSegment], at, S) -> None:
     t, frame = at
     y = path(t)
-    reference.record_own(t, y, reference.perturbed_run.s, frame)
     for one, s in zip(perturbed, S, strict=True):
         one.record_own(t, y, s, frame)
 

@@ -384,26 +384,38 @@ class EvidenceFunction:
     def __call__(self, sd: Array) -> float:
         """ln evidence with standard deviations `sd` (k,); a parameter with sd 0 is left out."""
         s = self.shared[sd[self.shared] > 0.0]
-        # the right-hand side is the last column, so one subtraction eliminates a recording from both (eq. (42))
+        # the right-hand side is the last column, so one subtraction eliminates all recordings from both (eq. (42))
         wide, at = np.append(sd[s], 1.0), self.at[s]
         left = np.zeros((len(s) + 1, len(s) + 1))
         left[:-1, :-1] = self.total.matrix[np.ix_(at, at)]
         left[:-1, -1] = left[-1, :-1] = self.total.right[at]
-        ln_det, squares = 0.0, self.total.square
         places = np.append(np.searchsorted(self.everything, at), len(self.everything))
-        for group in self.groups:
-            found = self._schur_complement(group[sd[group] > 0.0], sd)
-            left -= found.matrix[np.ix_(places, places)]  # Schur complement (eq. (42)): its ln det adds to eq. (41)
-            ln_det += found.ln_det
+        found = self._eliminate_recordings(sd)
+        left -= found.matrix[np.ix_(places, places)]  # Schur complement (eq. (42)): its ln det adds to eq. (41)
         left *= wide[:, None] * wide
         own = np.flatnonzero(sd > 0.0)
-        squares += float(np.sum((self.mean[own] / sd[own]) ** 2)) + float(left[-1, -1])
+        squares = self.total.square + float(np.sum((self.mean[own] / sd[own]) ** 2)) + float(left[-1, -1])
         A = left[:-1, :-1]
         A[np.diag_indices_from(A)] += 1.0
         lower = cho_factor(A, lower=True, overwrite_a=True, check_finite=False)[0]
         rhs = left[:-1, -1] + self.mean[s] / sd[s]
         u = cho_solve((lower, True), rhs, check_finite=False)
-        return -0.5 * (squares - float(rhs @ u) + ln_det + 2.0 * float(np.sum(np.log(np.diag(lower)))))
+        return -0.5 * (squares - float(rhs @ u) + found.ln_det + 2.0 * float(np.sum(np.log(np.diag(lower)))))
+
+    def _eliminate_recordings(self, sd: Array) -> SchurComplement:
+        """The sum of the Schur complements of all recordings, from the cache if it is there."""
+        kept = self.total.schur_complements
+        groups = [group[sd[group] > 0.0] for group in self.groups]
+        own = np.concatenate([np.empty(0, dtype=int), *groups])
+        key = b"sum" + self.at[own].tobytes() + sd[own].tobytes() + self.mean[own].tobytes()
+        if key not in kept:
+            matrix, ln_det = np.zeros((len(self.everything) + 1,) * 2), 0.0
+            for group in groups:
+                part = self._schur_complement(group, sd)
+                matrix += part.matrix
+                ln_det += part.ln_det
+            self._keep(key, SchurComplement(matrix, ln_det))
+        return kept[key]
 
     def _schur_complement(self, own: Indices, sd: Array) -> SchurComplement:
         """The Schur complement of the parameters `own` of one recording, from the cache if it is there."""
@@ -417,10 +429,14 @@ class EvidenceFunction:
             lower = np.linalg.cholesky(A)
             # cross' A^-1 cross = half' half, symmetric to the last digit and at half the cost of a solve
             half = solve_triangular(lower, cross, lower=True, check_finite=False)
-            if len(kept) >= MAX_KEPT_BYTES / (8 * cross.shape[1] ** 2):
-                kept.clear()
-            kept[key] = SchurComplement(half.T @ half, 2.0 * float(np.sum(np.log(np.diag(lower)))))
+            self._keep(key, SchurComplement(half.T @ half, 2.0 * float(np.sum(np.log(np.diag(lower))))))
         return kept[key]
+
+    def _keep(self, key: bytes, found: SchurComplement) -> None:
+        kept = self.total.schur_complements
+        if len(kept) >= MAX_KEPT_BYTES / found.matrix.nbytes:
+            kept.clear()
+        kept[key] = found
 
 
 class _PosteriorEstimate(NamedTuple):

@@ -55,10 +55,15 @@ def maximise_evidence_over_widths(
             columns.setdefault((p.kind, is_camera_gain(p)), []).append(i)
     families = [kind for kind in CAMERA_ERROR_SCALES if any(p.kind is kind for p in names)]
 
+    known: dict[tuple[float, ...], float] = {}  # the sweeps come back to the same widths
+
     def penalised_evidence(way: PriorWidths) -> float:
-        return evidence(way.column_sd(sd, columns)) - LN_ODDS_AGAINST_FAMILY * sum(
-            way.families[kind] > 0.0 for kind in families
-        )
+        sizes = tuple(way.families[kind] for kind in families)
+        key = (way.scale, way.discrepancy_sd, *sizes)
+        if key not in known:
+            odds = LN_ODDS_AGAINST_FAMILY * sum(size > 0.0 for size in sizes)
+            known[key] = evidence(way.column_sd(sd, columns)) - odds
+        return known[key]
 
     def select_best(options: Iterator[PriorWidths]) -> tuple[float, PriorWidths]:
         return max(((penalised_evidence(way), way) for way in options), key=lambda pair: pair[0])

@@ -13,7 +13,7 @@ from flashtemp.discovery.estimation.nuisance_priors import rigid_priors
 from flashtemp.discovery.estimation.whitening import WhitenedData
 
 HELD_OUT_FOLD = "held out"  # name of the fold of recordings and load-cell records that the campaign holds out
-MAX_RIGID_PULL = 3.0  # prior standard deviations by which a parameter may deviate in a model without flexible terms
+MAX_RIGID_PULL = 3.0  # prior standard deviations by which a key or nuisance may deviate where nothing is flexible
 
 BlockFilter = Callable[[DataBlock], bool]
 
@@ -42,10 +42,12 @@ class CrossValidation:
 def without_flexible_terms(fit: LinearisedFit) -> LinearisedFit:
     """A fit without free pressure modes, wall terms and friction of repetitions: the model as the case describes it.
 
-    No parameter deviates from its prior by more than MAX_RIGID_PULL standard deviations, however badly the model fits.
+    No key and no nuisance deviates from its prior by more than MAX_RIGID_PULL standard deviations, however badly the
+    model fits.  Effects keep the strengths that the data require, because they are what the model is extended by.
     """
     priors = rigid_priors(fit.priors) | fit.effect_priors
-    solution = fit.system.solve_bounded(priors, MAX_RIGID_PULL, fit.equations)
+    limits = dict.fromkeys(priors.keys() - fit.effect_priors.keys(), MAX_RIGID_PULL)
+    solution = fit.system.solve_bounded(priors, limits, fit.equations)
     return replace(fit, priors=priors, solution=fit.system.fit_heldout_nuisances(solution, priors))
 
 

@@ -51,6 +51,17 @@ def without_flexible_terms(fit: LinearisedFit) -> LinearisedFit:
     return replace(fit, priors=priors, solution=fit.system.fit_heldout_nuisances(solution, priors))
 
 
+def is_at_limit(value: float, estimate: float, pull: float, prior_sd: float) -> bool:
+    """Whether a value of a free key is the last one that `without_flexible_terms` allows.
+
+    `pull`: deviation of another `estimate` of the key from its prior, in units of the prior standard deviation of ln.
+
+    >>> is_at_limit(10.0 * np.exp(-0.9), 10.0, 0.0, 0.3), is_at_limit(9.0, 10.0, 0.0, 0.3)
+    (True, False)
+    """
+    return bool(abs(np.log(value / estimate) / prior_sd + pull) > 0.999 * MAX_RIGID_PULL)
+
+
 def cross_validate(data: WhitenedData, fit: LinearisedFit) -> CrossValidation:
     """Predict held-out recordings; if none are, each condition from the others, or (one condition) each recording."""
     system, variances = fit.system, fit.hyper.variances

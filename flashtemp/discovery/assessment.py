@@ -40,16 +40,17 @@ from flashtemp.discovery.verdict import FitMetrics
 class ModelAssessment:
     """A fit compared with all data.
 
-    `known` is the fit without flexible terms (pressure modes, walls, friction scatter), so that a recording is compared
-    with the model that the case describes.  `left_out` and `known_left_out` are the cross-validations of both fits.
+    `rigid` is the fit without flexible terms (pressure modes, walls, friction scatter), so that a recording is compared
+    with the model that the case describes.  `left_out` and `rigid_left_out` are the cross-validations of both fits.
+    The comparisons and `metrics` are those of `rigid`; evidence and adequacy tests are those of `fit`.
     """
 
     fit: LinearisedFit
-    known: LinearisedFit
+    rigid: LinearisedFit
     recording_comparisons: tuple[Any, ...]
     force_comparisons: tuple[Any, ...]
     left_out: CrossValidation
-    known_left_out: CrossValidation
+    rigid_left_out: CrossValidation
     metrics: FitMetrics
 
 
@@ -67,11 +68,11 @@ class InputAssessment:
 
 def assess_model(search: EffectSearch, fit: LinearisedFit) -> ModelAssessment:
     """Compare a fit with all recordings and cross-validate it; used for the base and the extended model alike."""
-    known = without_flexible_terms(fit)
-    recordings, forces = fit_report.compare_all_recordings(search, known)
-    left_out, known_left_out = (cross_validate(search.data, f) for f in (fit, known))
-    metrics = fit_report.summary_metrics(known, recordings, known_left_out)
-    return ModelAssessment(fit, known, recordings, forces, left_out, known_left_out, metrics)
+    rigid = without_flexible_terms(fit)
+    recordings, forces = fit_report.compare_all_recordings(search, rigid)
+    left_out, rigid_left_out = (cross_validate(search.data, f) for f in (fit, rigid))
+    metrics = fit_report.summary_metrics(rigid, recordings, rigid_left_out)
+    return ModelAssessment(fit, rigid, recordings, forces, left_out, rigid_left_out, metrics)
 
 
 def size_of_change(search: EffectSearch, base: ModelAssessment, extended: ModelAssessment) -> LargestChange:

@@ -15,10 +15,10 @@ from flashtemp.discovery.criteria import CRITERIA, Criteria
 
 @dataclass(frozen=True)
 class AlternativeCause:
-    """A fitted model with as many effects as the accepted one, of which one differs.
+    """A fitted model with as many effects as the accepted one, of which one differs or is replaced by a stated input.
 
-    `effects`: all effects of that model.  `deficit`: ln Bayes factor of the accepted model against it.
-    `is_converged`: whether its fit reached its best point.
+    `effects`: all effects of that model, and the key of the input.  `deficit`: ln Bayes factor of the accepted model
+    against it.  `is_converged`: whether its fit reached its best point; no rule depends on it.
     """
 
     effects: frozenset[str]
@@ -68,8 +68,9 @@ class VerdictEvidence:
     `ln_bayes`: ln Bayes factor of all causes together against the calibrated base; `ln_bayes_discrepancy` is the same
     with the model discrepancy as large as it may be.
     `heldout_gain`: change of the ln probability of left-out data; None if no data were left out.
-    `alternatives`: models with as many effects.  `unresolved` {effects: ln Bayes factor}: effects that could not be
-    simulated, or whose fits did not converge and still explain more than the final model.
+    `alternatives`: models with as many causes, effects or stated inputs.
+    `unresolved` {effects: ln Bayes factor}: effects that could not be simulated, or whose fits did not converge and
+    still explain more than the final model.
     `setup_errors`, `recording_errors`, `contradicted_input`: names of errors of the measurement;
     `setup_alternatives`: names of others that explain as much as the first set-up error.
     `learned_law`: description of a law outside the catalogue; `law_excess_left`: fraction of the excess misfit of

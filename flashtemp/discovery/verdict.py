@@ -393,7 +393,10 @@ class Verdict(DisplayMixin):
         """Lines after the sentences: the next experiment, unless they contain it, and a summary of the inputs."""
         is_new = self.next_experiment and not any(self.next_experiment in line for line in self.says)
         out = [f"next: {self.next_experiment}"] if is_new else []
-        return [*out, f"inputs: {_summarise_inputs(self.inputs)}"] if self.inputs else out
+        # inputs are checked with the effects of the answer in the model, which may take the place of a wrong input
+        effects = [c.effect for c in self.causes if c.effect in self.group] if self.kind == "group" else []
+        lead = f"with {' and '.join(effects)} in the model, " if effects else ""
+        return [*out, f"inputs: {lead}{_summarise_inputs(self.inputs)}"] if self.inputs else out
 
 
 def _summarise_inputs(inputs: tuple[InputResult, ...]) -> str:

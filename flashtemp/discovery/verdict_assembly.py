@@ -84,11 +84,11 @@ def assemble_verdict(
         extended=_with_change_errors(base, extended) if causes else None,
         rivals=fit_report.report_candidates(search, accepted),
         nuisance=fit_report.calibrated_parameters(search, final),
-        tests=(*simulate_structure_tests(base.known, 1, "before"),
-               *(simulate_structure_tests(extended.known, 2, "after") if causes else ())),
+        tests=(*simulate_structure_tests(base.rigid, 1, "before"),
+               *(simulate_structure_tests(extended.rigid, 2, "after") if causes else ())),
         missing=missing_heat.estimate_missing_heat(problem, search.base),
         separability=(tuple(separable.names[i] for i in order), separable.rho[np.ix_(order, order)]),
-        shifts=_parameter_shifts(search, base.known, final) if causes else (),
+        shifts=_parameter_shifts(search, base.rigid, final) if causes else (),
         before=base.recording_comparisons,
         after=shown.recording_comparisons,
         pulled=(base.force_comparisons, shown.force_comparisons),
@@ -199,7 +199,7 @@ def _convergence_record(search: EffectSearch) -> dict[str, Any]:
 def _with_change_errors(base: ModelAssessment, extended: ModelAssessment) -> FitMetrics:
     """The metrics of an extended model with the standard errors of their changes against the base."""
     fitted = rms_change_error(*(fit_report.fitted_residuals(m.recording_comparisons) for m in (base, extended)))
-    left_out = rms_change_error(base.known_left_out.residuals, extended.known_left_out.residuals)
+    left_out = rms_change_error(base.rigid_left_out.residuals, extended.rigid_left_out.residuals)
     return replace(extended.metrics, rmse_change_error_K=fitted, held_out_z_change_error=left_out)
 
 

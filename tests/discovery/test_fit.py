@@ -358,6 +358,23 @@ def test_a_full_fit_from_a_gross_misfit_ends_at_the_truth(peaked, peak):
     assert peak.chi2 == pytest.approx(peak.solution.count, abs=5 * np.sqrt(2 * peak.solution.count))
 
 
+def test_a_model_without_flexible_terms_keeps_an_effect_far_from_its_prior(peak):
+    """A report compares this model with the recordings, so it must have the strength that the report gives.
+
+    Free keys stay within three prior widths.
+    """
+    effect = ParameterId.of_effect("edge_pressure", "B")
+    key = next(q for q in peak.solution.names if q.kind is ParameterKind.KEY)
+    no_effect, stated = peak.priors[effect][0], peak.priors[key][0]
+    narrow = {effect: (no_effect, 0.1 * abs(no_effect)), key: (stated + 1.0, 0.1)}
+    strong = replace(peak, priors=peak.priors | narrow)
+    free, known = strong.system.solve(strong.priors, strong.equations), without_flexible_terms(strong).solution
+    assert abs(free[effect] - no_effect) > 5.0 * narrow[effect][1]
+    assert abs(known[effect] - no_effect) > 5.0 * narrow[effect][1]
+    assert abs(free[key] - narrow[key][0]) > 5.0 * narrow[key][1]
+    assert abs(known[key] - narrow[key][0]) == pytest.approx(3.0 * narrow[key][1])
+
+
 def test_only_candidates_that_may_explain_what_is_left_are_simulated_again(peaked, peak):
     """None of the others would be seen by its own sensitivities; one that is there at 6 standard deviations is kept."""
     problem, data, base = peaked.problem, peaked.data, peaked.base

@@ -725,6 +725,13 @@ INPUTS = (
     *UNCHECKED,
 )  # fmt: skip
 FAILED = RuleResult("heat of any shape (ln Bayes factor)", 31.2, 3.0, False, "heat of any shape: 31.2, limit 3")
+FAILED_LAW = RuleResult(
+    "the law predicts left-out data",
+    0.57,
+    0.5,
+    False,
+    "57 % of the excess misfit of left-out data remains with the law",
+)
 PASSED = RuleResult("the evidence is strong", 12.0, 8.0, True, "the ln Bayes factor is 12")
 SETUP = Cause(
     "pixel_scale", "the pixel scale of wall.nc is 1.2 % too small (or the block's length is 25.3 mm)",
@@ -833,8 +840,16 @@ def test_the_text_of_a_verdict_names_contradicted_inputs_and_up_to_six_that_cann
         ("group", {"group": ("pixel_scale", "block_length"), "causes": (SETUP,)},
          "The set-up differs from what is stated, and these data cannot distinguish how: the pixel scale",
          "An independent measurement"),
-        ("unexplained", {"rules": (PASSED, FAILED)}, "Something is missing that the catalogue does not contain.",
+        ("group", {"group": ("wear", "friction.mu"), "causes": (replace(CAUSE, effect="wear"),)},
+         "Either an effect is missing or a stated input is wrong, and these data cannot distinguish which: ",
+         "To decide, measure friction.mu in a separate test in which wear does not act; "),
+        ("unexplained", {"rules": (PASSED, FAILED), "rivals": ()},
+         "Something is missing that the catalogue does not contain.",
          "What was tested and failed: heat of another shape is needed along the contact"),
+        ("unexplained", {}, f"Something is missing that none of the {len(RIVALS)} `candidates` of this campaign",
+         "The catalogue has more effects; leave out `candidates` to try them."),
+        ("unexplained", {"law": LAW, "rules": (FAILED, FAILED_LAW)}, "Something is missing that none of the ",
+         f"The closest law is only a hint, because {FAILED_LAW.consequence}: friction.mu as a function of T"),
         ("none_needed", {}, "No extension is needed", "a cause needs 8"),
         ("no_verdict", {"not_named": ("wear could not be fitted to an end",)},
          "There is no verdict: wear could not be fitted to an end.", "Check the values of the case"),
@@ -890,6 +905,25 @@ def test_what_cannot_be_as_stated_has_no_number():
     )
     html = verdict_report.render_report(verdict("named", causes=(swapped,), before=(), after=()))
     assert verdict_report.SETUP_ANSWERS_BY_KIND["named"] in html
+
+
+def test_a_group_with_a_stated_input_says_so_everywhere(unpainted):
+    """The headline, the sentences on the gain and the line on inputs do not take the effect for the only cause."""
+    v = verdict("group", 1, group=("wear", "friction.mu"), causes=(replace(CAUSE, effect="wear"),), inputs=UNCHECKED)
+    assert verdict_report.INPUT_OR_EFFECT_ANSWER in verdict_report.render_report(v)
+    assert "inputs: with wear in the model, the data contradict no stated input" in str(v)
+    lines = describe_verdict(replace(v, extended=EXTENDED), catalogue())
+    assert any(line.startswith("With wear, and everything calibrated again, ") for line in lines)
+    assert not any("the extension" in line for line in lines)
+
+
+def test_a_shift_of_a_free_key_has_its_unit():
+    found = NormalisedDeviation("ambient.convection", 11.2, 3.0, np.log(1.12) / 0.3, "W/m2K")
+    v = verdict("named", nuisance=(found,), shifts=(("ambient.convection", 4.066, 11.2, 3.0),))
+    [line] = [line for line in describe_verdict(v, catalogue()) if "would be estimated" in line]
+    assert line.endswith("estimated as 4.066 instead of 11.2 +- 3 W/m2K.")
+    lines = describe_verdict(replace(v, assumed={"ambient.convection": 0.3}), catalogue())  # 10 exp(-3 x 0.3) = 4.066
+    assert any("estimated as 4.066 (the limit of 3 prior standard deviations) instead" in line for line in lines)
 
 
 @pytest.mark.parametrize(("low", "wide"), [(20.1, 1.2), (20.2, 3.0), (20.4, 5.9), (20.4, 1.5), (20.0, 15.0)])

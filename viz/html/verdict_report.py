@@ -31,11 +31,12 @@ SETUP_ANSWERS_BY_KIND = {  # where no effect is missing
     "named": "The set-up differs from what is stated",
     "group": "The set-up differs from what is stated; these data cannot distinguish how",
 }
+INPUT_OR_EFFECT_ANSWER = "An effect is missing or a stated input is wrong; these data cannot distinguish which"
 ODDS_NAMED = float(f"{math.exp(CRITERIA.ln_bayes_named):.1g}")
 VERDICT_METHOD = (
     "The model as stated, the base, is calibrated to all recordings that are not held out. Free are: {free}. All other "
-    "stated numbers, and the place, scale and gain of every image, move within what was known of them. Each effect of "
-    "the catalogue is then added to the base, scored by its sensitivities, and simulated in full if it is likely. "
+    "stated numbers, and the place, scale and gain of every image, move within what was known of them. Each candidate "
+    "of the catalogue is then added to the base, scored by its sensitivities, and simulated in full if it is likely. "
     f"An effect is named as a cause from a ln Bayes factor of {CRITERIA.ln_bayes_named:g}, if data that no fit has "
     "used confirm it and no other effect explains them as well. Tests for structure in the residuals and the rules "
     "below decide whether the verdict is certain."
@@ -150,6 +151,8 @@ def _grade_answer(v: Verdict) -> tuple[str, str]:
     effects = [c for c in v.causes if not c.laboratory]
     if not effects and any(c.laboratory for c in v.causes):
         words = SETUP_ANSWERS_BY_KIND.get(v.kind, words)
+    elif v.kind == "group" and any("." in name for name in v.group):  # a key of the case or of a view
+        words = INPUT_OR_EFFECT_ANSWER
     elif v.kind == "named" and len(effects) > 1:
         words = f"{len(effects)} missing effects are identified"
     if v.kind in ("named", "learned") and _is_negligible(v):

@@ -30,7 +30,7 @@ MAX_TESTED_DATA = 4000  # the tests cover as many of the last data of a block
 
 def run_adequacy_tests(problem: Problem, fit: LinearisedFit, criteria: Criteria) -> tuple[AdequacyTest, ...]:
     """Six tests of a fit with their limits: equal amplitudes in all conditions, no heat or pressure of another shape,
-    calibrated parameters near their priors, and residuals as small as the noise.
+    free keys near their priors, all other unknowns and strengths of effects too, and residuals as small as the noise.
 
     Held-out data are included: a model must describe all data, even if it was fitted to a part of them.
     """

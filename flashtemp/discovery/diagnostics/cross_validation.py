@@ -13,7 +13,7 @@ from flashtemp.discovery.estimation.nuisance_priors import rigid_priors
 from flashtemp.discovery.estimation.whitening import WhitenedData
 
 HELD_OUT_FOLD = "held out"  # name of the fold of recordings and load-cell records that the campaign holds out
-MAX_RIGID_PULL = 3.0  # prior standard deviations by which a parameter may deviate in a model without flexible terms
+MAX_RIGID_PULL = 3.0  # prior standard deviations by which a key or nuisance may deviate where nothing is flexible
 
 BlockFilter = Callable[[DataBlock], bool]
 
@@ -42,11 +42,24 @@ class CrossValidation:
 def without_flexible_terms(fit: LinearisedFit) -> LinearisedFit:
     """A fit without free pressure modes, wall terms and friction of repetitions: the model as the case describes it.
 
-    No parameter deviates from its prior by more than MAX_RIGID_PULL standard deviations, however badly the model fits.
+    No key and no nuisance deviates from its prior by more than MAX_RIGID_PULL standard deviations, however badly the
+    model fits.  Effects keep the strengths that the data require, because they are what the model is extended by.
     """
     priors = rigid_priors(fit.priors) | fit.effect_priors
-    solution = fit.system.solve_bounded(priors, MAX_RIGID_PULL, fit.equations)
+    limits = dict.fromkeys(priors.keys() - fit.effect_priors.keys(), MAX_RIGID_PULL)
+    solution = fit.system.solve_bounded(priors, limits, fit.equations)
     return replace(fit, priors=priors, solution=fit.system.fit_heldout_nuisances(solution, priors))
+
+
+def is_at_limit(value: float, estimate: float, pull: float, prior_sd: float) -> bool:
+    """Whether a value of a free key is the last one that `without_flexible_terms` allows.
+
+    `pull`: deviation of another `estimate` of the key from its prior, in units of the prior standard deviation of ln.
+
+    >>> is_at_limit(10.0 * np.exp(-0.9), 10.0, 0.0, 0.3), is_at_limit(9.0, 10.0, 0.0, 0.3)
+    (True, False)
+    """
+    return bool(abs(np.log(value / estimate) / prior_sd + pull) > 0.999 * MAX_RIGID_PULL)
 
 
 def cross_validate(data: WhitenedData, fit: LinearisedFit) -> CrossValidation:

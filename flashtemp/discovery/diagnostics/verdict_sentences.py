@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from flashtemp.discovery.criteria import CRITERIA
+from flashtemp.discovery.diagnostics.cross_validation import MAX_RIGID_PULL, is_at_limit
+from flashtemp.discovery.diagnostics.quantity_format import format_digits, format_error, format_kelvin, unit_suffix
 from flashtemp.discovery.parameters import ALL_CONDITIONS, POINT_KINDS, ParameterId, ParameterKind
 from flashtemp.discovery.prediction.problem import ASSUMED_CAMERA_VALUES
 from flashtemp.discovery.verdict import (
@@ -16,6 +19,7 @@ from flashtemp.discovery.verdict import (
     InputCorrection,
     InputResult,
     LearnedLaw,
+    NormalisedDeviation,
     ParameterEstimate,
     RuleResult,
     Verdict,
@@ -23,9 +27,7 @@ from flashtemp.discovery.verdict import (
 from flashtemp.physics.effect import Effect
 
 MAX_LISTED_ITEMS = 3  # of each kind in the text; the report lists all
-CLEARLY_VISIBLE_SIGMA = (
-    5.0  # signal-to-noise ratio of a typical amplitude; below it for most candidates, data say little
-)
+CLEARLY_VISIBLE_SIGMA = 5.0  # signal-to-noise ratio of a typical amplitude; below it, data say little of a candidate
 SHIFT_STANDARD_ERRORS = 2.0  # by which a calibrated parameter must change to be mentioned
 CHANGE_STANDARD_ERRORS = 2.0  # by which an rms value must change not to be called unchanged: 1 in 20 by chance
 LN_BAYES_IMPOSSIBLE = 1e6  # what the engine reports of recordings that cannot be as stated
@@ -74,21 +76,23 @@ ADEQUACY_WORDS = {  # by the names of `adequacy_tests`
         "No heat of another shape is needed along the contact", "ln Bayes factor of heat of any shape",
         "heat of another shape is needed along the contact", True),
     "pressure of any shape (chi2 of modes)": RuleWords(
-        "The pressure distribution needs no other shape", "chi2 of six cosine modes of the pressure",
+        "The pressure distribution needs no other shape",
+        "chi2 of six cosine modes of the pressure, in their usual sizes",
         "the pressure distribution would need another shape", True),
     "calibrated parameters (standard deviations)": RuleWords(
-        "Calibrated keys agree with prior knowledge", "largest deviation in prior standard deviations",
-        "a calibrated key is far from prior knowledge", True),
+        "Calibrated inputs (`free`) agree with prior knowledge", "largest deviation in prior standard deviations",
+        "a calibrated input (`free`) is far from prior knowledge", True),
     "camera and friction scatter (standard deviations)": RuleWords(
-        "Camera and friction behave as usual", "largest deviation in usual standard deviations",
-        "a camera error or the friction is far from its usual size", True),
+        "Camera errors, friction scatter and effects have usual sizes", "largest deviation in usual sizes",
+        "a camera error, the friction scatter or an effect is far from its usual size", True),
     "noise left over (chi2 over what noise may give)": RuleWords(
         "The residuals are as small as the noise", "largest chi2 of a recording over what its noise allows",
         "the residuals of a recording exceed its noise", True),
 }  # fmt: skip
+LAW_RULE = "the law predicts left-out data"
 DECISION_WORDS = {  # by the names of the other rules of `decide`
     "the fit converged": RuleWords("The fit of the final model converged", ""),
-    "the law predicts left-out data": RuleWords(
+    LAW_RULE: RuleWords(
         "The law predicts data that were left out", "fraction of their excess misfit that remains", is_upper=True),
     "the evidence is strong": RuleWords("The evidence for the cause is strong", "ln Bayes factor"),
     "no smooth error of the model explains it as well": RuleWords(
@@ -122,8 +126,7 @@ def describe_success(rule: RuleResult) -> str:
     """
     words = describe_rule(rule.name)
     limit = "at most" if words.is_upper else "at least"
-    measured = f" ({words.measured_by}: {rule.value:.3g}, {limit} {rule.limit:.3g})" if words.measured_by else ""
-    return f"{words.passes}{measured}"
+    return f"{words.passes}{_measured_words(rule, words, limit)}"
 
 
 def describe_failure(rule: RuleResult) -> str:
@@ -131,7 +134,13 @@ def describe_failure(rule: RuleResult) -> str:
     words = ADEQUACY_WORDS.get(rule.name)
     if words is None:
         return rule.consequence
-    return f"{words.fails} ({words.measured_by}: {rule.value:.3g}, limit {rule.limit:.3g})"
+    return f"{words.fails}{_measured_words(rule, words, 'limit')}"
+
+
+def _measured_words(rule: RuleResult, words: RuleWords, limit: str) -> str:
+    """Value and limit of a rule in brackets; empty if it has no measure."""
+    numbers = f"{format_digits(rule.value + 0.0, 3)}, {limit} {format_digits(rule.limit, 3)}"  # + 0.0: no "-0"
+    return f" ({words.measured_by}: {numbers})" if words.measured_by else ""
 
 
 def explain_uncertainty(v: Verdict) -> str:
@@ -142,6 +151,7 @@ def explain_uncertainty(v: Verdict) -> str:
     # in these verdicts the rules concern a candidate that was not accepted
     is_without_candidate = v.kind in ("none_needed", "held_key", "named")
     lead = "The best candidate is not reported because" if is_without_candidate else "Not more certain because"
+    lead = "Rules that did not pass" if v.kind == "unexplained" else lead
     return f"{lead}: {'; '.join(failures)}."
 
 
@@ -164,10 +174,7 @@ def describe_nuisance(p: ParameterId) -> str:
 
 def describe_assumed_optics(file: str, names: tuple[str, ...]) -> str:
     """Which camera values were assumed because a recording does not state them."""
-    values, verb = (
-        " and ".join(f"{ASSUMED_CAMERA_VALUES[name]:g} px" for name in names),
-        "is" if len(names) == 1 else "are",
-    )
+    values, verb = " and ".join(f"{ASSUMED_CAMERA_VALUES[n]:g} px" for n in names), "is" if len(names) == 1 else "are"
     return f"{file} does not state its {' and '.join(names)} (see flashtemp import); {values} {verb} assumed"
 
 
@@ -176,13 +183,16 @@ def describe_verdict(v: Verdict, known: Mapping[str, type[Effect]]) -> tuple[str
     """A whole verdict in sentences, the verdict itself first; `known` effects by name."""
     answers = {
         "named": _answer_named, "learned": _answer_learned, "held_key": _answer_input_wrong, "weak": _answer_weak,
-        "unexplained": _answer_unexplained, "none_needed": _answer_none_needed, "no_verdict": _answer_no_verdict,
+        "none_needed": _answer_none_needed, "no_verdict": _answer_no_verdict,
+        "group": partial(_answer_group, known=known), "unexplained": partial(_answer_unexplained, known=known),
     }  # fmt: skip
-    answer = list(_answer_group(v, known) if v.kind == "group" else answers[v.kind](v))
+    answer = list(answers[v.kind](v))
     if v.kind == "named" and (own := _physical_causes(v)) and all(_acts_in_camera(c, known) for c in own):
         lead = "No effect on heat is missing from the model, but the measurement has an error"
         answer[0] = f"{lead}: {' and '.join(map(_cause_words, own))}."
-    is_setup_in_answer = (v.kind == "named" and not _physical_causes(v)) or (v.kind == "group" and _is_setup_group(v))
+    is_setup_in_answer = (v.kind == "named" and not _physical_causes(v)) or (
+        v.kind == "group" and _is_setup_group(v, known)
+    )
     setup = [] if is_setup_in_answer else [_setup_difference(c) for c in v.causes if c.laboratory]
     return (
         *answer,
@@ -254,15 +264,20 @@ def _answer_weak(v: Verdict) -> Iterator[str]:
 
 def _answer_group(v: Verdict, known: Mapping[str, type[Effect]]) -> Iterator[str]:
     words = _group_words(v, known)
-    if _is_setup_group(v):
+    if _is_setup_group(v, known):
         yield f"The set-up differs from what is stated, and these data cannot distinguish how: {words}."
         yield "An independent measurement of one of these decides between them."
         return
     if stated := " and ".join(name for name in v.group if name not in known):
         yield (
-            "Either an effect is missing or a stated input is wrong, and these data cannot distinguish which: "
-            f"{words}. An independent measurement of {stated} decides between them."
+            f"Either an effect is missing or a stated input is wrong, and these data cannot distinguish which: {words}."
         )
+        effects = " or ".join(name for name in v.group if name in known)
+        yield (
+            f"To decide, measure {stated} in a separate test in which {effects} does not act; a measurement under the "
+            "conditions of these recordings cannot decide. State the result with its uncertainty (`known`) and repeat."
+        )
+        yield "Recordings under other conditions, such as another speed or load, may distinguish them too."
         return
     confirmed = [c for c in _physical_causes(v) if c.effect in v.certain]
     yield f"One {'more ' * bool(confirmed)}effect is missing, and these data cannot distinguish which: {words}."
@@ -271,15 +286,15 @@ def _answer_group(v: Verdict, known: Mapping[str, type[Effect]]) -> Iterator[str
         yield f"To distinguish them: {v.next_experiment}."
 
 
-def _is_setup_group(v: Verdict) -> bool:
+def _is_setup_group(v: Verdict, known: Mapping[str, type[Effect]]) -> bool:
     """Whether a group consists of errors of the set-up and of stated inputs, without an effect."""
-    return not any(c.effect in v.group for c in _physical_causes(v))
+    return not any(name in known for name in v.group)
 
 
 def _group_words(v: Verdict, known: Mapping[str, type[Effect]]) -> str:
     """Members of a group in words; the words of a set-up error contain its alternatives already."""
     setup = [c.words for c in v.causes if c.laboratory and c.effect in v.group]
-    if setup and _is_setup_group(v):
+    if setup and _is_setup_group(v, known):
         return "; ".join(setup)
     if v.held_key is not None and v.held_key.key in v.group:
         others = [name.replace("_", " ") for name in v.group if name != v.held_key.key]
@@ -287,9 +302,14 @@ def _group_words(v: Verdict, known: Mapping[str, type[Effect]]) -> str:
     return " or ".join(f"{known[name].cause} ({name})" if name in known else f"{name} is wrong" for name in v.group)
 
 
-def _answer_unexplained(v: Verdict) -> Iterator[str]:
-    yield "Something is missing that the catalogue does not contain."
-    failures = [describe_failure(r) for r in v.rules if not r.passed]
+def _answer_unexplained(v: Verdict, known: Mapping[str, type[Effect]]) -> Iterator[str]:
+    if _is_catalogue_tried(v, known):
+        yield "Something is missing that the catalogue does not contain."
+    else:
+        count = sum(not r.reason.startswith("not tried") for r in v.rivals)
+        yield f"Something is missing that none of the {count} `candidates` of this campaign describes."
+        yield "The catalogue has more effects; leave out `candidates` to try them."
+    failures = [describe_failure(r) for r in v.rules if not r.passed and r.name != LAW_RULE]
     if failures:
         yield f"What was tested and failed: {'; '.join(failures)}."
     effects = _physical_causes(v)
@@ -297,7 +317,17 @@ def _answer_unexplained(v: Verdict) -> Iterator[str]:
         names = " with ".join(c.effect for c in effects)
         yield f"The closest explanation in the catalogue is {names}, but the model is not adequate with it."
     if v.law is not None:
-        yield f"The closest law is only a hint: {v.law.words}. {_law_words(v.law)}"
+        left = [r.consequence for r in v.rules if r.name == LAW_RULE and not r.passed]
+        reason = left[0] if left else "the model is not adequate with it"
+        yield f"The closest law is only a hint, because {reason}: {v.law.words}. {_law_words(v.law)}"
+    if v.missing:
+        yield "The missing heat flux in the report shows where along the contact the model errs."
+
+
+def _is_catalogue_tried(v: Verdict, known: Mapping[str, type[Effect]]) -> bool:
+    """Whether a verdict lists all candidates of the catalogue, tried or with a reason why not, or none at all."""
+    listed = {r.effect for r in v.rivals}
+    return not listed or all(name in listed for name, e in known.items() if e.candidate and not (e.base or e.alike))
 
 
 def _answer_none_needed(v: Verdict) -> Iterator[str]:
@@ -345,11 +375,11 @@ def _describe_contradictions(v: Verdict) -> Iterator[str]:
     if v.held_key is not None and not in_answer and v.held_key.key not in {i.key for i in some}:
         yield f"The data contradict a stated input: {_correction_words(v.held_key)}."
     for i in some[:MAX_LISTED_ITEMS]:
-        unit, sd_unit = _unit_suffix(i.unit), _unit_suffix("K" if i.unit == "degC" else i.unit)
+        unit, sd_unit = unit_suffix(i.unit), unit_suffix("K" if i.unit == "degC" else i.unit)
         sd = f"{100.0 * i.sd:.2g} %" if i.relative else f"{i.sd:.2g}{sd_unit}"
         yield (
-            f"The data contradict a stated input: {i.key} is stated as {_format_digits(i.stated)}{unit} +- {sd}; "
-            f"the data require {_format_digits(i.estimate)} +- {_format_digits(i.stderr, 2)}{unit}, {abs(i.pull):.1f} "
+            f"The data contradict a stated input: {i.key} is stated as {format_digits(i.stated)}{unit} +- {sd}; "
+            f"the data require {format_digits(i.estimate)} +- {format_digits(i.stderr, 2)}{unit}, {abs(i.pull):.1f} "
             f"standard deviations away (ln Bayes factor {i.ln_bayes:.0f})."
         )
     if len(some) > MAX_LISTED_ITEMS:
@@ -361,9 +391,11 @@ def _describe_gain(v: Verdict) -> Iterator[str]:
     if v.extended is None or v.base is None:
         return
     size = v.gain or {}
-    changes = f"{size['file']} changes by {_format_kelvin(size['changed_K'])} rms, " if size.get("file") else ""
+    changes = f"{size['file']} changes by {format_kelvin(size['changed_K'])} rms, " if size.get("file") else ""
+    # in a group the extension is only one of the possible causes
+    extension = " and ".join(c.effect for c in _physical_causes(v)) if v.kind == "group" else ""
     yield (
-        f"With the extension, and everything calibrated again, {changes}chi2/dof goes from "
+        f"With {extension or 'the extension'}, and everything calibrated again, {changes}chi2/dof goes from "
         f"{v.base.chi2_per_dof:.4g} to {v.extended.chi2_per_dof:.4g}."
     )
     before, after = f"{v.base.held_out_z:.3g}", f"{v.extended.held_out_z:.3g}"
@@ -393,16 +425,21 @@ def _describe_alternative(v: Verdict) -> Iterator[str]:
 
 def _describe_shifts(v: Verdict) -> Iterator[str]:
     """Calibrated parameters that were biased without the extension."""
+    found = {p.name: p for p in v.nuisance}
     for name, before, after, error in () if v.kind == "unexplained" else v.shifts:
         if error and abs(after - before) > SHIFT_STANDARD_ERRORS * error:
-            yield f"Without it, {name} would be estimated as {before:.4g} instead of {after:.4g} +- {error:.2g}."
+            now, limit = found.get(name, NormalisedDeviation(name, after, error, 0.0)), ""
+            if is_at_limit(before, now.value, now.pull, v.assumed.get(name, math.inf)):
+                limit = f" (the limit of {MAX_RIGID_PULL:g} prior standard deviations)"
+            instead = f"{after:.4g} +- {error:.2g}{unit_suffix(now.unit)}"
+            yield f"Without it, {name} would be estimated as {before:.4g}{limit} instead of {instead}."
 
 
 def _describe_usual_errors(v: Verdict) -> Iterator[str]:
     """Errors of the set-up within usual limits; not for a fit without a valid model, where they mean little."""
-    absolute = {i.key: _unit_suffix("K" if i.unit == "degC" else i.unit) for i in v.inputs if not i.relative}
+    absolute = {i.key: unit_suffix("K" if i.unit == "degC" else i.unit) for i in v.inputs if not i.relative}
     for f in () if v.kind in ("no_verdict", "unexplained") else v.laboratory[:MAX_LISTED_ITEMS]:
-        error = f"{f.stderr:.2g}{absolute[f.name]}" if f.name in absolute else _format_error(f.stderr, f.unit)
+        error = f"{f.stderr:.2g}{absolute[f.name]}" if f.name in absolute else format_error(f.stderr, f.unit)
         yield f"The data suggest that {f.words} (+- {error}), which is within usual limits."
 
 
@@ -418,15 +455,13 @@ def _parameter_words(c: Cause) -> str:
 
 def _estimate_words(p: ParameterEstimate) -> str:
     if p.bound or p.ci95[1] <= p.ci95[0]:
-        return f"{p.name} = {p.value:.4g}{_unit_suffix(p.unit)} (at its bound)"
-    return f"{p.name} = {p.value:.4g}{_unit_suffix(p.unit)} (95 % interval {p.ci95[0]:.4g} to {p.ci95[1]:.4g})"
+        return f"{p.name} = {p.value:.4g}{unit_suffix(p.unit)} (at its bound)"
+    return f"{p.name} = {p.value:.4g}{unit_suffix(p.unit)} (95 % interval {p.ci95[0]:.4g} to {p.ci95[1]:.4g})"
 
 
 def _setup_difference(c: Cause) -> str:
     """An error of the set-up or of a recording, with its size and evidence."""
-    size = "; ".join(
-        f"{_format_error(abs(p.value), p.unit)} +- {_format_error(p.stderr, p.unit)}" for p in c.parameters
-    )
+    size = "; ".join(f"{format_error(abs(p.value), p.unit)} +- {format_error(p.stderr, p.unit)}" for p in c.parameters)
     line = f"The set-up differs from what is stated: {c.words}{f' ({size})' if size else ''}"
     if c.ln_bayes >= LN_BAYES_IMPOSSIBLE:
         return f"{line}; as stated it is impossible."
@@ -434,10 +469,10 @@ def _setup_difference(c: Cause) -> str:
 
 
 def _correction_words(h: InputCorrection) -> str:
-    unit = _unit_suffix(h.unit)
+    unit = unit_suffix(h.unit)
     return (
-        f"{h.key} is stated as {_format_digits(h.told)}{unit}; the data require {_format_digits(h.value)} +- "
-        f"{_format_digits(h.stderr, 2)}{unit} (ln Bayes factor {h.ln_bayes:.0f})"
+        f"{h.key} is stated as {format_digits(h.told)}{unit}; the data require {format_digits(h.value)} +- "
+        f"{format_digits(h.stderr, 2)}{unit} (ln Bayes factor {h.ln_bayes:.0f})"
     )
 
 
@@ -446,7 +481,7 @@ def _law_words(law: LearnedLaw) -> str:
     kind = "Factor" if law.unit == "1" else "Value"
     rows = ", ".join(
         f"{np.interp(n, law.at, law.curve):.3g} ({np.interp(n, law.at, law.low):.3g} to "
-        f"{np.interp(n, law.at, law.high):.3g}){_unit_suffix(law.unit)} at {n:.4g}{_unit_suffix(law.argument_unit)}"
+        f"{np.interp(n, law.at, law.high):.3g}){unit_suffix(law.unit)} at {n:.4g}{unit_suffix(law.argument_unit)}"
         for n in law.nodes
     )
     return f"{kind}, with 95 % band: {rows}."
@@ -456,45 +491,10 @@ def _describe_doubt(c: Cause) -> Iterator[str]:
     """That a cause is certain but its law is not, if the conditions hardly agree on its amplitude."""
     if not c.is_doubtful:
         return
-    unit = _unit_suffix(c.parameters[0].unit)
+    unit = unit_suffix(c.parameters[0].unit)
     each = "; ".join(f"{own.value:.4g} +- {own.stderr:.2g}{unit} ({own.condition})" for own in c.per_condition)
     yield (
         f"The conditions hardly agree on {c.parameters[0].name}: {each}; the probability of such scatter is "
         f"{c.consistent:.1g}."
     )
     yield "The cause is certain, its law is not: measure a condition in between, or beyond."
-
-
-def _format_digits(value: float, count: int = 4) -> str:
-    """A number to some significant digits, without a power of ten for values of everyday size.
-
-    >>> _format_digits(150000.0), _format_digits(7134.4, 2), _format_digits(1.5e-7), _format_digits(0.9600001)
-    ('150000', '7100', '1.5e-07', '0.96')
-    """
-    if value and 1e-4 <= abs(value) < 1e6:
-        return np.format_float_positional(value, precision=count, unique=False, fractional=False, trim="-")
-    return f"{value:.{count}g}"
-
-
-def _unit_suffix(unit: str) -> str:
-    return "" if unit == "1" else f" {unit}"
-
-
-def _format_error(value: float, unit: str) -> str:
-    """The size of an error of the set-up.
-
-    >>> _format_error(0.0123, "1"), _format_error(2.0, "degree"), _format_error(0.02, "s")
-    ('1.2 %', '2 degrees', '0.02 s')
-    """
-    if unit == "1":
-        return f"{100.0 * value:.2g} %"
-    return f"{value:.2g} {'degrees' if unit == 'degree' else unit}"
-
-
-def _format_kelvin(T: float) -> str:
-    """A difference in kelvin, below one in millikelvin.
-
-    >>> _format_kelvin(1.132), _format_kelvin(0.0131)
-    ('1.13 K', '13.1 mK')
-    """
-    return f"{T:.3g} K" if T >= 1.0 else f"{1e3 * T:.3g} mK"

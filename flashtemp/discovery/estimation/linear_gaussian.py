@@ -315,9 +315,8 @@ class LinearSystem:
         at = [self.index[n] for n in names]
         return total.right[at], total.matrix[np.ix_(at, at)]
 
-    def solve_bounded(self, priors: Priors, max_deviation: float, equations: NormalEquations | None = None) -> Solution:
-        """As `solve`, but no parameter deviates by more than `max_deviation` prior standard deviations."""
-        total = equations or self.normal_equations()
+    def solve_bounded(self, priors: Priors, limits: Mapping[ParameterId, float], total: NormalEquations) -> Solution:
+        """As `solve`, but a parameter with a limit deviates by at most as many prior standard deviations."""
         free = self.solve(priors, total)
         at = [self.index[n] for n in free.names]
         mean, sd = (np.array([priors[n][i] for n in free.names]) for i in (0, 1))
@@ -325,7 +324,8 @@ class LinearSystem:
         rhs, middle = sd * total.right[at] + mean / sd, mean / sd
         # |L' u - L^-1 rhs|^2 is the quadratic form of A up to a constant, which lsq_linear minimises within bounds
         L = np.linalg.cholesky(A)
-        u = lsq_linear(L.T, np.linalg.solve(L, rhs), (middle - max_deviation, middle + max_deviation)).x
+        reach = np.array([limits.get(n, np.inf) for n in free.names])
+        u = lsq_linear(L.T, np.linalg.solve(L, rhs), (middle - reach, middle + reach)).x
         chi2 = total.square + float(middle @ middle) + float(u @ A @ u - 2.0 * rhs @ u)
         return Solution(free.names, sd * u, free.covariance, free.ln_evidence, chi2, total.count)
 

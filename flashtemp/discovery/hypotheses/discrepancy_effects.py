@@ -1,7 +1,7 @@
 """Effects of unknown origin as nuisances: friction scatter between repetitions, and pressure of any shape.
 
-They belong to no catalogue.  Calibration carries them with small priors, and whatever needs them large
-is physics that the catalogue does not hold.
+They belong to no catalogue.  Calibration estimates them with narrow priors.  If the data need them far larger, the
+model lacks something: `adequacy_tests` compares their estimates with their usual sizes.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from flashtemp.physics.effect import Effect, Factor, Term
 
 
 class RepetitionFrictionScatter(Effect):
-    """Friction of one repetition a little higher: mu (1 + size)."""
+    """Friction of one repetition that differs from the others: mu (1 + size)."""
 
     def heat(self, scene: Any, p: Any) -> Iterator[Factor]:
         """Multiplies mu in repetition `number`."""

@@ -1,0 +1,41 @@
+"""Numbers with units as sentences of a verdict write them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def format_digits(value: float, count: int = 4) -> str:
+    """A number to some significant digits, without a power of ten for values of everyday size.
+
+    >>> format_digits(150000.0), format_digits(7134.4, 2), format_digits(1.5e-7), format_digits(0.9600001)
+    ('150000', '7100', '1.5e-07', '0.96')
+    """
+    if value and 1e-4 <= abs(value) < 1e6:
+        return np.format_float_positional(value, precision=count, unique=False, fractional=False, trim="-")
+    return f"{value:.{count}g}"
+
+
+def unit_suffix(unit: str) -> str:
+    """A unit after a space; nothing for "1"."""
+    return "" if unit == "1" else f" {unit}"
+
+
+def format_error(value: float, unit: str) -> str:
+    """The size of an error of the set-up.
+
+    >>> format_error(0.0123, "1"), format_error(2.0, "degree"), format_error(0.02, "s")
+    ('1.2 %', '2 degrees', '0.02 s')
+    """
+    if unit == "1":
+        return f"{100.0 * value:.2g} %"
+    return f"{value:.2g} {'degrees' if unit == 'degree' else unit}"
+
+
+def format_kelvin(T: float) -> str:
+    """A difference in kelvin, below one in millikelvin.
+
+    >>> format_kelvin(1.132), format_kelvin(0.0131)
+    ('1.13 K', '13.1 mK')
+    """
+    return f"{T:.3g} K" if T >= 1.0 else f"{1e3 * T:.3g} mK"

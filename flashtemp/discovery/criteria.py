@@ -49,13 +49,6 @@ class Criteria:
         "that are fitted in full in one step of the selection",
         "cost: a full fit takes two to four simulations",
     )
-    shortlist_range: float = _criterion_field(
-        20.0, "ln Bayes factor", "below the best score, within which a candidate is fitted in full",
-        "scores of linearised models err by as much if an effect is strong",
-    )  # fmt: skip
-    shortlist_fraction: float = _criterion_field(
-        0.4, "1", "of the best score, above which a candidate is fitted in full", "as above, for scores of hundreds"
-    )
     # --- size of an effect -----------------------------------------------------------------------------------------
     visible_fraction: float = _criterion_field(
         1e-3, "of the rise", "by which a cause must change a recording (or of the friction, by which it must change a "

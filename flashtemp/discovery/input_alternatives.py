@@ -10,9 +10,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from flashtemp.discovery.assessment import screen_inputs
+from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.diagnostics.input_checks import InputVerdict, find_column, same_nuisance
 from flashtemp.discovery.diagnostics.stated_inputs import StatedInput
-from flashtemp.discovery.estimation.fitting import Hypothesis, ProgressCallback
+from flashtemp.discovery.estimation.fitting import Hypothesis, ProgressCallback, lowest_score_within_reach
 from flashtemp.discovery.estimation.hyperparameters import maximise_evidence
 from flashtemp.discovery.estimation.image_alignment import Linearisation
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
@@ -23,7 +24,6 @@ from flashtemp.discovery.selection.forward_selection import (
     InputAlternative,
     effect_names,
     finish_fit,
-    shortlist_limit,
 )
 from flashtemp.errors import BadInput, SolverFailure
 
@@ -42,7 +42,7 @@ def find_input_alternatives(search: EffectSearch, watch: ProgressCallback) -> tu
             continue
         watch("comparing stated inputs with the missing effect")
         assessment = screen_inputs(search, fit)
-        least = shortlist_limit(ranked[0].ln_bayes)
+        least = max(lowest_score_within_reach(ranked[0].ln_bayes), CRITERIA.ln_bayes_hint)
         likely = [
             c for c in assessment.checks
             if c.verdict is not InputVerdict.NOT_CHECKABLE

@@ -14,7 +14,13 @@ import numpy as np
 
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.diagnostics.cross_validation import cross_validate
-from flashtemp.discovery.estimation.fitting import Hypothesis, ProgressCallback, fit_hypothesis, run_fits
+from flashtemp.discovery.estimation.fitting import (
+    Hypothesis,
+    ProgressCallback,
+    fit_hypothesis,
+    lowest_score_within_reach,
+    run_fits,
+)
 from flashtemp.discovery.estimation.hyperparameters import EvidenceMaximum, Hyperparameters, priors_at_hyperparameters
 from flashtemp.discovery.estimation.image_alignment import Linearisation
 from flashtemp.discovery.estimation.linear_gaussian import Array, LinearSystem
@@ -247,16 +253,15 @@ def _solve_within_bounds(
 
 
 def shortlist_laws(scored: Sequence[ScoredLaw], known: float = 0.0) -> list[ScoredLaw]:
-    """Laws that are fitted in full, best first: they are strong enough for their number, and near the best score.
+    """Laws that are fitted in full, best first: they are strong enough for their number, and may reach the best.
 
     `known`: ln Bayes factor of the best effect of the catalogue, which a law must exceed in the end.
     """
     likely = [s for s in scored if s.ln_bayes > CRITERIA.ln_bayes_named + ln_choice_odds(scored)]
     if not likely:
         return []
-    best = max(likely[0].ln_bayes, known)
-    near = min(best - CRITERIA.shortlist_range, CRITERIA.shortlist_fraction * best)
-    return [s for s in likely if s.ln_bayes > near][: int(CRITERIA.shortlist)]
+    lowest = lowest_score_within_reach(max(likely[0].ln_bayes, known))
+    return [s for s in likely if s.ln_bayes > lowest][: int(CRITERIA.shortlist)]
 
 
 # --- full fits --------------------------------------------------------------------------------------------------

@@ -132,13 +132,12 @@ def test_a_law_is_learned_while_it_leaves_less_than_the_criterion(discovery_benc
 
 
 def test_fits_that_nobody_made_are_counted(discovery_benchmark, search):
-    scores = [("wear", 40.0), ("blur", 18.0), ("lag", 6.0)]
-    stored = search.made(search.fit("wear", gain=40.0), search.fit("blur", gain=2.0), scores=scores)
-    report = discovery_benchmark.replay.replay_all([stored])["criteria"]
-    assert report["shortlist_range"]["fits"] == {"half": [0, 0], "double": [1, 0]}
-    assert report["shortlist_range"]["not_fitted"] == {"half": 0, "double": 1}
-    assert report["shortlist"]["fits"]["half"] == [0, 0]
-    assert report["shortlist_range"]["decides"] == "cost"
+    scores = [("wear", 40.0), ("blur", 18.0), ("lag", 9.0), ("gap", 7.0)]
+    made = [search.fit("wear", gain=40.0), search.fit("blur", gain=2.0), search.fit("lag", gain=1.0)]
+    report = discovery_benchmark.replay.replay_all([search.made(*made, scores=scores)])["criteria"]
+    assert report["shortlist"]["fits"] == {"half": [0, 1], "double": [1, 0]}
+    assert report["shortlist"]["not_fitted"] == {"half": 0, "double": 1}
+    assert report["shortlist"]["decides"] == "cost"
 
 
 def test_a_criterion_that_changes_nothing_shows_as_such(discovery_benchmark, search):

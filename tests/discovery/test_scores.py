@@ -100,3 +100,14 @@ def test_no_fit_is_announced_where_none_is_left(monkeypatch):
     search, said = SimpleNamespace(best=None, fits={frozenset({"tilt", "wear"}): None}), []
     assert forward_selection._fit_shortlist(search, [], said.append) is search
     assert said == []
+
+
+@pytest.mark.parametrize(("scores", "fitted"), [
+    ((29.5, 10.2, 9.4, 8.0), 3),  # at most three
+    ((29.5, 4.9, 4.0), 1),  # no hint
+    ((90.0, 31.0, 29.0), 2),  # a full fit may gain twice the score, and is stopped 30 behind the best
+    ((4.0, 3.0), 0),
+])  # fmt: skip
+def test_candidates_that_may_reach_the_best_one_are_fitted_in_full(scores, fitted):
+    ranked = [SimpleNamespace(ln_bayes=s) for s in scores]
+    assert forward_selection.shortlist_candidates(ranked) == ranked[:fitted]

@@ -445,6 +445,14 @@ def _describe_fits(begun: Mapping[Any, LinearisedFit], ended: Mapping[Any, Linea
     ]
 
 
+def lowest_score_within_reach(best: float) -> float:
+    """The linearised ln Bayes factor above which a full fit may turn out better than the one with the `best` score.
+
+    It is the rule by which a running fit is stopped (`_is_outrun`), for a fit that has not begun.
+    """
+    return (best - OUTRUN_DEFICIT) / PROMISE_FACTOR
+
+
 def _is_outrun(fit: LinearisedFit, best: float) -> bool:
     """Whether a fit stays behind another one even if it gains PROMISE_FACTOR times its predicted gain."""
     return fit.ln_evidence + (PROMISE_FACTOR - 1.0) * fit.promise < best - OUTRUN_DEFICIT

@@ -18,6 +18,7 @@ from flashtemp.discovery.estimation.fitting import (
     ProgressCallback,
     describe_fit,
     fit_hypothesis,
+    lowest_score_within_reach,
     run_fits,
 )
 from flashtemp.discovery.estimation.image_alignment import Linearisation
@@ -183,21 +184,15 @@ def describe_search(search: EffectSearch) -> dict[str, Any]:
 
 
 def shortlist_candidates(ranked: Sequence[CandidateScore]) -> list[CandidateScore]:
-    """The candidates that are fitted in full: those above a hint whose score is near the best one, at most three.
+    """The candidates that are fitted in full: those above a hint that may reach the best one, at most three.
 
-    `ranked` are scores, best first.  A score is near within a range or above a fraction of the best, whichever is less.
+    `ranked` are scores, best first.
     """
     likely = [s for s in ranked if s.ln_bayes > CRITERIA.ln_bayes_hint]
     if not likely:
         return []
-    lowest = shortlist_limit(likely[0].ln_bayes)
+    lowest = lowest_score_within_reach(likely[0].ln_bayes)
     return [s for s in likely if s.ln_bayes > lowest][: int(CRITERIA.shortlist)]
-
-
-def shortlist_limit(best: float) -> float:
-    """The score above which a candidate may turn out better in a full fit than the one with the `best` score."""
-    # errors of linearised scores have a size of their own while scores are small, and grow with large ones
-    return min(best - CRITERIA.shortlist_range, CRITERIA.shortlist_fraction * best)
 
 
 def _promising_pairs(search: EffectSearch, ranked: Sequence[CandidateScore]) -> list[EffectPair]:

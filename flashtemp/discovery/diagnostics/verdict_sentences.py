@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -181,7 +181,7 @@ def describe_assumed_optics(file: str, names: tuple[str, ...]) -> str:
 # --- the whole verdict -----------------------------------------------------------------------------------------
 def describe_verdict(v: Verdict, known: Mapping[str, type[Effect]]) -> tuple[str, ...]:
     """A whole verdict in sentences, the verdict itself first; `known` effects by name."""
-    answers = {
+    answers: dict[str, Callable[[Verdict], Iterator[str]]] = {
         "named": _answer_named, "learned": _answer_learned, "held_key": _answer_input_wrong, "weak": _answer_weak,
         "none_needed": _answer_none_needed, "no_verdict": _answer_no_verdict,
         "group": partial(_answer_group, known=known), "unexplained": partial(_answer_unexplained, known=known),

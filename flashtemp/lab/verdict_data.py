@@ -26,9 +26,9 @@ GRADES = {  # of each kind of verdict: the answer in words, and the colour that 
     "learned": ("A law outside the catalogue is learned from the data", "good"),
     "held_key": ("A stated input differs from what the data require", "warning"),
     "weak": ("A missing effect is likely, but the evidence is weak", "warning"),
-    "group": ("An effect is missing; these data cannot tell which of several", "warning"),
+    "group": ("Several causes explain these data equally well", "warning"),
     "none_needed": ("No extension is needed", "good"),
-    "unexplained": ("Something is missing, and nothing in the catalogue explains it", "error"),
+    "unexplained": ("Something is missing, and no candidate explains it", "error"),
     "no_verdict": ("No verdict: the calibration is not reliable", "error"),
 }
 Record = TypeVar("Record")

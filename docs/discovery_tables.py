@@ -25,6 +25,7 @@ SETS = {  # what a set of campaigns is, by the first word of its campaigns' name
     "twin": "short twins (`flashtemp twin`)",
     "newcomer": "one short twin",
     "fresh": "uncooled camera, seeds after the last changes",
+    "varied": "another test programme in each",
 }
 KINDS = {"null": "nothing", "single": "one effect", "pair": "two effects", "outside": "law outside the catalogue"}
 

@@ -24,6 +24,7 @@ import traceback
 from collections import Counter, defaultdict
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -168,16 +169,14 @@ def make_varied(plan: dict, folder: Path) -> tuple[dict, dict]:
     rng, drawn = np.random.default_rng([plan["seed"], 81]), draw_programme(plan["seed"])
     frames = laboratory.continuous_frames(int(rng.integers(10, 25)), int(rng.integers(2, 5)))
     test = replace(drawn, columns=min(drawn.columns, 80), **frames)
-    errors: dict = {}
-    for name, size in plan["setup"].items():
-        stated = {"length": size * test.pair.length, "mirrored": True, "exchanged": _draw_exchange(rng, test)}
-        stated |= {n: 1.0 + size for n in RATIOS}
-        errors[name] = stated.get(name, size)
+    errors = {name: _setup_error(rng, test, name, size) for name, size in plan["setup"].items()}
     return _write_uncooled(plan, folder, test, errors)
 
 
-def _draw_exchange(rng: np.random.Generator, test) -> tuple[str, str]:
-    """The recordings of one view in two conditions."""
+def _setup_error(rng: np.random.Generator, test, name: str, size: float) -> Any:
+    """The value that `SetupErrors` takes for an error of a size; for an exchange, one view in two conditions."""
+    if name != "exchanged":
+        return {"length": size * test.pair.length, "mirrored": True}.get(name, 1.0 + size if name in RATIOS else size)
     first, second = rng.choice(len(test.conditions), size=2, replace=False) + 1
     view = rng.choice(("sidewall", "wake"))
     return f"condition{first}_{view}.nc", f"condition{second}_{view}.nc"

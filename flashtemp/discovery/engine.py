@@ -152,8 +152,8 @@ def select_with_inputs(
         search = select_effects(problem, data, base, watch)
         alternatives = find_input_alternatives(search, watch)
         search = replace(search, input_alternatives=alternatives)
-        best = min(alternatives, key=lambda a: a.deficit(search.best), default=None)
-        if best is None or not best.is_key or best.deficit(search.best) > -CRITERIA.ln_bayes_distinct:
+        best = min(alternatives, key=lambda a: a.deficit_against(search.best), default=None)
+        if best is None or not best.is_key or best.deficit_against(search.best) > -CRITERIA.ln_bayes_distinct:
             return search
         problem = free_input(problem, best.key, best.prior_sd)
         problem, data, base = calibrate_base(problem, _predict_stated_model(problem), watch)
@@ -290,7 +290,7 @@ def _find_alternatives(search: EffectSearch, final: LinearisedFit) -> tuple[Alte
     for names, fit in search.fits.items():
         if len(names) == len(own) and len(names - own) == 1:
             out.append(AlternativeCause(names, final.ln_evidence - fit.ln_evidence, fit.is_comparable))
-    out += [AlternativeCause(a.names, a.deficit(final)) for a in search.input_alternatives]
+    out += [AlternativeCause(a.cause_names, a.deficit_against(final)) for a in search.input_alternatives]
     return tuple(sorted(out, key=lambda a: a.deficit))
 
 

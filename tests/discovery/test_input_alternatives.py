@@ -45,7 +45,9 @@ def test_an_input_that_may_be_stated_wrongly_is_an_alternative_to_an_effect(miss
     assert verdict.says[0].startswith("Either an effect is missing or a stated input is wrong")
     [found] = search.input_alternatives
     assert found.is_key
-    assert abs(found.deficit(search.best)) < 3.0  # the same model with the same prior, but another starting point
+    assert (
+        abs(found.deficit_against(search.best)) < 3.0
+    )  # the same model with the same prior, but another starting point
 
 
 def test_only_a_number_that_all_conditions_share_can_be_estimated(misstated):
@@ -72,9 +74,9 @@ def test_an_input_in_place_of_two_effects_saves_the_price_of_one():
     accepted = SimpleNamespace(model=SimpleNamespace(effects={"a": {}, "b": {}}), ln_evidence=-100.0)
     alone = InputAlternative("friction.mu", frozenset(), -104.0, 0.1, True)
     beside = InputAlternative("friction.mu", frozenset("a"), -104.0, 0.1, True)
-    assert alone.deficit(accepted) == 4.0 - CRITERIA.ln_bayes_named
-    assert beside.deficit(accepted) == 4.0
-    assert beside.names == {"a", "friction.mu"}
+    assert alone.deficit_against(accepted) == 4.0 - CRITERIA.ln_bayes_named
+    assert beside.deficit_against(accepted) == 4.0
+    assert beside.cause_names == {"a", "friction.mu"}
 
 
 @pytest.mark.parametrize(("deficit", "is_key", "freed"), [

@@ -414,7 +414,7 @@ class EvidenceFunction:
                 part = self._schur_complement(group, sd)
                 matrix += part.matrix
                 ln_det += part.ln_det
-            self._keep(key, SchurComplement(matrix, ln_det))
+            self._keep_in_cache(key, SchurComplement(matrix, ln_det))
         return kept[key]
 
     def _schur_complement(self, own: Indices, sd: Array) -> SchurComplement:
@@ -429,10 +429,10 @@ class EvidenceFunction:
             lower = np.linalg.cholesky(A)
             # cross' A^-1 cross = half' half, symmetric to the last digit and at half the cost of a solve
             half = solve_triangular(lower, cross, lower=True, check_finite=False)
-            self._keep(key, SchurComplement(half.T @ half, 2.0 * float(np.sum(np.log(np.diag(lower))))))
+            self._keep_in_cache(key, SchurComplement(half.T @ half, 2.0 * float(np.sum(np.log(np.diag(lower))))))
         return kept[key]
 
-    def _keep(self, key: bytes, found: SchurComplement) -> None:
+    def _keep_in_cache(self, key: bytes, found: SchurComplement) -> None:
         kept = self.total.schur_complements
         if len(kept) >= MAX_KEPT_BYTES / found.matrix.nbytes:
             kept.clear()

@@ -58,12 +58,12 @@ class InputAlternative:
     is_key: bool
 
     @property
-    def names(self) -> EffectNames:
+    def cause_names(self) -> EffectNames:
         return self.keeps | {self.key}
 
-    def deficit(self, accepted: LinearisedFit) -> float:
+    def deficit_against(self, accepted: LinearisedFit) -> float:
         """ln Bayes factor of the accepted model against this one, where each cause costs what it needs to be named."""
-        more = len(effect_names(accepted)) - len(self.names)
+        more = len(effect_names(accepted)) - len(self.cause_names)
         return accepted.ln_evidence - self.ln_evidence - CRITERIA.ln_bayes_named * more
 
 

@@ -130,8 +130,7 @@ def _verdict(
     """Kind, effects, inputs and group, as `engine.judge_search` and `campaigns.describe_verdict` give them."""
     change = None
     if final.model.effects and final.size is not None:
-        mesh_error = CRITERIA.mesh_error_left * final.size.mesh_error_K
-        change = SimpleNamespace(size=replace(final.size, mesh_error_K=mesh_error))
+        change = SimpleNamespace(size=final.size)
     setup = engine.find_setup_errors(search.problem, None, final, None, stored.inputs, CRITERIA)  # type: ignore[arg-type]
     base, own = _assessment(search.base), _assessment(final)
     evidence = engine.collect_evidence(search, final, base, own, change, setup, None, is_hint)  # type: ignore[arg-type]

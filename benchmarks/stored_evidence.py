@@ -11,7 +11,7 @@ import lzma
 import pickle
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -295,14 +295,9 @@ def store_fit(search: EffectSearch, fit: LinearisedFit, with_inputs: LinearSyste
         misfits=tuple(misfits),
         heldout=tuple(map(float, left_out.density)),
         is_held_out=left_out.is_held_out,
-        size=_with_whole_mesh_error(change.size) if fit.model.effects else None,
+        size=change.size if fit.model.effects else None,
         setup=_store_setup(search, fit, LinearSystem(blocks), inputs),
     )
-
-
-def _with_whole_mesh_error(size: EffectSize) -> EffectSize:
-    """The size with the whole mesh error, without the criterion `mesh_error_left`."""
-    return replace(size, mesh_error_K=size.mesh_error_K / CRITERIA.mesh_error_left)
 
 
 def _store_setup(search: EffectSearch, fit: LinearisedFit, system: LinearSystem, inputs: Any) -> StoredSetup:

@@ -78,7 +78,6 @@ def assess_model(search: EffectSearch, fit: LinearisedFit) -> ModelAssessment:
 def size_of_change(search: EffectSearch, base: ModelAssessment, extended: ModelAssessment) -> LargestChange:
     """How much the extended model changes the recordings against the base."""
     change = largest_change(
-        search.data,
         base.recording_comparisons,
         extended.recording_comparisons,
         base.force_comparisons,

@@ -59,10 +59,6 @@ class Criteria:
         3e-3, "of the rise", "by which a hint must change a recording",
         "largest error of closures and mesh (docs/explanation/verification.md)",
     )  # fmt: skip
-    mesh_error_left: float = _criterion_field(
-        0.1, "1", "fraction of the estimated mesh error that may remain after it was calibrated",
-        "1 to 4 % remained where it was measured; times 2.5",
-    )  # fmt: skip
     # --- data that were left out -----------------------------------------------------------------------------------
     heldout_against: float = _criterion_field(
         -4.5, "ln probability", "of left-out data, extended minus base, below which they contradict a cause",

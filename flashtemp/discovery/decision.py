@@ -31,7 +31,7 @@ class EffectSize:
     """How much an extension changes the predicted data once base and extended model are both calibrated.
 
     `rise_fraction`: largest rms change of a recording, as a fraction of its rms temperature rise; `change_K` is the
-    same change in kelvin and `mesh_error_K` the rms error that the mesh may leave in that recording.
+    same change in kelvin.
     `friction_fraction`: largest rms change of a load-cell record, as a fraction of its friction.
     `camera_fraction`: fraction of the rise that a camera error changes by itself, with nothing calibrated again.  A
     camera that reads wrongly is a fact of the test, even if other unknowns could absorb its error in the fit.  The
@@ -41,7 +41,6 @@ class EffectSize:
     rise_fraction: float
     friction_fraction: float = 0.0
     change_K: float = 0.0
-    mesh_error_K: float = 0.0
     camera_fraction: float = 0.0
 
 
@@ -229,15 +228,6 @@ def _cause_rules(evidence: VerdictEvidence, criteria: Criteria) -> Iterator[Verd
         yield VerdictRule(
             "it can be seen", largest, criteria.visible_fraction, largest >= criteria.visible_fraction,
             f"after calibration it changes no recording by more than {100 * largest:.2g} % of its temperature rise",
-        )  # fmt: skip
-        # friction and camera errors do not depend on the mesh
-        mesh_free = max(evidence.size.friction_fraction, evidence.size.camera_fraction)
-        fine = evidence.size.change_K >= evidence.size.mesh_error_K or mesh_free >= criteria.visible_fraction
-        change_mK, mesh_error_mK = 1e3 * evidence.size.change_K, 1e3 * evidence.size.mesh_error_K
-        yield VerdictRule(
-            "the mesh resolves it", evidence.size.change_K, evidence.size.mesh_error_K, fine,
-            f"it changes the temperature by {change_mK:.2g} mK rms and the mesh error may be {mesh_error_mK:.2g} mK: "
-            "use a finer mesh (numerics.mesh)",
         )  # fmt: skip
 
 

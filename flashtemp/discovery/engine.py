@@ -25,11 +25,7 @@ from flashtemp.discovery.diagnostics import verdict_sentences
 from flashtemp.discovery.diagnostics.adequacy_tests import run_adequacy_tests
 from flashtemp.discovery.diagnostics.effect_size import LargestChange
 from flashtemp.discovery.diagnostics.extended_case import write_extended_case
-from flashtemp.discovery.diagnostics.mesh_resolution import (
-    COARSER_CELL_FACTORS,
-    coarser_mesh_factors,
-    lateral_resolution_warnings,
-)
+from flashtemp.discovery.diagnostics.mesh_resolution import mesh_resolution_warnings
 from flashtemp.discovery.diagnostics.setup_errors import SetupError, find_setup_errors
 from flashtemp.discovery.estimation.fitting import Hypothesis, ProgressCallback
 from flashtemp.discovery.estimation.image_alignment import Linearisation
@@ -47,6 +43,7 @@ from flashtemp.discovery.measurement_errors.recording_errors import (
     find_misassigned_recordings,
     find_recording_errors,
 )
+from flashtemp.discovery.prediction.mesh_extrapolation import coarser_mesh_factors
 from flashtemp.discovery.prediction.prediction import DerivativeRequest, Prediction, predict_condition
 from flashtemp.discovery.prediction.problem import Problem, prepare_problem
 from flashtemp.discovery.selection.forward_selection import (
@@ -129,12 +126,13 @@ def calibrate_base(
     problem = reject_outliers(problem, first)
     watch("simulating coarser meshes")
     data = WhitenedData.from_predictions(problem, first, predict_coarser_meshes(problem))
-    for warning in lateral_resolution_warnings(data, first, len(COARSER_CELL_FACTORS)):
+    for warning in mesh_resolution_warnings(data, first):
         watch(warning)
     tasks = problem.make_tasks(problem.stated_model, replace(all_derivatives(problem), fields=True))
     start = Linearisation(problem.stated_model, tuple(tasks), tuple(first), LinearSystem(data.make_blocks(first)))
     watch("calibrating the stated model")
     base = finish_fit(Hypothesis(problem, data, problem.stated_model), start, watch)
+    data = data.with_image_errors_of(base.predictions)
     names = [c.effect for c in problem.candidates]
     watch(ProgressMessage(f"sensitivities of {len(names)} candidates", candidates=[{"effect": n} for n in names]))
     return problem, data, refit_with_candidates(problem, data, base, problem.candidates, watch)

@@ -18,7 +18,7 @@ class ParameterKind(StrEnum):
     MODE = "mode"  # cosine of the pressure along the block, in all conditions
     TREND = "trend"  # the same, growing from repetition to repetition
     FLUX = "flux"  # cosine of the heat along the block in one condition
-    MESH = "mesh"  # difference to a coarser mesh
+    MESH = "mesh"  # error of the mesh in one direction
     SHIFT_U = "shift_u"  # of a recording's image, px
     SHIFT_V = "shift_v"
     GAIN = "gain"  # of a recording's radiance, relative

@@ -17,11 +17,7 @@ from flashtemp.discovery.diagnostics.adequacy_tests import run_adequacy_tests, s
 from flashtemp.discovery.diagnostics.cross_validation import rms_change_error
 from flashtemp.discovery.diagnostics.effect_size import LargestChange
 from flashtemp.discovery.diagnostics.input_checks import FIXED_INPUT_SD_FRACTION, InputCheck
-from flashtemp.discovery.diagnostics.mesh_resolution import (
-    COARSER_CELL_FACTORS,
-    lateral_resolution_warnings,
-    unconverged_fit_warnings,
-)
+from flashtemp.discovery.diagnostics.mesh_resolution import mesh_resolution_warnings, unconverged_fit_warnings
 from flashtemp.discovery.diagnostics.setup_errors import SetupError
 from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
 from flashtemp.discovery.measurement_errors.recording_errors import RecordingError
@@ -211,7 +207,7 @@ def _gain_record(
     size = change.size
     return {
         "file": change.file, "changed_K": size.change_K, "share": size.rise_fraction,
-        "friction": size.friction_fraction, "numerics_K": size.mesh_error_K,
+        "friction": size.friction_fraction,
         "left_out_K": (base.left_out.rmse_K, extended.left_out.rmse_K),
     }  # fmt: skip
 
@@ -221,7 +217,7 @@ def _collect_warnings(search: EffectSearch, final: LinearisedFit) -> tuple[str, 
     out = [f"{file}: {found}" for file, found in problem.screening.items()]
     out += [verdict_sentences.describe_assumed_optics(*item) for item in problem.assumed_camera_facts.items()]
     out += fit_report.camera_error_warnings(search.data, final)
-    out += lateral_resolution_warnings(search.data, search.base.predictions, len(COARSER_CELL_FACTORS))
+    out += mesh_resolution_warnings(search.data, search.base.predictions)
     out += unconverged_fit_warnings(search.fits, problem.case["numerics.mesh"])
     for label, variance in final.hyper.variances.items():
         if variance > (1.0 + 2.0 * CRITERIA.noise_sd_uncertainty) ** 2:

@@ -16,7 +16,6 @@ from flashtemp.comparison.noise import (
     unwhiten,
     whiten,
 )
-from flashtemp.discovery.estimation import whitening
 from flashtemp.discovery.prediction.frame_averaging import group_frames
 
 SHAPE = (12, 30, 80)
@@ -134,23 +133,3 @@ def test_nothing_to_compare_is_no_structure():
     empty = np.full(SHAPE, np.nan)
     assert largest_structured_residual(empty, NoiseLevels(0.05, 0.0), None) is None
     assert lag1_autocorrelation(empty, 0) == (0.0, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("view", "times", "left_out"),
-    [
-        ("wake", (1.4, 4.0, 11.95, 12.0, 12.05, 12.07), (11.95, 12.0, 12.05)),
-        ("wake", (0.0, 0.05, 0.07), (0.0, 0.05)),
-        ("wake", (12.0,), ()),  # all that there is
-        ("sidewall", (1.4, 12.0), ()),  # a wall has no front
-    ],
-)
-def test_frames_of_a_wake_that_a_clock_cannot_tell_from_its_start_are_left_out(view, times, left_out):
-    time = np.array([0.0, 2.0, 4.0, 8.0, 12.0, 12.3, 16.0])
-    seen = SimpleNamespace(recording=SimpleNamespace(view=view, time=np.array(times)))
-    two, one = np.array([1, 1, 1, 1, 1, 2, 2]), np.ones(7, int)
-    for sliding, repetition, direction in (  # with a wait, without, and where the block turns
-        ([1, 1, 1, 0, 0, 1, 1], two, None), ([1] * 7, two, None), ([1] * 7, one, np.array([1, 1, 1, 1, 1, -1, -1])),
-    ):  # fmt: skip
-        run = SimpleNamespace(time=time, sliding=np.array(sliding, bool), repetition=repetition, direction=direction)
-        assert tuple(np.array(times)[whitening._is_near_start(seen, run)]) == left_out

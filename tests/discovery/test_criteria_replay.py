@@ -16,7 +16,7 @@ from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD
 from flashtemp.discovery.parameters import ParameterId, ParameterKind
 
 TESTS = ("amplitude", "heat of", "pressure of", "calibrated", "camera and", "noise left")
-LARGE = EffectSize(rise_fraction=0.05, change_K=0.1, mesh_error_K=0.02)
+LARGE = EffectSize(rise_fraction=0.05, change_K=0.1)
 LENGTH = ParameterId(ParameterKind.SIZE, name="block.length")
 
 
@@ -78,7 +78,6 @@ def test_a_cause_is_named_weak_or_none_as_the_criterion_has_it(discovery_benchma
     ("criterion", "value", "kind"),
     [
         ("visible_fraction", 0.1, "weak"),
-        ("mesh_error_left", 10.0, "weak"),
         ("heldout_against", 3.0, "weak"),
         ("noise_sd_uncertainty", 0.01, "unexplained"),
         ("ln_bayes_unnamed_heat", 1.0, "unexplained"),

@@ -12,7 +12,7 @@ from flashtemp.discovery.diagnostics.effect_size import camera_fraction
 from flashtemp.discovery.hypotheses.candidates import CandidateEffect
 from flashtemp.physics.effect import find_effect
 
-SEEN = EffectSize(rise_fraction=0.045, change_K=0.1, mesh_error_K=0.002)
+SEEN = EffectSize(rise_fraction=0.045, change_K=0.1)
 QUIET = (AdequacyTest("noise left over", 0.9, 1.0),)
 CAUSE = VerdictEvidence(
     is_converged=True, base_certainly_misfits=False, causes=("pressure_tilt",), ln_bayes=58.0,
@@ -44,8 +44,7 @@ def test_nothing_missing_is_an_answer():
         ({"ln_bayes_discrepancy": 6.0}, "weak"),
         ({"heldout_gain": -5.0}, "weak"),
         ({"size": EffectSize(5e-4, change_K=0.01)}, "none_needed"),
-        ({"size": EffectSize(4e-3, change_K=0.001, mesh_error_K=0.01)}, "weak"),
-        ({"size": EffectSize(8e-4, change_K=0.01, mesh_error_K=0.1, camera_fraction=0.03)}, "named"),
+        ({"size": EffectSize(8e-4, change_K=0.01, camera_fraction=0.03)}, "named"),
         ({"size": EffectSize(8e-4, change_K=0.01, camera_fraction=8e-4)}, "none_needed"),
         ({"alternatives": (AlternativeCause(frozenset({"edge_pressure"}), 2.0),)}, "group"),
         ({"alternatives": (AlternativeCause(frozenset({"edge_pressure"}), 20.0),)}, "named"),

@@ -31,6 +31,7 @@ from flashtemp.discovery.estimation.nuisance_priors import (
     NUISANCE_SD,
     PRESSURE_MODE_SD,
     UNSTATED_OPTICS_SD,
+    camera_smooth_basis,
     nuisance_priors,
 )
 from flashtemp.discovery.estimation.trust_region import QuadraticModel
@@ -148,6 +149,21 @@ def test_friction_differs_between_conditions_also_where_it_is_stated(two):
         level = ParameterId(ParameterKind.LEVEL, condition=block.condition)
         exact, own = (np.concatenate([b.C, b.F], axis=1)[:, dict(b.names)[level]] for b in (calibrated, block))
         np.testing.assert_allclose(own, exact, atol=0.02 * np.abs(exact).max())
+
+
+def test_errors_of_an_image_are_those_of_the_calibrated_model(two):
+    """Their columns multiply with the rise and with the place of the image, so they are computed anew for the base."""
+    predicted = two.problem.predict(two.problem.make_tasks(two.base.model, DerivativeRequest(fields=True)))
+    stated = two.problem.predict(two.problem.make_tasks(two.problem.stated_model, DerivativeRequest(fields=True)))
+    for view, now, before in zip(two.problem.campaign.views, predicted, stated, strict=True):
+        gain = ParameterId(ParameterKind.MAP, (2, 0))
+        column = two.data.fixed[view.file].names.index(gain)
+        used = two.data.is_compared[view.file]
+        rises = [camera_smooth_basis(view, p.observables[view.file])[gain] for p in (now, before)]
+        expected, old = (two.data._whiten_values(view, rise) for rise in rises)
+        own = two.data.fixed[view.file].F[:, column]
+        assert used.sum() == len(own)
+        assert np.abs(own - expected).max() < 0.2 * np.abs(own - old).max()
 
 
 def test_predictions_at_the_best_point_leave_noise(two):

@@ -8,13 +8,11 @@ import pytest
 from flashtemp.discovery.diagnostics import mesh_resolution
 from flashtemp.discovery.diagnostics.extended_case import correct_input, describe_correction
 from flashtemp.discovery.diagnostics.mesh_resolution import (
-    COARSER_CELL_FACTORS,
-    lateral_resolution_warnings,
+    mesh_resolution_warnings,
     unconverged_fit_warnings,
 )
 from flashtemp.discovery.estimation.linearised_fit import FitStatus
 from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY
-from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD
 from flashtemp.discovery.parameters import ParameterId, ParameterKind
 from flashtemp.discovery.verdict import InputCorrection, Verdict
 from flashtemp.model.case import load_case
@@ -22,17 +20,14 @@ from flashtemp.model.case import load_case
 WALL = "wall.nc"
 
 
-ACROSS = len(COARSER_CELL_FACTORS)
-
-
-def predicted(change_fraction, number=ACROSS):
-    """Data and a prediction of a wall 10 K warm, of which a coarser mesh changes a fraction."""
+def predicted(*directions, error_fraction):
+    """Data and a prediction of a wall 10 K warm, of which the mesh errs by a fraction in each of some directions."""
     rise = np.full((2, 2, 3), 10.0)
     rise[0, 0, 0] = 0.0
     inside = np.ones((2, 3), bool)
-    column = change_fraction * np.sqrt(np.mean(rise**2)) * np.ones((rise.size, 1))
-    fixed = SimpleNamespace(names=(ParameterId(ParameterKind.MESH, (number,)),), F=column)
-    case = {"numerics.across": 8, "numerics.first_y": 5e-4}
+    column = error_fraction * np.sqrt(np.mean(rise**2)) * np.ones((rise.size, len(directions)))
+    fixed = SimpleNamespace(names=tuple(ParameterId(ParameterKind.MESH, (k,)) for k in directions), F=column)
+    case = {"numerics.mesh": 0.5, "numerics.across": 8, "numerics.first_y": 5e-4}
     data = SimpleNamespace(
         fixed={WALL: fixed}, to_kelvin=lambda file, whitened: whitened, problem=SimpleNamespace(case=case)
     )
@@ -41,18 +36,17 @@ def predicted(change_fraction, number=ACROSS):
 
 
 @pytest.mark.parametrize(("times", "count"), [(1.2, 1), (0.8, 0)])
-def test_cells_across_that_err_by_more_than_a_model_may_are_told(times, count):
-    data, predictions = predicted(times * LARGEST_DISCREPANCY / NUISANCE_SD[ParameterKind.MESH])
-    lines = lateral_resolution_warnings(data, predictions, len(COARSER_CELL_FACTORS))
+@pytest.mark.parametrize(
+    ("directions", "key"),
+    [((3,), "numerics.across = 8 with numerics.first_y = 0.0005"), ((0, 1), "numerics.mesh = 0.5")],
+)
+def test_a_mesh_that_errs_by_more_than_a_model_may_is_told(directions, key, times, count):
+    data, predictions = predicted(*directions, error_fraction=times * LARGEST_DISCREPANCY / len(directions))
+    lines = mesh_resolution_warnings(data, predictions)
     assert len(lines) == count
     for line in lines:
-        assert line.startswith("numerics.across = 8 with numerics.first_y = 0.0005 may be too coarse: half as many")
+        assert line.startswith(f"{key} may be too coarse: its error is about ")
         assert WALL in line
-
-
-def test_a_mesh_in_2d_is_not_judged_across():
-    data, predictions = predicted(1.0, len(COARSER_CELL_FACTORS) - 1)
-    assert lateral_resolution_warnings(data, predictions, len(COARSER_CELL_FACTORS)) == []
 
 
 @pytest.mark.parametrize(

@@ -467,9 +467,13 @@ def _view_field(view, condition, sliding, m):
         places, rise = m.wake
         less = RectBivariateSpline(_lateral_places(condition.pair), places, m.wake_deficit, kx=1, ky=1)
 
+        # behind the trailing edge the road cools as the root of the distance: lines over it, up to the edge
+        roots = np.sqrt(np.concatenate([[0.0], places]))
+        edge = rise[0] - (rise[1] - rise[0]) / (roots[2] - roots[1]) * roots[1]
+
         def road(x, y):
-            distance = x - condition.pair.length
-            return AIR_DEGC + np.interp(distance, places, rise) - less(y, distance)
+            distance = np.maximum(x - condition.pair.length, 0.0)
+            return AIR_DEGC + np.interp(np.sqrt(distance), roots, [edge, *rise]) - less(y, distance)
 
         return road
 

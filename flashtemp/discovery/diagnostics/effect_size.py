@@ -8,14 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from flashtemp.comparison.compare import ForceComparison, RecordingComparison
-from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.decision import EffectSize
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
 from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
-from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD
 from flashtemp.discovery.estimation.whitening import WhitenedData
 from flashtemp.discovery.hypotheses.candidates import CandidateEffect
-from flashtemp.discovery.parameters import ParameterId, ParameterKind
+from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction.prediction import Prediction
 
 
@@ -28,7 +26,6 @@ class LargestChange:
 
 
 def largest_change(
-    data: WhitenedData,
     before: tuple[RecordingComparison, ...],
     after: tuple[RecordingComparison, ...],
     forces_before: tuple[ForceComparison, ...],
@@ -38,7 +35,7 @@ def largest_change(
     changes = [_recording_change(b, e) for b, e in zip(before, after, strict=True)]
     file, change_K, fraction = max(changes, key=lambda c: c[2], default=("", 0.0, 0.0))
     friction = max((_friction_change(b, e) for b, e in zip(forces_before, forces_after, strict=True)), default=0.0)
-    return LargestChange(file, EffectSize(fraction, friction, change_K, _mesh_error(data, file)))
+    return LargestChange(file, EffectSize(fraction, friction, change_K))
 
 
 def camera_fraction(
@@ -57,18 +54,6 @@ def camera_fraction(
         for c in own for k in c.strengths
     )  # fmt: skip
     return max(changes, default=0.0)
-
-
-def _mesh_error(data: WhitenedData, file: str) -> float:
-    """The mesh error (K rms) that may remain in a recording after its mesh terms were calibrated.
-
-    The error is half of the change by a coarser mesh; calibration left 1 to 4 % of it where it was measured.
-    """
-    if (fixed := data.fixed.get(file)) is None:
-        return 0.0
-    columns = [fixed.F[:, k].astype(float) for k, p in enumerate(fixed.names) if p.kind is ParameterKind.MESH]
-    coarser = [float(np.sqrt(np.mean(data.to_kelvin(file, c) ** 2))) for c in columns]
-    return CRITERIA.mesh_error_left * NUISANCE_SD[ParameterKind.MESH] * max(coarser, default=0.0)
 
 
 def change_per_unit(

@@ -10,50 +10,51 @@ from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.diagnostics.adequacy_tests import normalised_deviations
 from flashtemp.discovery.estimation.linearised_fit import FitStatus, LinearisedFit
 from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY
-from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD
 from flashtemp.discovery.estimation.whitening import WhitenedData
 from flashtemp.discovery.parameters import ParameterKind
+from flashtemp.discovery.prediction.mesh_extrapolation import COARSER_CELL_FACTORS
 from flashtemp.discovery.prediction.prediction import Prediction
-from flashtemp.model.case import Case
-
-# cell factors of the runs that estimate the mesh error: along, up and down, and across in 3D
-COARSER_CELL_FACTORS = ((0.6, 1, 1), (1, 0.6, 1), (1, 1, 0.6), (0.5, 0.5, 0.5))
-COARSER_ACROSS_FACTORS = (1, 1, 1, 0.5)
 
 
-def coarser_mesh_factors(case: Case) -> tuple[tuple[float, ...], ...]:
-    """Cell factors of the meshes that estimate the mesh error of a case."""
-    return (*COARSER_CELL_FACTORS, COARSER_ACROSS_FACTORS) if case["numerics.across"] > 1 else COARSER_CELL_FACTORS
+def mesh_resolution_warnings(data: WhitenedData, predictions: Iterable[Prediction]) -> list[str]:
+    """Warnings if the error of the mesh in the plane of sliding, or across it, exceeds the largest model discrepancy.
 
-
-def lateral_resolution_warnings(
-    data: WhitenedData, predictions: Iterable[Prediction], coarser_across: int
-) -> list[str]:
-    """A warning if half the cells across change a recording by more than the largest model discrepancy.
-
-    `coarser_across`: number, among the coarser meshes that were simulated, of the one with half the cells across; 2D
-    runs have none.  The mesh error is taken as the usual fraction of that change; the worst recording is named.
+    The errors are those of Richardson extrapolation; the recording with the largest relative error is named.
     """
-    worst = (0.0, 0.0, "")
-    for prediction in predictions:
-        for file, observable in prediction.observables.items():
-            columns = {p.index: k for k, p in enumerate(data.fixed[file].names) if p.kind is ParameterKind.MESH}
-            if observable.values.ndim != 3 or (coarser_across,) not in columns:
-                continue
-            change = data.to_kelvin(file, data.fixed[file].F[:, columns[coarser_across,]].astype(float))
-            rise = observable.values[:, observable.inside] - float(np.nanmin(observable.values))
-            change_K, rise_K = (float(np.sqrt(np.mean(a**2))) for a in (change, rise))
-            worst = max(worst, (change_K / max(rise_K, 1e-9), change_K, file))
-    fraction, change_K, file = worst
-    if NUISANCE_SD[ParameterKind.MESH] * fraction < LARGEST_DISCREPANCY:
-        return []
-    case = data.problem.case
-    first = f" with numerics.first_y = {case['numerics.first_y']:g}" if case["numerics.first_y"] else ""
-    return [
-        f"numerics.across = {case['numerics.across']}{first} may be too coarse: half as many cells change {file} by "
-        f"{change_K:.2g} K rms, {100 * fraction:.2g} % of its temperature rise; try 60 with "
-        "numerics.first_y = 3e-5, or 1 (2D)"
-    ]
+    numerics = data.problem.case
+    plane, across = range(len(COARSER_CELL_FACTORS)), [len(COARSER_CELL_FACTORS)]
+    first = f" with numerics.first_y = {numerics['numerics.first_y']:g}" if numerics["numerics.first_y"] else ""
+    keys = {
+        f"numerics.mesh = {numerics['numerics.mesh']:g}": (plane, f"{2.0 * numerics['numerics.mesh']:g}"),
+        f"numerics.across = {numerics['numerics.across']}{first}": (
+            across,
+            "60 with numerics.first_y = 3e-5, or 1 (2D)",
+        ),
+    }
+    out, predictions = [], tuple(predictions)
+    for key, (directions, remedy) in keys.items():
+        found = (_mesh_error(data, p, file, directions) for p in predictions for file in p.observables)
+        fraction, error_K, file = max(found, default=(0.0, 0.0, ""))
+        if fraction >= LARGEST_DISCREPANCY:
+            out.append(
+                f"{key} may be too coarse: its error is about {error_K:.2g} K rms in {file}, {100 * fraction:.2g} % of "
+                f"the temperature rise; try {remedy}"
+            )
+    return out
+
+
+def _mesh_error(
+    data: WhitenedData, prediction: Prediction, file: str, directions: Iterable[int]
+) -> tuple[float, float, str]:
+    """The mesh error (rms) of a recording in some directions together, as a fraction of its rise and in K."""
+    observable, fixed = prediction.observables[file], data.fixed[file]
+    columns = [k for k, p in enumerate(fixed.names) if p.kind is ParameterKind.MESH and p.index[0] in directions]
+    if observable.values.ndim != 3 or not columns:
+        return 0.0, 0.0, file
+    error = data.to_kelvin(file, fixed.F[:, columns].astype(float).sum(axis=1))
+    rise = observable.values[:, observable.inside] - float(np.nanmin(observable.values))
+    error_K, rise_K = (float(np.sqrt(np.mean(a**2))) for a in (error, rise))
+    return error_K / max(rise_K, 1e-9), error_K, file
 
 
 def unconverged_fit_warnings(fits: Mapping[frozenset[str], LinearisedFit], mesh: float) -> list[str]:

@@ -101,7 +101,6 @@ DECISION_WORDS = {  # by the names of the other rules of `decide`
     "left-out data do not speak against it": RuleWords(
         "Left-out data do not contradict the cause", "change of their ln probability"),
     "it can be seen": RuleWords("The cause changes the data visibly", "largest change as a fraction of the signal"),
-    "the mesh resolves it": RuleWords("The change exceeds the mesh error", "rms change in K; limit: mesh error"),
 }  # fmt: skip
 
 

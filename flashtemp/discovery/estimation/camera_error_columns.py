@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import binary_dilation, gaussian_filter
+from scipy.ndimage import gaussian_filter
 
 from flashtemp.camera.camera_classes import CAMERA_CLASSES, CameraErrors
 from flashtemp.camera.image_screening import find_shutter_events, temporal_noise
@@ -28,7 +28,9 @@ MIN_JUMP_PIXEL_FRACTION = (
     0.5  # fraction of pixels of a residual that must show a jump; residual heat may hide it in the others
 )
 HALO_WIDTH_FRACTIONS = (0.05, 0.2)  # fractions of an image over which light goes astray
-UNTRACKED_MOTION_FRACTIONS = (0.1, 0.3)  # fractions of the motion that a camera which follows the body may miss
+MAX_UNTRACKED_FRACTION = 0.4  # of the motion, that a camera which follows the body may miss
+UNTRACKED_FRACTIONS = 6  # fractions of either sign for which the smear is computed
+MIN_SMEAR_VARIANCE = 1e-5  # of the largest mode of the smear, below which a mode is left out
 CAMERA_ERROR_SCALES: dict[ParameterKind, tuple[float, ...]] = {  # times its usual size that a family of errors may have
     ParameterKind.OFFSET: (0.0, 0.3, 1.0, 3.0),
     ParameterKind.STATIC: (0.0, 0.3, 1.0, 3.0),
@@ -65,8 +67,9 @@ def camera_columns(
             if m + n <= MAX_GROWING_MAP_ORDER:
                 out[ParameterId(ParameterKind.STATIC, (m, n, 1))] = flatten_valid_pixels(ramp * flat, predicted.inside)
             out[ParameterId(ParameterKind.MAP, (m, n, 1))] = flatten_valid_pixels(rise * shape, predicted.inside)
-    for k, change in enumerate((*_iter_smear(r, predicted, sizes, speed), *_iter_stray_light(predicted.values, sizes))):
-        out[ParameterId(ParameterKind.OPTICS, (k,))] = flatten_valid_pixels(change, predicted.inside)
+    stray = (flatten_valid_pixels(light, predicted.inside) for light in _iter_stray_light(predicted.values, sizes))
+    for k, change in enumerate((*smear_modes(r, predicted, sizes, speed), *stray)):
+        out[ParameterId(ParameterKind.OPTICS, (k,))] = change
     return out
 
 
@@ -131,33 +134,41 @@ def _legendre_waves(centres: Array, order: int) -> Array:
 
 
 # --- what moves and scatters light ------------------------------------------------------------------------
-def _iter_smear(r: Recording, predicted: Observable, sizes: CameraErrors, speed: Array | None) -> Iterator[Array]:
-    """Changes (frames, nv, nu) K where a part of the motion is not followed, either way along u.
+def smear_modes(r: Recording, predicted: Observable, sizes: CameraErrors, speed: Array | None) -> list[Single]:
+    """Changes (frames, valid pixels) K where a part of the motion is not followed, either way along u.
 
     A pixel that answers with a time constant shows the mean of what it saw, weighed by exp(-age / constant): a body
     that moves through the image is drawn out over speed times constant, and what lies beyond its edge is drawn in.
+    An image is no linear function of that length.  Any part of the motion up to the largest is equally likely, and the
+    changes are the modes of that distribution (Karhunen-Loeve).
     """
     if speed is None or len(r.u) < 3 or not np.any(speed):
-        return
-    body = binary_dilation(predicted.inside.any(axis=0), iterations=2)  # pixels near an edge are compared by nobody
-    scene = (
-        np.where(body, predicted.values, _reflected_temperature(r, predicted.values))
-        if r.view == "sidewall"
-        else predicted.values
-    )
-    for part in UNTRACKED_MOTION_FRACTIONS:
-        length = part * np.abs(speed) * sizes.smear_s / r.pitch[0]
+        return []
+    nodes, weights = np.polynomial.legendre.leggauss(UNTRACKED_FRACTIONS)
+    changes = []
+    for node, weight in zip(nodes, weights, strict=True):
+        length = 0.5 * (1.0 + node) * MAX_UNTRACKED_FRACTION * np.abs(speed) * sizes.smear_s / r.pitch[0]
         for way in (1, -1):
-            yield _filter_along_u(scene[:, :, ::way], length)[:, :, ::way] - scene
+            late = _filter_along_u(predicted.values[:, :, ::way], length)[:, :, ::way]
+            changes.append(0.5 * np.sqrt(weight) * flatten_valid_pixels(late - predicted.values, predicted.inside))
+    samples = np.stack([change.ravel() for change in changes])
+    variance, shape = np.linalg.eigh(np.asarray(samples @ samples.T, float))
+    used = [k for k in np.argsort(-variance) if variance[k] > MIN_SMEAR_VARIANCE * variance[-1]]
+    return [(shape[:, k].astype(np.float32) @ samples).reshape(changes[0].shape) for k in used]
 
 
 def _filter_along_u(images: Array, length: Array) -> Array:
-    """Images (frames, nv, nu) after a one-sided exponential filter along u of a `length` (frames,) px of each frame."""
-    kept = np.exp(-1.0 / np.maximum(length, 1e-3))[:, None]
+    """Images (frames, nv, nu) after a one-sided exponential filter along u of a `length` (frames,) px of each frame.
+
+    Between pixels the image is linear; the integral over each pixel is exact.
+    """
+    lag = np.maximum(length, 1e-3)[:, None]
+    kept = np.exp(-1.0 / lag)
+    older = lag * (1.0 - kept) - kept  # weight of the pixel before
     out = np.empty_like(images)
     out[..., 0] = images[..., 0]
     for i in range(1, images.shape[2]):
-        out[..., i] = kept * out[..., i - 1] + (1.0 - kept) * images[..., i]
+        out[..., i] = kept * out[..., i - 1] + older * images[..., i - 1] + (1.0 - kept - older) * images[..., i]
     return out
 
 

@@ -36,7 +36,7 @@ NUISANCE_SD = {  # standard deviations, by the kind of nuisance
     ParameterKind.SPREAD: 0.05,  # relative width of the optics
     ParameterKind.MAP: 0.003,  # gain along and up a view
     ParameterKind.WALL: 0.01,  # relative cooling of the wall against the section behind it
-    ParameterKind.MESH: 0.5,  # of the difference to a mesh that is coarser in one direction, or in all
+    ParameterKind.MESH: 0.5,  # of the mesh error by Richardson extrapolation: observed orders of 1.5 to 2.6
     ParameterKind.CELL: 0.005,  # gain of the load cell
     ParameterKind.MODEL_DISCREPANCY: TYPICAL_DISCREPANCY,  # of the temperature rise; evidence chooses 1e-3 or 3e-3
     ParameterKind.SCALE: 0.01,  # pixel scale of a view
@@ -98,6 +98,8 @@ def nuisance_priors(problem: Problem, names: Iterable[ParameterId], model: Model
             out[p] = (-model.setup_value(p), NUISANCE_SD[p.kind])
         elif p.kind in (ParameterKind.MODE, ParameterKind.TREND):
             out[p] = (0.0, PRESSURE_MODE_SD / p.index[0])
+        elif p.kind is ParameterKind.MESH:
+            out[p] = (1.0, NUISANCE_SD[p.kind])  # what the extrapolation says
         elif p.kind in NUISANCE_SD:
             unsure = p.kind is ParameterKind.SPREAD and "psf_sigma_px" in problem.assumed_camera_facts.get(p.file, ())
             out[p] = (0.0, UNSTATED_OPTICS_SD if unsure else NUISANCE_SD[p.kind])

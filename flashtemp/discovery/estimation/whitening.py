@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from flashtemp.camera.prediction.observation import PSF_TAIL_WIDTHS
 from flashtemp.comparison.campaign import LoadCellEntry, RecordingEntry
 from flashtemp.comparison.compare import estimate_reading_noise, stated_noise
 from flashtemp.comparison.noise import NoiseLevels, estimate_noise, raise_stated_noise, unwhiten, whiten
@@ -18,6 +19,7 @@ from flashtemp.discovery.estimation.model_discrepancy import discrepancy_basis
 from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD, camera_smooth_basis
 from flashtemp.discovery.estimation.outlier_rejection import calibrated_residual
 from flashtemp.discovery.parameters import PLACEMENT_KINDS, ParameterId, ParameterKind
+from flashtemp.discovery.prediction.mesh_extrapolation import coarser_mesh_factors, error_per_difference
 from flashtemp.discovery.prediction.prediction import Observable, Prediction, Single, flatten_valid_pixels
 from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.errors import BadInput, SolverFailure
@@ -25,6 +27,8 @@ from flashtemp.solver.run import Run
 
 # small, or of unknown shape: their sensitivities from the first predictions are used in all fits
 FIXED_KINDS = (ParameterKind.SCATTER, ParameterKind.MODE, ParameterKind.TREND)
+MODEL_KINDS = (ParameterKind.LEVEL, ParameterKind.MESH)  # whose columns come from simulations too
+BLURRED_CELLS = 2.0  # over which an edge that moves along the road is blurred
 CLOCK_STANDARD_DEVIATIONS = 3.0  # of the clock prior, within which a frame may belong to another phase
 FRICTION_LEVEL_KEY = "friction.mu"  # where it is a free key, its derivatives are those of the level of a condition too
 
@@ -69,14 +73,13 @@ class WhitenedData:
                 seen = fine.observables[entry.file]
                 own = {p: v for p, v in seen.columns.items() if p.kind in FIXED_KINDS}
                 own |= _friction_level(problem, own)
-                own |= _mesh_differences(seen, [other.observables[entry.file] for other in rough])
+                own |= _mesh_errors(problem, seen, [other.observables[entry.file] for other in rough])
                 if isinstance(entry, RecordingEntry):
                     # noise is estimated from what no smooth shape explains: a missing effect is not noise
                     rest = calibrated_residual(entry, seen)
-                    own |= camera_smooth_basis(entry, seen) | discrepancy_basis(entry, seen)
-                    own |= camera_columns(entry.recording, seen, rest, _sliding_speed(fine.run, entry.recording.time))
+                    own |= _image_errors(entry, seen, rest, fine.run)
                     known = np.isfinite(_image_residual(entry, seen)[:, seen.inside])
-                    data.is_compared[entry.file] = known & ~_is_near_start(entry, fine.run)[:, None]
+                    data.is_compared[entry.file] = known & ~_is_starting_road(entry, seen, fine.run)
                     if entry.file not in data.noises:
                         data.noises[entry.file] = _recording_noise(entry, seen, rest)
                     if not data.noises[entry.file].lines.is_none:
@@ -90,6 +93,22 @@ class WhitenedData:
                 F = data._whiten_columns(entry, own)
                 data.fixed[entry.file] = FixedColumns(tuple(own), F, gram_matrices([F])[0])
         return data
+
+    def with_image_errors_of(self, predictions: Sequence[Prediction]) -> WhitenedData:
+        """The data with the columns of camera and model errors computed anew, for predictions of a calibrated model.
+
+        These errors multiply with the place of an image, so they are not those of an image that lies elsewhere.
+        """
+        fixed = dict(self.fixed)
+        for condition, prediction in zip(self.problem.conditions, predictions, strict=True):
+            for view in condition.views:
+                seen, old = prediction.observables[view.file], self.fixed[view.file]
+                own = _image_errors(view, seen, calibrated_residual(view, seen), prediction.run)
+                kept = [k for k, p in enumerate(old.names) if p.kind in (*FIXED_KINDS, *MODEL_KINDS)]
+                F = np.hstack([old.F[:, kept], self._whiten_columns(view, own)])
+                names = (*(old.names[k] for k in kept), *own)
+                fixed[view.file] = FixedColumns(names, F, gram_matrices([F])[0])
+        return replace(self, fixed=fixed)
 
     def make_blocks(self, predictions: Sequence[Prediction], first: int = 0) -> list[DataBlock]:
         """One block for each recording and load-cell record; conditions are numbered from `first`."""
@@ -189,15 +208,26 @@ def _friction_level(problem: Problem, columns: Mapping[ParameterId, Single]) -> 
     return {ParameterId(ParameterKind.LEVEL): np.sum(scatter, axis=0)}
 
 
-def _mesh_differences(predicted: Observable, coarser: list[Observable]) -> dict[ParameterId, npt.NDArray[Any]]:
-    """Differences to predictions on coarser meshes."""
+def _mesh_errors(
+    problem: Problem, predicted: Observable, coarser: list[Observable]
+) -> dict[ParameterId, npt.NDArray[Any]]:
+    """What a prediction lacks by its mesh, by direction: Richardson extrapolation from predictions on coarser meshes."""
     out = {}
-    for k, other in enumerate(coarser):
-        change = predicted.values - other.values
+    for k, (other, factors) in enumerate(zip(coarser, coarser_mesh_factors(problem.case), strict=False)):
+        error = (predicted.values - other.values) * error_per_difference(factors)
         out[ParameterId(ParameterKind.MESH, (k,))] = (
-            flatten_valid_pixels(change, predicted.inside) if change.ndim == 3 else change
+            flatten_valid_pixels(error, predicted.inside) if error.ndim == 3 else error
         )
     return out
+
+
+def _image_errors(
+    view: RecordingEntry, predicted: Observable, rest: Array, run: Run
+) -> dict[ParameterId, npt.NDArray[Any]]:
+    """Columns of errors that no simulation contains: those of the camera, and of a model at this prediction."""
+    out: dict[ParameterId, npt.NDArray[Any]] = dict(camera_smooth_basis(view, predicted))
+    out |= discrepancy_basis(view, predicted)
+    return out | camera_columns(view.recording, predicted, rest, _sliding_speed(run, view.recording.time))
 
 
 def _recording_noise(view: RecordingEntry, predicted: Observable, rest: Array) -> NoiseLevels:
@@ -215,20 +245,42 @@ def _sliding_speed(run: Run, time: Array) -> Array:
     return np.asarray(speed[np.clip(later, 0, len(speed) - 1)])
 
 
-def _is_near_start(view: RecordingEntry, run: Run) -> npt.NDArray[np.bool_]:
-    """Frames (frames,) of a wake so near to a start of sliding that its existence depends on the clock.
+def _is_starting_road(view: RecordingEntry, seen: Observable, run: Run) -> npt.NDArray[np.bool_]:
+    """Valid pixels of a wake (frames, pixels) on road that the block covered when it began to slide, or beyond it.
 
-    The prediction is not differentiable there, so these frames are not compared.
+    The heat in that road depends on how the block was set down and accelerated, which the schedule idealises, and its
+    edges are blurred by the cells that they cross.  Frames so near to a start that their wake exists or not by the
+    clock belong to it.  Nothing is left out if nothing else would remain.
     """
-    t = view.recording.time
+    r, shape = view.recording, seen.inside.shape
+    out = np.zeros((r.frames, np.count_nonzero(seen.inside)), bool)
+    if r.view != "wake":
+        return out
+    starts, slid_before = _find_starts(run)
+    near = (np.abs(r.time[:, None] - starts) < CLOCK_STANDARD_DEVIATIONS * NUISANCE_SD[ParameterKind.CLOCK]).any(axis=1)
+    begun = np.maximum(np.searchsorted(starts, r.time, "right") - 1, 0)
+    slid = np.interp(r.time, run.time, run.slid) - slid_before[begun]
+    x, first, last = run.mesh.x, run.mesh.first, run.mesh.last
+    if float(np.median(r.u)) > 0.0:
+        behind, nodes = r.u - x[last], x[last:] - x[last]
+    else:  # of a block that slides back
+        behind, nodes = x[first] - r.u, (x[first] - x[: first + 1])[::-1]
+    covered = slid - (x[last] - x[first])
+    cells = np.interp(covered, 0.5 * (nodes[1:] + nodes[:-1]), np.diff(nodes))
+    blurred = BLURRED_CELLS * cells + PSF_TAIL_WIDTHS * (r.psf_sigma_px or 0.0) * r.pitch[0]
+    early = near[:, None] | (behind > (covered - blurred)[:, None])
+    for mask in (early, np.repeat(near[:, None], len(r.u), axis=1)):
+        if not mask.all():
+            return np.broadcast_to(mask[:, None], (r.frames, *shape))[:, seen.inside]
+    return out
+
+
+def _find_starts(run: Run) -> tuple[Array, Array]:
+    """Times (s) at which sliding begins or turns, and the distance (m) slid by then."""
     way = run.sliding * (1 if run.direction is None else run.direction)
     turns = (np.diff(way, prepend=0) != 0) | (np.diff(run.repetition, prepend=0) > 0)  # with a wait, and without
-    begun = np.flatnonzero(run.sliding & turns)
-    if view.recording.view != "wake" or not len(begun):
-        return np.zeros(len(t), bool)
-    starts = run.time[np.maximum(begun - 1, 0)]  # a wait is recorded to its end
-    near = (np.abs(t[:, None] - starts) < CLOCK_STANDARD_DEVIATIONS * NUISANCE_SD[ParameterKind.CLOCK]).any(axis=1)
-    return near if not near.all() else np.zeros(len(t), bool)
+    begun = np.maximum(np.flatnonzero(run.sliding & turns) - 1, 0)  # a wait is recorded to its end
+    return run.time[begun], run.slid[begun]
 
 
 def _image_residual(view: RecordingEntry, predicted: Observable) -> Array:

@@ -14,6 +14,7 @@ from flashtemp.comparison.compare import screen_campaign, view_overrides
 from flashtemp.discovery.hypotheses.candidates import CandidateEffect, ModelPoint, find_candidates, prior_sd_of_key
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction.frame_averaging import average_frames
+from flashtemp.discovery.prediction.mesh_extrapolation import coarser_mesh_keys
 from flashtemp.discovery.prediction.prediction import DerivativeRequest, Prediction, PredictionTask
 from flashtemp.errors import BadInput, FlashtempError
 from flashtemp.model import layers
@@ -22,7 +23,6 @@ from flashtemp.model.case import Case
 from flashtemp.model.schema import refinement_factor
 from flashtemp.solver.circular_track import has_road_memory
 
-MIN_MESH_REFINEMENT = 0.1  # of numerics.finer that a case may give
 # rtol at most where road comes back: at 1e-3 another sequence of steps changed a wake's ln evidence by 70, at 1e-4 by 2
 MAX_REVISIT_RTOL = 1e-4
 ASSUMED_CAMERA_VALUES = {"registration_sigma_px": 0.5, "psf_sigma_px": 0.7}  # px: of an image that does not state it
@@ -62,18 +62,8 @@ class Problem:
         out = []
         for c, pins in zip(self.conditions, self.mesh_overrides, strict=True):
             if cell_factors:
-                pins = pins | self._coarser_mesh(*cell_factors)
+                pins = pins | coarser_mesh_keys(self.case, *cell_factors)
             out.append(PredictionTask(self.case, c.given, pins, model, c.views, c.forces, derivatives))
-        return out
-
-    def _coarser_mesh(self, along: float, up: float, down: float, across: float = 1.0) -> dict[str, Any]:
-        """Keys of a mesh with these factors on the number of cells."""
-        finer = zip((along, up, down), self.case["numerics.finer"], strict=True)
-        out: dict[str, Any] = {"numerics.finer": [max(MIN_MESH_REFINEMENT, k * f) for k, f in finer]}
-        if across < 1.0:
-            out["numerics.across"] = max(2, round(across * self.case["numerics.across"]))
-            if first := self.case["numerics.first_y"]:
-                out["numerics.first_y"] = first / across
         return out
 
     def predict(self, tasks: list[PredictionTask]) -> list[Prediction]:

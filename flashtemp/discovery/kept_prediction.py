@@ -14,9 +14,9 @@ import numpy.typing as npt
 
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import RecordingEntry
-from flashtemp.discovery.diagnostics.mesh_resolution import coarser_mesh_factors
 from flashtemp.discovery.estimation.nuisance_priors import all_derivatives
 from flashtemp.discovery.parameters import ParameterId, ParameterKind
+from flashtemp.discovery.prediction.mesh_extrapolation import coarser_mesh_factors
 from flashtemp.discovery.prediction.prediction import (
     CLOCK_STEP_S,
     DerivativeRequest,

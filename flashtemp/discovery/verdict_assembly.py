@@ -40,6 +40,7 @@ from flashtemp.discovery.verdict import (
     SetupErrorReport,
     Verdict,
 )
+from flashtemp.model.schema import refinement_factor
 
 MAX_MATRIX_CANDIDATES = 20  # candidates in the separability matrix
 
@@ -218,7 +219,7 @@ def _collect_warnings(search: EffectSearch, final: LinearisedFit) -> tuple[str, 
     out += [verdict_sentences.describe_assumed_optics(*item) for item in problem.assumed_camera_facts.items()]
     out += fit_report.camera_error_warnings(search.data, final)
     out += mesh_resolution_warnings(search.data, search.base.predictions)
-    out += unconverged_fit_warnings(search.fits, problem.case["numerics.mesh"])
+    out += unconverged_fit_warnings(search.fits, refinement_factor(problem.case["numerics.mesh"]))
     for label, variance in final.hyper.variances.items():
         if variance > (1.0 + 2.0 * CRITERIA.noise_sd_uncertainty) ** 2:
             out.append(

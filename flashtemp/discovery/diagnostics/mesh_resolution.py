@@ -14,6 +14,7 @@ from flashtemp.discovery.estimation.whitening import WhitenedData
 from flashtemp.discovery.parameters import ParameterKind
 from flashtemp.discovery.prediction.mesh_extrapolation import COARSER_CELL_FACTORS
 from flashtemp.discovery.prediction.prediction import Prediction
+from flashtemp.model.schema import refinement_factor
 
 
 def mesh_resolution_warnings(data: WhitenedData, predictions: Iterable[Prediction]) -> list[str]:
@@ -22,10 +23,11 @@ def mesh_resolution_warnings(data: WhitenedData, predictions: Iterable[Predictio
     The errors are those of Richardson extrapolation; the recording with the largest relative error is named.
     """
     numerics = data.problem.case
+    mesh = refinement_factor(numerics["numerics.mesh"])
     plane, across = range(len(COARSER_CELL_FACTORS)), [len(COARSER_CELL_FACTORS)]
     first = f" with numerics.first_y = {numerics['numerics.first_y']:g}" if numerics["numerics.first_y"] else ""
     keys = {
-        f"numerics.mesh = {numerics['numerics.mesh']:g}": (plane, f"{2.0 * numerics['numerics.mesh']:g}"),
+        f"numerics.mesh = {mesh:g}": (plane, f"{2.0 * mesh:g}"),
         f"numerics.across = {numerics['numerics.across']}{first}": (
             across,
             "60 with numerics.first_y = 3e-5, or 1 (2D)",

@@ -211,7 +211,7 @@ def _friction_level(problem: Problem, columns: Mapping[ParameterId, Single]) -> 
 def _mesh_errors(
     problem: Problem, predicted: Observable, coarser: list[Observable]
 ) -> dict[ParameterId, npt.NDArray[Any]]:
-    """What a prediction lacks by its mesh, by direction: Richardson extrapolation from predictions on coarser meshes."""
+    """What a prediction lacks by its mesh, in each direction, by Richardson extrapolation from coarser meshes."""
     out = {}
     for k, (other, factors) in enumerate(zip(coarser, coarser_mesh_factors(problem.case), strict=False)):
         error = (predicted.values - other.values) * error_per_difference(factors)
@@ -252,12 +252,12 @@ def _is_starting_road(view: RecordingEntry, seen: Observable, run: Run) -> npt.N
     edges are blurred by the cells that they cross.  Frames so near to a start that their wake exists or not by the
     clock belong to it.  Nothing is left out if nothing else would remain.
     """
-    r, shape = view.recording, seen.inside.shape
-    out = np.zeros((r.frames, np.count_nonzero(seen.inside)), bool)
+    r = view.recording
     if r.view != "wake":
-        return out
+        return np.zeros((r.frames, np.count_nonzero(seen.inside)), bool)
     starts, slid_before = _find_starts(run)
-    near = (np.abs(r.time[:, None] - starts) < CLOCK_STANDARD_DEVIATIONS * NUISANCE_SD[ParameterKind.CLOCK]).any(axis=1)
+    unsure = CLOCK_STANDARD_DEVIATIONS * NUISANCE_SD[ParameterKind.CLOCK]
+    near = np.asarray((np.abs(r.time[:, None] - starts) < unsure).any(axis=1))
     begun = np.maximum(np.searchsorted(starts, r.time, "right") - 1, 0)
     slid = np.interp(r.time, run.time, run.slid) - slid_before[begun]
     x, first, last = run.mesh.x, run.mesh.first, run.mesh.last
@@ -269,10 +269,11 @@ def _is_starting_road(view: RecordingEntry, seen: Observable, run: Run) -> npt.N
     cells = np.interp(covered, 0.5 * (nodes[1:] + nodes[:-1]), np.diff(nodes))
     blurred = BLURRED_CELLS * cells + PSF_TAIL_WIDTHS * (r.psf_sigma_px or 0.0) * r.pitch[0]
     early = near[:, None] | (behind > (covered - blurred)[:, None])
-    for mask in (early, np.repeat(near[:, None], len(r.u), axis=1)):
-        if not mask.all():
-            return np.broadcast_to(mask[:, None], (r.frames, *shape))[:, seen.inside]
-    return out
+    for mask in (early, near[:, None]):
+        out = np.broadcast_to(mask[:, None], (r.frames, *seen.inside.shape))[:, seen.inside]
+        if not out.all():
+            return out
+    return np.zeros_like(out)
 
 
 def _find_starts(run: Run) -> tuple[Array, Array]:

@@ -22,8 +22,8 @@ from flashtemp.comparison.noise import (
     estimate_noise,
     lag1_autocorrelation,
     largest_structured_residual,
-    whiten,
 )
+from flashtemp.comparison.noise_whitening import whiten
 from flashtemp.display import DisplayMixin, DisplayTable, ProgressMessage
 from flashtemp.errors import BadInput, RenamedAttribute
 from flashtemp.model.case import Case

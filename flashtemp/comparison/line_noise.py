@@ -1,8 +1,8 @@
 """Noise of rows and columns, fixed and temporal: components of the 3-D noise model of infrared imagers.
 
 D'Agostino & Webb, Proc. SPIE 1488 (1991) 110, name them by the directions along which they vary: v and h are constant,
-tv and th are new in every frame.  `LineWhitening` reduces them to the noise of single pixels; it is linear and
-invertible.
+tv and th are new in every frame.  A part of the constant noise is renewed at shutter events, when the camera corrects
+the nonuniformity of its detector.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import chi2
 
 Array = npt.NDArray[np.float64]
 MAD_TO_SD = 1.482602218505602  # standard deviation over median absolute deviation of a normal distribution
@@ -18,46 +19,123 @@ MAD_EFFICIENCY = 0.37  # statistical efficiency of the MAD (Rousseeuw & Croux 19
 DIFFERENCE_WEIGHTS = {2: np.array([1.0, -2.0, 1.0]), 4: np.array([1.0, -4.0, 6.0, -4.0, 1.0])}  # second and fourth
 MIN_LINES_FOURTH_ORDER = 9  # lines needed for fourth differences
 MIN_DIFFERENCES = 4  # differences needed for an estimate of scale
+FALSE_ALARMS = 1e-3  # renewals that chance finds in a recording
+AXES = ROWS_AXIS, COLUMNS_AXIS = 2, 1  # along which rows and columns of images (frames, nv, nu) extend
 CHANCE_LIMIT_SDS = 3.09  # standard deviations, exceeded by chance once in a thousand
 
 
 @dataclass(frozen=True)
 class LineNoise:
-    """Standard deviations, K, of rows and columns: constant ones (`rows`, `columns`) and those new in every frame."""
+    """Standard deviations, K, of rows and columns: constant ones, those new in every frame, and those that a shutter
+    event renews."""
 
     rows: float = 0.0
     columns: float = 0.0
     frame_rows: float = 0.0
     frame_columns: float = 0.0
+    renewed_rows: float = 0.0
+    renewed_columns: float = 0.0
 
     @property
     def is_none(self) -> bool:
-        return not (self.rows or self.columns or self.frame_rows or self.frame_columns)
+        return not any(any(levels) for _, *levels in self.by_axis())
+
+    def by_axis(self) -> tuple[tuple[int, float, float, float], ...]:
+        """Levels by the axis along which lines extend: new in every frame, renewed, constant."""
+        return (
+            (ROWS_AXIS, self.frame_rows, self.renewed_rows, self.rows),
+            (COLUMNS_AXIS, self.frame_columns, self.renewed_columns, self.columns),
+        )
 
 
 NO_LINES = LineNoise()
 
 
-def estimate_line_noise(residual: Array, white: float, pattern: float) -> LineNoise:
-    """Line noise of residuals (frames, nv, nu) K, NaN where masked; insignificant components are 0.
+def estimate_line_noise(
+    residual: Array, white: float, pattern: float, find_renewals: bool = False
+) -> tuple[LineNoise, tuple[int, ...]]:
+    """Line noise of residuals (frames, nv, nu) K, NaN where masked, and the first frame after each renewal of it.
 
-    Estimated from fourth differences between the means of neighbouring lines (second differences of few lines).  Smooth
-    structure, such as heat that fades away from the contact, hardly enters them.
+    Insignificant components are 0.  They are estimated from fourth differences between the means of neighbouring lines
+    (second differences of few lines).  Smooth structure, such as heat that fades away from the contact, hardly enters
+    them.
     """
-    known = np.isfinite(residual)
-    frames = max(int(known.any(axis=(1, 2)).sum()), 1)
-    components: dict[str, float] = {}
     steps = np.diff(residual, axis=0) / np.sqrt(2.0) if len(residual) > 2 else residual[:0]
+    temporal = [_excess_variance(steps, axis, white**2, 0.0) if len(steps) else 0.0 for axis in AXES]
+    renewals = _find_renewals(residual, white, temporal) if find_renewals else ()
+    means = [_frame_mean(part) for part in np.split(residual, renewals)]
+    frames = np.array([max(int(np.isfinite(part).any(axis=(1, 2)).sum()), 1) for part in np.split(residual, renewals)])
+    mean, total = _frame_mean(residual)[None], int(frames.sum())
+    constant, renewed = [], []
+    for axis, now in zip(AXES, temporal, strict=True):
+        change = 0.0
+        if renewals:
+            each = 0.5 * (1.0 / frames[1:] + 1.0 / frames[:-1])[:, None]
+            change = _excess_variance(np.diff(means, axis=0) / np.sqrt(2.0), axis, white**2 * each, now * each)
+        renewed.append(change)
+        known = now / total + change * float(np.sum(frames**2.0)) / total**2
+        constant.append(_excess_variance(mean, axis, white**2 / total + pattern**2, known))
+    levels = (float(np.sqrt(variance)) for variance in (*constant, *temporal, *renewed))
+    return LineNoise(*levels), renewals
+
+
+def _frame_mean(residual: Array) -> Array:
+    """Mean over frames (nv, nu), NaN where no frame has a value."""
+    known = np.isfinite(residual)
     count = known.sum(axis=0)
-    mean = np.where(count > 0, np.sum(residual, axis=0, where=known) / np.maximum(count, 1), np.nan)[None]
-    for axis, name in ((2, "rows"), (1, "columns")):
-        temporal = _excess_variance(steps, axis, white**2, 0.0) if len(steps) else 0.0
-        constant = _excess_variance(mean, axis, white**2 / frames + pattern**2, temporal / frames)
-        components |= {f"frame_{name}": float(np.sqrt(temporal)), name: float(np.sqrt(constant))}
-    return LineNoise(**components)
+    return np.where(count > 0, np.sum(residual, axis=0, where=known) / np.maximum(count, 1), np.nan)
 
 
-def _excess_variance(images: Array, axis: int, pixel: float, line: float) -> float:
+def _find_renewals(residual: Array, white: float, temporal: list[float]) -> tuple[int, ...]:
+    """First frame after each renewal of line noise, by binary segmentation (Vostrikova, Sov. Math. Dokl. 24, 1981, 55).
+
+    A segment is split where the lines before and after differ most, if that is more than chance: the robust mean square
+    of all lines, so that errors of a model near the contact or an edge cannot cause it.
+    """
+    found, open_segments = [], [(0, len(residual))]
+    lines = [_line_differences(residual, axis, white**2, now) for axis, now in zip(AXES, temporal, strict=True)]
+    values, precision, independent = (np.concatenate(part, axis=-1) for part in zip(*lines, strict=True))
+    freedom = MAD_EFFICIENCY * max(float(independent.sum()), 1.0)
+    limit = chi2.isf(FALSE_ALARMS / max(len(residual), 1), freedom) / freedom
+    while open_segments:
+        first, last = open_segments.pop()
+        ratios = {k: _split_ratio(values, precision, first, k, last) for k in range(first + 2, last - 1)}
+        best = max(ratios, key=lambda k: ratios[k], default=0)
+        if best and ratios[best] > limit:
+            found.append(best)
+            open_segments += [(first, best), (best, last)]
+    return tuple(sorted(found))
+
+
+def _line_differences(residual: Array, axis: int, pixel: float, line: float) -> tuple[Array, Array, Array]:
+    """Differences (frames, n) of neighbouring line means, their precisions (0 where unknown), and the number (n,) of
+    independent ones for which each counts."""
+    known = np.isfinite(residual)
+    count = known.sum(axis=axis)
+    mean = np.where(count > 1, np.sum(residual, axis=axis, where=known) / np.maximum(count, 1), np.nan)
+    weights = DIFFERENCE_WEIGHTS[4 if mean.shape[1] >= MIN_LINES_FOURTH_ORDER else 2]
+    if mean.shape[1] <= len(weights):
+        return np.zeros((len(residual), 0)), np.zeros((len(residual), 0)), np.zeros(0)
+    values = _combine_lines(mean, weights)
+    variance = _combine_lines(pixel / np.maximum(count, 1) + line, weights**2)
+    precision = np.where(np.isfinite(values), 1.0 / variance, 0.0)
+    return np.nan_to_num(values), precision, np.full(values.shape[1], 2.0 / len(weights))
+
+
+def _split_ratio(values: Array, precision: Array, first: int, split: int, last: int) -> float:
+    """Robust mean square of the differences between the means before and after a split, in units of noise."""
+    halves = (slice(first, split), slice(split, last))
+    weight = [precision[half].sum(axis=0) for half in halves]
+    both = (weight[0] > 0.0) & (weight[1] > 0.0)
+    if np.count_nonzero(both) < 2 * MIN_DIFFERENCES:
+        return 0.0
+    mean = [
+        np.sum(precision[half] * values[half], axis=0)[both] / w[both] for half, w in zip(halves, weight, strict=True)
+    ]
+    return _robust_mean_square((mean[1] - mean[0]) / np.sqrt(1.0 / weight[0][both] + 1.0 / weight[1][both]))
+
+
+def _excess_variance(images: Array, axis: int, pixel: Array | float, line: Array | float) -> float:
     """Variance (K^2) of the line means along an `axis` in excess of that from variances of a `pixel` and a `line`."""
     known = np.isfinite(images)
     count = known.sum(axis=axis)
@@ -95,82 +173,3 @@ def _combine_lines(lines: Array, weights: Array) -> Array:
     """Weighted sums (images, n) of neighbouring lines."""
     out: Array = np.lib.stride_tricks.sliding_window_view(lines, len(weights), axis=1) @ weights
     return out
-
-
-@dataclass(frozen=True)
-class LineWhitening:
-    """Invertible linear map from residuals (frames, nv, nu) in sigma with line noise to white ones.
-
-    `known`: pixels with a value.  `along`: the constant part of each pixel, as a unit vector over frames.  `variances`:
-    by axis, the line variances over those of a pixel, first of the part new in each frame, then of all that is
-    constant.  Exact if the same pixels are known in all frames and only rows, or only columns, have noise.  With both,
-    the mean of a whole frame, which rows and columns contain, has too small a weight.
-    """
-
-    known: npt.NDArray[np.bool_]
-    along: Array
-    variances: tuple[tuple[int, float, float], ...]
-
-    @classmethod
-    def from_values(
-        cls, values: Array, weight: Array | float, white: float, pattern: float, lines: LineNoise
-    ) -> LineWhitening:
-        """Map for `values`, NaN where unknown, of `weight` camera frames each; pixel noise `white`, `pattern` in K."""
-        known = np.isfinite(values)
-        n = (known * weight).sum(axis=0)
-        along = np.where(known, np.sqrt(weight), 0.0) / np.sqrt(np.maximum(n, 1e-12))
-        frames = float(np.median(n[n > 0])) if (n > 0).any() else 1.0
-        constant = white**2 + frames * pattern**2
-        variances = tuple(
-            (axis, (temporal / white) ** 2, (frames * fixed**2 + temporal**2) / constant)
-            for axis, fixed, temporal in ((2, lines.rows, lines.frame_rows), (1, lines.columns, lines.frame_columns))
-        )
-        return cls(known, along, variances)
-
-    def __call__(self, values: Array) -> Array:
-        """White residuals (frames, nv, nu), NaN where unknown."""
-        whitened = np.where(self.known, values, 0.0)
-        for axis, factor in self._frame_factors():
-            whitened = _scale_line_means(whitened, self.known, axis, factor)
-        return self._scale_static_part(whitened, self._constant_factors())
-
-    def inverse(self, whitened: Array) -> Array:
-        """Residuals with line noise from white ones."""
-        values = self._scale_static_part(
-            np.where(self.known, whitened, 0.0), [(a, 1.0 / t) for a, t in self._constant_factors()[::-1]]
-        )
-        for axis, factor in self._frame_factors()[::-1]:
-            values = _scale_line_means(values, self.known, axis, 1.0 / factor)
-        return np.where(self.known, values, np.nan)
-
-    def _frame_factors(self) -> list[tuple[int, Array]]:
-        """Factors on the line means of each frame, with the axis of these means."""
-        return [
-            (axis, 1.0 / np.sqrt(1.0 + now * self.known.sum(axis=axis, keepdims=True)))
-            for axis, now, _ in self.variances
-        ]
-
-    def _constant_factors(self) -> list[tuple[int, Array]]:
-        """Factors on the line means of the constant part, which `_frame_factors` has reduced already."""
-        some = np.any(self.known, axis=0, keepdims=True)
-        counts = [some.sum(axis=axis, keepdims=True) for axis, _, _ in self.variances]
-        return [
-            (axis, np.sqrt((1.0 + count * now) / (1.0 + count * constant)))
-            for count, (axis, now, constant) in zip(counts, self.variances, strict=True)
-        ]
-
-    def _scale_static_part(self, values: Array, factors: list[tuple[int, Array]]) -> Array:
-        """Values with the line means of their constant part multiplied by `factors`."""
-        some = np.any(self.known, axis=0, keepdims=True)
-        constant = np.sum(self.along * values, axis=0)[None]
-        scaled = constant
-        for axis, factor in factors:
-            scaled = _scale_line_means(scaled, some, axis, factor)
-        return np.where(self.known, values + self.along * (scaled - constant), np.nan)
-
-
-def _scale_line_means(x: Array, known: npt.NDArray[np.bool_], axis: int, factor: Array) -> Array:
-    """Values with their means over known ones along an axis multiplied by `factor`, deviations unchanged."""
-    count = np.maximum(known.sum(axis=axis, keepdims=True), 1)
-    mean = np.sum(x, axis=axis, keepdims=True, where=known) / count
-    return np.where(known, x + (factor - 1.0) * mean, 0.0)

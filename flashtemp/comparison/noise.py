@@ -11,7 +11,6 @@ from flashtemp.comparison.line_noise import (
     MAD_EFFICIENCY,
     NO_LINES,
     LineNoise,
-    LineWhitening,
     estimate_line_noise,
 )
 
@@ -27,7 +26,8 @@ class NoiseLevels:
     """Standard deviations, K: `white` of one pixel of one frame, fixed `pattern` between pixels; `lines` of lines.
 
     `estimated`: names of those that were estimated from the data.  `averaged` (frames,): number of camera frames in
-    each frame, None where frames are single ones.
+    each frame, None where frames are single ones.  `renewals`: first frames after the shutter events that renew a part
+    of what is fixed, of single pixels `renewed_pattern`.
     """
 
     white: float
@@ -35,6 +35,8 @@ class NoiseLevels:
     estimated: tuple[str, ...] = ()
     averaged: tuple[int, ...] | None = None
     lines: LineNoise = NO_LINES
+    renewed_pattern: float = 0.0
+    renewals: tuple[int, ...] = ()
 
     def frame_weights(self) -> np.ndarray | float:
         """Number of camera frames in each frame, in a shape that multiplies images (frames, nv, nu)."""
@@ -49,7 +51,8 @@ def estimate_noise(
 
     White noise follows from differences of successive frames, the fixed pattern from differences between neighbouring
     pixels of the mean over frames: smooth structure enters neither.  Line noise is estimated from the residual `rest`
-    of a first fit where there is one, because a gradient across few lines looks like it.
+    of a first fit where there is one, because a gradient across few lines looks like it.  Only then is it searched for
+    renewals.
     """
     estimated, n = [], len(residual)
     if white is None:
@@ -68,8 +71,9 @@ def estimate_noise(
         frames = n if averaged is None else sum(averaged)
         pattern = float(np.sqrt(max(total**2 - white**2 / max(frames, 1), 0.0)))
     white, pattern = max(float(white), 1e-6), float(pattern)
-    lines = estimate_line_noise(residual if rest is None else rest, white, pattern)
-    return _without_line_noise(NoiseLevels(white, pattern, tuple(estimated), averaged, lines), residual)
+    lines, renewals = estimate_line_noise(residual if rest is None else rest, white, pattern, rest is not None)
+    levels = NoiseLevels(white, pattern, tuple(estimated), averaged, lines, renewals=renewals)
+    return _with_renewed_pattern(_without_line_noise(levels, residual), residual if rest is None else rest)
 
 
 def raise_stated_noise(noise: NoiseLevels, recording, residual: np.ndarray) -> NoiseLevels:
@@ -118,6 +122,22 @@ def _without_line_noise(noise: NoiseLevels, residual: np.ndarray) -> NoiseLevels
     return replace(noise, white=float(white), pattern=float(pattern))
 
 
+def _with_renewed_pattern(noise: NoiseLevels, residual: np.ndarray) -> NoiseLevels:
+    """Noise with the part of the pattern that shutter events renew, from the differences between the intervals."""
+    if not noise.renewals or noise.averaged is not None or min(residual.shape[1:]) < 3:
+        return noise
+    parts = np.split(residual, noise.renewals)
+    frames = np.array([len(part) for part in parts])
+    variance = 0.5 * noise.white**2 * (1.0 / frames[1:] + 1.0 / frames[:-1])
+    change = np.diff([frame_mean(p) for p in parts], axis=0) / np.sqrt(2.0)
+    change = np.diff(np.diff(change, n=2, axis=1), n=2, axis=2) / (6.0 * np.sqrt(variance))[:, None, None]
+    count = int(np.isfinite(change).sum()) / DIFFERENCE_OVERLAP * 2.0
+    ratio = _robust_sd(change) ** 2
+    if ratio < 1.0 + CHANCE_LIMIT_SDS * np.sqrt(2.0 / (MAD_EFFICIENCY * max(count, 1.0))):
+        return noise
+    return replace(noise, renewed_pattern=float(np.sqrt((ratio - 1.0) * np.median(variance))))
+
+
 def _robust_sd(values: np.ndarray) -> float:
     """Robust standard deviation of differences."""
     values = values[np.isfinite(values)]
@@ -129,41 +149,6 @@ def frame_mean(residual: np.ndarray) -> np.ndarray:
     known = np.isfinite(residual)
     n = known.sum(axis=0)
     return np.where(n > 0, np.sum(residual, axis=0, where=known) / np.maximum(n, 1), np.nan)
-
-
-def whiten(residual: np.ndarray, noise: NoiseLevels) -> np.ndarray:
-    """Whitened residuals (frames, nv, nu) in sigma: independent and of unit variance if they are noise alone.
-
-    Per pixel with n frames of the camera, w in each frame: sqrt(w) (y - c mean(y))/sigma, mean weighted by w,
-    c = 1 - (1 + n pattern^2/sigma^2)^(-1/2).
-    """
-    w = noise.frame_weights()
-    even = noise.averaged is None
-    known = np.isfinite(residual)
-    n = known.sum(axis=0) if even else (known * w).sum(axis=0)
-    total = np.sum(residual if even else residual * w, axis=0, where=known)
-    mean = np.where(n > 0, total / np.maximum(n, 1), np.nan)
-    c = 1.0 - 1.0 / np.sqrt(1.0 + n * (noise.pattern / noise.white) ** 2)
-    out: np.ndarray = residual - c * mean
-    out *= np.sqrt(w) / noise.white
-    return out if noise.lines.is_none else _line_whitening(residual, noise)(out)
-
-
-def _line_whitening(values: np.ndarray, noise: NoiseLevels) -> LineWhitening:
-    return LineWhitening.from_values(values, noise.frame_weights(), noise.white, noise.pattern, noise.lines)
-
-
-def unwhiten(whitened: np.ndarray, noise: NoiseLevels) -> np.ndarray:
-    """Inverse of `whiten`: residuals (frames, nv, nu) K, NaN where `whitened` is NaN."""
-    if not noise.lines.is_none:
-        whitened = _line_whitening(whitened, noise).inverse(whitened)
-    w = noise.frame_weights()
-    known = np.isfinite(whitened)
-    n = (known * w).sum(axis=0)
-    out = whitened * (noise.white / np.sqrt(w))
-    mean = np.sum(out * w, axis=0, where=known) / np.maximum(n, 1)  # `whiten` has multiplied it by 1 - c
-    out += (np.sqrt(1.0 + n * (noise.pattern / noise.white) ** 2) - 1.0) * mean
-    return out
 
 
 def lag1_autocorrelation(whitened: np.ndarray, axis: int) -> tuple[float, float]:

@@ -22,7 +22,8 @@ from flashtemp.comparison import campaign
 from flashtemp.comparison.campaign import RecordingEntry
 from flashtemp.comparison.compare import screen_campaign
 from flashtemp.comparison.line_noise import LineNoise
-from flashtemp.comparison.noise import NoiseLevels, estimate_noise, raise_stated_noise, unwhiten, whiten
+from flashtemp.comparison.noise import NoiseLevels, estimate_noise, raise_stated_noise
+from flashtemp.comparison.noise_whitening import unwhiten, whiten
 from flashtemp.discovery.estimation.camera_error_columns import (
     CAMERA_ERROR_SCALES,
     NO_CAMERA_ERRORS,
@@ -207,17 +208,28 @@ def covariance(known, n: NoiseLevels):
     """Of all known values, dense."""
     k, j, i = np.nonzero(known)
     same, row, column = ((a[:, None] == a).astype(float) for a in (k, j, i))
+    interval = np.searchsorted(n.renewals, k, side="right")
+    near = (interval[:, None] == interval).astype(float)
     return (
-        n.white**2 * np.eye(len(k)) + n.pattern**2 * row * column + n.lines.rows**2 * row + n.lines.columns**2 * column
-        + n.lines.frame_rows**2 * row * same + n.lines.frame_columns**2 * column * same
+        n.white**2 * np.eye(len(k)) + (n.pattern**2 + n.renewed_pattern**2 * near) * row * column
+        + (n.lines.rows**2 + n.lines.renewed_rows**2 * near + n.lines.frame_rows**2 * same) * row
+        + (n.lines.columns**2 + n.lines.renewed_columns**2 * near + n.lines.frame_columns**2 * same) * column
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("lines", [LineNoise(0.04, 0.0, 0.02, 0.0), LineNoise(0.0, 0.04, 0.0, 0.02), LineNoise(0.04)])
-def test_noise_of_rows_or_columns_is_whitened_exactly_with_pixels_missing(lines):
-    known = np.ones((3, 4, 5), bool)
+LINES = [
+    LineNoise(0.04, 0.0, 0.02, 0.0), LineNoise(0.0, 0.04, 0.0, 0.02), LineNoise(0.04),
+    LineNoise(0.04, 0.0, 0.02, 0.0, 0.03, 0.0), LineNoise(0.0, 0.04, 0.0, 0.02, 0.0, 0.03),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("renewals", "renewed"), [((), 0.0), ((2,), 0.02), ((1, 4), 0.05)])
+@pytest.mark.parametrize("lines", LINES)
+def test_noise_of_rows_or_columns_is_whitened_exactly_with_pixels_missing(lines, renewals, renewed):
+    """Also where shutter events renew a part of it."""
+    known = np.ones((5, 4, 5), bool)
     known[:, 1, 2] = known[:, 3] = known[:, 0, 0] = False
-    n = NoiseLevels(SIGMA, 0.03, (), None, lines)
+    n = NoiseLevels(SIGMA, 0.03, (), None, lines, renewed, renewals)
     count = int(known.sum())
     W = np.empty((count, count))
     for k, unit in enumerate(np.eye(count)):
@@ -226,6 +238,33 @@ def test_noise_of_rows_or_columns_is_whitened_exactly_with_pixels_missing(lines)
         W[:, k] = whiten(values, n)[known]
         assert unwhiten(whiten(values, n), n)[known] == pytest.approx(unit, abs=1e-12)
     assert np.abs(W @ covariance(known, n) @ W.T - np.eye(count)).max() < 1e-12
+
+
+@pytest.mark.parametrize("renewed_pattern", [0.0, 0.04])
+def test_renewals_of_lines_are_found_with_their_size_and_chance_makes_none(renewed_pattern):
+    """Heat that grows, and an error of the model in a tenth of the image, renew nothing."""
+    rng, shape = np.random.default_rng(11), (24, 40, 60)
+    heat = (
+        np.linspace(0.0, 1.0, 24)[:, None, None] * np.exp(-np.arange(40.0) / 8.0)[:, None] * np.linspace(0.5, 1.0, 60)
+    )
+    heat[12:, :4] += 0.1
+
+    def field(renewed):
+        interval = np.searchsorted((9, 16), np.arange(24), side="right")
+        lines = (renewed * rng.normal(size=(3, *size))[interval] for size in ((40, 1), (1, 60)))
+        pattern = (renewed > 0) * renewed_pattern * rng.normal(size=(3, 40, 60))[interval]
+        flicker = 0.01 * rng.normal(size=(24, 40, 1))
+        return heat + rng.normal(0.0, SIGMA, shape) + 0.03 * rng.normal(size=(40, 1)) + flicker + sum(lines) + pattern
+
+    for _ in range(20):
+        steady = field(0.0)
+        assert estimate_noise(steady, SIGMA, 0.0, None, steady).renewals == ()
+    changed = field(0.03)
+    found = estimate_noise(changed, SIGMA, 0.0, None, changed)
+    assert found.renewals == (9, 16)
+    assert (found.lines.renewed_rows, found.lines.renewed_columns) == pytest.approx((0.03, 0.03), rel=0.5)
+    assert found.renewed_pattern == pytest.approx(renewed_pattern, abs=0.1 * 0.04)
+    assert estimate_noise(changed, SIGMA, 0.0).renewals == ()  # not searched for in a residual of no fit
 
 
 def test_components_of_the_three_dimensional_noise_model_are_estimated_and_chance_is_none():

@@ -13,9 +13,8 @@ from flashtemp.comparison.noise import (
     estimate_noise,
     lag1_autocorrelation,
     largest_structured_residual,
-    unwhiten,
-    whiten,
 )
+from flashtemp.comparison.noise_whitening import unwhiten, whiten
 from flashtemp.discovery.prediction.frame_averaging import group_frames
 
 SHAPE = (12, 30, 80)

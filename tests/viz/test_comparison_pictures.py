@@ -12,7 +12,8 @@ from matplotlib.colors import to_hex, to_rgb
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import Campaign, LoadCellEntry, RecordingEntry
 from flashtemp.comparison.compare import Comparison, ForceComparison, RecordingComparison
-from flashtemp.comparison.noise import NoiseLevels, lag1_autocorrelation, largest_structured_residual, whiten
+from flashtemp.comparison.noise import NoiseLevels, lag1_autocorrelation, largest_structured_residual
+from flashtemp.comparison.noise_whitening import whiten
 from flashtemp.viz import theme
 from flashtemp.viz.measurement import comparison as draw
 from flashtemp.viz.measurement import residual_plots

@@ -17,7 +17,8 @@ from matplotlib.figure import Figure
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import RecordingEntry
 from flashtemp.comparison.compare import RecordingComparison
-from flashtemp.comparison.noise import NoiseLevels, lag1_autocorrelation, largest_structured_residual, whiten
+from flashtemp.comparison.noise import NoiseLevels, lag1_autocorrelation, largest_structured_residual
+from flashtemp.comparison.noise_whitening import whiten
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.decision import AdequacyTest, AlternativeCause, EffectSize, VerdictEvidence, decide
 from flashtemp.discovery.diagnostics import adequacy_tests as adequacy

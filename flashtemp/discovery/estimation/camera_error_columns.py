@@ -42,19 +42,19 @@ USUAL_CAMERA_ERRORS: Mapping[ParameterKind, float] = dict.fromkeys(CAMERA_ERROR_
 
 
 def camera_columns(
-    r: Recording, predicted: Observable, residual: Array, speed: Array | None = None
+    r: Recording, predicted: Observable, residual: Array, speed: Array | None = None, renewals: tuple[int, ...] = ()
 ) -> dict[ParameterId, Single]:
     """Columns (frames, valid pixels) K of all camera errors of a recording; none for points.
 
     `residual` (frames, nv, nu) K: residual of a first fit, in which jumps of the offset show.  `speed` (frames,) m/s:
-    sliding speed.
+    sliding speed.  `renewals`: first frames after shutter events that the line noise shows.
     """
     if r.places is not None:
         return {}
     sizes = CAMERA_CLASSES[r.camera]
     ones = np.ones((1, *predicted.values.shape[1:]))
     out: dict[ParameterId, Single] = {}
-    for k, wave in enumerate(_iter_offsets(r, residual, sizes)):
+    for k, wave in enumerate(_iter_offsets(r, residual, sizes, renewals)):
         out[ParameterId(ParameterKind.OFFSET, (k,))] = flatten_valid_pixels(
             wave[:, None, None] * ones, predicted.inside
         )
@@ -78,12 +78,13 @@ def _reflected_temperature(r: Recording, values: Array) -> float:
 
 
 # --- offset in time --------------------------------------------------------------------------------------
-def _iter_offsets(r: Recording, residual: Array, sizes: CameraErrors) -> Iterator[Array]:
+def _iter_offsets(r: Recording, residual: Array, sizes: CameraErrors, renewals: tuple[int, ...]) -> Iterator[Array]:
     """Offsets (frames,) K: a steady drift, and between shutter events a free level and modes of a Wiener process."""
     ramp = (r.time - r.time[0]) / max(float(np.ptp(r.time)), 1e-12)
     for curve in (ramp, ramp * (1.0 - ramp)):  # a camera that settles drifts faster at first
         yield sizes.warm_up_K * curve
-    events = find_shutter_events(residual, r, temporal_noise(residual), MIN_JUMP_PIXEL_FRACTION)
+    jumps = find_shutter_events(residual, r, temporal_noise(residual), MIN_JUMP_PIXEL_FRACTION)
+    events = sorted({*jumps.tolist(), *renewals})
     for begin, end in zip((0, *events), (*events, r.frames), strict=True):
         part = slice(int(begin), int(end))
         level = np.zeros(r.frames)

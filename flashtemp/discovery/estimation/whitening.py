@@ -12,7 +12,8 @@ import numpy.typing as npt
 from flashtemp.camera.prediction.observation import PSF_TAIL_WIDTHS
 from flashtemp.comparison.campaign import LoadCellEntry, RecordingEntry
 from flashtemp.comparison.compare import estimate_reading_noise, stated_noise
-from flashtemp.comparison.noise import NoiseLevels, estimate_noise, raise_stated_noise, unwhiten, whiten
+from flashtemp.comparison.noise import NoiseLevels, estimate_noise, raise_stated_noise
+from flashtemp.comparison.noise_whitening import NoiseWhitening
 from flashtemp.discovery.estimation.camera_error_columns import camera_columns
 from flashtemp.discovery.estimation.linear_gaussian import Array, DataBlock, gram_matrices
 from flashtemp.discovery.estimation.model_discrepancy import discrepancy_basis
@@ -47,8 +48,8 @@ class WhitenedData:
     """Noise, masks and fixed columns from the first predictions, the same for all hypotheses.
 
     By file: `noises` of recordings, `sigmas` of load-cell records, `is_compared` (frames, valid pixels) or (n,),
-    whitened columns `fixed` that are not computed again, and valid pixels `inside` (nv, nu) of images with noise of
-    rows and columns.
+    whitened columns `fixed` that are not computed again, valid pixels `inside` (nv, nu) of images with line noise, and
+    `whitenings` of recordings.
     """
 
     problem: Problem
@@ -57,6 +58,7 @@ class WhitenedData:
     is_compared: dict[str, npt.NDArray[np.bool_]]
     fixed: dict[str, FixedColumns]
     inside: dict[str, npt.NDArray[np.bool_]] = field(default_factory=dict)
+    whitenings: dict[str, NoiseWhitening] = field(default_factory=dict)
 
     @classmethod
     def from_predictions(
@@ -77,13 +79,17 @@ class WhitenedData:
                 if isinstance(entry, RecordingEntry):
                     # noise is estimated from what no smooth shape explains: a missing effect is not noise
                     rest = calibrated_residual(entry, seen)
-                    own |= _image_errors(entry, seen, rest, fine.run)
                     known = np.isfinite(_image_residual(entry, seen)[:, seen.inside])
-                    data.is_compared[entry.file] = known & ~_is_starting_road(entry, seen, fine.run)
+                    known &= ~_is_starting_road(entry, seen, fine.run)
+                    data.is_compared[entry.file] = known
                     if entry.file not in data.noises:
                         data.noises[entry.file] = _recording_noise(entry, seen, rest)
-                    if not data.noises[entry.file].lines.is_none:
+                    noise = data.noises[entry.file]
+                    if not noise.lines.is_none:
                         data.inside[entry.file] = seen.inside
+                    images = np.isfinite(data._as_images(entry.file, np.where(known, 0.0, np.nan)))
+                    data.whitenings[entry.file] = NoiseWhitening.from_known(images, noise)
+                    own |= _image_errors(entry, seen, rest, fine.run, noise)
                 else:
                     own[ParameterId(ParameterKind.CELL)] = seen.values
                     good = data.is_compared[entry.file] = seen.inside & np.isfinite(seen.values)
@@ -103,7 +109,8 @@ class WhitenedData:
         for condition, prediction in zip(self.problem.conditions, predictions, strict=True):
             for view in condition.views:
                 seen, old = prediction.observables[view.file], self.fixed[view.file]
-                own = _image_errors(view, seen, calibrated_residual(view, seen), prediction.run)
+                rest, noise = calibrated_residual(view, seen), self.noises[view.file]
+                own = _image_errors(view, seen, rest, prediction.run, noise)
                 kept = [k for k, p in enumerate(old.names) if p.kind in (*FIXED_KINDS, *MODEL_KINDS)]
                 F = np.hstack([old.F[:, kept], self._whiten_columns(view, own)])
                 names = (*(old.names[k] for k in kept), *own)
@@ -136,7 +143,7 @@ class WhitenedData:
             return out
         spread = np.full(known.shape, np.nan)
         spread[known] = whitened
-        out[known] = unwhiten(self._as_images(file, spread), self.noises[file])[:, self._pixel_mask(file)][known]
+        out[known] = self.whitenings[file].inverse(self._as_images(file, spread))[:, self._pixel_mask(file)][known]
         return out
 
     def _pixel_mask(self, file: str) -> npt.NDArray[np.bool_]:
@@ -188,7 +195,7 @@ class WhitenedData:
         if isinstance(entry, LoadCellEntry):
             return np.asarray(values, float)[known] / self.sigmas[entry.file]
         images = self._as_images(entry.file, np.where(known, values, np.nan))
-        return whiten(images, self.noises[entry.file])[:, self._pixel_mask(entry.file)][known]
+        return self.whitenings[entry.file](images)[:, self._pixel_mask(entry.file)][known]
 
     def _whiten_columns(
         self, entry: RecordingEntry | LoadCellEntry, columns: Mapping[ParameterId, npt.NDArray[Any]]
@@ -222,12 +229,13 @@ def _mesh_errors(
 
 
 def _image_errors(
-    view: RecordingEntry, predicted: Observable, rest: Array, run: Run
+    view: RecordingEntry, predicted: Observable, rest: Array, run: Run, noise: NoiseLevels
 ) -> dict[ParameterId, npt.NDArray[Any]]:
     """Columns of errors that no simulation contains: those of the camera, and of a model at this prediction."""
     out: dict[ParameterId, npt.NDArray[Any]] = dict(camera_smooth_basis(view, predicted))
     out |= discrepancy_basis(view, predicted)
-    return out | camera_columns(view.recording, predicted, rest, _sliding_speed(run, view.recording.time))
+    speed = _sliding_speed(run, view.recording.time)
+    return out | camera_columns(view.recording, predicted, rest, speed, noise.renewals)
 
 
 def _recording_noise(view: RecordingEntry, predicted: Observable, rest: Array) -> NoiseLevels:

@@ -1,0 +1,171 @@
+"""Whitening: the linear, invertible map from residuals with the noise of a camera to independent ones of unit variance.
+
+The noise of a pixel or of a line is new in every frame, new in every interval between two shutter events, or constant.
+What is constant in an interval acts on the mean of its frames alone.  These means are a few values per pixel, whose
+covariance matrix has a square root in closed form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from flashtemp.comparison.noise import NoiseLevels
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+
+def whiten(residual: Array, noise: NoiseLevels) -> Array:
+    """Whitened residuals (frames, nv, nu) in sigma, NaN where unknown; those of noise alone are independent."""
+    return NoiseWhitening.from_known(np.isfinite(residual), noise)(residual)
+
+
+def unwhiten(whitened: Array, noise: NoiseLevels) -> Array:
+    """Inverse of `whiten`: residuals (frames, nv, nu) K, NaN where `whitened` is NaN."""
+    return NoiseWhitening.from_known(np.isfinite(whitened), noise).inverse(whitened)
+
+
+@dataclass(frozen=True)
+class NoiseWhitening:
+    """The map for values that are `known` (frames, nv, nu).
+
+    `along` (frames, nv, nu): the part of each pixel that is constant in an interval, a unit vector over the frames of
+    each.  `starts` (intervals,): first frame of each; `counts` (intervals, nv, nu): known camera frames in it.
+    Exact if the same pixels are known in all frames and only rows, or only columns, have noise.  With both, the mean of
+    a whole frame, which rows and columns contain, has too small a weight.
+    """
+
+    noise: NoiseLevels
+    known: Mask
+    along: Array
+    starts: tuple[int, ...]
+    counts: Array
+
+    @classmethod
+    def from_known(cls, known: Mask, noise: NoiseLevels) -> NoiseWhitening:
+        """The map of residuals with these levels of noise, `known` (frames, nv, nu)."""
+        starts = (0, *(k for k in noise.renewals if 0 < k < len(known)))
+        weight = known * noise.frame_weights()
+        counts = np.add.reduceat(weight, starts, axis=0, dtype=float)
+        lengths = np.sqrt(np.maximum(counts, 1e-12))
+        return cls(noise, known, np.sqrt(weight) / lengths[_interval_numbers(starts, len(known))], starts, counts)
+
+    def __call__(self, residual: Array) -> Array:
+        """White residuals (frames, nv, nu), NaN where unknown."""
+        out = np.where(self.known, residual, 0.0) * self._frame_scale
+        out = self._scale_intervals(out, self._pixel_factors[0])
+        if not self.noise.lines.is_none:
+            for axis, factor in self._frame_factors():
+                out = _scale_line_means(out, self.known, axis, factor)
+            out = self._scale_interval_lines(out, list(self._line_factors(-0.5)))
+        return np.where(self.known, out, np.nan)
+
+    def inverse(self, whitened: Array) -> Array:
+        """Residuals (frames, nv, nu) K from white ones, NaN where unknown."""
+        out = np.where(self.known, whitened, 0.0)
+        if not self.noise.lines.is_none:
+            out = self._scale_interval_lines(out, list(self._line_factors(0.5))[::-1])
+            for axis, factor in self._frame_factors()[::-1]:
+                out = _scale_line_means(out, self.known, axis, 1.0 / factor)
+        out = self._scale_intervals(out, self._pixel_factors[1])
+        return np.where(self.known, out / self._frame_scale, np.nan)
+
+    @property
+    def _frame_scale(self) -> Array | float:
+        return np.sqrt(self.noise.frame_weights()) / self.noise.white
+
+    # --- means of the intervals ---------------------------------------------------------------------------
+    def _interval_means(self, values: Array) -> Array:
+        """Coefficients (intervals, nv, nu) of values along the constant part of each interval."""
+        return np.asarray(np.add.reduceat(self.along * values, self.starts, axis=0))
+
+    def _with_interval_means(self, values: Array, change: Array) -> Array:
+        return values + self.along * change[_interval_numbers(self.starts, len(values))]
+
+    @cached_property
+    def _pixel_factors(self) -> tuple[Array, Array]:
+        """Matrices (intervals, intervals, nv, nu) on the interval means of pixels, that whiten them and back."""
+        ratio = self.noise.white**-2.0
+        shape = self.counts.shape
+        each, number = np.unique(self.counts.reshape(len(self.starts), -1), axis=1, return_inverse=True)
+        covariances = [
+            np.eye(len(self.starts)) + ratio * _interval_covariance(n, self.noise.renewed_pattern, self.noise.pattern)
+            for n in each.T
+        ]
+        roots = [np.stack([_matrix_power(c, power) for c in covariances], axis=-1) for power in (-0.5, 0.5)]
+        back, forth = (root[..., np.ravel(number)].reshape(*root.shape[:2], *shape[1:]) for root in roots[::-1])
+        return forth, back
+
+    def _scale_intervals(self, values: Array, factors: Array) -> Array:
+        if not (self.noise.pattern or self.noise.renewed_pattern):
+            return values
+        means = self._interval_means(values)
+        return self._with_interval_means(values, np.einsum("klvu,lvu->kvu", factors, means) - means)
+
+    # --- lines --------------------------------------------------------------------------------------------
+    def _variances(self) -> Iterator[tuple[int, float, Array]]:
+        """By axis: variance of lines that is new in each frame, and covariance (intervals, intervals) of the interval
+        means of lines, each over those of a pixel."""
+        noise, some = self.noise, self.counts.sum(axis=0) > 0
+        n = np.median(self.counts[:, some], axis=1) if some.any() else np.ones(len(self.starts))
+        pixel = np.eye(len(n)) + noise.white**-2.0 * _interval_covariance(n, noise.renewed_pattern, noise.pattern)
+        root = _matrix_power(pixel, -0.5)
+        for axis, now, renewed, fixed in noise.lines.by_axis():
+            line = now**2 * np.eye(len(n)) + _interval_covariance(n, renewed, fixed)
+            yield axis, (now / noise.white) ** 2, noise.white**-2.0 * root @ line @ root
+
+    def _frame_factors(self) -> list[tuple[int, Array]]:
+        """Factors on the line means of each frame, with the axis of these means."""
+        return [
+            (axis, 1.0 / np.sqrt(1.0 + now * self.known.sum(axis=axis, keepdims=True)))
+            for axis, now, _ in self._variances()
+        ]
+
+    def _line_factors(self, power: float) -> Iterator[tuple[int, Array]]:
+        """Matrices (intervals, intervals, nv, nu) on the line means of interval means that `_frame_factors` has reduced
+        (`power` -1/2), or back (1/2), with 1 in place of the axis of these means."""
+        some = self.known.any(axis=0)
+        for axis, now, covariance in self._variances():
+            count = some.sum(axis=axis - 1, keepdims=True)
+            variance, shape = np.linalg.eigh(covariance)
+            factor = (1.0 + variance[:, None, None] * count) ** power * (1.0 + now * count) ** -power
+            yield axis, np.einsum("ka,avu,la->klvu", shape, factor, shape)
+
+    def _scale_interval_lines(self, values: Array, factors: list[tuple[int, Array]]) -> Array:
+        means, some = self._interval_means(values), self.known.any(axis=0)
+        scaled = means
+        for axis, factor in factors:
+            count = np.maximum(some.sum(axis=axis - 1, keepdims=True), 1)
+            line = np.sum(scaled, axis=axis, keepdims=True, where=some) / count
+            scaled = np.where(some, scaled + np.einsum("klvu,lvu->kvu", factor, line) - line, 0.0)
+        return self._with_interval_means(values, scaled - means)
+
+
+def _interval_numbers(starts: tuple[int, ...], frames: int) -> npt.NDArray[np.int64]:
+    """Number of the interval (frames,) to which each frame belongs."""
+    return np.searchsorted(starts, np.arange(frames), side="right") - 1
+
+
+def _interval_covariance(counts: Array, renewed: float, fixed: float) -> Array:
+    """Covariance (intervals, intervals) K2 of interval means times root `counts`, of noise that each interval has anew
+    and noise that all have alike."""
+    root = np.sqrt(counts)
+    return renewed**2 * np.diag(counts) + fixed**2 * np.outer(root, root)
+
+
+def _matrix_power(matrix: Array, power: float) -> Array:
+    """Power of a symmetric positive definite matrix."""
+    values, vectors = np.linalg.eigh(matrix)
+    return np.asarray((vectors * values**power) @ vectors.T)
+
+
+def _scale_line_means(x: Array, known: Mask, axis: int, factor: Array) -> Array:
+    """Values with their means over known ones along an axis multiplied by `factor`, deviations unchanged."""
+    count = np.maximum(known.sum(axis=axis, keepdims=True), 1)
+    mean = np.sum(x, axis=axis, keepdims=True, where=known) / count
+    return np.where(known, x + (factor - 1.0) * mean, 0.0)

@@ -25,10 +25,11 @@ import pytest
 
 from flashtemp.__main__ import main
 from flashtemp.comparison import campaign
+from flashtemp.comparison.noise_whitening import NoiseWhitening
 from flashtemp.comparison.synthetic_campaign import SEALED_TRUTH, SyntheticPlan, make_synthetic_campaign
 from flashtemp.discovery import engine
 from flashtemp.discovery.diagnostics.verdict_sentences import ADEQUACY_WORDS
-from flashtemp.discovery.estimation import fitting, whitening
+from flashtemp.discovery.estimation import fitting
 from flashtemp.discovery.parameters import SHIFT_KINDS, ParameterId
 from flashtemp.discovery.prediction import prediction
 from flashtemp.discovery.verdict import VERDICT_KINDS
@@ -551,7 +552,8 @@ def check_calibration(base, truth):
         assert abs(shift[axis] + base.solution[name] - drawn[axis] - OFF) < 4 * base.solution.sd(name), name
 
 
-def whitened_wrong(values, level):
+def whitened_wrong(whitening, values):
+    level = whitening.noise
     n = np.isfinite(values).sum(axis=0)
     mean = np.nansum(values, axis=0) / np.maximum(n, 1)
     c = 1.0 - 1.0 / (1.0 + n * (level.pattern / level.white) ** 2)  # without the root
@@ -572,7 +574,7 @@ def first_order(monkeypatch):
 
 
 MUTANTS = {
-    "whitening": lambda m: m.setattr(whitening, "whiten", whitened_wrong),
+    "whitening": lambda m: m.setattr(NoiseWhitening, "__call__", whitened_wrong),
     "registration to first order": first_order,
 }
 

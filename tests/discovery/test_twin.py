@@ -261,6 +261,22 @@ def test_the_offset_wanders_as_a_wiener_process_that_the_shutter_ends():
     assert abs(np.corrcoef(paths[:, 5], paths[:, 30])[0, 1]) < 5.0 / np.sqrt(2000)
 
 
+def test_a_closing_of_the_shutter_renews_its_share_of_rows_and_columns_alone():
+    """Of their variance; within an interval, and in what stays, nothing changes."""
+    time, closings = np.linspace(0.0, 20.0, 20), np.array([8.2])
+    camera = camera_with(renewed_pattern=0.3, row_pattern_K=0.04, column_pattern_K=0.03)
+    own = camera._renewed_lines(time, closings, (200, 300), np.random.default_rng(4))
+    assert np.ptp(own[:8], axis=0).max() == np.ptp(own[8:], axis=0).max() == 0.0
+    change = own[8] - own[7]
+    sizes = change.mean(axis=1).std(), change.mean(axis=0).std()
+    assert sizes == pytest.approx((np.sqrt(2 * 0.3) * 0.04, np.sqrt(2 * 0.3) * 0.03), rel=0.2)
+    steady = replace(camera, errors=replace(camera.errors, renewed_pattern=0.0))
+    assert not steady._renewed_lines(time, closings, (5, 6), np.random.default_rng(4)).any()
+    bare = {"lamp_K": 0.0, "narcissus_K": 0.0}
+    kept = [replace(c, errors=replace(c.errors, **bare))._static_offset((200, 300)) for c in (camera, steady)]
+    np.testing.assert_allclose(kept[0], np.sqrt(0.7) * kept[1], rtol=1e-12)
+
+
 @pytest.mark.parametrize("camera_class", [UNCOOLED, COOLED])
 def test_a_camera_writes_counts_with_bad_pixels_that_stay_and_frames_that_repeat(camera_class):
     T, time = np.random.default_rng(3).normal(25.0, 1.0, (60, 24, 80)), np.linspace(0.0, 30.0, 60)

@@ -53,6 +53,7 @@ class SyntheticCameraErrors:
     count_K: float
     lowest_degC: float
     highest_degC: float
+    renewed_pattern: float  # fraction of the variance of row and column patterns that the shutter renews
 
 
 ERROR_RANGES = {  # of random uncooled and cooled cameras; numbers of frames and lines are rounded down
@@ -81,6 +82,7 @@ ERROR_RANGES = {  # of random uncooled and cooled cameras; numbers of frames and
     "count_K": ((0.01, 0.04), (2e-3, 0.01)),
     "lowest_degC": ((-25.0, -20.0), (-20.0, -10.0)),
     "highest_degC": ((100.0, 135.0), (80.0, 150.0)),
+    "renewed_pattern": ((0.0, 0.4), (0.0, 0.2)),
 }
 
 
@@ -121,6 +123,7 @@ class SyntheticCamera:
         e, shape = self.errors, images.shape[1:]
         closings = shutter_closings(time, e.shutter_interval_s, rng)
         out = images + self._static_offset(shape) + self._warming_offset(time, shape)
+        out = out + self._renewed_lines(time, closings, shape, rng.spawn(1)[0])
         out = out + _draw_offset_drift(time, closings, e, rng)[:, None, None]
         out = out + e.row_noise_K * rng.normal(size=(len(time), shape[0], 1))
         out = out + e.column_noise_K * rng.normal(size=(len(time), 1, shape[1]))
@@ -142,7 +145,15 @@ class SyntheticCamera:
         lamp = np.exp(-((x - lamp_x) ** 2 + (y - lamp_y) ** 2) / (2.0 * e.lamp_width**2))
         ring = np.exp(-(((np.hypot(x, y) - radius) / 0.08) ** 2) / 2.0)
         rows, columns = rng.normal(size=(shape[0], 1)), rng.normal(size=(1, shape[1]))
-        return e.lamp_K * lamp - e.narcissus_K * ring + e.row_pattern_K * rows + e.column_pattern_K * columns
+        lines = np.sqrt(1.0 - e.renewed_pattern) * (e.row_pattern_K * rows + e.column_pattern_K * columns)
+        return e.lamp_K * lamp - e.narcissus_K * ring + lines
+
+    def _renewed_lines(self, time, closings, shape, rng) -> np.ndarray:
+        """Part (frames, nv, nu) K of the patterns of rows and columns that is new after each closing of the shutter."""
+        e, interval = self.errors, np.searchsorted(closings, time, side="right")
+        rows = e.row_pattern_K * rng.normal(size=(len(closings) + 1, shape[0], 1))
+        columns = e.column_pattern_K * rng.normal(size=(len(closings) + 1, 1, shape[1]))
+        return np.asarray(np.sqrt(e.renewed_pattern) * (rows + columns)[interval])
 
     def _warming_offset(self, time, shape) -> np.ndarray:
         """Offset (frames, nv, nu) K of a lens that warms up linearly, along one direction more than across it."""

@@ -463,6 +463,7 @@ def find_shutter_events(
     next_to = np.stack([common - np.append(common[1:], np.nan), common - np.append(np.nan, common[:-1])])
     # heating continues from frame to frame, a jump does not
     away = np.fmin.reduce(np.abs([*next_to, common - np.median(common)]))
+    error = np.hypot(error, MAD_TO_SD * np.median(away))  # of whole frames, sigma_t of the 3-D noise model
     far = away > norm.isf(0.5 * FALSE_ALARMS / len(common)) * error
     return np.flatnonzero(far & (fraction > min_fraction)) + 1
 

@@ -1,8 +1,8 @@
 """Noise of rows and columns, fixed and temporal: components of the 3-D noise model of infrared imagers.
 
 D'Agostino & Webb, Proc. SPIE 1488 (1991) 110, name them by the directions along which they vary: v and h are constant,
-tv and th are new in every frame.  A part of the constant noise is renewed at shutter events, when the camera corrects
-the nonuniformity of its detector.
+t, tv and th are new in every frame.  At shutter events a camera corrects the nonuniformity of its detector, which
+renews a part of the constant noise.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ CHANCE_LIMIT_SDS = 3.09  # standard deviations, exceeded by chance once in a tho
 @dataclass(frozen=True)
 class LineNoise:
     """Standard deviations, K, of rows and columns: constant ones, those new in every frame, and those that a shutter
-    event renews."""
+    event renews; and of whole `frames`."""
 
     rows: float = 0.0
     columns: float = 0.0
@@ -35,10 +35,11 @@ class LineNoise:
     frame_columns: float = 0.0
     renewed_rows: float = 0.0
     renewed_columns: float = 0.0
+    frames: float = 0.0
 
     @property
     def is_none(self) -> bool:
-        return not any(any(levels) for _, *levels in self.by_axis())
+        return not (self.frames or any(any(levels) for _, *levels in self.by_axis()))
 
     def by_axis(self) -> tuple[tuple[int, float, float, float], ...]:
         """Levels by the axis along which lines extend: new in every frame, renewed, constant."""
@@ -56,27 +57,54 @@ def estimate_line_noise(
 ) -> tuple[LineNoise, tuple[int, ...]]:
     """Line noise of residuals (frames, nv, nu) K, NaN where masked, and the first frame after each renewal of it.
 
-    Insignificant components are 0.  They are estimated from fourth differences between the means of neighbouring lines
-    (second differences of few lines).  Smooth structure, such as heat that fades away from the contact, hardly enters
-    them.
+    It is estimated from fourth differences between the means of neighbouring lines (second differences of few lines).
+    Smooth structure, such as heat that fades away from the contact, hardly enters them.  All is 0 if no component is
+    significant; a camera that has one is taken to have the others as they are found.
     """
-    steps = np.diff(residual, axis=0) / np.sqrt(2.0) if len(residual) > 2 else residual[:0]
-    temporal = [_excess_variance(steps, axis, white**2, 0.0) if len(steps) else 0.0 for axis in AXES]
+    temporal = _temporal_variances(residual, white, False)
     renewals = _find_renewals(residual, white, temporal) if find_renewals else ()
-    means = [_frame_mean(part) for part in np.split(residual, renewals)]
-    frames = np.array([max(int(np.isfinite(part).any(axis=(1, 2)).sum()), 1) for part in np.split(residual, renewals)])
+    found = _measure_lines(residual, white, pattern, renewals, False)
+    return found if found.is_none else _measure_lines(residual, white, pattern, renewals, True), renewals
+
+
+def _temporal_variances(residual: Array, white: float, is_certain: bool) -> list[float]:
+    """Variances (K2) of rows and of columns that are new in every frame."""
+    if len(residual) < 3:
+        return [0.0, 0.0]
+    steps = np.diff(residual, axis=0) / np.sqrt(2.0)
+    return [_excess_variance(steps, axis, white**2, 0.0, is_certain) for axis in AXES]
+
+
+def _measure_lines(
+    residual: Array, white: float, pattern: float, renewals: tuple[int, ...], is_certain: bool
+) -> LineNoise:
+    """All components; unless line noise `is_certain`, those that chance may make are 0."""
+    temporal, parts = _temporal_variances(residual, white, is_certain), np.split(residual, list(renewals))
+    frames = np.array([max(int(np.isfinite(part).any(axis=(1, 2)).sum()), 1) for part in parts])
+    changes = np.diff([_frame_mean(part) for part in parts], axis=0) / np.sqrt(2.0)
+    each = 0.5 * (1.0 / frames[1:] + 1.0 / frames[:-1])[:, None]
     mean, total = _frame_mean(residual)[None], int(frames.sum())
     constant, renewed = [], []
     for axis, now in zip(AXES, temporal, strict=True):
-        change = 0.0
-        if renewals:
-            each = 0.5 * (1.0 / frames[1:] + 1.0 / frames[:-1])[:, None]
-            change = _excess_variance(np.diff(means, axis=0) / np.sqrt(2.0), axis, white**2 * each, now * each)
+        change = _excess_variance(changes, axis, white**2 * each, now * each, is_certain) if renewals else 0.0
         renewed.append(change)
         known = now / total + change * float(np.sum(frames**2.0)) / total**2
-        constant.append(_excess_variance(mean, axis, white**2 / total + pattern**2, known))
-    levels = (float(np.sqrt(variance)) for variance in (*constant, *temporal, *renewed))
-    return LineNoise(*levels), renewals
+        constant.append(_excess_variance(mean, axis, white**2 / total + pattern**2, known, is_certain))
+    whole = _frame_variance(residual, white, temporal)
+    return LineNoise(*(float(np.sqrt(variance)) for variance in (*constant, *temporal, *renewed, whole)))
+
+
+def _frame_variance(residual: Array, white: float, temporal: list[float]) -> float:
+    """Variance (K2) that whole frames have anew, from second differences in time of their means; 0 if insignificant."""
+    always = np.asarray(np.isfinite(residual).all(axis=0))
+    rows, columns = (max(int(always.any(axis=axis).sum()), 1) for axis in (1, 0))
+    steps = np.diff(residual[:, always].mean(axis=1), n=2) if always.any() else np.zeros(0)
+    if len(steps) < MIN_DIFFERENCES:
+        return 0.0
+    expected = white**2 / max(int(np.count_nonzero(always)), 1) + temporal[0] / rows + temporal[1] / columns
+    ratio = _robust_mean_square(steps) / (6.0 * expected)
+    freedom = MAD_EFFICIENCY * len(steps) / 1.5
+    return (ratio - 1.0) * expected if ratio > chi2.isf(FALSE_ALARMS, freedom) / freedom else 0.0
 
 
 def _frame_mean(residual: Array) -> Array:
@@ -135,8 +163,11 @@ def _split_ratio(values: Array, precision: Array, first: int, split: int, last: 
     return _robust_mean_square((mean[1] - mean[0]) / np.sqrt(1.0 / weight[0][both] + 1.0 / weight[1][both]))
 
 
-def _excess_variance(images: Array, axis: int, pixel: Array | float, line: Array | float) -> float:
-    """Variance (K^2) of the line means along an `axis` in excess of that from variances of a `pixel` and a `line`."""
+def _excess_variance(images: Array, axis: int, pixel: Array | float, line: Array | float, is_certain: bool) -> float:
+    """Variance (K2) of the line means along an `axis` in excess of that from variances of a `pixel` and a `line`.
+
+    Unless line noise `is_certain`, it must exceed chance, and is that of the half of the lines that has less.
+    """
     known = np.isfinite(images)
     count = known.sum(axis=axis)
     lines = np.where(count > 1, np.sum(images, axis=axis, where=known) / np.maximum(count, 1), np.nan)
@@ -146,12 +177,14 @@ def _excess_variance(images: Array, axis: int, pixel: Array | float, line: Array
     expected = line + pixel * _combine_lines(1.0 / np.maximum(count, 1), weights**2) / np.sum(weights**2)
     ratio = _combine_lines(lines, weights) / np.sqrt(np.sum(weights**2) * expected)
     known = ratio[np.isfinite(ratio)]
-    # overlapping differences count as len/(0.5 len(weights)) independent ones
-    chance = CHANCE_LIMIT_SDS * np.sqrt(2.0 / (MAD_EFFICIENCY * max(len(known), 1) / (0.5 * len(weights))))
-    if len(known) < MIN_DIFFERENCES or _robust_mean_square(known) < 1.0 + chance:
+    if len(known) < MIN_DIFFERENCES:
         return 0.0
-    excess = max(min(map(_robust_mean_square, _split_halves(ratio))) - 1.0, 0.0)
-    return excess * float(np.nanmedian(expected))
+    found = _robust_mean_square(known)
+    if not is_certain:
+        # overlapping differences count as len/(0.5 len(weights)) independent ones
+        chance = CHANCE_LIMIT_SDS * np.sqrt(2.0 / (MAD_EFFICIENCY * len(known) / (0.5 * len(weights))))
+        found = min(map(_robust_mean_square, _split_halves(ratio))) if found > 1.0 + chance else 0.0
+    return max(found - 1.0, 0.0) * float(np.nanmedian(expected))
 
 
 def _split_halves(ratio: Array) -> list[Array]:

@@ -50,9 +50,9 @@ def estimate_noise(
     """Noise of residuals (frames, nv, nu) K, NaN where masked; levels that are not stated are estimated.
 
     White noise follows from differences of successive frames, the fixed pattern from differences between neighbouring
-    pixels of the mean over frames: smooth structure enters neither.  Line noise is estimated from the residual `rest`
-    of a first fit where there is one, because a gradient across few lines looks like it.  Only then is it searched for
-    renewals.
+    pixels of the mean over frames, along both axes: smooth structure enters neither.  Line noise is estimated from the
+    residual `rest` of a first fit where there is one, because a gradient across few lines looks like it.  Only then is
+    it searched for renewals.
     """
     estimated, n = [], len(residual)
     if white is None:
@@ -65,11 +65,8 @@ def estimate_noise(
         white = _robust_sd(step)
     if pattern is None:
         estimated.append("pattern")
-        mean = frame_mean(residual)
-        steps = [np.diff(mean, n=2, axis=a).ravel() / np.sqrt(6.0) for a in (0, 1) if mean.shape[a] > 2]
-        total = _robust_sd(np.concatenate(steps)) if steps else 0.0
         frames = n if averaged is None else sum(averaged)
-        pattern = float(np.sqrt(max(total**2 - white**2 / max(frames, 1), 0.0)))
+        pattern = float(np.sqrt(max(_pixel_variance(frame_mean(residual)) - white**2 / max(frames, 1), 0.0)))
     white, pattern = max(float(white), 1e-6), float(pattern)
     lines, renewals = estimate_line_noise(residual if rest is None else rest, white, pattern, rest is not None)
     levels = NoiseLevels(white, pattern, tuple(estimated), averaged, lines, renewals=renewals)
@@ -115,11 +112,19 @@ def _without_line_noise(noise: NoiseLevels, residual: np.ndarray) -> NoiseLevels
     white, pattern = noise.white, noise.pattern
     if "white" in noise.estimated and n > 2:
         white = np.sqrt(max(white**2 - lines.frame_rows**2 - lines.frame_columns**2, (0.5 * white) ** 2))
-    if "pattern" in noise.estimated:  # second differences along both axes cancel lines
-        total = _robust_sd(np.diff(np.diff(frame_mean(residual), n=2, axis=0), n=2, axis=1)) / 6.0
+    if "pattern" in noise.estimated:
         frames = n if noise.averaged is None else sum(noise.averaged)
-        pattern = np.sqrt(max(total**2 - white**2 / max(frames, 1), 0.0))
+        pattern = np.sqrt(max(_pixel_variance(frame_mean(residual)) - white**2 / max(frames, 1), 0.0))
     return replace(noise, white=float(white), pattern=float(pattern))
+
+
+def _pixel_variance(image: np.ndarray) -> float:
+    """Variance (K2) of the single pixels of an image (nv, nu), from second differences along both axes, which cancel
+    smooth structure and noise of lines; of few lines, along one axis."""
+    if min(image.shape) > 2:
+        return (_robust_sd(np.diff(np.diff(image, n=2, axis=0), n=2, axis=1)) / 6.0) ** 2
+    axis = int(np.argmax(image.shape))
+    return _robust_sd(np.diff(image, n=2, axis=axis)) ** 2 / 6.0
 
 
 def _with_renewed_pattern(noise: NoiseLevels, residual: np.ndarray) -> NoiseLevels:

@@ -36,8 +36,8 @@ class NoiseWhitening:
 
     `along` (frames, nv, nu): the part of each pixel that is constant in an interval, a unit vector over the frames of
     each.  `starts` (intervals,): first frame of each; `counts` (intervals, nv, nu): known camera frames in it.
-    Exact if the same pixels are known in all frames and only rows, or only columns, have noise.  With both, the mean of
-    a whole frame, which rows and columns contain, has too small a weight.
+    Exact if the same pixels are known in all frames, and one noise alone is constant, that of rows or of columns.  With
+    both, the mean of an interval, which rows and columns contain, has too small a weight.
     """
 
     noise: NoiseLevels
@@ -119,12 +119,17 @@ class NoiseWhitening:
             line = now**2 * np.eye(len(n)) + _interval_covariance(n, renewed, fixed)
             yield axis, (now / noise.white) ** 2, noise.white**-2.0 * root @ line @ root
 
-    def _frame_factors(self) -> list[tuple[int, Array]]:
-        """Factors on the line means of each frame, with the axis of these means."""
-        return [
-            (axis, 1.0 / np.sqrt(1.0 + now * self.known.sum(axis=axis, keepdims=True)))
-            for axis, now, _ in self._variances()
-        ]
+    def _frame_factors(self) -> list[tuple[int | tuple[int, int], Array]]:
+        """Factors on the line means of each frame and on its mean, with the axis of these means."""
+        out, product, total = [], 1.0, 1.0
+        frame = (1, 2)
+        for axis, now, _ in self._variances():
+            line = now * self.known.sum(axis=axis, keepdims=True)
+            out.append((axis, 1.0 / np.sqrt(1.0 + line)))
+            mean = line.sum(axis=frame, keepdims=True) / np.maximum((line > 0).sum(axis=frame, keepdims=True), 1)
+            product, total = product * (1.0 + mean), total + mean
+        whole = (self.noise.lines.frames / self.noise.white) ** 2 * self.known.sum(axis=frame, keepdims=True)
+        return [*out, (frame, np.sqrt(product / (total + whole)))]  # rows and columns contain the mean of the frame
 
     def _line_factors(self, power: float) -> Iterator[tuple[int, Array]]:
         """Matrices (intervals, intervals, nv, nu) on the line means of interval means that `_frame_factors` has reduced
@@ -164,7 +169,7 @@ def _matrix_power(matrix: Array, power: float) -> Array:
     return np.asarray((vectors * values**power) @ vectors.T)
 
 
-def _scale_line_means(x: Array, known: Mask, axis: int, factor: Array) -> Array:
+def _scale_line_means(x: Array, known: Mask, axis: int | tuple[int, int], factor: Array) -> Array:
     """Values with their means over known ones along an axis multiplied by `factor`, deviations unchanged."""
     count = np.maximum(known.sum(axis=axis, keepdims=True), 1)
     mean = np.sum(x, axis=axis, keepdims=True, where=known) / count

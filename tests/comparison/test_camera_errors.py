@@ -214,6 +214,7 @@ def covariance(known, n: NoiseLevels):
         n.white**2 * np.eye(len(k)) + (n.pattern**2 + n.renewed_pattern**2 * near) * row * column
         + (n.lines.rows**2 + n.lines.renewed_rows**2 * near + n.lines.frame_rows**2 * same) * row
         + (n.lines.columns**2 + n.lines.renewed_columns**2 * near + n.lines.frame_columns**2 * same) * column
+        + n.lines.frames**2 * same
     )  # fmt: skip
 
 
@@ -229,7 +230,15 @@ def test_noise_of_rows_or_columns_is_whitened_exactly_with_pixels_missing(lines,
     """Also where shutter events renew a part of it."""
     known = np.ones((5, 4, 5), bool)
     known[:, 1, 2] = known[:, 3] = known[:, 0, 0] = False
-    n = NoiseLevels(SIGMA, 0.03, (), None, lines, renewed, renewals)
+    check_whitening(known, NoiseLevels(SIGMA, 0.03, (), None, lines, renewed, renewals))
+
+
+@pytest.mark.parametrize("lines", [LineNoise(0.0, 0.0, 0.02, 0.03), LineNoise(0.0, 0.0, 0.02, 0.03, 0.0, 0.0, 0.01)])
+def test_noise_of_frames_with_rows_and_columns_is_whitened_exactly(lines):
+    check_whitening(np.ones((3, 4, 5), bool), NoiseLevels(SIGMA, 0.0, (), None, lines))
+
+
+def check_whitening(known, n):
     count = int(known.sum())
     W = np.empty((count, count))
     for k, unit in enumerate(np.eye(count)):
@@ -278,10 +287,20 @@ def test_components_of_the_three_dimensional_noise_model_are_estimated_and_chanc
 
     assert all(estimate_noise(field(0, 0, 0, 0), SIGMA, None).lines.is_none for _ in range(20))
     found = estimate_noise(field(0.04, 0.03, 0.02, 0.02), SIGMA, None).lines
+    assert found.frames == 0.0
     sizes = [found.rows, found.columns, found.frame_rows, found.frame_columns]
     # a MAD of 38 rows scatters by 1/sqrt(2 * 0.37 * 38 / 2) = 27 %, of 20 times as many values by 6 %
     assert sizes[:2] == pytest.approx([0.04, 0.03], rel=0.8)
     assert sizes[2:] == pytest.approx([0.02, 0.02], rel=0.2)
+
+
+def test_noise_of_whole_frames_is_estimated_and_neither_drift_nor_a_jump_is_taken_for_it():
+    rng = np.random.default_rng(10)
+    drift = np.linspace(0.0, 0.3, 40) ** 2 + 0.2 * (np.arange(40) > 17)
+    plain = drift[:, None, None] + rng.normal(0.0, SIGMA, (40, 30, 50))
+    assert estimate_noise(plain, SIGMA, 0.0).lines.frames == 0.0
+    found = [estimate_noise(plain + 0.01 * rng.normal(size=(40, 1, 1)), SIGMA, 0.0).lines.frames for _ in range(10)]
+    assert np.mean(found) == pytest.approx(0.01, rel=0.3)
 
 
 def test_stated_noise_is_raised_to_what_frames_show_and_by_coarse_digits():

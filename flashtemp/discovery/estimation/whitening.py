@@ -78,9 +78,10 @@ class WhitenedData:
                 own |= _mesh_errors(problem, seen, [other.observables[entry.file] for other in rough])
                 if isinstance(entry, RecordingEntry):
                     # noise is estimated from what no smooth shape explains: a missing effect is not noise
-                    rest = calibrated_residual(entry, seen)
                     known = np.isfinite(_image_residual(entry, seen)[:, seen.inside])
                     known &= ~_is_starting_road(entry, seen, fine.run)
+                    rest = calibrated_residual(entry, seen)
+                    rest[:, seen.inside] = np.where(known, rest[:, seen.inside], np.nan)
                     data.is_compared[entry.file] = known
                     if entry.file not in data.noises:
                         data.noises[entry.file] = _recording_noise(entry, seen, rest)

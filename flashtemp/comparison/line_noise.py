@@ -58,13 +58,14 @@ def estimate_line_noise(
     """Line noise of residuals (frames, nv, nu) K, NaN where masked, and the first frame after each renewal of it.
 
     It is estimated from fourth differences between the means of neighbouring lines (second differences of few lines).
-    Smooth structure, such as heat that fades away from the contact, hardly enters them.  All is 0 if no component is
-    significant; a camera that has one is taken to have the others as they are found.
+    Smooth structure, such as heat that fades away from the contact, hardly enters them.  Components that chance may
+    make are 0, unless lines have noise in every frame, which no error of a model makes: then all are as they are found.
     """
     temporal = _temporal_variances(residual, white, False)
     renewals = _find_renewals(residual, white, temporal) if find_renewals else ()
     found = _measure_lines(residual, white, pattern, renewals, False)
-    return found if found.is_none else _measure_lines(residual, white, pattern, renewals, True), renewals
+    is_certain = bool(found.frame_rows or found.frame_columns)
+    return _measure_lines(residual, white, pattern, renewals, True) if is_certain else found, renewals
 
 
 def _temporal_variances(residual: Array, white: float, is_certain: bool) -> list[float]:

@@ -52,11 +52,13 @@ def _registered_pose(
     pose = register_image(problem, recording, prediction.observables[hypothesis.file])
     if pose is None:
         return None
-    stated = fit_at_pose(problem, task, prediction, hypothesis, STATED_POSE)
-    if stated.is_adequate or (stated := stated.with_aligned_image()).is_adequate:
-        return None
     try:
-        registered = fit_at_pose(problem, task, prediction, hypothesis, pose, stated.noise).with_aligned_image()
+        registered = fit_at_pose(problem, task, prediction, hypothesis, pose)
+        # an image that lies wrong leaves structure that looks like noise of lines
+        stated = fit_at_pose(problem, task, prediction, hypothesis, STATED_POSE, registered.noise)
+        if stated.is_adequate or (stated := stated.with_aligned_image()).is_adequate:
+            return None
+        registered = registered.with_aligned_image()
     except FlashtempError:  # in this pose the image shows no part of the block
         return None
     is_other = is_far_from(recording, problem.case["block.length"], registered.pose, stated.pose)

@@ -18,6 +18,7 @@ from flashtemp.discovery.estimation.hyperparameters import maximise_evidence
 from flashtemp.discovery.estimation.image_alignment import Linearisation
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
 from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
+from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction.problem import Problem, check_free_key
 from flashtemp.discovery.selection.forward_selection import (
     EffectSearch,
@@ -63,9 +64,12 @@ def _fit_alternative(
     column = find_column(system, i)
     assert column is not None  # it was checked
     more = fit.free_effect_priors | {column: (0.0, i.sd)}
-    linear = maximise_evidence(problem, system, fit.model, more).solution.ln_evidence
+    linear = maximise_evidence(problem, system, fit.model, more).solution
+    linearised = InputAlternative(
+        i.key, keeps, linear.ln_evidence, i.sd, False, *i.changed_value(linear[column], linear.sd(column))
+    )
     if not can_be_freed(problem, i):
-        return InputAlternative(i.key, keeps, linear, i.sd, is_key=False)
+        return linearised
     freed = free_input(problem, i.key, i.sd)
     own = tuple(c for c in problem.candidates if c.effect in keeps)
     model = replace(fit.model, free=fit.model.free | {i.key: 0.0})
@@ -76,8 +80,11 @@ def _fit_alternative(
         blocks = search.data.make_blocks(predictions)
         found = finish_fit(h, Linearisation(model, tuple(tasks), tuple(predictions), LinearSystem(blocks)), watch)
     except SolverFailure:  # a value far off may not be computable; the linearised model says how good it would be
-        return InputAlternative(i.key, keeps, linear, i.sd, is_key=False)
-    return InputAlternative(i.key, keeps, found.secured_evidence, i.sd, is_key=True)
+        return linearised
+    freed_key = ParameterId.of_key(i.key)
+    change = found.model.free[i.key] + found.solution[freed_key]
+    needed = i.changed_value(change, found.solution.sd(freed_key))
+    return InputAlternative(i.key, keeps, found.secured_evidence, i.sd, True, *needed)
 
 
 def can_be_freed(problem: Problem, i: StatedInput) -> bool:

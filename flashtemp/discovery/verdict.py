@@ -275,7 +275,7 @@ class Verdict(DisplayMixin):
     `separability`: names and matrix (n, n) of correlations between projected signatures.
     `laboratory`: set-up errors that are within usual limits.  `held_key`: a stated input that the data contradict.
     `law`: a law outside the catalogue.  `inputs`: checks of all stated inputs; `inputs_told_together`: keys that the
-    data cannot distinguish.
+    data cannot distinguish; `alternative_inputs`: inputs of the group with the values that they would need.
     """
 
     title: str
@@ -309,6 +309,7 @@ class Verdict(DisplayMixin):
     rules: tuple[RuleResult, ...] = ()
     inputs: tuple[InputResult, ...] = ()
     inputs_told_together: tuple[tuple[str, ...], ...] = ()
+    alternative_inputs: tuple[InputCorrection, ...] = ()
 
     @property
     def corrected_key(self) -> InputCorrection | None:
@@ -360,6 +361,7 @@ class Verdict(DisplayMixin):
             "rules": [asdict(r) | {"passed": bool(r.passed)} for r in self.rules],
             "inputs": [asdict(i) for i in self.inputs],
             "inputs_told_together": [list(group) for group in self.inputs_told_together],
+            "alternative_inputs": [asdict(h) for h in self.alternative_inputs],
             "seconds": self.seconds,
         }
 

@@ -101,8 +101,21 @@ def assemble_verdict(
         rules=tuple(map(_rule_result, decision.rules)),
         inputs=tuple(map(_input_result, inputs.checks)),
         inputs_told_together=inputs.groups,
+        alternative_inputs=_alternative_inputs(search, inputs, decision.group),
     )  # fmt: skip
     return replace(verdict, says=verdict_sentences.describe_verdict(verdict, problem.case.known_effects))
+
+
+def _alternative_inputs(
+    search: EffectSearch, inputs: InputAssessment, group: tuple[str, ...]
+) -> tuple[InputCorrection, ...]:
+    """The stated inputs of a group with the values that they would need in place of an effect."""
+    stated = {c.input.key: c.input for c in inputs.checks}
+    return tuple(
+        InputCorrection(a.key, i.value, a.value, a.stderr, i.unit, -a.deficit_against(search.best), i.words)
+        for a in search.input_alternatives
+        if a.key in group and (i := stated.get(a.key)) is not None
+    )
 
 
 def _recording_error_cause(e: RecordingError) -> Cause:
@@ -119,8 +132,7 @@ def _input_correction(
     if e is None or check is None:
         return None
     i = check.input
-    value = i.value * math.exp(e.value) if i.relative else i.value + e.value
-    sd = value * e.stderr if i.relative else e.stderr
+    value, sd = i.changed_value(e.value, e.stderr)
     # the free keys are estimated again with the input corrected, because they absorbed a part of its error before
     freed = ParameterId.of_key(i.key)
     fixed = {p: v for p, v in final.free_priors.items() if p != freed}

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 
 from flashtemp.comparison import campaign
-from flashtemp.comparison.synthetic_campaign import SyntheticPlan, make_synthetic_campaign
+from flashtemp.comparison.synthetic_campaign import SEALED_TRUTH, SyntheticPlan, make_synthetic_campaign
 from flashtemp.discovery import engine
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.diagnostics.stated_inputs import list_stated_inputs
@@ -45,6 +46,12 @@ def test_an_input_that_may_be_stated_wrongly_is_an_alternative_to_an_effect(miss
     assert verdict.says[0].startswith("Either an effect is missing or a stated input is wrong")
     [found] = search.input_alternatives
     assert found.is_key
+    truth = json.loads((misstated.folder / SEALED_TRUTH).read_text())
+    jitter = truth["recordings"]["condition1"]["friction_jitter"]
+    assert found.value == pytest.approx(truth["nuisance"]["friction.mu"] * jitter, abs=4.0 * found.stderr)
+    assert found.stderr < 0.1
+    assert f"friction.mu is {found.value:.4g} +- " in verdict.says[0]
+    assert "instead of 0.7" in verdict.says[0]
     assert (
         abs(found.deficit_against(search.best)) < 3.0
     )  # the same model with the same prior, but another starting point

@@ -20,7 +20,6 @@ from flashtemp.discovery.estimation.linear_gaussian import LinearSystem, NormalE
 from flashtemp.discovery.parameters import ParameterId, ParameterKind, Prior, Priors
 
 MIN_GROUP_CORRELATION = 0.9  # of the columns of two inputs after nuisances were projected out
-MAX_INPUT_LN_FACTOR = 100.0  # limit of an estimate: without information in the data it may be any number
 FIXED_INPUT_SD_FRACTION = 1e-4  # of a prior's standard deviation: as good as fixed, and safe in double precision
 
 
@@ -116,12 +115,11 @@ def _check_input(
     ratio = min(freed.sd(column) / i.sd, 1.0)
     change -= mean
     pull = change / math.hypot(sd, i.sd)  # two independent values of the same number: their variances add up
-    value = i.value * math.exp(min(change, MAX_INPUT_LN_FACTOR)) if i.relative else i.value + change
-    scale = abs(value) if i.relative else 1.0
+    value, stderr = i.changed_value(change, sd)
     k = system.index[column]
     influence = i.sd * math.sqrt(max(float(total.matrix[k, k]), 0.0))
     check = InputCheck(
-        i, value, scale * sd, change / i.sd, pull, freed.ln_evidence - ln_evidence_fixed, influence,
+        i, value, stderr, change / i.sd, pull, freed.ln_evidence - ln_evidence_fixed, influence,
         _classify_pull(ratio, pull), abs(change) * change_per_unit(column),
     )  # fmt: skip
     return replace(check, verdict=InputVerdict.NOT_CHECKABLE) if check.is_invisible else check

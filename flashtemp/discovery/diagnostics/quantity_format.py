@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from flashtemp.discovery.verdict import InputCorrection
+
 
 def format_digits(value: float, count: int = 4) -> str:
     """A number to some significant digits, without a power of ten for values of everyday size.
@@ -39,3 +41,20 @@ def format_kelvin(T: float) -> str:
     ('1.13 K', '13.1 mK')
     """
     return f"{T:.3g} K" if T >= 1.0 else f"{1e3 * T:.3g} mK"
+
+
+def correction_words(h: InputCorrection) -> str:
+    """A stated number that the data contradict, as a sentence without its end."""
+    unit = unit_suffix(h.unit)
+    needed = f"{format_digits(h.value)} +- {format_digits(h.stderr, 2)}{unit} (ln Bayes factor {h.ln_bayes:.0f})"
+    return f"{h.key} is stated as {format_digits(h.told)}{unit}; the data require {needed}"
+
+
+def wrong_input_words(h: InputCorrection) -> str:
+    """A stated number with the value that would explain the data.
+
+    >>> wrong_input_words(InputCorrection("friction.mu", 0.7, 0.983, 0.021, "1", 0.4, "friction"))
+    'friction.mu is 0.983 +- 0.021 instead of 0.7'
+    """
+    needed = f"{format_digits(h.value)} +- {format_digits(h.stderr, 2)}{unit_suffix(h.unit)}"
+    return f"{h.key} is {needed} instead of {format_digits(h.told)}{unit_suffix(h.unit)}"

@@ -7,6 +7,7 @@ halves their cost.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -38,6 +39,9 @@ OPAQUE_VIEWS = ("sidewall", "wake")  # views whose emissivity is assumed where a
 INPUT_CELL_FACTORS = (0.5, 0.5, 0.5)
 
 
+MAX_INPUT_LN_FACTOR = 100.0  # limit of an estimate: without information in the data it may be any number
+
+
 @dataclass(frozen=True)
 class StatedInput:
     """A stated number: its `key`, a description in `words`, `value` in `unit` and its standard deviation `sd`.
@@ -61,6 +65,13 @@ class StatedInput:
     def column_id(self) -> ParameterId:
         """Its column in predictions: derivative per ln of the value, or per unit."""
         return ParameterId.of_input(self.key)
+
+    def changed_value(self, change: float, sd: float) -> tuple[float, float]:
+        """The value after a `change` of standard deviation `sd`, both in ln or in the unit, and its standard error."""
+        if not self.relative:
+            return self.value + change, sd
+        value = self.value * math.exp(min(change, MAX_INPUT_LN_FACTOR))
+        return value, abs(value) * sd
 
 
 def list_stated_inputs(problem: Problem) -> tuple[StatedInput, ...]:

@@ -11,12 +11,18 @@ import numpy as np
 
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.diagnostics.cross_validation import MAX_RIGID_PULL, is_at_limit
-from flashtemp.discovery.diagnostics.quantity_format import format_digits, format_error, format_kelvin, unit_suffix
+from flashtemp.discovery.diagnostics.quantity_format import (
+    correction_words,
+    format_digits,
+    format_error,
+    format_kelvin,
+    unit_suffix,
+    wrong_input_words,
+)
 from flashtemp.discovery.parameters import ALL_CONDITIONS, POINT_KINDS, ParameterId, ParameterKind
 from flashtemp.discovery.prediction.problem import ASSUMED_CAMERA_VALUES
 from flashtemp.discovery.verdict import (
     Cause,
-    InputCorrection,
     InputResult,
     LearnedLaw,
     NormalisedDeviation,
@@ -246,7 +252,7 @@ def _answer_input_wrong(v: Verdict) -> Iterator[str]:
     if v.held_key is None:
         yield "No effect is missing, but the data contradict a stated input."
         return
-    yield f"No effect is missing, but the data contradict a stated input: {_correction_words(v.held_key)}."
+    yield f"No effect is missing, but the data contradict a stated input: {correction_words(v.held_key)}."
     yield f"Correct {v.held_key.key}, or let the campaign calibrate it (`free`)."
 
 
@@ -297,8 +303,10 @@ def _group_words(v: Verdict, known: Mapping[str, type[Effect]]) -> str:
         return "; ".join(setup)
     if v.held_key is not None and v.held_key.key in v.group:
         others = [name.replace("_", " ") for name in v.group if name != v.held_key.key]
-        return f"{_correction_words(v.held_key)}; or {' or '.join(others)} is wrong"
-    return " or ".join(f"{known[name].cause} ({name})" if name in known else f"{name} is wrong" for name in v.group)
+        return f"{correction_words(v.held_key)}; or {' or '.join(others)} is wrong"
+    needed = {h.key: wrong_input_words(h) for h in v.alternative_inputs}
+    words = {name: f"{known[name].cause} ({name})" for name in v.group if name in known} | needed
+    return " or ".join(words.get(name, f"{name} is wrong") for name in v.group)
 
 
 def _answer_unexplained(v: Verdict, known: Mapping[str, type[Effect]]) -> Iterator[str]:
@@ -372,7 +380,7 @@ def _describe_contradictions(v: Verdict) -> Iterator[str]:
     in_answer = v.held_key.key if v.held_key is not None and v.kind in ("held_key", "group") else ""
     some = [i for i in select_contradicted(v.inputs) if i.key != in_answer]
     if v.held_key is not None and not in_answer and v.held_key.key not in {i.key for i in some}:
-        yield f"The data contradict a stated input: {_correction_words(v.held_key)}."
+        yield f"The data contradict a stated input: {correction_words(v.held_key)}."
     for i in some[:MAX_LISTED_ITEMS]:
         unit, sd_unit = unit_suffix(i.unit), unit_suffix("K" if i.unit == "degC" else i.unit)
         sd = f"{100.0 * i.sd:.2g} %" if i.relative else f"{i.sd:.2g}{sd_unit}"
@@ -465,14 +473,6 @@ def _setup_difference(c: Cause) -> str:
     if c.ln_bayes >= LN_BAYES_IMPOSSIBLE:
         return f"{line}; as stated it is impossible."
     return f"{line}; ln Bayes factor {c.ln_bayes:.0f}."
-
-
-def _correction_words(h: InputCorrection) -> str:
-    unit = unit_suffix(h.unit)
-    return (
-        f"{h.key} is stated as {format_digits(h.told)}{unit}; the data require {format_digits(h.value)} +- "
-        f"{format_digits(h.stderr, 2)}{unit} (ln Bayes factor {h.ln_bayes:.0f})"
-    )
 
 
 def _law_words(law: LearnedLaw) -> str:

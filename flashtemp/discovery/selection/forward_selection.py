@@ -8,6 +8,7 @@ candidates are then scored again at the new best point.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -48,7 +49,7 @@ class InputAlternative:
     """A model in which the stated input `key` is estimated, beside the effects that it `keeps`.
 
     `prior_sd`: of the ln of the key, if the key can be estimated with the others (`is_key`); else the evidence is that
-    of the linearised model.
+    of the linearised model.  The data want `value` with standard error `stderr`, in the unit of the key.
     """
 
     key: str
@@ -56,6 +57,8 @@ class InputAlternative:
     ln_evidence: float
     prior_sd: float
     is_key: bool
+    value: float = math.nan
+    stderr: float = math.nan
 
     @property
     def cause_names(self) -> EffectNames:

@@ -118,19 +118,24 @@ def _frame_mean(residual: Array) -> Array:
 def _find_renewals(residual: Array, white: float, temporal: list[float]) -> tuple[int, ...]:
     """First frame after each renewal of line noise, by binary segmentation (Vostrikova, Sov. Math. Dokl. 24, 1981, 55).
 
-    A segment is split where the lines before and after differ most, if that is more than chance: the robust mean square
-    of all lines, so that errors of a model near the contact or an edge cannot cause it.
+    A segment is split where the rows, or the columns, before and after differ most, if that is more than chance: the
+    robust mean square of all of them, so that errors of a model near the contact or an edge cannot cause it.
     """
     found, open_segments = [], [(0, len(residual))]
     lines = [_line_differences(residual, axis, white**2, now) for axis, now in zip(AXES, temporal, strict=True)]
-    values, precision, independent = (np.concatenate(part, axis=-1) for part in zip(*lines, strict=True))
-    freedom = MAD_EFFICIENCY * max(float(independent.sum()), 1.0)
-    limit = chi2.isf(FALSE_ALARMS / max(len(residual), 1), freedom) / freedom
+    chance = FALSE_ALARMS / (len(lines) * max(len(residual), 1))
+    freedoms = [MAD_EFFICIENCY * max(float(independent.sum()), 1.0) for *_, independent in lines]
+    limits = [chi2.isf(chance, freedom) / freedom for freedom in freedoms]
+
+    def excess(first: int, split: int, last: int) -> float:
+        ratios = (_split_ratio(values, precision, first, split, last) for values, precision, _ in lines)
+        return max(ratio / limit for ratio, limit in zip(ratios, limits, strict=True))
+
     while open_segments:
         first, last = open_segments.pop()
-        ratios = {k: _split_ratio(values, precision, first, k, last) for k in range(first + 2, last - 1)}
-        best = max(ratios, key=lambda k: ratios[k], default=0)
-        if best and ratios[best] > limit:
+        sizes = {k: excess(first, k, last) for k in range(first + 2, last - 1)}
+        best = max(sizes, key=lambda k: sizes[k], default=0)
+        if best and sizes[best] > 1.0:
             found.append(best)
             open_segments += [(first, best), (best, last)]
     return tuple(sorted(found))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from flashtemp.comparison.line_noise import (
     CHANCE_LIMIT_SDS,
@@ -17,6 +18,7 @@ from flashtemp.comparison.line_noise import (
 FRAMES_PER_BATCH = 256  # processed at a time
 DIFFERENCE_OVERLAP = 18.0  # values in one difference along three axes (2 x 3 x 3)
 RAISED_WHITE = "white above the stated one"
+SECOND_DIFFERENCE = np.array([1.0, -2.0, 1.0])
 MAX_DIGIT_VALUES = 20_000  # values from which the quantisation step is determined
 MAD_TO_SD = 1.482602218505602  # standard deviation over median absolute deviation of a normal distribution
 
@@ -60,6 +62,8 @@ def estimate_noise(
         each = np.ones(n) if averaged is None else np.array(averaged, float)
         if n > 2:
             step = np.diff(residual, axis=0) / np.sqrt(1.0 / each[1:] + 1.0 / each[:-1])[:, None, None]
+            if min(step.shape[1:]) > 2:  # noise of whole frames is none of single pixels
+                step -= np.array([_known_median(one) for one in step])[:, None, None]
         else:
             step = np.diff(residual, n=2, axis=-1) * np.sqrt(each / 6.0)[:, None, None]
         white = _robust_sd(step)
@@ -132,15 +136,27 @@ def _with_renewed_pattern(noise: NoiseLevels, residual: np.ndarray) -> NoiseLeve
     if not noise.renewals or noise.averaged is not None or min(residual.shape[1:]) < 3:
         return noise
     parts = np.split(residual, noise.renewals)
-    frames = np.array([len(part) for part in parts])
-    variance = 0.5 * noise.white**2 * (1.0 / frames[1:] + 1.0 / frames[:-1])
+    frames = np.array([np.isfinite(part).sum(axis=0) for part in parts])
+    each = noise.white**2 / np.maximum(frames, 1)
+    weights = np.outer(*[SECOND_DIFFERENCE**2] * 2)
+    variance = np.sum(sliding_window_view(0.5 * (each[1:] + each[:-1]), (3, 3), axis=(1, 2)) * weights, axis=(3, 4))
     change = np.diff([frame_mean(p) for p in parts], axis=0) / np.sqrt(2.0)
-    change = np.diff(np.diff(change, n=2, axis=1), n=2, axis=2) / (6.0 * np.sqrt(variance))[:, None, None]
+    change = np.diff(np.diff(change, n=2, axis=1), n=2, axis=2) / np.sqrt(variance)
     count = int(np.isfinite(change).sum()) / DIFFERENCE_OVERLAP * 2.0
     ratio = _robust_sd(change) ** 2
     if ratio < 1.0 + CHANCE_LIMIT_SDS * np.sqrt(2.0 / (MAD_EFFICIENCY * max(count, 1.0))):
         return noise
-    return replace(noise, renewed_pattern=float(np.sqrt((ratio - 1.0) * np.median(variance))))
+    renewed = (ratio - 1.0) * float(np.median(variance[np.isfinite(change)])) / weights.sum()
+    pattern = noise.pattern
+    if "pattern" in noise.estimated:  # the mean over all frames contains what each interval has anew
+        total = np.maximum(frames.sum(axis=0), 1)
+        pattern = np.sqrt(max(pattern**2 - renewed * float(np.median(np.sum(frames**2, axis=0) / total**2)), 0.0))
+    return replace(noise, renewed_pattern=float(np.sqrt(renewed)), pattern=float(pattern))
+
+
+def _known_median(values: np.ndarray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else 0.0
 
 
 def _robust_sd(values: np.ndarray) -> float:

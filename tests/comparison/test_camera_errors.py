@@ -293,6 +293,20 @@ def test_renewals_of_rows_alone_or_of_columns_alone_are_found_where_they_are(axi
         assert sizes[axis - 1] < 0.01
 
 
+def test_noise_of_means_of_frames_is_that_of_a_frame():
+    rng, counts = np.random.default_rng(15), np.repeat([1, 5, 20], [10, 10, 20])
+    root = np.sqrt(counts)[:, None, None]
+    changed = (SIGMA * rng.normal(size=(40, 60, 80)) + 0.3 * SIGMA * rng.normal(size=(40, 60, 1))) / root
+    changed += 0.1 * SIGMA * rng.normal(size=(60, 1))
+    changed += 0.2 * SIGMA * rng.normal(size=(1, 80)) * (np.arange(40)[:, None, None] >= 25)
+    found = estimate_noise(changed, None, None, tuple(counts), changed)
+    assert found.renewals == (25,)
+    assert found.white == pytest.approx(SIGMA, rel=0.05)
+    assert found.pattern < 0.05 * SIGMA
+    sizes = np.array([found.lines.frame_rows, found.lines.rows, found.lines.renewed_columns]) / SIGMA
+    assert sizes == pytest.approx([0.3, 0.1, 0.2 / np.sqrt(2.0)], rel=0.6)
+
+
 def test_pixels_without_values_in_some_frames_renew_no_pattern():
     rng = np.random.default_rng(13)
     changed = rng.normal(0.0, SIGMA, (60, 40, 60)) + 0.3 * rng.normal(size=(40, 1)) * (

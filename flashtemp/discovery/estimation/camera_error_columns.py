@@ -43,11 +43,16 @@ USUAL_CAMERA_ERRORS: Mapping[ParameterKind, float] = dict.fromkeys(CAMERA_ERROR_
 
 
 def camera_columns(
-    r: Recording, predicted: Observable, residual: Array, speed: Array | None = None, renewals: tuple[int, ...] = ()
+    r: Recording,
+    predicted: Observable,
+    residual: Array | None,
+    speed: Array | None = None,
+    renewals: tuple[int, ...] = (),
 ) -> dict[ParameterId, Single]:
     """Columns (frames, valid pixels) K of all camera errors of a recording; none for points.
 
-    `residual` (frames, nv, nu) K: residual of a first fit, in which jumps of the offset show.  `speed` (frames,) m/s:
+    `residual` (frames, nv, nu) K: residual of a first fit, in which jumps of the offset show; None leaves
+    out the offsets, which do not depend on a prediction.  `speed` (frames,) m/s:
     sliding speed.  `renewals`: first frames after shutter events that the line noise shows.
     """
     if r.places is not None:
@@ -55,7 +60,7 @@ def camera_columns(
     sizes = CAMERA_CLASSES[r.camera]
     ones = np.ones((1, *predicted.values.shape[1:]))
     out: dict[ParameterId, Single] = {}
-    for k, wave in enumerate(_iter_offsets(r, residual, sizes, renewals)):
+    for k, wave in enumerate(() if residual is None else _iter_offsets(r, residual, sizes, renewals)):
         out[ParameterId(ParameterKind.OFFSET, (k,))] = flatten_valid_pixels(
             wave[:, None, None] * ones, predicted.inside
         )

@@ -105,15 +105,15 @@ class WhitenedData:
         """The data with the columns of camera and model errors computed anew, for predictions of a calibrated model.
 
         These errors multiply with the place of an image, so they are not those of an image that lies elsewhere.
+        Offsets of whole frames stay: the jumps among them show in the residual of the first predictions.
         """
         fixed = dict(self.fixed)
         for condition, prediction in zip(self.problem.conditions, predictions, strict=True):
             for view in condition.views:
                 seen, old = prediction.observables[view.file], self.fixed[view.file]
-                rest, noise = calibrated_residual(view, seen), self.noises[view.file]
-                rest[:, seen.inside] = np.where(self.is_compared[view.file], rest[:, seen.inside], np.nan)
-                own = _image_errors(view, seen, rest, prediction.run, noise)
-                kept = [k for k, p in enumerate(old.names) if p.kind in (*FIXED_KINDS, *MODEL_KINDS)]
+                own = _image_errors(view, seen, None, prediction.run, self.noises[view.file])
+                same = (*FIXED_KINDS, *MODEL_KINDS, ParameterKind.OFFSET)
+                kept = [k for k, p in enumerate(old.names) if p.kind in same]
                 F = np.hstack([old.F[:, kept], self._whiten_columns(view, own)])
                 names = (*(old.names[k] for k in kept), *own)
                 fixed[view.file] = FixedColumns(names, F, gram_matrices([F])[0])
@@ -231,9 +231,12 @@ def _mesh_errors(
 
 
 def _image_errors(
-    view: RecordingEntry, predicted: Observable, rest: Array, run: Run, noise: NoiseLevels
+    view: RecordingEntry, predicted: Observable, rest: Array | None, run: Run, noise: NoiseLevels
 ) -> dict[ParameterId, npt.NDArray[Any]]:
-    """Columns of errors that no simulation contains: those of the camera, and of a model at this prediction."""
+    """Columns of errors that no simulation contains: those of the camera, and of a model at this prediction.
+
+    `rest` (frames, nv, nu) K: residual of a first fit, None without offsets of the camera.
+    """
     out: dict[ParameterId, npt.NDArray[Any]] = dict(camera_smooth_basis(view, predicted))
     out |= discrepancy_basis(view, predicted)
     speed = _sliding_speed(run, view.recording.time)

@@ -19,6 +19,7 @@ from flashtemp.comparison.line_noise import (
 FRAMES_PER_BATCH = 256  # processed at a time
 DIFFERENCE_OVERLAP = 18.0  # values in one difference along three axes (2 x 3 x 3)
 RAISED_WHITE = "white above the stated one"
+MIN_FRAME_PIXELS = 30  # of which the median of a frame takes hardly any noise of single pixels
 SECOND_DIFFERENCE = np.array([1.0, -2.0, 1.0])
 MAX_DIGIT_VALUES = 20_000  # values from which the quantisation step is determined
 MAD_TO_SD = 1.482602218505602  # standard deviation over median absolute deviation of a normal distribution
@@ -69,7 +70,7 @@ def estimate_noise(
         each = np.ones(n) if weights is None else weights
         if n > 2:
             step = np.diff(residual, axis=0) / np.sqrt(1.0 / each[1:] + 1.0 / each[:-1])[:, None, None]
-            if min(step.shape[1:]) > 2:  # noise of whole frames is none of single pixels
+            if step[0].size >= MIN_FRAME_PIXELS:  # noise of whole frames is none of single pixels
                 step -= np.array([_known_median(one) for one in step])[:, None, None]
         else:
             step = np.diff(residual, n=2, axis=-1) * np.sqrt(each / 6.0)[:, None, None]

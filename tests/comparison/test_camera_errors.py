@@ -326,6 +326,8 @@ def test_levels_of_noise_contain_no_part_of_each_other():
     found = estimate_noise(frames, None, 0.0, None, frames)
     assert found.white == pytest.approx(SIGMA, rel=0.05)
     assert found.lines.frames == pytest.approx(4.0 * SIGMA, rel=0.5)
+    profile = frames[:, :1]
+    assert estimate_noise(profile, None, 0.0, None, profile).white == pytest.approx(SIGMA, rel=0.1)
     patterns = [SIGMA * (rng.normal(size=(40, 60)) + rng.normal(size=(40, 1))) for _ in range(2)]
     renewed = white + np.where(after, *patterns)
     found = estimate_noise(renewed, None, None, None, renewed)

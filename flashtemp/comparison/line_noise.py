@@ -17,7 +17,7 @@ Array = npt.NDArray[np.float64]
 MAD_TO_SD = 1.482602218505602  # standard deviation over median absolute deviation of a normal distribution
 MAD_EFFICIENCY = 0.37  # statistical efficiency of the MAD (Rousseeuw & Croux 1993)
 DIFFERENCE_WEIGHTS = {2: np.array([1.0, -2.0, 1.0]), 4: np.array([1.0, -4.0, 6.0, -4.0, 1.0])}  # second and fourth
-MIN_LINES_FOURTH_ORDER = 9  # lines needed for fourth differences
+MIN_LINES_FOURTH_ORDER = 9  # lines, or frames, needed for fourth differences
 MIN_DIFFERENCES = 4  # differences needed for an estimate of scale
 FALSE_ALARMS = 1e-3  # renewals that chance finds in a recording
 AXES = ROWS_AXIS, COLUMNS_AXIS = 2, 1  # along which rows and columns of images (frames, nv, nu) extend
@@ -101,16 +101,21 @@ def _measure_lines(
 
 
 def _frame_variance(residual: Array, white: float, temporal: list[float], weights: Array) -> float:
-    """Variance (K2) that whole frames have anew, from second differences in time of their means; 0 if insignificant."""
+    """Variance (K2) that whole frames have anew, from differences in time of their means; 0 if insignificant.
+
+    They are fourth differences (second of few frames), because the mean of many pixels shows the least curvature.
+    """
     always = np.asarray(np.isfinite(residual).all(axis=0))
     rows, columns = (max(int(always.any(axis=axis).sum()), 1) for axis in (1, 0))
-    steps = np.diff(residual[:, always].mean(axis=1), n=2) if always.any() else np.zeros(0)
+    factors = DIFFERENCE_WEIGHTS[4 if len(residual) >= MIN_LINES_FOURTH_ORDER else 2]
+    is_enough = always.any() and len(residual) >= len(factors)
+    steps = _combine_lines(residual[:, always].mean(axis=1)[None], factors)[0] if is_enough else np.zeros(0)
     if len(steps) < MIN_DIFFERENCES:
         return 0.0
     expected = white**2 / max(int(np.count_nonzero(always)), 1) + temporal[0] / rows + temporal[1] / columns
-    each = np.sqrt(1.0 / weights[:-2] + 4.0 / weights[1:-1] + 1.0 / weights[2:])
+    each = np.sqrt(_combine_lines(1.0 / weights[None], factors**2)[0])
     ratio = _robust_mean_square(steps / each) / expected
-    freedom = MAD_EFFICIENCY * len(steps) / 1.5
+    freedom = MAD_EFFICIENCY * len(steps) / (0.5 * len(factors))
     return (ratio - 1.0) * expected if ratio > chi2.isf(FALSE_ALARMS, freedom) / freedom else 0.0
 
 

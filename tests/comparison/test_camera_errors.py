@@ -361,6 +361,8 @@ def test_noise_of_whole_frames_is_estimated_and_neither_drift_nor_a_jump_is_take
     assert estimate_noise(plain, SIGMA, 0.0).lines.frames == 0.0
     found = [estimate_noise(plain + 0.01 * rng.normal(size=(40, 1, 1)), SIGMA, 0.0).lines.frames for _ in range(10)]
     assert np.mean(found) == pytest.approx(0.01, rel=0.3)
+    heat = 8.0 * np.sqrt(np.arange(40.0) / 40.0)  # of many pixels, so that the mean has hardly any noise
+    assert estimate_noise(heat[:, None, None] + rng.normal(0.0, SIGMA, (40, 120, 160)), SIGMA, 0.0).lines.frames == 0.0
 
 
 def test_stated_noise_is_raised_to_what_frames_show_and_by_coarse_digits():

@@ -17,7 +17,7 @@ Array = npt.NDArray[np.float64]
 MAD_TO_SD = 1.482602218505602  # standard deviation over median absolute deviation of a normal distribution
 MAD_EFFICIENCY = 0.37  # statistical efficiency of the MAD (Rousseeuw & Croux 1993)
 DIFFERENCE_WEIGHTS = {2: np.array([1.0, -2.0, 1.0]), 4: np.array([1.0, -4.0, 6.0, -4.0, 1.0])}  # second and fourth
-MIN_LINES_FOURTH_ORDER = 9  # lines needed for fourth differences
+MIN_LINES_FOURTH_ORDER = 9  # lines, or frames, needed for fourth differences
 MIN_DIFFERENCES = 4  # differences needed for an estimate of scale
 FALSE_ALARMS = 1e-3  # renewals that chance finds in a recording
 AXES = ROWS_AXIS, COLUMNS_AXIS = 2, 1  # along which rows and columns of images (frames, nv, nu) extend
@@ -53,102 +53,126 @@ NO_LINES = LineNoise()
 
 
 def estimate_line_noise(
-    residual: Array, white: float, pattern: float, find_renewals: bool = False
+    residual: Array, white: float, pattern: float, find_renewals: bool = False, weights: Array | None = None
 ) -> tuple[LineNoise, tuple[int, ...]]:
     """Line noise of residuals (frames, nv, nu) K, NaN where masked, and the first frame after each renewal of it.
 
     It is estimated from fourth differences between the means of neighbouring lines (second differences of few lines).
     Smooth structure, such as heat that fades away from the contact, hardly enters them.  Components that chance may
     make are 0, unless lines have noise in every frame, which no error of a model makes: then all are as they are found.
+    `weights` (frames,): number of camera frames in each frame; all noise is that of a camera frame.
     """
-    temporal = _temporal_variances(residual, white, False)
-    renewals = _find_renewals(residual, white, temporal) if find_renewals else ()
-    found = _measure_lines(residual, white, pattern, renewals, False)
+    weights = np.ones(len(residual)) if weights is None else weights
+    temporal = _temporal_variances(residual, white, False, weights)
+    renewals = _find_renewals(residual, white, temporal, weights) if find_renewals else ()
+    found = _measure_lines(residual, white, pattern, renewals, False, weights)
     is_certain = bool(found.frame_rows or found.frame_columns)
-    return _measure_lines(residual, white, pattern, renewals, True) if is_certain else found, renewals
+    return _measure_lines(residual, white, pattern, renewals, True, weights) if is_certain else found, renewals
 
 
-def _temporal_variances(residual: Array, white: float, is_certain: bool) -> list[float]:
+def _temporal_variances(residual: Array, white: float, is_certain: bool, weights: Array) -> list[float]:
     """Variances (K2) of rows and of columns that are new in every frame."""
     if len(residual) < 3:
         return [0.0, 0.0]
-    steps = np.diff(residual, axis=0) / np.sqrt(2.0)
+    steps = np.diff(residual, axis=0) / np.sqrt(1.0 / weights[1:] + 1.0 / weights[:-1])[:, None, None]
     return [_excess_variance(steps, axis, white**2, 0.0, is_certain) for axis in AXES]
 
 
 def _measure_lines(
-    residual: Array, white: float, pattern: float, renewals: tuple[int, ...], is_certain: bool
+    residual: Array, white: float, pattern: float, renewals: tuple[int, ...], is_certain: bool, weights: Array
 ) -> LineNoise:
     """All components; unless line noise `is_certain`, those that chance may make are 0."""
-    temporal, parts = _temporal_variances(residual, white, is_certain), np.split(residual, list(renewals))
-    frames = np.array([max(int(np.isfinite(part).any(axis=(1, 2)).sum()), 1) for part in parts])
-    changes = np.diff([_frame_mean(part) for part in parts], axis=0) / np.sqrt(2.0)
+    temporal = _temporal_variances(residual, white, is_certain, weights)
+    parts = [np.split(a, list(renewals)) for a in (residual, weights)]
+    frames = np.array(
+        [max(float(w[np.isfinite(part).any(axis=(1, 2))].sum()), 1.0) for part, w in zip(*parts, strict=True)]
+    )
+    changes = np.diff([frame_mean(part, w) for part, w in zip(*parts, strict=True)], axis=0) / np.sqrt(2.0)
     each = 0.5 * (1.0 / frames[1:] + 1.0 / frames[:-1])[:, None]
-    mean, total = _frame_mean(residual)[None], int(frames.sum())
+    mean, total = frame_mean(residual, weights)[None], float(frames.sum())
     constant, renewed = [], []
     for axis, now in zip(AXES, temporal, strict=True):
         change = _excess_variance(changes, axis, white**2 * each, now * each, is_certain) if renewals else 0.0
         renewed.append(change)
         known = now / total + change * float(np.sum(frames**2.0)) / total**2
         constant.append(_excess_variance(mean, axis, white**2 / total + pattern**2, known, is_certain))
-    whole = _frame_variance(residual, white, temporal)
+    whole = _frame_variance(residual, white, temporal, weights)
     return LineNoise(*(float(np.sqrt(variance)) for variance in (*constant, *temporal, *renewed, whole)))
 
 
-def _frame_variance(residual: Array, white: float, temporal: list[float]) -> float:
-    """Variance (K2) that whole frames have anew, from second differences in time of their means; 0 if insignificant."""
+def _frame_variance(residual: Array, white: float, temporal: list[float], weights: Array) -> float:
+    """Variance (K2) that whole frames have anew, from differences in time of their means; 0 if insignificant.
+
+    They are fourth differences (second of few frames), because the mean of many pixels shows the least curvature.
+    """
     always = np.asarray(np.isfinite(residual).all(axis=0))
     rows, columns = (max(int(always.any(axis=axis).sum()), 1) for axis in (1, 0))
-    steps = np.diff(residual[:, always].mean(axis=1), n=2) if always.any() else np.zeros(0)
+    factors = DIFFERENCE_WEIGHTS[4 if len(residual) >= MIN_LINES_FOURTH_ORDER else 2]
+    is_enough = always.any() and len(residual) >= len(factors)
+    steps = _combine_lines(residual[:, always].mean(axis=1)[None], factors)[0] if is_enough else np.zeros(0)
     if len(steps) < MIN_DIFFERENCES:
         return 0.0
     expected = white**2 / max(int(np.count_nonzero(always)), 1) + temporal[0] / rows + temporal[1] / columns
-    ratio = _robust_mean_square(steps) / (6.0 * expected)
-    freedom = MAD_EFFICIENCY * len(steps) / 1.5
+    each = np.sqrt(_combine_lines(1.0 / weights[None], factors**2)[0])
+    ratio = _robust_mean_square(steps / each) / expected
+    freedom = MAD_EFFICIENCY * len(steps) / (0.5 * len(factors))
     return (ratio - 1.0) * expected if ratio > chi2.isf(FALSE_ALARMS, freedom) / freedom else 0.0
 
 
-def _frame_mean(residual: Array) -> Array:
-    """Mean over frames (nv, nu), NaN where no frame has a value."""
+def frame_mean(residual: Array, weights: Array | None = None) -> Array:
+    """Mean over frames (nv, nu) with `weights` (frames,), NaN where no frame has a value."""
     known = np.isfinite(residual)
-    count = known.sum(axis=0)
-    return np.where(count > 0, np.sum(residual, axis=0, where=known) / np.maximum(count, 1), np.nan)
+    if weights is None or np.all(weights == 1.0):
+        total, n = np.sum(residual, axis=0, where=known), known.sum(axis=0)
+    else:
+        each = weights[:, None, None]
+        total, n = np.sum(residual * each, axis=0, where=known), np.sum(known * each, axis=0)
+    return np.where(n > 0, total / np.maximum(n, 1), np.nan)
 
 
-def _find_renewals(residual: Array, white: float, temporal: list[float]) -> tuple[int, ...]:
+def _find_renewals(residual: Array, white: float, temporal: list[float], weights: Array) -> tuple[int, ...]:
     """First frame after each renewal of line noise, by binary segmentation (Vostrikova, Sov. Math. Dokl. 24, 1981, 55).
 
-    A segment is split where the lines before and after differ most, if that is more than chance: the robust mean square
-    of all lines, so that errors of a model near the contact or an edge cannot cause it.
+    A segment is split where the rows, or the columns, before and after differ most, if that is more than chance: the
+    robust mean square of all of them, so that errors of a model near the contact or an edge cannot cause it.
     """
     found, open_segments = [], [(0, len(residual))]
-    lines = [_line_differences(residual, axis, white**2, now) for axis, now in zip(AXES, temporal, strict=True)]
-    values, precision, independent = (np.concatenate(part, axis=-1) for part in zip(*lines, strict=True))
-    freedom = MAD_EFFICIENCY * max(float(independent.sum()), 1.0)
-    limit = chi2.isf(FALSE_ALARMS / max(len(residual), 1), freedom) / freedom
+    lines = [
+        _line_differences(residual, axis, white**2, now, weights) for axis, now in zip(AXES, temporal, strict=True)
+    ]
+    chance = FALSE_ALARMS / (len(lines) * max(len(residual), 1))
+    freedoms = [MAD_EFFICIENCY * max(float(independent.sum()), 1.0) for *_, independent in lines]
+    limits = [chi2.isf(chance, freedom) / freedom for freedom in freedoms]
+
+    def excess(first: int, split: int, last: int) -> float:
+        ratios = (_split_ratio(values, precision, first, split, last) for values, precision, _ in lines)
+        return max(ratio / limit for ratio, limit in zip(ratios, limits, strict=True))
+
     while open_segments:
         first, last = open_segments.pop()
-        ratios = {k: _split_ratio(values, precision, first, k, last) for k in range(first + 2, last - 1)}
-        best = max(ratios, key=lambda k: ratios[k], default=0)
-        if best and ratios[best] > limit:
+        sizes = {k: excess(first, k, last) for k in range(first + 2, last - 1)}
+        best = max(sizes, key=lambda k: sizes[k], default=0)
+        if best and sizes[best] > 1.0:
             found.append(best)
             open_segments += [(first, best), (best, last)]
     return tuple(sorted(found))
 
 
-def _line_differences(residual: Array, axis: int, pixel: float, line: float) -> tuple[Array, Array, Array]:
+def _line_differences(
+    residual: Array, axis: int, pixel: float, line: float, weights: Array
+) -> tuple[Array, Array, Array]:
     """Differences (frames, n) of neighbouring line means, their precisions (0 where unknown), and the number (n,) of
     independent ones for which each counts."""
     known = np.isfinite(residual)
     count = known.sum(axis=axis)
     mean = np.where(count > 1, np.sum(residual, axis=axis, where=known) / np.maximum(count, 1), np.nan)
-    weights = DIFFERENCE_WEIGHTS[4 if mean.shape[1] >= MIN_LINES_FOURTH_ORDER else 2]
-    if mean.shape[1] <= len(weights):
+    factors = DIFFERENCE_WEIGHTS[4 if mean.shape[1] >= MIN_LINES_FOURTH_ORDER else 2]
+    if mean.shape[1] <= len(factors):
         return np.zeros((len(residual), 0)), np.zeros((len(residual), 0)), np.zeros(0)
-    values = _combine_lines(mean, weights)
-    variance = _combine_lines(pixel / np.maximum(count, 1) + line, weights**2)
-    precision = np.where(np.isfinite(values), 1.0 / variance, 0.0)
-    return np.nan_to_num(values), precision, np.full(values.shape[1], 2.0 / len(weights))
+    values = _combine_lines(mean, factors)
+    variance = _combine_lines(pixel / np.maximum(count, 1) + line, factors**2)
+    precision = np.where(np.isfinite(values), weights[:, None] / variance, 0.0)
+    return np.nan_to_num(values), precision, np.full(values.shape[1], 2.0 / len(factors))
 
 
 def _split_ratio(values: Array, precision: Array, first: int, split: int, last: int) -> float:

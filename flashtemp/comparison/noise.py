@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from flashtemp.comparison.line_noise import (
     CHANCE_LIMIT_SDS,
@@ -12,11 +13,14 @@ from flashtemp.comparison.line_noise import (
     NO_LINES,
     LineNoise,
     estimate_line_noise,
+    frame_mean,
 )
 
 FRAMES_PER_BATCH = 256  # processed at a time
 DIFFERENCE_OVERLAP = 18.0  # values in one difference along three axes (2 x 3 x 3)
 RAISED_WHITE = "white above the stated one"
+MIN_FRAME_PIXELS = 30  # of which the median of a frame takes hardly any noise of single pixels
+SECOND_DIFFERENCE = np.array([1.0, -2.0, 1.0])
 MAX_DIGIT_VALUES = 20_000  # values from which the quantisation step is determined
 MAD_TO_SD = 1.482602218505602  # standard deviation over median absolute deviation of a normal distribution
 
@@ -38,6 +42,11 @@ class NoiseLevels:
     renewed_pattern: float = 0.0
     renewals: tuple[int, ...] = ()
 
+    @property
+    def averaged_frames(self) -> np.ndarray | None:
+        """Number of camera frames (frames,) in each frame, None where frames are single ones."""
+        return None if self.averaged is None else np.array(self.averaged, float)
+
     def frame_weights(self) -> np.ndarray | float:
         """Number of camera frames in each frame, in a shape that multiplies images (frames, nv, nu)."""
         return 1.0 if self.averaged is None else np.array(self.averaged, float)[:, None, None]
@@ -55,20 +64,22 @@ def estimate_noise(
     it searched for renewals.
     """
     estimated, n = [], len(residual)
+    weights = None if averaged is None else np.array(averaged, float)
     if white is None:
         estimated.append("white")
-        each = np.ones(n) if averaged is None else np.array(averaged, float)
+        each = np.ones(n) if weights is None else weights
         if n > 2:
             step = np.diff(residual, axis=0) / np.sqrt(1.0 / each[1:] + 1.0 / each[:-1])[:, None, None]
+            if step[0].size >= MIN_FRAME_PIXELS:  # noise of whole frames is none of single pixels
+                step -= np.array([_known_median(one) for one in step])[:, None, None]
         else:
             step = np.diff(residual, n=2, axis=-1) * np.sqrt(each / 6.0)[:, None, None]
         white = _robust_sd(step)
     if pattern is None:
         estimated.append("pattern")
-        frames = n if averaged is None else sum(averaged)
-        pattern = float(np.sqrt(max(_pixel_variance(frame_mean(residual)) - white**2 / max(frames, 1), 0.0)))
+        pattern = _pattern_beside(residual, white, weights)
     white, pattern = max(float(white), 1e-6), float(pattern)
-    lines, renewals = estimate_line_noise(residual if rest is None else rest, white, pattern, rest is not None)
+    lines, renewals = estimate_line_noise(residual if rest is None else rest, white, pattern, rest is not None, weights)
     levels = NoiseLevels(white, pattern, tuple(estimated), averaged, lines, renewals=renewals)
     return _with_renewed_pattern(_without_line_noise(levels, residual), residual if rest is None else rest)
 
@@ -113,9 +124,15 @@ def _without_line_noise(noise: NoiseLevels, residual: np.ndarray) -> NoiseLevels
     if "white" in noise.estimated and n > 2:
         white = np.sqrt(max(white**2 - lines.frame_rows**2 - lines.frame_columns**2, (0.5 * white) ** 2))
     if "pattern" in noise.estimated:
-        frames = n if noise.averaged is None else sum(noise.averaged)
-        pattern = np.sqrt(max(_pixel_variance(frame_mean(residual)) - white**2 / max(frames, 1), 0.0))
+        pattern = _pattern_beside(residual, white, noise.averaged_frames)
     return replace(noise, white=float(white), pattern=float(pattern))
+
+
+def _pattern_beside(residual: np.ndarray, white: float, weights: np.ndarray | None) -> float:
+    """Fixed pattern (K) of pixels, beside `white` noise; frames without any value do not count."""
+    known = np.isfinite(residual).any(axis=(1, 2))
+    frames = float(np.sum(known if weights is None else known * weights))
+    return float(np.sqrt(max(_pixel_variance(frame_mean(residual, weights)) - white**2 / max(frames, 1.0), 0.0)))
 
 
 def _pixel_variance(image: np.ndarray) -> float:
@@ -129,31 +146,37 @@ def _pixel_variance(image: np.ndarray) -> float:
 
 def _with_renewed_pattern(noise: NoiseLevels, residual: np.ndarray) -> NoiseLevels:
     """Noise with the part of the pattern that shutter events renew, from the differences between the intervals."""
-    if not noise.renewals or noise.averaged is not None or min(residual.shape[1:]) < 3:
+    if not noise.renewals or min(residual.shape[1:]) < 3:
         return noise
-    parts = np.split(residual, noise.renewals)
-    frames = np.array([len(part) for part in parts])
-    variance = 0.5 * noise.white**2 * (1.0 / frames[1:] + 1.0 / frames[:-1])
-    change = np.diff([frame_mean(p) for p in parts], axis=0) / np.sqrt(2.0)
-    change = np.diff(np.diff(change, n=2, axis=1), n=2, axis=2) / (6.0 * np.sqrt(variance))[:, None, None]
+    weights = np.ones(len(residual)) if noise.averaged is None else np.array(noise.averaged, float)
+    parts = [np.split(a, noise.renewals) for a in (residual, weights)]
+    frames = np.array([(np.isfinite(part) * w[:, None, None]).sum(axis=0) for part, w in zip(*parts, strict=True)])
+    each = noise.white**2 / np.maximum(frames, 1)
+    weights = np.outer(*[SECOND_DIFFERENCE**2] * 2)
+    variance = np.sum(sliding_window_view(0.5 * (each[1:] + each[:-1]), (3, 3), axis=(1, 2)) * weights, axis=(3, 4))
+    change = np.diff([frame_mean(part, w) for part, w in zip(*parts, strict=True)], axis=0) / np.sqrt(2.0)
+    change = np.diff(np.diff(change, n=2, axis=1), n=2, axis=2) / np.sqrt(variance)
     count = int(np.isfinite(change).sum()) / DIFFERENCE_OVERLAP * 2.0
     ratio = _robust_sd(change) ** 2
     if ratio < 1.0 + CHANCE_LIMIT_SDS * np.sqrt(2.0 / (MAD_EFFICIENCY * max(count, 1.0))):
         return noise
-    return replace(noise, renewed_pattern=float(np.sqrt((ratio - 1.0) * np.median(variance))))
+    renewed = (ratio - 1.0) * float(np.median(variance[np.isfinite(change)])) / weights.sum()
+    pattern = noise.pattern
+    if "pattern" in noise.estimated:  # the mean over all frames contains what each interval has anew
+        total = np.maximum(frames.sum(axis=0), 1)
+        pattern = np.sqrt(max(pattern**2 - renewed * float(np.median(np.sum(frames**2, axis=0) / total**2)), 0.0))
+    return replace(noise, renewed_pattern=float(np.sqrt(renewed)), pattern=float(pattern))
+
+
+def _known_median(values: np.ndarray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else 0.0
 
 
 def _robust_sd(values: np.ndarray) -> float:
     """Robust standard deviation of differences."""
     values = values[np.isfinite(values)]
     return MAD_TO_SD * float(np.median(np.abs(values - np.median(values)))) if len(values) else 0.0
-
-
-def frame_mean(residual: np.ndarray) -> np.ndarray:
-    """Mean over frames (nv, nu), NaN where no frame has a value."""
-    known = np.isfinite(residual)
-    n = known.sum(axis=0)
-    return np.where(n > 0, np.sum(residual, axis=0, where=known) / np.maximum(n, 1), np.nan)
 
 
 def lag1_autocorrelation(whitened: np.ndarray, axis: int) -> tuple[float, float]:

@@ -18,6 +18,7 @@ from flashtemp.comparison.noise import NoiseLevels
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
+VALUES_PER_BATCH = 1_000_000  # of matrices on pixels
 
 
 def whiten(residual: Array, noise: NoiseLevels) -> Array:
@@ -89,23 +90,33 @@ class NoiseWhitening:
 
     @cached_property
     def _pixel_factors(self) -> tuple[Array, Array]:
-        """Matrices (intervals, intervals, nv, nu) on the interval means of pixels, that whiten them and back."""
-        ratio = self.noise.white**-2.0
-        shape = self.counts.shape
-        each, number = np.unique(self.counts.reshape(len(self.starts), -1), axis=1, return_inverse=True)
+        """Matrices (different counts, intervals, intervals) on the interval means of pixels, that whiten them and back,
+        for each of the `_different_counts`."""
         covariances = [
-            np.eye(len(self.starts)) + ratio * _interval_covariance(n, self.noise.renewed_pattern, self.noise.pattern)
-            for n in each.T
+            _interval_covariance(n, self.noise.renewed_pattern, self.noise.pattern) for n in self._different_counts[0]
         ]
-        roots = [np.stack([_matrix_power(c, power) for c in covariances], axis=-1) for power in (-0.5, 0.5)]
-        back, forth = (root[..., np.ravel(number)].reshape(*root.shape[:2], *shape[1:]) for root in roots[::-1])
+        variance, shape = np.linalg.eigh(np.eye(len(self.starts)) + self.noise.white**-2.0 * np.array(covariances))
+        forth, back = ((shape * variance[:, None] ** power) @ np.swapaxes(shape, 1, 2) for power in (-0.5, 0.5))
         return forth, back
+
+    @cached_property
+    def _different_counts(self) -> tuple[Array, npt.NDArray[np.int64]]:
+        """The different `counts` (n, intervals) of pixels, and the number (pixels,) of that of each pixel."""
+        each, number = np.unique(self.counts.reshape(len(self.starts), -1), axis=1, return_inverse=True)
+        return each.T, np.ravel(number)
 
     def _scale_intervals(self, values: Array, factors: Array) -> Array:
         if not (self.noise.pattern or self.noise.renewed_pattern):
             return values
-        means = self._interval_means(values)
-        return self._with_interval_means(values, np.einsum("klvu,lvu->kvu", factors, means) - means)
+        means, number = self._interval_means(values), self._different_counts[1]
+        change, pixels = -means.reshape(len(means), -1), means.reshape(len(means), -1)
+        if len(factors) == 1:
+            change += factors[0] @ pixels
+        else:  # a few pixels at a time, because a matrix for each of all would need much memory
+            batch = max(1, VALUES_PER_BATCH // factors[0].size)
+            for part in (slice(k, k + batch) for k in range(0, len(number), batch)):
+                change[:, part] += np.einsum("pkl,lp->kp", factors[number[part]], pixels[:, part])
+        return self._with_interval_means(values, change.reshape(means.shape))
 
     # --- lines --------------------------------------------------------------------------------------------
     def _variances(self) -> Iterator[tuple[int, float, Array]]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from flashtemp.comparison.campaign import Campaign, Condition, RecordingEntry
 from flashtemp.comparison.compare import screen_campaign
+from flashtemp.comparison.line_noise import NO_LINES
 from flashtemp.discovery.criteria import CRITERIA, Criteria
 from flashtemp.discovery.estimation.hyperparameters import maximise_evidence
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem, whitened_residual
@@ -265,7 +266,7 @@ class LiveEvidence:
         """Expected ln Bayes factors for all foreseen frames, with the noise of the data so far."""
         kept = [self._kept[_condition_key(c)] for c in problem.conditions]
         whole = replace_views(problem, [v for k in kept for v in k.views.values()])
-        noises = {file: replace(n, lines=type(n.lines)()) for file, n in data.noises.items()}
+        noises = {file: replace(n, lines=NO_LINES, renewed_pattern=0.0, renewals=()) for file, n in data.noises.items()}
         fine = [k.fine for k in kept]
         coarser = [list(mesh) for mesh in zip(*(k.coarser for k in kept), strict=True)]
         blank = WhitenedData.from_predictions(whole, fine, coarser, noises)

@@ -276,6 +276,66 @@ def test_renewals_of_lines_are_found_with_their_size_and_chance_makes_none(renew
     assert estimate_noise(changed, SIGMA, 0.0).renewals == ()  # not searched for in a residual of no fit
 
 
+@pytest.mark.parametrize("axis", [1, 2])
+def test_renewals_of_rows_alone_or_of_columns_alone_are_found_where_they_are(axis):
+    """However large they are, and with many more lines along the other axis."""
+    rng = np.random.default_rng(12)
+    shape = (40, 24, 72) if axis == 2 else (40, 72, 24)
+    size = [1, *shape[1:]]
+    size[axis] = 1
+    for level in (0.03, 0.3):
+        renewed = level * rng.normal(size=size) * (np.arange(40) >= 17)[:, None, None]
+        changed = rng.normal(0.0, SIGMA, shape) + renewed
+        found = estimate_noise(changed, SIGMA, 0.0, None, changed)
+        assert found.renewals == (17,)
+        sizes = (found.lines.renewed_rows, found.lines.renewed_columns)
+        assert sizes[2 - axis] == pytest.approx(level / np.sqrt(2.0), rel=0.6)
+        assert sizes[axis - 1] < 0.01
+
+
+def test_noise_of_means_of_frames_is_that_of_a_frame():
+    rng, counts = np.random.default_rng(15), np.repeat([1, 5, 20], [10, 10, 20])
+    root = np.sqrt(counts)[:, None, None]
+    changed = (SIGMA * rng.normal(size=(40, 60, 80)) + 0.3 * SIGMA * rng.normal(size=(40, 60, 1))) / root
+    changed += 0.1 * SIGMA * rng.normal(size=(60, 1))
+    changed += 0.2 * SIGMA * rng.normal(size=(1, 80)) * (np.arange(40)[:, None, None] >= 25)
+    found = estimate_noise(changed, None, None, tuple(counts), changed)
+    assert found.renewals == (25,)
+    assert found.white == pytest.approx(SIGMA, rel=0.05)
+    assert found.pattern < 0.05 * SIGMA
+    sizes = np.array([found.lines.frame_rows, found.lines.rows, found.lines.renewed_columns]) / SIGMA
+    assert sizes == pytest.approx([0.3, 0.1, 0.2 / np.sqrt(2.0)], rel=0.6)
+
+
+def test_pixels_without_values_in_some_frames_renew_no_pattern():
+    rng = np.random.default_rng(13)
+    changed = rng.normal(0.0, SIGMA, (60, 40, 60)) + 0.3 * rng.normal(size=(40, 1)) * (
+        np.arange(60)[:, None, None] >= 30
+    )
+    changed[3:30][:, rng.random((40, 60)) < 0.5] = np.nan
+    found = estimate_noise(changed, SIGMA, 0.0, None, changed)
+    assert found.renewals == (30,)
+    assert found.renewed_pattern == 0.0
+
+
+def test_levels_of_noise_contain_no_part_of_each_other():
+    """White noise does not contain that of whole frames; the constant pattern not that which the shutter renews."""
+    rng, after = np.random.default_rng(14), np.arange(60)[:, None, None] >= 30
+    white = rng.normal(0.0, SIGMA, (60, 40, 60))
+    frames = white + 4.0 * SIGMA * rng.normal(size=(60, 1, 1))
+    found = estimate_noise(frames, None, 0.0, None, frames)
+    assert found.white == pytest.approx(SIGMA, rel=0.05)
+    assert found.lines.frames == pytest.approx(4.0 * SIGMA, rel=0.5)
+    profile = frames[:, :1]
+    assert estimate_noise(profile, None, 0.0, None, profile).white == pytest.approx(SIGMA, rel=0.1)
+    patterns = [SIGMA * (rng.normal(size=(40, 60)) + rng.normal(size=(40, 1))) for _ in range(2)]
+    renewed = white + np.where(after, *patterns)
+    found = estimate_noise(renewed, None, None, None, renewed)
+    assert found.renewals == (30,)
+    assert found.renewed_pattern == pytest.approx(SIGMA, rel=0.2)
+    assert found.pattern < 0.4 * SIGMA
+
+
 def test_components_of_the_three_dimensional_noise_model_are_estimated_and_chance_is_none():
     rng = np.random.default_rng(9)
     shape = (20, 40, 60)
@@ -301,6 +361,8 @@ def test_noise_of_whole_frames_is_estimated_and_neither_drift_nor_a_jump_is_take
     assert estimate_noise(plain, SIGMA, 0.0).lines.frames == 0.0
     found = [estimate_noise(plain + 0.01 * rng.normal(size=(40, 1, 1)), SIGMA, 0.0).lines.frames for _ in range(10)]
     assert np.mean(found) == pytest.approx(0.01, rel=0.3)
+    heat = 8.0 * np.sqrt(np.arange(40.0) / 40.0)  # of many pixels, so that the mean has hardly any noise
+    assert estimate_noise(heat[:, None, None] + rng.normal(0.0, SIGMA, (40, 120, 160)), SIGMA, 0.0).lines.frames == 0.0
 
 
 def test_stated_noise_is_raised_to_what_frames_show_and_by_coarse_digits():

@@ -16,7 +16,11 @@ from flashtemp.discovery.engine import predict_coarser_meshes
 from flashtemp.discovery.estimation import whitening
 from flashtemp.discovery.estimation.camera_error_columns import MAX_UNTRACKED_FRACTION, smear_modes
 from flashtemp.discovery.estimation.nuisance_priors import nuisance_priors
-from flashtemp.discovery.prediction.mesh_extrapolation import coarser_mesh_factors, error_per_difference
+from flashtemp.discovery.prediction.mesh_extrapolation import (
+    coarser_mesh_factors,
+    coarser_mesh_keys,
+    error_per_difference,
+)
 from flashtemp.discovery.prediction.prediction import DerivativeRequest, predict_condition
 from flashtemp.discovery.prediction.problem import prepare_problem
 from flashtemp.model.case import load_case
@@ -32,7 +36,25 @@ SHORT = {
 def test_an_error_of_second_order_is_known_exactly(factor):
     values = {cells: 7.0 + 3.0 * cells**-2.0 for cells in (40.0, 40.0 * factor)}
     difference = values[40.0] - values[40.0 * factor]
-    assert difference * error_per_difference((1.0, factor, 1.0)) == pytest.approx(7.0 - values[40.0], rel=1e-9)
+    fraction = error_per_difference(cells_of_a_case(), (1.0, factor, 1.0))
+    assert difference * fraction == pytest.approx(7.0 - values[40.0], rel=1e-9)
+
+
+def cells_of_a_case(across=1, finer=1.0):
+    return {"numerics.finer": [finer] * 3, "numerics.across": across, "numerics.first_y": 1e-4}
+
+
+@pytest.mark.parametrize(("across", "fraction"), [(2, 0.0), (3, 1.0 / 1.25), (4, 1.0 / 3.0), (60, 1.0 / 3.0)])
+def test_few_cells_across_are_compared_with_as_many_as_there_can_be(across, fraction):
+    case, factors = cells_of_a_case(across), (1.0, 1.0, 1.0, 0.5)
+    assert error_per_difference(case, factors) == pytest.approx(fraction)
+    keys = coarser_mesh_keys(case, *factors)
+    assert keys["numerics.across"] * keys["numerics.first_y"] == pytest.approx(across * 1e-4)  # a similar mesh
+
+
+def test_a_mesh_that_can_hardly_be_coarser_has_the_factor_that_is_left():
+    assert error_per_difference(cells_of_a_case(finer=0.125), (0.6, 1.0, 1.0)) == pytest.approx(1.0 / (1.25**2 - 1.0))
+    assert error_per_difference(cells_of_a_case(finer=0.1), (0.6, 1.0, 1.0)) == 0.0
 
 
 @pytest.fixture(scope="module")
@@ -63,6 +85,15 @@ def test_extrapolation_removes_most_of_the_error_of_a_mesh(meshes, view):
     rms = [float(np.sqrt(np.mean(a**2))) for a in (error, left)]
     assert rms[0] > 1e-3
     assert rms[1] < rms[0] / 3.0
+
+
+def test_camera_errors_of_the_same_prediction_are_the_same(meshes):
+    data = whitening.WhitenedData.from_predictions(meshes.problem, meshes.first, meshes.coarser)
+    again = data.with_image_errors_of([prediction.without_columns for prediction in meshes.first])
+    for file, fixed in data.fixed.items():
+        assert sorted(map(str, again.fixed[file].names)) == sorted(map(str, fixed.names))
+        order = [again.fixed[file].names.index(p) for p in fixed.names]
+        assert again.fixed[file].F[:, order] == pytest.approx(fixed.F, abs=1e-6)
 
 
 # --- road that the block covered when it began to slide -----------------------------------------------------------
@@ -97,6 +128,18 @@ def test_every_repetition_has_its_own_start():
     run = sliding_run([0.0, 1.0, 3.0, 4.0], [0.0, 0.1, 0.1, 0.2], repetition=np.array([1, 1, 2, 2]))
     out = left_out("wake", [0.9, 3.4], [0.01, 0.03], run)
     assert out.tolist() == [[False, False], [False, True]]
+
+
+def test_a_block_that_comes_back_meets_the_road_of_its_start_again():
+    """After 0.1 m and 0.02 m back, road of 0.06 m is left that the block met on its way."""
+    run = sliding_run([0.0, 1.0, 2.0], [0.0, 0.1, 0.2], direction=np.array([1, 1, -1]))
+    out = left_out("wake", [1.2, 1.5, 1.9], [0.005, 0.0255, 0.0265, 0.0395], run)
+    assert out.tolist() == [[False] * 4, [False, False, True, True], [True] * 4]
+
+
+def test_a_block_at_rest_has_no_start():
+    run = sliding_run([0.0, 1.0], [0.0, 0.0], sliding=np.zeros(2, bool))
+    assert not left_out("wake", [0.5], [0.005, 0.03], run).any()
 
 
 def test_all_that_there_is_stays():

@@ -21,16 +21,21 @@ WALL = "wall.nc"
 
 
 def predicted(*directions, error_fraction):
-    """Data and a prediction of a wall 10 K warm, of which the mesh errs by a fraction in each of some directions."""
+    """Data and a prediction of a wall 10 K warm, of which the mesh errs by a fraction in each of some directions.
+
+    One of two frames is compared.
+    """
     rise = np.full((2, 2, 3), 10.0)
     rise[0, 0, 0] = 0.0
     inside = np.ones((2, 3), bool)
-    column = error_fraction * np.sqrt(np.mean(rise**2)) * np.ones((rise.size, len(directions)))
+    known = np.array([[True] * 6, [False] * 6])
+    column = error_fraction * np.sqrt(np.mean(rise[0] ** 2)) * np.ones((6, len(directions)))
     fixed = SimpleNamespace(names=tuple(ParameterId(ParameterKind.MESH, (k,)) for k in directions), F=column)
     case = {"numerics.mesh": 0.5, "numerics.across": 8, "numerics.first_y": 5e-4}
     data = SimpleNamespace(
-        fixed={WALL: fixed}, to_kelvin=lambda file, whitened: whitened, problem=SimpleNamespace(case=case)
-    )
+        fixed={WALL: fixed}, is_compared={WALL: known}, problem=SimpleNamespace(case=case),
+        to_kelvin=lambda file, whitened: np.stack([whitened, np.zeros(6)]),
+    )  # fmt: skip
     observable = SimpleNamespace(values=rise, inside=inside)
     return data, [SimpleNamespace(observables={WALL: observable})]
 

@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from flashtemp.comparison.campaign import RecordingEntry
-from flashtemp.comparison.noise import frame_mean, lag1_autocorrelation
+from flashtemp.comparison.line_noise import frame_mean
+from flashtemp.comparison.noise import lag1_autocorrelation
 from flashtemp.discovery.criteria import Criteria
 from flashtemp.discovery.decision import AdequacyTest
 from flashtemp.discovery.estimation.linear_gaussian import Array, DataBlock, whitened_residual

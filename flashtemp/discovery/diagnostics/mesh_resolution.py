@@ -30,7 +30,7 @@ def mesh_resolution_warnings(data: WhitenedData, predictions: Iterable[Predictio
         f"numerics.mesh = {mesh:g}": (plane, f"{2.0 * mesh:g}"),
         f"numerics.across = {numerics['numerics.across']}{first}": (
             across,
-            "60 with numerics.first_y = 3e-5, or 1 (2D)",
+            f"{max(60, 2 * numerics['numerics.across'])} with numerics.first_y = 3e-5, or 1 (2D)",
         ),
     }
     out, predictions = [], tuple(predictions)
@@ -55,7 +55,8 @@ def _mesh_error(
         return 0.0, 0.0, file
     error = data.to_kelvin(file, fixed.F[:, columns].astype(float).sum(axis=1))
     rise = observable.values[:, observable.inside] - float(np.nanmin(observable.values))
-    error_K, rise_K = (float(np.sqrt(np.mean(a**2))) for a in (error, rise))
+    known = data.is_compared[file]
+    error_K, rise_K = (float(np.sqrt(np.sum(a[known] ** 2) / max(known.sum(), 1))) for a in (error, rise))
     return error_K / max(rise_K, 1e-9), error_K, file
 
 

@@ -31,6 +31,7 @@ HALO_WIDTH_FRACTIONS = (0.05, 0.2)  # fractions of an image over which light goe
 MAX_UNTRACKED_FRACTION = 0.4  # of the motion, that a camera which follows the body may miss
 UNTRACKED_FRACTIONS = 6  # fractions of either sign for which the smear is computed
 MIN_SMEAR_VARIANCE = 1e-5  # of the largest mode of the smear, below which a mode is left out
+VALUES_PER_BATCH = 1_000_000  # of images that are smeared at a time
 CAMERA_ERROR_SCALES: dict[ParameterKind, tuple[float, ...]] = {  # times its usual size that a family of errors may have
     ParameterKind.OFFSET: (0.0, 0.3, 1.0, 3.0),
     ParameterKind.STATIC: (0.0, 0.3, 1.0, 3.0),
@@ -42,11 +43,16 @@ USUAL_CAMERA_ERRORS: Mapping[ParameterKind, float] = dict.fromkeys(CAMERA_ERROR_
 
 
 def camera_columns(
-    r: Recording, predicted: Observable, residual: Array, speed: Array | None = None, renewals: tuple[int, ...] = ()
+    r: Recording,
+    predicted: Observable,
+    residual: Array | None,
+    speed: Array | None = None,
+    renewals: tuple[int, ...] = (),
 ) -> dict[ParameterId, Single]:
     """Columns (frames, valid pixels) K of all camera errors of a recording; none for points.
 
-    `residual` (frames, nv, nu) K: residual of a first fit, in which jumps of the offset show.  `speed` (frames,) m/s:
+    `residual` (frames, nv, nu) K: residual of a first fit, in which jumps of the offset show; None leaves
+    out the offsets, which do not depend on a prediction.  `speed` (frames,) m/s:
     sliding speed.  `renewals`: first frames after shutter events that the line noise shows.
     """
     if r.places is not None:
@@ -54,7 +60,7 @@ def camera_columns(
     sizes = CAMERA_CLASSES[r.camera]
     ones = np.ones((1, *predicted.values.shape[1:]))
     out: dict[ParameterId, Single] = {}
-    for k, wave in enumerate(_iter_offsets(r, residual, sizes, renewals)):
+    for k, wave in enumerate(() if residual is None else _iter_offsets(r, residual, sizes, renewals)):
         out[ParameterId(ParameterKind.OFFSET, (k,))] = flatten_valid_pixels(
             wave[:, None, None] * ones, predicted.inside
         )
@@ -145,17 +151,33 @@ def smear_modes(r: Recording, predicted: Observable, sizes: CameraErrors, speed:
     """
     if speed is None or len(r.u) < 3 or not np.any(speed):
         return []
-    nodes, weights = np.polynomial.legendre.leggauss(UNTRACKED_FRACTIONS)
-    changes = []
-    for node, weight in zip(nodes, weights, strict=True):
-        length = 0.5 * (1.0 + node) * MAX_UNTRACKED_FRACTION * np.abs(speed) * sizes.smear_s / r.pitch[0]
-        for way in (1, -1):
-            late = _filter_along_u(predicted.values[:, :, ::way], length)[:, :, ::way]
-            changes.append(0.5 * np.sqrt(weight) * flatten_valid_pixels(late - predicted.values, predicted.inside))
-    samples = np.stack([change.ravel() for change in changes])
-    variance, shape = np.linalg.eigh(np.asarray(samples @ samples.T, float))
+    images, lags = predicted.values, np.abs(speed) * sizes.smear_s / r.pitch[0]
+    batch = max(1, VALUES_PER_BATCH // images[0].size)
+    parts = [slice(k, k + batch) for k in range(0, len(images), batch)]
+    square = np.zeros((2 * UNTRACKED_FRACTIONS, 2 * UNTRACKED_FRACTIONS))
+    for part in parts:
+        samples = _smear_samples(images[part], predicted.inside, lags[part]).reshape(len(square), -1)
+        square += samples @ samples.T
+    variance, shape = np.linalg.eigh(square)
     used = [k for k in np.argsort(-variance) if variance[k] > MIN_SMEAR_VARIANCE * variance[-1]]
-    return [(shape[:, k].astype(np.float32) @ samples).reshape(changes[0].shape) for k in used]
+    modes = np.empty((len(used), len(images), np.count_nonzero(predicted.inside)), np.float32)
+    for part in parts:  # again, because all samples together would need much memory
+        samples = _smear_samples(images[part], predicted.inside, lags[part])
+        modes[:, part] = np.tensordot(shape[:, used].T.astype(np.float32), samples, 1)
+    return list(modes)
+
+
+def _smear_samples(images: Array, inside: npt.NDArray[np.bool_], lags: Array) -> Single:
+    """Changes (2 UNTRACKED_FRACTIONS, frames, valid pixels) by parts of motion with `lags` (frames,) px, as nodes of a
+    quadrature times the root of their weights."""
+    nodes, weights = np.polynomial.legendre.leggauss(UNTRACKED_FRACTIONS)
+    out = []
+    for node, weight in zip(nodes, weights, strict=True):
+        length = 0.5 * (1.0 + node) * MAX_UNTRACKED_FRACTION * lags
+        for way in (1, -1):
+            late = _filter_along_u(images[:, :, ::way], length)[:, :, ::way]
+            out.append(0.5 * np.sqrt(weight) * flatten_valid_pixels(late - images, inside))
+    return np.stack(out).astype(np.float32, copy=False)
 
 
 def _filter_along_u(images: Array, length: Array) -> Array:
@@ -166,11 +188,13 @@ def _filter_along_u(images: Array, length: Array) -> Array:
     lag = np.maximum(length, 1e-3)[:, None]
     kept = np.exp(-1.0 / lag)
     older = lag * (1.0 - kept) - kept  # weight of the pixel before
-    out = np.empty_like(images)
-    out[..., 0] = images[..., 0]
-    for i in range(1, images.shape[2]):
-        out[..., i] = kept * out[..., i - 1] + older * images[..., i - 1] + (1.0 - kept - older) * images[..., i]
-    return out
+    out = np.array(np.moveaxis(images, 2, 0))  # pixels along u first: neighbours in memory are filtered together
+    before = out[0].copy()
+    for i in range(1, len(out)):
+        now = out[i].copy()
+        out[i] = kept * out[i - 1] + older * before + (1.0 - kept - older) * now
+        before = now
+    return np.moveaxis(out, 0, 2)
 
 
 def _iter_stray_light(values: Array, sizes: CameraErrors) -> Iterator[Array]:

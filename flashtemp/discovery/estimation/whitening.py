@@ -105,14 +105,15 @@ class WhitenedData:
         """The data with the columns of camera and model errors computed anew, for predictions of a calibrated model.
 
         These errors multiply with the place of an image, so they are not those of an image that lies elsewhere.
+        Offsets of whole frames stay: the jumps among them show in the residual of the first predictions.
         """
         fixed = dict(self.fixed)
         for condition, prediction in zip(self.problem.conditions, predictions, strict=True):
             for view in condition.views:
                 seen, old = prediction.observables[view.file], self.fixed[view.file]
-                rest, noise = calibrated_residual(view, seen), self.noises[view.file]
-                own = _image_errors(view, seen, rest, prediction.run, noise)
-                kept = [k for k, p in enumerate(old.names) if p.kind in (*FIXED_KINDS, *MODEL_KINDS)]
+                own = _image_errors(view, seen, None, prediction.run, self.noises[view.file])
+                same = (*FIXED_KINDS, *MODEL_KINDS, ParameterKind.OFFSET)
+                kept = [k for k, p in enumerate(old.names) if p.kind in same]
                 F = np.hstack([old.F[:, kept], self._whiten_columns(view, own)])
                 names = (*(old.names[k] for k in kept), *own)
                 fixed[view.file] = FixedColumns(names, F, gram_matrices([F])[0])
@@ -222,7 +223,7 @@ def _mesh_errors(
     """What a prediction lacks by its mesh, in each direction, by Richardson extrapolation from coarser meshes."""
     out = {}
     for k, (other, factors) in enumerate(zip(coarser, coarser_mesh_factors(problem.case), strict=False)):
-        error = (predicted.values - other.values) * error_per_difference(factors)
+        error = (predicted.values - other.values) * error_per_difference(problem.case, factors)
         out[ParameterId(ParameterKind.MESH, (k,))] = (
             flatten_valid_pixels(error, predicted.inside) if error.ndim == 3 else error
         )
@@ -230,9 +231,12 @@ def _mesh_errors(
 
 
 def _image_errors(
-    view: RecordingEntry, predicted: Observable, rest: Array, run: Run, noise: NoiseLevels
+    view: RecordingEntry, predicted: Observable, rest: Array | None, run: Run, noise: NoiseLevels
 ) -> dict[ParameterId, npt.NDArray[Any]]:
-    """Columns of errors that no simulation contains: those of the camera, and of a model at this prediction."""
+    """Columns of errors that no simulation contains: those of the camera, and of a model at this prediction.
+
+    `rest` (frames, nv, nu) K: residual of a first fit, None without offsets of the camera.
+    """
     out: dict[ParameterId, npt.NDArray[Any]] = dict(camera_smooth_basis(view, predicted))
     out |= discrepancy_basis(view, predicted)
     speed = _sliding_speed(run, view.recording.time)
@@ -262,15 +266,21 @@ def _is_starting_road(view: RecordingEntry, seen: Observable, run: Run) -> npt.N
     clock belong to it.  Nothing is left out if nothing else would remain.
     """
     r = view.recording
-    if r.view != "wake":
+    starts, slid_before, ways = _find_starts(run)
+    if r.view != "wake" or not len(starts):
         return np.zeros((r.frames, np.count_nonzero(seen.inside)), bool)
-    starts, slid_before = _find_starts(run)
     unsure = CLOCK_STANDARD_DEVIATIONS * NUISANCE_SD[ParameterKind.CLOCK]
     near = np.asarray((np.abs(r.time[:, None] - starts) < unsure).any(axis=1))
     begun = np.maximum(np.searchsorted(starts, r.time, "right") - 1, 0)
-    slid = np.interp(r.time, run.time, run.slid) - slid_before[begun]
     x, first, last = run.mesh.x, run.mesh.first, run.mesh.last
-    if float(np.median(r.u)) > 0.0:
+    is_right = float(np.median(r.u)) > 0.0
+    # sliding the other way, the block comes back over the road in view
+    sign = np.where(ways == (1 if is_right else -1), 1.0, -1.0)
+    met = np.zeros(len(starts))
+    for k in range(1, len(starts)):
+        met[k] = 0.0 if sign[k] > 0.0 else met[k - 1] + sign[k - 1] * (slid_before[k] - slid_before[k - 1])
+    slid = met[begun] + sign[begun] * (np.interp(r.time, run.time, run.slid) - slid_before[begun])
+    if is_right:
         behind, nodes = r.u - x[last], x[last:] - x[last]
     else:  # of a block that slides back
         behind, nodes = x[first] - r.u, (x[first] - x[: first + 1])[::-1]
@@ -285,12 +295,13 @@ def _is_starting_road(view: RecordingEntry, seen: Observable, run: Run) -> npt.N
     return np.zeros_like(out)
 
 
-def _find_starts(run: Run) -> tuple[Array, Array]:
-    """Times (s) at which sliding begins or turns, and the distance (m) slid by then."""
+def _find_starts(run: Run) -> tuple[Array, Array, npt.NDArray[np.int_]]:
+    """Times (s) at which sliding begins or turns, the distance (m) slid by then, and the direction from then on."""
     way = run.sliding * (1 if run.direction is None else run.direction)
     turns = (np.diff(way, prepend=0) != 0) | (np.diff(run.repetition, prepend=0) > 0)  # with a wait, and without
-    begun = np.maximum(np.flatnonzero(run.sliding & turns) - 1, 0)  # a wait is recorded to its end
-    return run.time[begun], run.slid[begun]
+    first = np.flatnonzero(run.sliding & turns)
+    begun = np.maximum(first - 1, 0)  # a wait is recorded to its end
+    return run.time[begun], run.slid[begun], way[first]
 
 
 def _image_residual(view: RecordingEntry, predicted: Observable) -> Array:

@@ -30,10 +30,17 @@ def coarser_mesh_keys(case: Case, along: float, up: float, down: float, across: 
     if across < 1.0:
         out["numerics.across"] = max(2, round(across * case["numerics.across"]))
         if first := case["numerics.first_y"]:
-            out["numerics.first_y"] = first / across
+            out["numerics.first_y"] = first * case["numerics.across"] / out["numerics.across"]
     return out
 
 
-def error_per_difference(factors: tuple[float, ...]) -> float:
-    """The mesh error as a fraction of the difference to a mesh with these factors on the number of cells."""
-    return 1.0 / (min(factors) ** -ORDER_OF_ACCURACY - 1.0)
+def error_per_difference(case: Case, factors: tuple[float, ...]) -> float:
+    """The mesh error as a fraction of the difference to the mesh of a case with these factors on the number of cells.
+
+    The factors are those that the mesh can have: few cells across cannot be halved.  0 if no mesh is coarser.
+    """
+    keys = coarser_mesh_keys(case, *factors)
+    ratios = [new / old for new, old in zip(keys["numerics.finer"], case["numerics.finer"], strict=True)]
+    if "numerics.across" in keys:
+        ratios.append(keys["numerics.across"] / case["numerics.across"])
+    return 1.0 / (min(ratios) ** -ORDER_OF_ACCURACY - 1.0) if min(ratios) < 1.0 else 0.0

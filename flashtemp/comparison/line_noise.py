@@ -19,6 +19,7 @@ MAD_EFFICIENCY = 0.37  # statistical efficiency of the MAD (Rousseeuw & Croux 19
 DIFFERENCE_WEIGHTS = {2: np.array([1.0, -2.0, 1.0]), 4: np.array([1.0, -4.0, 6.0, -4.0, 1.0])}  # second and fourth
 MIN_LINES_FOURTH_ORDER = 9  # lines, or frames, needed for fourth differences
 MIN_DIFFERENCES = 4  # differences needed for an estimate of scale
+MIN_LINES_ALONE = 20  # differences of rows or of columns from which their renewal is judged alone
 FALSE_ALARMS = 1e-3  # renewals that chance finds in a recording
 AXES = ROWS_AXIS, COLUMNS_AXIS = 2, 1  # along which rows and columns of images (frames, nv, nu) extend
 CHANCE_LIMIT_SDS = 3.09  # standard deviations, exceeded by chance once in a thousand
@@ -133,13 +134,16 @@ def frame_mean(residual: Array, weights: Array | None = None) -> Array:
 def _find_renewals(residual: Array, white: float, temporal: list[float], weights: Array) -> tuple[int, ...]:
     """First frame after each renewal of line noise, by binary segmentation (Vostrikova, Sov. Math. Dokl. 24, 1981, 55).
 
-    A segment is split where the rows, or the columns, before and after differ most, if that is more than chance: the
-    robust mean square of all of them, so that errors of a model near the contact or an edge cannot cause it.
+    A segment is split where the rows, the columns, or both before and after differ most, if that is more than chance:
+    the robust mean square of all of them, so that errors of a model near the contact or an edge cannot cause it.  Few
+    lines scatter too much to be judged alone.
     """
     found, open_segments = [], [(0, len(residual))]
-    lines = [
+    rows, columns = (
         _line_differences(residual, axis, white**2, now, weights) for axis, now in zip(AXES, temporal, strict=True)
-    ]
+    )
+    both = tuple(np.concatenate(pair, axis=-1) for pair in zip(rows, columns, strict=True))
+    lines = [both, *(part for part in (rows, columns) if len(part[2]) >= MIN_LINES_ALONE)]
     chance = FALSE_ALARMS / (len(lines) * max(len(residual), 1))
     freedoms = [MAD_EFFICIENCY * max(float(independent.sum()), 1.0) for *_, independent in lines]
     limits = [chi2.isf(chance, freedom) / freedom for freedom in freedoms]

@@ -19,6 +19,7 @@ MAD_EFFICIENCY = 0.37  # statistical efficiency of the MAD (Rousseeuw & Croux 19
 DIFFERENCE_WEIGHTS = {2: np.array([1.0, -2.0, 1.0]), 4: np.array([1.0, -4.0, 6.0, -4.0, 1.0])}  # second and fourth
 MIN_LINES_FOURTH_ORDER = 9  # lines, or frames, needed for fourth differences
 MIN_DIFFERENCES = 4  # differences needed for an estimate of scale
+MAX_RENEWALS = 10  # in a recording; noise that drifts is cut into so many parts
 MIN_LINES_ALONE = 20  # differences of rows or of columns from which their renewal is judged alone
 FALSE_ALARMS = 1e-3  # renewals that chance finds in a recording
 AXES = ROWS_AXIS, COLUMNS_AXIS = 2, 1  # along which rows and columns of images (frames, nv, nu) extend
@@ -138,7 +139,6 @@ def _find_renewals(residual: Array, white: float, temporal: list[float], weights
     the robust mean square of all of them, so that errors of a model near the contact or an edge cannot cause it.  Few
     lines scatter too much to be judged alone.
     """
-    found, open_segments = [], [(0, len(residual))]
     rows, columns = (
         _line_differences(residual, axis, white**2, now, weights) for axis, now in zip(AXES, temporal, strict=True)
     )
@@ -148,18 +148,23 @@ def _find_renewals(residual: Array, white: float, temporal: list[float], weights
     freedoms = [MAD_EFFICIENCY * max(float(independent.sum()), 1.0) for *_, independent in lines]
     limits = [chi2.isf(chance, freedom) / freedom for freedom in freedoms]
 
-    def excess(first: int, split: int, last: int) -> float:
-        ratios = (_split_ratio(values, precision, first, split, last) for values, precision, _ in lines)
-        return max(ratio / limit for ratio, limit in zip(ratios, limits, strict=True))
+    def best_split(first: int, last: int) -> tuple[float, int, int, int]:
+        """The largest ratio to its limit, where it splits the segment, and the segment."""
+        found = (0.0, 0)
+        for k in range(first + 2, last - 1):
+            ratios = (_split_ratio(values, precision, first, k, last) for values, precision, _ in lines)
+            found = max(found, (max(ratio / limit for ratio, limit in zip(ratios, limits, strict=True)), k))
+        return *found, first, last
 
-    while open_segments:
-        first, last = open_segments.pop()
-        sizes = {k: excess(first, k, last) for k in range(first + 2, last - 1)}
-        best = max(sizes, key=lambda k: sizes[k], default=0)
-        if best and sizes[best] > 1.0:
-            found.append(best)
-            open_segments += [(first, best), (best, last)]
-    return tuple(sorted(found))
+    renewals: list[int] = []
+    segments = [best_split(0, len(residual))]
+    while segments and len(renewals) < MAX_RENEWALS:
+        size, split, first, last = segments.pop(segments.index(max(segments)))
+        if size <= 1.0:
+            break
+        renewals.append(split)
+        segments += [best_split(first, split), best_split(split, last)]
+    return tuple(sorted(renewals))
 
 
 def _line_differences(

@@ -21,7 +21,7 @@ from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
 from flashtemp.comparison.campaign import RecordingEntry
 from flashtemp.comparison.compare import screen_campaign
-from flashtemp.comparison.line_noise import LineNoise
+from flashtemp.comparison.line_noise import MAX_RENEWALS, LineNoise
 from flashtemp.comparison.noise import NoiseLevels, estimate_noise, raise_stated_noise
 from flashtemp.comparison.noise_whitening import unwhiten, whiten
 from flashtemp.discovery.estimation.camera_error_columns import (
@@ -274,6 +274,15 @@ def test_renewals_of_lines_are_found_with_their_size_and_chance_makes_none(renew
     assert (found.lines.renewed_rows, found.lines.renewed_columns) == pytest.approx((0.03, 0.03), rel=0.5)
     assert found.renewed_pattern == pytest.approx(renewed_pattern, abs=0.1 * 0.04)
     assert estimate_noise(changed, SIGMA, 0.0).renewals == ()  # not searched for in a residual of no fit
+
+
+def test_lines_that_drift_are_cut_into_a_few_parts():
+    rng = np.random.default_rng(13)
+    drift = np.cumsum(rng.normal(0.0, 0.02, (80, 30, 1)), axis=0)
+    changed = drift + rng.normal(0.0, SIGMA, (80, 30, 40))
+    found = estimate_noise(changed, SIGMA, 0.0, None, changed)
+    assert 1 < len(found.renewals) <= MAX_RENEWALS
+    assert np.diff(found.renewals).min() >= 2
 
 
 @pytest.mark.parametrize("axis", [1, 2])

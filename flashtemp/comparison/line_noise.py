@@ -61,7 +61,7 @@ def estimate_line_noise(
 
     It is estimated from fourth differences between the means of neighbouring lines (second differences of few lines).
     Smooth structure, such as heat that fades away from the contact, hardly enters them.  Components that chance may
-    make are 0, unless lines have noise in every frame, which no error of a model makes: then all are as they are found.
+    make are 0, unless lines have noise in every frame, which errors of a model hardly make: then all are as found.
     `weights` (frames,): number of camera frames in each frame; all noise is that of a camera frame.
     """
     weights = np.ones(len(residual)) if weights is None else weights

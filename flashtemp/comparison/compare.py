@@ -23,7 +23,7 @@ from flashtemp.comparison.noise import (
     lag1_autocorrelation,
     largest_structured_residual,
 )
-from flashtemp.comparison.noise_whitening import whiten
+from flashtemp.comparison.noise_whitening import whiten_residual
 from flashtemp.display import DisplayMixin, DisplayTable, ProgressMessage
 from flashtemp.errors import BadInput, RenamedAttribute
 from flashtemp.model.case import Case
@@ -309,7 +309,7 @@ def compare_recording(run: Run, scene: Scene, view: RecordingEntry) -> Recording
         )
     first_noise = estimate_noise(residual_of(plain), *stated)  # of an image that may be misaligned: only for weights
     alignment = align_image(
-        run, scene, recording, plain, lambda r: whiten(r, first_noise), recording.registration_sigma_px or 0.0
+        run, scene, recording, plain, lambda r: whiten_residual(r, first_noise), recording.registration_sigma_px or 0.0
     )
     residual = residual_of(alignment.seen)
     return compare_with_prediction(
@@ -334,7 +334,7 @@ def compare_with_prediction(
     view: RecordingEntry, predicted, residual, level: NoiseLevels, shift=(0.0, 0.0), error=(0.0, 0.0), refused=None
 ) -> RecordingComparison:
     """Statistics of a recording's residual (frames, nv, nu) K for a given prediction, noise and shift."""
-    sigmas = whiten(residual, level)
+    sigmas = whiten_residual(residual, level)
     good = np.isfinite(residual)
     count = int(good.sum())
     return RecordingComparison(

@@ -10,6 +10,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from flashtemp.comparison.line_noise import (
     CHANCE_LIMIT_SDS,
     MAD_EFFICIENCY,
+    MAD_TO_SD,
     NO_LINES,
     LineNoise,
     estimate_line_noise,
@@ -22,7 +23,6 @@ RAISED_WHITE = "white above the stated one"
 MIN_FRAME_PIXELS = 30  # of which the median of a frame takes hardly any noise of single pixels
 SECOND_DIFFERENCE = np.array([1.0, -2.0, 1.0])
 MAX_DIGIT_VALUES = 20_000  # values from which the quantisation step is determined
-MAD_TO_SD = 1.482602218505602  # standard deviation over median absolute deviation of a normal distribution
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class NoiseLevels:
 
     def frame_weights(self) -> np.ndarray | float:
         """Number of camera frames in each frame, in a shape that multiplies images (frames, nv, nu)."""
-        return 1.0 if self.averaged is None else np.array(self.averaged, float)[:, None, None]
+        return 1.0 if self.averaged_frames is None else self.averaged_frames[:, None, None]
 
 
 def estimate_noise(
@@ -148,7 +148,7 @@ def _with_renewed_pattern(noise: NoiseLevels, residual: np.ndarray) -> NoiseLeve
     """Noise with the part of the pattern that shutter events renew, from the differences between the intervals."""
     if not noise.renewals or min(residual.shape[1:]) < 3:
         return noise
-    weights = np.ones(len(residual)) if noise.averaged is None else np.array(noise.averaged, float)
+    weights = np.ones(len(residual)) if noise.averaged_frames is None else noise.averaged_frames
     parts = [np.split(a, noise.renewals) for a in (residual, weights)]
     frames = np.array([(np.isfinite(part) * w[:, None, None]).sum(axis=0) for part, w in zip(*parts, strict=True)])
     each = noise.white**2 / np.maximum(frames, 1)

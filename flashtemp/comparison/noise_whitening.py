@@ -21,14 +21,9 @@ Mask = npt.NDArray[np.bool_]
 VALUES_PER_BATCH = 1_000_000  # of matrices on pixels
 
 
-def whiten(residual: Array, noise: NoiseLevels) -> Array:
+def whiten_residual(residual: Array, noise: NoiseLevels) -> Array:
     """Whitened residuals (frames, nv, nu) in sigma, NaN where unknown; those of noise alone are independent."""
     return NoiseWhitening.from_known(np.isfinite(residual), noise)(residual)
-
-
-def unwhiten(whitened: Array, noise: NoiseLevels) -> Array:
-    """Inverse of `whiten`: residuals (frames, nv, nu) K, NaN where `whitened` is NaN."""
-    return NoiseWhitening.from_known(np.isfinite(whitened), noise).inverse(whitened)
 
 
 @dataclass(frozen=True)
@@ -66,7 +61,7 @@ class NoiseWhitening:
             out = self._scale_interval_lines(out, list(self._line_factors(-0.5)))
         return np.where(self.known, out, np.nan)
 
-    def inverse(self, whitened: Array) -> Array:
+    def restore_residual(self, whitened: Array) -> Array:
         """Residuals (frames, nv, nu) K from white ones, NaN where unknown."""
         out = np.where(self.known, whitened, 0.0)
         if not self.noise.lines.is_none:
@@ -119,7 +114,7 @@ class NoiseWhitening:
         return self._with_interval_means(values, change.reshape(means.shape))
 
     # --- lines --------------------------------------------------------------------------------------------
-    def _variances(self) -> Iterator[tuple[int, float, Array]]:
+    def _line_variances(self) -> Iterator[tuple[int, float, Array]]:
         """By axis: variance of lines that is new in each frame, and covariance (intervals, intervals) of the interval
         means of lines, each over those of a pixel."""
         noise, some = self.noise, self.counts.sum(axis=0) > 0
@@ -134,7 +129,7 @@ class NoiseWhitening:
         """Factors on the line means of each frame and on its mean, with the axis of these means."""
         out, product, total = [], 1.0, 1.0
         frame = (1, 2)
-        for axis, now, _ in self._variances():
+        for axis, now, _ in self._line_variances():
             line = now * self.known.sum(axis=axis, keepdims=True)
             out.append((axis, 1.0 / np.sqrt(1.0 + line)))
             mean = line.sum(axis=frame, keepdims=True) / np.maximum((line > 0).sum(axis=frame, keepdims=True), 1)
@@ -146,7 +141,7 @@ class NoiseWhitening:
         """Matrices (intervals, intervals, nv, nu) on the line means of interval means that `_frame_factors` has reduced
         (`power` -1/2), or back (1/2), with 1 in place of the axis of these means."""
         some = self.known.any(axis=0)
-        for axis, now, covariance in self._variances():
+        for axis, now, covariance in self._line_variances():
             count = some.sum(axis=axis - 1, keepdims=True)
             variance, shape = np.linalg.eigh(covariance)
             factor = (1.0 + variance[:, None, None] * count) ** power * (1.0 + now * count) ** -power

@@ -23,7 +23,7 @@ from flashtemp.comparison.campaign import RecordingEntry
 from flashtemp.comparison.compare import screen_campaign
 from flashtemp.comparison.line_noise import MAX_RENEWALS, LineNoise
 from flashtemp.comparison.noise import NoiseLevels, estimate_noise, raise_stated_noise
-from flashtemp.comparison.noise_whitening import unwhiten, whiten
+from flashtemp.comparison.noise_whitening import NoiseWhitening, whiten_residual
 from flashtemp.discovery.estimation.camera_error_columns import (
     CAMERA_ERROR_SCALES,
     NO_CAMERA_ERRORS,
@@ -142,6 +142,16 @@ def test_repeated_frames_are_left_out_and_shutter_events_found():
     assert found.apply_to(made).frames == 19
 
 
+def test_noise_of_whole_frames_is_no_shutter_event():
+    """A few millikelvins of every frame exceed the drift between two frames; a jump of the offset exceeds both."""
+    rng = np.random.default_rng(21)
+    T = 20.0 + rng.normal(0.0, SIGMA, (60, 24, 60)) + 0.01 * rng.normal(size=(60, 1, 1))
+    made = replace(recorded(T, rng, noisy=False), time=0.02 * np.arange(60))
+    assert len(find_shutter_events(T, made, SIGMA)) == 0
+    T[30:] += 0.3
+    assert find_shutter_events(T, made, SIGMA).tolist() == [30]
+
+
 def test_heat_that_sets_in_is_no_shutter_event():
     rng = np.random.default_rng(6)
     T = np.where(np.arange(20)[:, None, None] < 10, 20.0, scene(20)) + rng.normal(0.0, SIGMA, (20, 24, 60))
@@ -244,8 +254,10 @@ def check_whitening(known, n):
     for k, unit in enumerate(np.eye(count)):
         values = np.full(known.shape, np.nan)
         values[known] = unit
-        W[:, k] = whiten(values, n)[known]
-        assert unwhiten(whiten(values, n), n)[known] == pytest.approx(unit, abs=1e-12)
+        W[:, k] = whiten_residual(values, n)[known]
+        assert NoiseWhitening.from_known(np.isfinite(values), n).restore_residual(whiten_residual(values, n))[
+            known
+        ] == pytest.approx(unit, abs=1e-12)
     assert np.abs(W @ covariance(known, n) @ W.T - np.eye(count)).max() < 1e-12
 
 

@@ -14,7 +14,7 @@ from flashtemp.comparison.noise import (
     lag1_autocorrelation,
     largest_structured_residual,
 )
-from flashtemp.comparison.noise_whitening import unwhiten, whiten
+from flashtemp.comparison.noise_whitening import NoiseWhitening, whiten_residual
 from flashtemp.discovery.prediction.frame_averaging import group_frames
 
 SHAPE = (12, 30, 80)
@@ -49,7 +49,7 @@ def test_given_noise_is_kept():
 
 def test_whitened_residuals_are_independent_and_of_unit_variance():
     found = NoiseLevels(0.05, 0.03)
-    w = np.stack([whiten(residual(s), found)[:, 3:] for s in range(8)])
+    w = np.stack([whiten_residual(residual(s), found)[:, 3:] for s in range(8)])
     assert np.mean(w**2) == pytest.approx(1.0, abs=4 * np.sqrt(2 / w.size))
     for a, b in ((0, 1), (3, 11)):  # frames of one pixel share its pattern before, nothing after
         raw = np.stack([residual(s)[:, 3:] for s in range(8)])
@@ -61,7 +61,12 @@ def test_whitened_residuals_are_independent_and_of_unit_variance():
 def test_whitening_can_be_undone(averaged):
     found, there = NoiseLevels(0.05, 0.03, (), averaged), residual(5, masked=0.1)
     there[3, 10, 20] = np.nan
-    np.testing.assert_allclose(unwhiten(whiten(there, found), found), there, rtol=1e-10, atol=1e-14)
+    np.testing.assert_allclose(
+        NoiseWhitening.from_known(np.isfinite(there), found).restore_residual(whiten_residual(there, found)),
+        there,
+        rtol=1e-10,
+        atol=1e-14,
+    )
 
 
 @pytest.mark.parametrize("pattern", [0.0, 0.03])
@@ -78,8 +83,10 @@ def test_means_of_frames_say_as_much_as_the_frames(pattern):
     raw, short = NoiseLevels(0.05, pattern), NoiseLevels(0.05, pattern, (), counts)
     assert estimate_noise(means(frames), None, None, counts).white == pytest.approx(0.05, rel=0.05)
     for one, other in ((even, even), (even, frames)):
-        whole = (whiten(one, raw) * whiten(other, raw)).sum()
-        assert (whiten(means(one), short) * whiten(means(other), short)).sum() == pytest.approx(whole, rel=1e-12)
+        whole = (whiten_residual(one, raw) * whiten_residual(other, raw)).sum()
+        assert (whiten_residual(means(one), short) * whiten_residual(means(other), short)).sum() == pytest.approx(
+            whole, rel=1e-12
+        )
 
 
 def test_frames_are_taken_together_where_little_changes():
@@ -102,7 +109,7 @@ def test_frames_are_taken_together_where_little_changes():
 def test_correlation_of_white_noise_is_within_its_error():
     z = np.array(
         [
-            [lag1_autocorrelation(whiten(residual(s), NoiseLevels(0.05, 0.03)), a)[1] for a in (0, 1, 2)]
+            [lag1_autocorrelation(whiten_residual(residual(s), NoiseLevels(0.05, 0.03)), a)[1] for a in (0, 1, 2)]
             for s in range(60)
         ]
     )
@@ -112,7 +119,7 @@ def test_correlation_of_white_noise_is_within_its_error():
 
 def test_correlation_finds_structure():
     wave = 0.05 * np.sin(np.linspace(0, 12, 80))
-    w = whiten(residual(5) + wave, NoiseLevels(0.05, 0.03))
+    w = whiten_residual(residual(5) + wave, NoiseLevels(0.05, 0.03))
     assert lag1_autocorrelation(w, 2)[1] > 10
     assert lag1_autocorrelation(w[:, :, :2], 2)[1] == pytest.approx(0.0, abs=8)
 

@@ -13,7 +13,7 @@ from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import Campaign, LoadCellEntry, RecordingEntry
 from flashtemp.comparison.compare import Comparison, ForceComparison, RecordingComparison
 from flashtemp.comparison.noise import NoiseLevels, lag1_autocorrelation, largest_structured_residual
-from flashtemp.comparison.noise_whitening import whiten
+from flashtemp.comparison.noise_whitening import whiten_residual
 from flashtemp.viz import theme
 from flashtemp.viz.measurement import comparison as draw
 from flashtemp.viz.measurement import residual_plots
@@ -45,7 +45,7 @@ def seeing(view="sidewall", level=None, extra=0.0, file="side.nc", seed=1, **giv
     recording = Recording(view, measured, TIME, REPETITION, u, v if view != "profile" else np.zeros(1))
     residual = measured - predicted
     residual[:, :, 0] = np.nan
-    sigmas = whiten(residual, level)
+    sigmas = whiten_residual(residual, level)
     good = np.isfinite(residual)
     return RecordingComparison(
         view=RecordingEntry(file, recording, given, 0.05),

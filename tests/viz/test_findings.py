@@ -18,7 +18,7 @@ from flashtemp.camera.recording import Recording
 from flashtemp.comparison.campaign import RecordingEntry
 from flashtemp.comparison.compare import RecordingComparison
 from flashtemp.comparison.noise import NoiseLevels, lag1_autocorrelation, largest_structured_residual
-from flashtemp.comparison.noise_whitening import whiten
+from flashtemp.comparison.noise_whitening import whiten_residual
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.decision import AdequacyTest, AlternativeCause, EffectSize, VerdictEvidence, decide
 from flashtemp.discovery.diagnostics import adequacy_tests as adequacy
@@ -98,7 +98,7 @@ def seen(measured, predicted, view, file, given, held=False):
     recording = Recording(view, measured, TIME, REPETITION, u, np.asarray(v))
     residual = measured - predicted
     residual[:, :, 0] = np.nan
-    sigmas = whiten(residual, level)
+    sigmas = whiten_residual(residual, level)
     good = np.isfinite(residual)
     return RecordingComparison(
         view=RecordingEntry(file, recording, given, 0.05, held),

@@ -22,15 +22,15 @@ def mesh_resolution_warnings(data: WhitenedData, predictions: Iterable[Predictio
 
     The errors are those of Richardson extrapolation; the recording with the largest relative error is named.
     """
-    numerics = data.problem.case
-    mesh = refinement_factor(numerics["numerics.mesh"])
+    case = data.problem.case
+    mesh = refinement_factor(case["numerics.mesh"])
     plane, across = range(len(COARSER_CELL_FACTORS)), [len(COARSER_CELL_FACTORS)]
-    first = f" with numerics.first_y = {numerics['numerics.first_y']:g}" if numerics["numerics.first_y"] else ""
+    first = f" with numerics.first_y = {case['numerics.first_y']:g}" if case["numerics.first_y"] else ""
     keys = {
         f"numerics.mesh = {mesh:g}": (plane, f"{2.0 * mesh:g}"),
-        f"numerics.across = {numerics['numerics.across']}{first}": (
+        f"numerics.across = {case['numerics.across']}{first}": (
             across,
-            f"{max(60, 2 * numerics['numerics.across'])} with numerics.first_y = 3e-5, or 1 (2D)",
+            f"{max(60, 2 * case['numerics.across'])} with numerics.first_y = 3e-5, or 1 (2D)",
         ),
     }
     out, predictions = [], tuple(predictions)

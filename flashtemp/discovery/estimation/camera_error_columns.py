@@ -51,9 +51,9 @@ def camera_columns(
 ) -> dict[ParameterId, Single]:
     """Columns (frames, valid pixels) K of all camera errors of a recording; none for points.
 
-    `residual` (frames, nv, nu) K: residual of a first fit, in which jumps of the offset show; None leaves
-    out the offsets, which do not depend on a prediction.  `speed` (frames,) m/s:
-    sliding speed.  `renewals`: first frames after shutter events that the line noise shows.
+    `residual` (frames, nv, nu) K: residual of a first fit, in which jumps of the offset show; None leaves out the
+    offsets, which do not depend on a prediction.  `speed` (frames,) m/s: sliding speed.  `renewals`: first frames after
+    shutter events that the line noise shows.
     """
     if r.places is not None:
         return {}

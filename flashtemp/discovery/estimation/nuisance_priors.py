@@ -36,7 +36,7 @@ NUISANCE_SD = {  # standard deviations, by the kind of nuisance
     ParameterKind.SPREAD: 0.05,  # relative width of the optics
     ParameterKind.MAP: 0.003,  # gain along and up a view
     ParameterKind.WALL: 0.01,  # relative cooling of the wall against the section behind it
-    ParameterKind.MESH: 0.5,  # of the mesh error by Richardson extrapolation: observed orders of 1.5 to 2.6
+    ParameterKind.MESH: 0.5,  # of the mesh error by Richardson extrapolation: observed orders of 1.5 to 3
     ParameterKind.CELL: 0.005,  # gain of the load cell
     ParameterKind.MODEL_DISCREPANCY: TYPICAL_DISCREPANCY,  # of the temperature rise; evidence chooses 1e-3 or 3e-3
     ParameterKind.SCALE: 0.01,  # pixel scale of a view

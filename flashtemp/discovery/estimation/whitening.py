@@ -145,7 +145,8 @@ class WhitenedData:
             return out
         spread = np.full(known.shape, np.nan)
         spread[known] = whitened
-        out[known] = self.whitenings[file].inverse(self._as_images(file, spread))[:, self._pixel_mask(file)][known]
+        images = self.whitenings[file].restore_residual(self._as_images(file, spread))
+        out[known] = images[:, self._pixel_mask(file)][known]
         return out
 
     def _pixel_mask(self, file: str) -> npt.NDArray[np.bool_]:

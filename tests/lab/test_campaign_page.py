@@ -344,7 +344,9 @@ def test_from_recordings_to_a_campaign(browser, place):
         seen.get_by_text("Show the text").click()
         seen.locator(".cm-content").get_by_text("0.2").first.wait_for()
         seen.locator(".cm-content").press("Control+Home")
-        seen.keyboard.type('known = { "ambient.temperature" = "0.3 K" }\n')
+        pasted = 'known = { "ambient.temperature" = "0.3 K" }'
+        seen.keyboard.insert_text(f"{pasted}\n")
+        assert seen.locator(".cm-line").first.inner_text() == pasted
         seen.get_by_label("uncertainty of ambient.temperature").wait_for()
         seen.get_by_role("button", name="Save").click()
         seen.get_by_text("saved", exact=True).wait_for()

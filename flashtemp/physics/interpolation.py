@@ -51,20 +51,23 @@ class Curve:
     y: tuple[float, ...]
 
     @cached_property
-    def _arrays(self) -> tuple[Array, Array, Array]:
-        x, y = np.asarray(self.x), np.asarray(self.y)
-        return x, y, np.diff(y) / np.diff(x)
+    def _nodes(self) -> tuple[Array, Array]:
+        return np.asarray(self.x), np.asarray(self.y)
 
     def __call__(self, at: Value) -> Value:
-        x, y, slope = self._arrays
-        real = np.real(at)
-        k = np.clip(np.searchsorted(x, real) - 1, 0, len(slope) - 1)
-        inside = (real >= x[0]) & (real <= x[-1])
-        clipped = np.clip(real, x[0], x[-1])
-        # inside, `at` keeps its imaginary part; outside, the curve is constant and its derivative zero
-        step = np.where(inside, at, clipped)
-        value = y[k] + slope[k] * (step - x[k])
-        return value if np.ndim(at) else value.item()
+        return _interpolate_nodes(*self._nodes, at)
+
+
+def _interpolate_nodes(x: Array, y: Array, at: Value) -> Value:
+    """Piecewise linear y(`at`), constant outside `x`, where also a complex step vanishes."""
+    if not np.iscomplexobj(at):
+        out: Value = np.interp(at, x, y)
+        return out
+    k = np.clip(np.searchsorted(x, at.real) - 1, 0, len(x) - 2)
+    inside = (at.real >= x[0]) & (at.real <= x[-1])
+    step = np.where(inside, at, np.clip(at.real, x[0], x[-1]))
+    value = y[k] + (y[k + 1] - y[k]) / (x[k + 1] - x[k]) * (step - x[k])
+    return value if np.ndim(at) else value.item()
 
 
 def line_through_means(edges: Array, means: Array) -> tuple[Array, Array]:
@@ -104,6 +107,10 @@ class Surface:
     def _grid(self) -> Array:
         return np.asarray(self.z)
 
+    @cached_property
+    def _arguments(self) -> Array:
+        return np.asarray(self.v)
+
     def __call__(self, u: float, v: Value) -> Value:
         z = self._grid
         if len(self.u) == 1:
@@ -114,7 +121,7 @@ class Surface:
             row = (1 - w) * z[k] + w * z[k + 1]
         if len(self.v) == 1:
             return row[0] + 0.0 * v
-        return Curve(self.v, tuple(row))(v)
+        return _interpolate_nodes(self._arguments, row, v)
 
 
 def read_rows(source: Source, folder: Path, key: str, columns: int | Sequence[RequiredColumn]) -> Array:

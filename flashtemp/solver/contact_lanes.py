@@ -255,7 +255,7 @@ def _lanes_and_bound(b: HeatBalance, state: Any, T, road) -> tuple[np.ndarray, f
     if least >= T[b.cell_block].real.min():  # the usual case: the bound need not be computed
         return rises, None
     as_entered: np.ndarray = kernels_contact.lane_rises(1.0 - b.share, 0.0 * arguments[0], *arguments[1:])
-    mean = as_entered.real + b.share * (columns - np.resize(top, len(columns))).real
+    mean = as_entered.real + b.share * (columns.reshape(-1, len(top)) - top).real.ravel()
     coldest = float(min(T[b.cell_block].real.min(), as_entered.real.min(), mean.min()))
     return rises, coldest if least < coldest else None
 

@@ -93,7 +93,8 @@ class PhaseSystem:
         if now is recent.now and recent.road is not None:
             return recent.road
         if self.inflow is None:
-            road = np.stack([self.b.no_inflow + now.ambient - self.b.scene.ambient, self.b.no_inflow])
+            road = np.zeros((2, len(self.b.no_inflow)))
+            road[0] = now.ambient - self.b.scene.ambient
         else:
             road = self.road_after_passes(now, self.inflow(now).earlier_rise)
         if now is recent.now:

@@ -61,13 +61,13 @@ class Curve:
 def _interpolate_nodes(x: Array, y: Array, at: Value) -> Value:
     """Piecewise linear y(`at`), constant outside `x`, where also a complex step vanishes."""
     if not np.iscomplexobj(at):
-        out: Value = np.interp(at, x, y)
-        return out
+        value = np.interp(at, x, y)
+        return value if np.ndim(at) else float(value)
     k = np.clip(np.searchsorted(x, at.real) - 1, 0, len(x) - 2)
     inside = (at.real >= x[0]) & (at.real <= x[-1])
     step = np.where(inside, at, np.clip(at.real, x[0], x[-1]))
-    value = y[k] + (y[k + 1] - y[k]) / (x[k + 1] - x[k]) * (step - x[k])
-    return value if np.ndim(at) else value.item()
+    out = y[k] + (y[k + 1] - y[k]) / (x[k + 1] - x[k]) * (step - x[k])
+    return out if np.ndim(at) else out.item()
 
 
 def line_through_means(edges: Array, means: Array) -> tuple[Array, Array]:

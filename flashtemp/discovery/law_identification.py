@@ -23,7 +23,7 @@ from flashtemp.discovery.estimation.fitting import (
 )
 from flashtemp.discovery.estimation.hyperparameters import EvidenceMaximum, Hyperparameters, priors_at_hyperparameters
 from flashtemp.discovery.estimation.image_alignment import Linearisation
-from flashtemp.discovery.estimation.linear_gaussian import Array, LinearSystem
+from flashtemp.discovery.estimation.linear_gaussian import Array, DataBlock, LinearSystem
 from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
 from flashtemp.discovery.estimation.whitening import WhitenedData
 from flashtemp.discovery.hypotheses.candidates import CandidateEffect, find_candidates
@@ -50,13 +50,17 @@ BAND_STANDARD_ERRORS = 1.959964  # half width of a 95 % band of a normal distrib
 @dataclass(frozen=True)
 class ScoredLaw:
     """The score of a law from the sensitivities of its nodes: `ln_bayes` against the base at the best `relative_width`
-    of its prior, with the `values` at its nodes; `fitted_ln_bayes` is that of its full fit, if there is one."""
+    of its prior, with the `values` at its nodes; `fitted_ln_bayes` is that of its full fit, if there is one.
+
+    `columns`: data blocks with these sensitivities alone, of laws that may be fitted, under the name of a verdict.
+    """
 
     law: PiecewiseLinearLaw
     relative_width: float
     ln_bayes: float
     values: tuple[float, ...]
     fitted_ln_bayes: float | None = None
+    columns: tuple[DataBlock, ...] = ()
 
     @property
     def prior_sd(self) -> float:
@@ -163,7 +167,7 @@ def identify_law(search: EffectSearch, watch: ProgressCallback) -> IdentifiedLaw
     if best.fit.ln_evidence - search.base.ln_evidence < least:
         return None
     gains = {f.law.name: f.fit.ln_evidence - search.base.ln_evidence for f in fitted}
-    scored = tuple(replace(s, fitted_ln_bayes=gains.get(s.law.name)) for s in scored)
+    scored = tuple(replace(s, fitted_ln_bayes=gains.get(s.law.name), columns=()) for s in scored)
     return _finish_law(search, _refine_nodes(search, best, watch), scored, watch)
 
 
@@ -193,6 +197,7 @@ def list_possible_laws(search: EffectSearch) -> Iterator[PiecewiseLinearLaw]:
 def score_laws(search: EffectSearch, laws: Sequence[PiecewiseLinearLaw]) -> tuple[ScoredLaw, ...]:
     """Score all laws by the sensitivities of their nodes at the calibrated base, best first.  Raises SolverFailure."""
     out: list[ScoredLaw] = []
+    most_fitted = int(CRITERIA.shortlist)
     size = batch_size(laws, sum(b.count for b in search.base.blocks))
     for first in range(0, len(laws), size):
         batch = {law.name: law for law in laws[first : first + size]}
@@ -200,7 +205,9 @@ def score_laws(search: EffectSearch, laws: Sequence[PiecewiseLinearLaw]) -> tupl
         fit = _with_sensitivities(problem, search, tuple(found.values()))
         plain = fit.solve_with(problem, fit.free_effect_priors, fit.equations).solution.ln_evidence
         out += [_score_law(problem, fit, plain, batch[name], c) for name, c in found.items()]
-    return tuple(sorted(out, key=lambda s: -s.ln_bayes))
+        out.sort(key=lambda s: -s.ln_bayes)
+        out[most_fitted:] = [replace(s, columns=()) for s in out[most_fitted:]]
+    return tuple(out)
 
 
 def batch_size(laws: Sequence[PiecewiseLinearLaw], data: int) -> int:
@@ -220,7 +227,7 @@ def _score_law(
     nodes, found = _solve_within_bounds(problem, fit, law, columns, width)
     gain = found.solution.ln_evidence - plain - np.log(len(RELATIVE_WIDTHS))
     values = tuple(found.solution[p] if p in nodes else 0.0 for p in c.strength_columns())
-    return ScoredLaw(law, width, float(gain), values)
+    return ScoredLaw(law, width, float(gain), values, columns=_columns_of_law(fit.blocks, c))
 
 
 def _likeliest_width(
@@ -273,7 +280,8 @@ def _fit_laws(search: EffectSearch, likely: Sequence[ScoredLaw], watch: Progress
     problems, fittings = {}, {}
     for s in likely:
         problem, data, candidate = _with_law(search, s)
-        parent = _with_sensitivities(problem, search, (candidate,))
+        own = [c for c in problem.candidates if c.effect in search.base.model.effects]
+        parent = replace(search.base, system=_borrow_columns(s.columns, search.base, own))
         problems[s.law.name] = problem
         fittings[s.law.name] = fit_hypothesis(Hypothesis.from_parent(problem, data, parent, [candidate]))
     fits = run_fits(search.problem, fittings, watch).fits
@@ -406,17 +414,28 @@ def _with_sensitivities(problem: Problem, search: EffectSearch, laws: tuple[Cand
 def _join_columns(
     data: WhitenedData, predictions: Sequence[Prediction], fit: LinearisedFit, own: Sequence[CandidateEffect]
 ) -> LinearSystem:
-    """A system with the columns of `predictions` and those of `fit` at the same point, except for other candidates.
+    """A system with the columns of `predictions`, and residuals and other columns of `fit` at the same point."""
+    return _borrow_columns(data.make_blocks(predictions), fit, own)
 
-    Residuals are those of the fit, so that only the columns differ.
-    """
+
+def _borrow_columns(blocks: Sequence[DataBlock], fit: LinearisedFit, own: Sequence[CandidateEffect]) -> LinearSystem:
+    """A system of some blocks with the residuals and columns of `fit`, except for candidates other than `own`."""
     effects = {c.effect for c in own}
 
     def is_borrowed(p: ParameterId) -> bool:
         return p.kind is not ParameterKind.INPUT and (p.kind is not ParameterKind.EFFECT or p.effect in effects)
 
-    blocks = [
-        new.with_columns_of(old, is_borrowed).with_residual(old.r)
-        for new, old in zip(data.make_blocks(predictions), fit.blocks, strict=True)
-    ]
-    return LinearSystem(blocks)
+    pairs = zip(blocks, fit.blocks, strict=True)
+    return LinearSystem([new.with_columns_of(old, is_borrowed).with_residual(old.r) for new, old in pairs])
+
+
+def _columns_of_law(blocks: Sequence[DataBlock], law: CandidateEffect) -> tuple[DataBlock, ...]:
+    """Blocks with the columns of one law alone, under the name that a verdict uses."""
+    names = {p: replace(p, effect=LEARNED_LAW_NAME) for p in law.strength_columns()}
+    out = []
+    for block in blocks:
+        own = [(names[p], column) for p, column in block.names if p in names]
+        columns = sorted({column for _, column in own})
+        at = {column: i for i, column in enumerate(columns)}
+        out.append(replace(block, C=block.C[:, columns], names=tuple((p, at[column]) for p, column in own)))
+    return tuple(out)

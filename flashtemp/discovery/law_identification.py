@@ -172,13 +172,14 @@ def identify_law(search: EffectSearch, watch: ProgressCallback) -> IdentifiedLaw
 
 
 def heldout_excess(search: EffectSearch) -> tuple[float, float]:
-    """chi2 minus the number of left-out data, as predicted by the base and by the best fit of a search.
+    """Excess misfit of left-out data as predicted by the base and by the best fit of a search.
 
-    Left out are the held-out recordings, or without any each condition in turn.  Camera unknowns of left-out data are
-    fitted to these data.
+    It is their chi2 minus what the best fit leaves when it is fitted to them too: the noise that they have, not the
+    noise that is stated.  Left out are the held-out recordings, or without any each condition in turn.  Camera unknowns
+    of left-out data are fitted to these data.
     """
-    before, after = (cross_validate(search.data, fit).excess for fit in (search.base, search.best))
-    return before, after
+    base, best = (cross_validate(search.data, fit) for fit in (search.base, search.best))
+    return base.chi2 - best.fitted_chi2, best.chi2 - best.fitted_chi2
 
 
 def list_possible_laws(search: EffectSearch) -> Iterator[PiecewiseLinearLaw]:

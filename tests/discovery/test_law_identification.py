@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache, partial
 from types import SimpleNamespace
 
@@ -11,6 +12,8 @@ import pytest
 from flashtemp.comparison import campaign
 from flashtemp.discovery import engine, law_identification
 from flashtemp.discovery.criteria import CRITERIA
+from flashtemp.discovery.diagnostics.cross_validation import cross_validate
+from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
 from flashtemp.discovery.hypotheses.piecewise_linear_law import LEARNED_LAW_NAME
 from flashtemp.discovery.law_identification import (
     CURVE_POINTS,
@@ -124,6 +127,18 @@ def test_the_curve_of_a_law_is_the_hidden_one(identified):
 def test_a_law_halves_the_misfit_of_left_out_data(identified):
     before, after = heldout_excess(identified(run_in)[2].search)
     assert after < 0.5 * before
+
+
+def test_noise_that_is_stated_too_small_is_no_misfit_of_left_out_data(identified):
+    """All residuals 10 % larger: chi2 has an excess over the number of data that no law can remove."""
+    search = identified(run_in)[2].search
+    louder = [replace(f, system=LinearSystem([b.with_residual(1.1 * b.r) for b in f.blocks]))
+              for f in (search.base, search.best)]  # fmt: skip
+    before, after = heldout_excess(replace(search, base=louder[0], best=louder[1]))
+    counted = sum(b.count for b in search.base.blocks)
+    assert cross_validate(search.data, louder[1]).chi2 - counted > 0.1 * counted
+    assert (before, after) == pytest.approx(tuple(1.21 * e for e in heldout_excess(search)), rel=0.1, abs=5.0)
+    assert after < 0.1 * before
 
 
 @pytest.mark.parametrize(("after", "kind"), [(40.0, "learned"), (60.0, "unexplained")])

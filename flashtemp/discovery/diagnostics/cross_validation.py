@@ -23,15 +23,16 @@ class CrossValidation:
     """The prediction of left-out data, fold by fold.
 
     `density` (folds,): joint ln probability of each fold given the rest.  `rmse_K` and `z`: root mean square residual
-    in K and in standard deviations.  `excess`: chi2 minus its expectation.  `residuals` (n,): those of all left-out
-    data, in standard deviations.
+    in K and in standard deviations.  `chi2`: of all left-out data; `fitted_chi2`: of the same data when they are fitted
+    with the others.  `residuals` (n,): those of all left-out data, in standard deviations.
     """
 
     labels: tuple[str, ...]
     density: Array
     rmse_K: float
     z: float
-    excess: float
+    chi2: float
+    fitted_chi2: float
     residuals: Array
 
     @property
@@ -66,7 +67,7 @@ def cross_validate(data: WhitenedData, fit: LinearisedFit) -> CrossValidation:
     """Predict held-out recordings; if none are, each condition from the others, or (one condition) each recording."""
     system, variances = fit.system, fit.hyper.variances
     folds = _make_folds(system)
-    densities, residuals, kelvins, count, total = [], [], 0.0, 0, 0
+    densities, residuals, kelvins, count, total, fitted_chi2 = [], [], 0.0, 0, 0, 0.0
     for inside in folds.values():
         every = system.solve(fit.priors, system.normal_equations(_including_fold(inside), variances))
         rest = system.solve(fit.priors, system.normal_equations(_excluding_fold(inside), variances))
@@ -75,13 +76,14 @@ def cross_validate(data: WhitenedData, fit: LinearisedFit) -> CrossValidation:
             residual = _heldout_residual(system, fit, rest, block)
             residuals.append(residual)
             total += block.count
+            fitted_chi2 += float(np.sum(whitened_residual(block, every) ** 2))
             if block.label in data.noises:
                 kelvins += float(residual @ residual) * data.noises[block.label].white ** 2
                 count += len(residual)
     left_out = np.concatenate(residuals) if residuals else np.zeros(0)
     squares = float(left_out @ left_out)
     rmse, z = np.sqrt(kelvins / max(count, 1)), np.sqrt(squares / max(total, 1))
-    return CrossValidation(tuple(folds), np.array(densities), float(rmse), float(z), squares - total, left_out)
+    return CrossValidation(tuple(folds), np.array(densities), float(rmse), float(z), squares, fitted_chi2, left_out)
 
 
 def rms_change_error(before: Array, after: Array) -> float:

@@ -12,7 +12,7 @@ import pytest
 from flashtemp.comparison import campaign
 from flashtemp.discovery import engine, law_identification
 from flashtemp.discovery.criteria import CRITERIA
-from flashtemp.discovery.diagnostics.cross_validation import cross_validate
+from flashtemp.discovery.diagnostics.cross_validation import cross_validate, without_flexible_terms
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
 from flashtemp.discovery.hypotheses.piecewise_linear_law import LEARNED_LAW_NAME
 from flashtemp.discovery.law_identification import (
@@ -139,6 +139,15 @@ def test_noise_that_is_stated_too_small_is_no_misfit_of_left_out_data(identified
     assert cross_validate(search.data, louder[1]).chi2 - counted > 0.1 * counted
     assert (before, after) == pytest.approx(tuple(1.21 * e for e in heldout_excess(search)), rel=0.1, abs=5.0)
     assert after < 0.1 * before
+
+
+def test_left_out_friction_is_not_fitted_away(identified):
+    """A jump of friction in one condition is 5 of its prior standard deviations of 0.02: at most 3 may be fitted."""
+    search, jump = identified(constant)[0], 0.1
+    others, last = search.base.blocks[:-1], search.base.blocks[-1]
+    moved = replace(search.base, system=LinearSystem([*others, last.with_residual(last.r + jump / SIGMA)]))
+    left_out = cross_validate(search.data, without_flexible_terms(moved)).residuals[-last.count :]
+    assert np.mean(left_out) == pytest.approx((jump - 3.0 * 0.02) / SIGMA, rel=0.1)
 
 
 @pytest.mark.parametrize(("after", "kind"), [(40.0, "learned"), (60.0, "unexplained")])

@@ -78,8 +78,9 @@ def cross_validate(data: WhitenedData, fit: LinearisedFit) -> CrossValidation:
             total += block.count
             fitted_chi2 += float(np.sum(whitened_residual(block, every) ** 2))
             if block.label in data.noises:
-                kelvins += float(residual @ residual) * data.noises[block.label].white ** 2
-                count += len(residual)
+                difference = data.to_kelvin(block.label, residual)
+                kelvins += float(np.sum(difference**2))
+                count += block.count
     left_out = np.concatenate(residuals) if residuals else np.zeros(0)
     squares = float(left_out @ left_out)
     rmse, z = np.sqrt(kelvins / max(count, 1)), np.sqrt(squares / max(total, 1))
@@ -126,13 +127,21 @@ def _block_filter(block: DataBlock) -> BlockFilter:
 
 
 def _heldout_residual(system: LinearSystem, fit: LinearisedFit, training: Solution, block: DataBlock) -> Array:
-    """Residual (n,) of a left-out block: shared parameters as estimated from the others, those of its camera fitted."""
+    """Residual (n,) of a left-out block: shared parameters as estimated from the others, its own ones fitted.
+
+    Its own ones, such as the place of its image and the friction of its condition, deviate from their priors by at most
+    MAX_RIGID_PULL standard deviations: otherwise they would be fitted to what the model does not predict.
+    """
     others = {p for b in system.blocks if b is not block for p, _ in b.names}
-    priors = {}
+    present = {p for p, _ in block.names}
+    priors, limits = {}, {}
     for i, p in enumerate(training.names):
+        if p not in present:
+            continue
         known = float(np.sqrt(training.covariance[i, i]))
-        shared = p in others and p.is_shared
-        priors[p] = (float(training.d[i]), 1e-3 * known) if shared else fit.priors[p]
-    return whitened_residual(
-        block, system.solve(priors, system.normal_equations(_block_filter(block), fit.hyper.variances))
-    )
+        if p in others and p.is_shared:
+            priors[p] = (float(training.d[i]), 1e-3 * known)
+        else:
+            priors[p], limits[p] = fit.priors[p], MAX_RIGID_PULL
+    equations = system.normal_equations(_block_filter(block), fit.hyper.variances)
+    return whitened_residual(block, system.solve_bounded(priors, limits, equations))

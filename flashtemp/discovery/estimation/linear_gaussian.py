@@ -320,11 +320,13 @@ class LinearSystem:
         free = self.solve(priors, total)
         at = [self.index[n] for n in free.names]
         mean, sd = (np.array([priors[n][i] for n in free.names]) for i in (0, 1))
+        reach = np.array([limits.get(n, np.inf) for n in free.names])
+        if np.all(np.abs(free.d - mean) <= reach * sd):
+            return free
         A = sd[:, None] * total.matrix[np.ix_(at, at)] * sd[None] + np.eye(len(at))
         rhs, middle = sd * total.right[at] + mean / sd, mean / sd
         # |L' u - L^-1 rhs|^2 is the quadratic form of A up to a constant, which lsq_linear minimises within bounds
         L = np.linalg.cholesky(A)
-        reach = np.array([limits.get(n, np.inf) for n in free.names])
         u = lsq_linear(L.T, np.linalg.solve(L, rhs), (middle - reach, middle + reach)).x
         chi2 = total.square + float(middle @ middle) + float(u @ A @ u - 2.0 * rhs @ u)
         return Solution(free.names, sd * u, free.covariance, free.ln_evidence, chi2, total.count)

@@ -170,7 +170,9 @@ def _find_stuck_pixels(T: Array, sigma: float) -> Mask:
     """Mask (nv, nu) of pixels that change less from frame to frame than noise alone.
 
     Differences of disjoint pairs of frames are independent.  The sum of their squares over 2 sigma^2 follows a
-    chi-squared distribution, which real heat can only increase.
+    chi-squared distribution, which real heat can only increase.  With coarse digits a pixel may repeat its value by
+    chance: n values of Gaussian noise are all equal with the probability (sqrt(2) q)^(n - 1) / sqrt(n), where q is
+    that of two, and in any case with q^(n/2) at most.
     """
     from scipy.stats import chi2
 
@@ -183,6 +185,10 @@ def _find_stuck_pixels(T: Array, sigma: float) -> Mask:
     alive = known & (total > 0.0)
     equal = np.mean(step[alive] == 0.0) if alive.any() else 0.0  # fraction of equal values due to coarse digits
     still = np.where(total == 0.0, float(equal) ** np.maximum(pairs, 1), 0.0)
+    count = np.maximum(np.isfinite(T).sum(axis=0), 1)
+    constant = np.nan_to_num(T, nan=-np.inf).max(axis=0) == np.nan_to_num(T, nan=np.inf).min(axis=0)
+    same_level = (np.sqrt(2.0) * float(equal)) ** (count - 1.0) / np.sqrt(count)
+    still = np.where(constant, np.minimum(still, same_level), still)
     out: Mask = (pairs > 1) & (np.maximum(chance, still) * max(int((pairs > 1).sum()), 1) < FALSE_ALARMS)
     return out
 

@@ -106,6 +106,17 @@ def test_stuck_flickering_and_off_level_pixels_are_masked_and_no_others():
     assert np.isfinite(masked[:, ~found.bad_pixels]).all()
 
 
+@pytest.mark.parametrize(("step", "is_certain"), [(0.03, True), (0.2, False)])
+def test_a_cluster_of_stuck_pixels_is_told_from_coarse_digits_in_ten_frames(step, is_certain):
+    """A pixel in steps of 0.03 K repeats its value once with a probability of 0.17, ten times with 1e-6; in steps of
+    0.2 K nearly every pixel repeats it."""
+    rng = np.random.default_rng(22)
+    T = 20.0 + rng.normal(0.0, SIGMA, (10, 24, 60))
+    T[:, 12:14, 30:32] = rng.uniform(15.0, 40.0, (2, 2))
+    found = screen_recording(recorded(np.round(T / step) * step, rng, noisy=False))
+    assert found.stuck.sum() == (4 if is_certain else 0)
+
+
 @pytest.mark.parametrize("kind", ["stuck", "off level", "flickering"])
 @pytest.mark.parametrize("axis", [1, 2])
 def test_a_bad_line_is_masked_whole_and_alone(kind, axis):

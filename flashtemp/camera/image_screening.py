@@ -171,8 +171,7 @@ def _find_stuck_pixels(T: Array, sigma: float) -> Mask:
 
     Differences of disjoint pairs of frames are independent.  The sum of their squares over 2 sigma^2 follows a
     chi-squared distribution, which real heat can only increase.  With coarse digits a pixel may repeat its value by
-    chance: n values of Gaussian noise are all equal with the probability (sqrt(2) q)^(n - 1) / sqrt(n), where q is
-    that of two, and in any case with q^(n/2) at most.
+    chance: n values are all equal with a probability of at most p^(n - 1), where p is that of the likeliest digit.
     """
     from scipy.stats import chi2
 
@@ -187,10 +186,22 @@ def _find_stuck_pixels(T: Array, sigma: float) -> Mask:
     still = np.where(total == 0.0, float(equal) ** np.maximum(pairs, 1), 0.0)
     count = np.maximum(np.isfinite(T).sum(axis=0), 1)
     constant = np.nan_to_num(T, nan=-np.inf).max(axis=0) == np.nan_to_num(T, nan=np.inf).min(axis=0)
-    same_level = (np.sqrt(2.0) * float(equal)) ** (count - 1.0) / np.sqrt(count)
-    still = np.where(constant, np.minimum(still, same_level), still)
+    still = np.where(constant, np.minimum(still, _likeliest_digit(T, sigma) ** (count - 1.0)), still)
     out: Mask = (pairs > 1) & (np.maximum(chance, still) * max(int((pairs > 1).sum()), 1) < FALSE_ALARMS)
     return out
+
+
+def _likeliest_digit(T: Array, sigma: float) -> float:
+    """Probability of the likeliest digit of a value whose Gaussian noise with rounding has the standard deviation sigma.
+
+    The digit is the median distance of different values of a frame; rounding adds its square over 12 to the variance.
+    """
+    from scipy.special import erf
+
+    steps = np.diff(np.unique(T[0][np.isfinite(T[0])]))
+    digit = float(np.median(steps)) if len(steps) else np.inf
+    noise = np.sqrt(max(sigma**2 - digit**2 / 12.0, 0.0)) if digit < np.inf else 0.0
+    return float(erf(digit / (np.sqrt(8.0) * noise))) if noise > 0.0 else 1.0
 
 
 def _sharpness_limit(psf_sigma_px: float | None) -> float:

@@ -108,8 +108,8 @@ def test_stuck_flickering_and_off_level_pixels_are_masked_and_no_others():
 
 @pytest.mark.parametrize(("step", "is_certain"), [(0.03, True), (0.2, False)])
 def test_a_cluster_of_stuck_pixels_is_told_from_coarse_digits_in_ten_frames(step, is_certain):
-    """A pixel in steps of 0.03 K repeats its value once with a probability of 0.17, ten times with 1e-6; in steps of
-    0.2 K nearly every pixel repeats it."""
+    """In steps of 0.03 K ten values are equal with a probability of 5e-6, in steps of 0.2 K half of all pixels have ten
+    equal values."""
     rng = np.random.default_rng(22)
     T = 20.0 + rng.normal(0.0, SIGMA, (10, 24, 60))
     T[:, 12:14, 30:32] = rng.uniform(15.0, 40.0, (2, 2))

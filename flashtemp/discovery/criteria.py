@@ -23,8 +23,8 @@ class Criteria:
     # --- evidence --------------------------------------------------------------------------------------------------
     ln_bayes_named: float = _criterion_field(
         8.0, "ln Bayes factor", "above which a cause is named, for each of its effects",
-        "odds of 20 to 1 (ln 3) for one of 45 candidates (ln 45 = 3.8) that are equally likely a priori, and 1 for the "
-        "maximum over hyperparameters; Kass and Raftery (1995) call 5 very strong",
+        "odds of 20 to 1 (ln 20 = 3.0) for one of 45 candidates (ln 45 = 3.8) that are equally likely a priori, and 1 "
+        "for the maximum over hyperparameters; Kass and Raftery (1995) call 5 very strong",
     )  # fmt: skip
     ln_bayes_hint: float = _criterion_field(
         5.0, "ln Bayes factor", "above which a cause is reported as a hint",

@@ -144,6 +144,7 @@ def decide(evidence: VerdictEvidence, criteria: Criteria = CRITERIA) -> Decision
         kind = "unexplained" if evidence.base_certainly_misfits else "no_verdict"
         rules.append(VerdictRule("the fit converged", 0.0, 1.0, False, "the fit of the final model did not converge"))
         return Decision(kind, tuple(rules))
+    rules.append(VerdictRule("the fit converged", 1.0, 1.0, True, ""))
     for test in evidence.adequacy:
         rules.append(
             VerdictRule(
@@ -159,6 +160,7 @@ def decide(evidence: VerdictEvidence, criteria: Criteria = CRITERIA) -> Decision
         )  # fmt: skip
     if evidence.unresolved:
         return Decision("no_verdict", tuple(rules))
+    rules.append(VerdictRule("all effects were judged", 1.0, 1.0, True, ""))
     without_cause = _kind_without_cause(evidence)
     if not evidence.causes:
         return _decide_setup(evidence, without_cause, rules)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -17,6 +18,7 @@ Array = npt.NDArray[np.float64]
 VERDICT_SCHEMA = "flashtemp.verdict/1"
 VERDICT_KINDS = ("named", "learned", "held_key", "weak", "group", "none_needed", "unexplained", "no_verdict")
 MAX_NAMED_INPUTS = 6  # inputs that the data cannot check are listed in the text up to this number, else only counted
+SIMULATED_DATA_SETS = 99  # noise-only data sets per test for structure
 DOUBTFUL_PROBABILITY = 0.01  # of the scatter of an amplitude between conditions, below which a cause's law is doubtful
 
 
@@ -50,6 +52,7 @@ class Cause:
     candidates: 0 for identical, 1 for orthogonal.  `z`: signal-to-noise ratio after projection.  `raw_share`: fraction
     of its signal that calibration cannot absorb.
     `per_condition`: estimates of its first parameter by condition; `consistent`: probability of their scatter.
+    `references` {key of the case: "effect.reference = value"}: keys whose value holds at a reference of the effect.
     `laboratory`: it is an error of the set-up or of a recording, which was corrected, not a physical effect.
     """
 
@@ -65,6 +68,7 @@ class Cause:
     per_condition: tuple[ConditionEstimate, ...] = ()
     consistent: float = 1.0
     laboratory: bool = False
+    references: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def is_doubtful(self) -> bool:
@@ -188,13 +192,22 @@ class FitMetrics:
 
 @dataclass(frozen=True)
 class StructureTest:
-    """A test for structure in the residuals: `p` is the fraction of simulated noise data sets beyond `statistic`."""
+    """A test for structure in the residuals: `p` is the fraction of simulated noise data sets beyond `statistic`.
+
+    `is_small`: the residuals are smaller than those of most simulated data sets.
+    """
 
     name: str
     where: str
     statistic: float
     p: float
     stage: str = "before"
+    is_small: bool = False
+
+    @property
+    def is_p_limited(self) -> bool:
+        """Whether no simulated data set is beyond the statistic, so that `p` is only an upper limit."""
+        return self.p <= 1.0 / (1 + SIMULATED_DATA_SETS)
 
 
 @dataclass(frozen=True)

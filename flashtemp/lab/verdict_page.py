@@ -337,7 +337,7 @@ def show_rivals(stored: StoredVerdict) -> None:
         else:
             ui.label("No other candidate makes the data more probable.").classes("ft-muted")
         if unlikely:
-            with folded_part(f"{len(unlikely)} candidates that make the data less probable"):
+            with folded_part(f"{len(unlikely)} candidates that do not make the data more probable"):
                 show_table(head, [rows[r.effect] for r in unlikely], "unlikely hypotheses", numbers=(2, 4))
         if untried:
             with folded_part(f"{len(untried)} effects not tried"):

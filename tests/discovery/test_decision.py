@@ -9,7 +9,9 @@ import pytest
 from flashtemp.discovery.criteria import CRITERIA, Criteria, list_criteria
 from flashtemp.discovery.decision import AdequacyTest, AlternativeCause, EffectSize, VerdictEvidence, decide
 from flashtemp.discovery.diagnostics.effect_size import camera_fraction
+from flashtemp.discovery.diagnostics.fit_report import _rejection_reason
 from flashtemp.discovery.hypotheses.candidates import CandidateEffect
+from flashtemp.discovery.selection.scores import Separability
 from flashtemp.physics.effect import find_effect
 
 SEEN = EffectSize(rise_fraction=0.045, change_K=0.1)
@@ -73,6 +75,23 @@ def test_what_is_no_effect_has_its_verdict(change, kind):
 def test_a_verdict_that_is_not_certain_says_why():
     reasons = decide(replace(CAUSE, ln_bayes=7.0)).reasons
     assert reasons == ("the ln Bayes factor of pressure_tilt is 7.0; a cause needs 8",)
+
+
+def test_that_the_fit_converged_and_every_effect_was_judged_are_rules_too():
+    passed = [r.name for r in decide(CAUSE).rules if r.passed]
+    assert {"the fit converged", "all effects were judged"} <= set(passed)
+    assert "all effects were judged" not in [r.name for r in decide(replace(CAUSE, unresolved={"wear": 30.0})).rules]
+
+
+@pytest.mark.parametrize(("rho", "resembles"), [(0.99, True), (0.3, False)])
+def test_a_candidate_resembles_the_cause_only_where_their_sensitivities_correlate(rho, resembles):
+    names = ("edge_pressure", "wear", "radiation")
+    matrix = np.array([[1.0, rho, 0.1], [rho, 1.0, 0.5], [0.1, 0.5, 1.0]])
+    single = Separability(names, matrix, np.ones(3))
+    score = SimpleNamespace(effect="wear", reason="", typical_z=30.0)
+    words = _rejection_reason(SimpleNamespace(vanished={}), score, single, 50.0, None, ("edge_pressure",))
+    assert words.endswith("with edge_pressure in the model it explains nothing more")
+    assert words.startswith("its sensitivity resembles that of edge_pressure") == resembles
 
 
 def test_members_of_a_group_are_the_accepted_and_the_other():

@@ -396,7 +396,13 @@ def test_a_named_cause_stands_with_its_interval_and_its_gain(pages):
     assert rival[:6] == ["third body", "third_body.r = 0.450 ± 0.050 W/m²/K", "96", "full fit", "180", "0.90"]
     assert "third_body.r" in reader.table("effect", "parameter")[0]
     assert ["chi2/dof (–)", "13.20", "1.00"] in reader.rows or ["chi2/dof (–)", "13.2", "1.00"] in reader.rows
-    assert reader.table("test for structure")[0] == ["Moran's I", "sidewall_0.nc", "base", "0.31", "0.001"]
+    assert reader.table("test for structure")[0] == [
+        "Moran's I",
+        "sidewall_0.nc",
+        "base",
+        "0.31",
+        "≤\N{NO-BREAK SPACE}0.001",
+    ]
     assert ["block.k", "0.05"] in reader.rows
     assert ["Pressure modes", "", "4.2", "20", "yes"] in reader.rows
     assert "Rest 10 min before repetition 11: it separates <track memory> from drift." in reader.text
@@ -453,7 +459,7 @@ def test_what_is_long_is_folded(pages):
     less = next(
         fold
         for fold in re.findall(r"<details>.*?</details>", html, re.S)
-        if "would make the data less probable" in fold
+        if "would not make the data more probable" in fold
     )
     assert f">{RIVALS[0].effect.replace('_', ' ')}</td>" not in less
 
@@ -465,6 +471,9 @@ def test_a_campaign_of_load_cells_alone_has_no_temperatures_in_its_report():
     assert f"With the extension, chi2/dof goes from {format_ratio(few.chi2_per_dof)} to 1.02." in html
     assert "– K" not in html
     assert "left-out data (K)" not in html
+    assert "hardly changes" not in html
+    html = verdict_report.render_report(verdict("named", gain={}, base=few, extended=replace(few), before=(), after=()))
+    assert "The missing effect is identified, but it hardly changes the computed friction" in html
 
 
 def test_what_the_cause_changes_is_told_in_kelvin_and_nothing_is_green_that_changes_nothing(unpainted):
@@ -492,12 +501,16 @@ def test_noise_is_judged_by_the_very_data_that_are_shown(unpainted):
     chance = tuple(StructureTest(f"test {i}", "wall.nc", 0.1, p) for i, p in enumerate((0.01, 0.2, 0.5, 0.9)))
     page = verdict_report.render_report(verdict("named", 1, before=quiet, after=quiet, tests=chance))
     assert "Structure in the residuals" not in page
-    assert "1 of 4 tests find" in page
+    assert "1 of 4 tests give" in page
     assert "noise alone can explain this" in page
     sure = tuple(replace(t, p=0.01) for t in chance)
     page = verdict_report.render_report(verdict("named", 1, before=quiet, after=quiet, tests=sure))
     assert "2. Structure in the residuals" in page
-    assert "4 of 4 tests find" in page
+    assert "4 of 4 tests give" in page
+    small = tuple(replace(t, is_small=True) for t in sure)
+    page = verdict_report.render_report(verdict("named", 1, before=quiet, after=quiet, tests=small))
+    assert "Structure in the residuals" not in page
+    assert "the residuals are smaller than the stated noise, or the data are not independent" in page
     share = 100 * np.mean([np.abs(v) > 3 for v in plot_helpers.whitened_means(quiet[0]).ravel() if np.isfinite(v)])
     assert plot_helpers.outlier_fraction(quiet[0]) == pytest.approx(share / 100)
 
@@ -923,6 +936,9 @@ def test_a_shift_of_a_free_key_has_its_unit():
     v = verdict("named", nuisance=(found,), shifts=(("ambient.convection", 4.066, 11.2, 3.0),))
     [line] = [line for line in describe_verdict(v, catalogue()) if "would be estimated" in line]
     assert line.endswith("estimated as 4.066 instead of 11.2 +- 3 W/m2K.")
+    cause = replace(CAUSE, references={"ambient.convection": "edge_pressure.reference = 20 degC"})
+    lines = describe_verdict(replace(v, causes=(cause,)), catalogue())
+    assert any(line.endswith("11.2 +- 3 W/m2K (at edge_pressure.reference = 20 degC).") for line in lines)
     lines = describe_verdict(replace(v, assumed={"ambient.convection": 0.3}), catalogue())  # 10 exp(-3 x 0.3) = 4.066
     assert any("estimated as 4.066 (the limit of 3 prior standard deviations) instead" in line for line in lines)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from flashtemp.comparison.campaign import Campaign
 from flashtemp.discovery.criteria import CRITERIA
-from flashtemp.discovery.diagnostics.verdict_sentences import is_within_noise
+from flashtemp.discovery.diagnostics.quantity_format import is_within_noise
 from flashtemp.discovery.verdict import Cause, Verdict
 from flashtemp.display import atomic_write
 from flashtemp.viz import key_labels
@@ -146,7 +146,7 @@ def _result_parts(v: Verdict) -> list[str]:
 
 
 def _grade_answer(v: Verdict) -> tuple[str, str]:
-    """The answer and its grade; an answer that hardly changes the computed temperatures is not graded "good"."""
+    """The answer and its grade; an answer that hardly changes the computed signal is not graded "good"."""
     words, grade = ANSWERS_BY_KIND[v.kind]
     effects = [c for c in v.causes if not c.laboratory]
     if not effects and any(c.laboratory for c in v.causes):
@@ -156,14 +156,26 @@ def _grade_answer(v: Verdict) -> tuple[str, str]:
     elif v.kind == "named" and len(effects) > 1:
         words = f"{len(effects)} missing effects are identified"
     if v.kind in ("named", "learned") and _is_negligible(v):
-        return f"{words}, but it hardly changes the computed temperatures", "near"
+        signal = "temperatures" if _has_temperatures(v) else "friction"
+        return f"{words}, but it hardly changes the computed {signal}", "near"
     return words, grade
 
 
+def _has_temperatures(v: Verdict) -> bool:
+    """Whether the campaign has recordings of temperature, not only of friction."""
+    return v.base is not None and math.isfinite(v.base.rmse_K)
+
+
 def _is_negligible(v: Verdict) -> bool:
-    """Whether no root mean square difference falls visibly: fitted, means over frames, near contact, left-out."""
+    """Whether no root mean square difference falls visibly: fitted, means over frames, near contact, left-out.
+
+    For friction alone, the difference in units of the noise is compared.
+    """
     if v.base is None or v.extended is None:
         return False
+    if not _has_temperatures(v):
+        before, after = (math.sqrt(m.chi2_per_dof) for m in (v.base, v.extended))
+        return not before - after > MIN_VISIBLE_GAIN * before
     pairs = [
         (getattr(v.base, key), getattr(v.extended, key))
         for key in ("rmse_K", "mean_map_rmse_K", "near_contact_rmse_K", "held_out_rmse_K")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from flashtemp.discovery.diagnostics.verdict_sentences import describe_rule, explain_uncertainty
-from flashtemp.discovery.verdict import CandidateReport, InputResult, RuleResult, Verdict
+from flashtemp.discovery.verdict import CandidateReport, InputResult, RuleResult, StructureTest, Verdict
 from flashtemp.display import format_count
 from flashtemp.viz import key_labels
 from flashtemp.viz.html import page
@@ -113,11 +113,17 @@ def noise_section(v: Verdict) -> list[str]:
         return [*out, page.paragraph("No tests for structure were run.", "small")]
     models = {"before": "base", "after": "extended"}
     rows = [
-        [t.name, t.where, models.get(t.stage, t.stage), format_number(t.statistic), format_probability(t.p)]
+        [t.name, t.where, models.get(t.stage, t.stage), format_number(t.statistic), _p_value(t)]
         for t in sorted(v.tests, key=lambda t: (t.stage != "before", t.p))
     ]
     table = page.table(["test for structure", "recording", "model", "statistic", "p, simulated"], rows)
     return [*out, page.fold_section(f"All {len(rows)} tests for structure", [table])]
+
+
+def _p_value(t: StructureTest) -> str:
+    """The p value of a test; an upper limit if no simulated data set is beyond its statistic."""
+    p = format_probability(t.p)
+    return f"≤\N{NO-BREAK SPACE}{p}" if t.is_p_limited and not p.startswith("below") else p
 
 
 def _describe_maps(v: Verdict) -> list[str]:
@@ -134,15 +140,20 @@ def _describe_maps(v: Verdict) -> list[str]:
 
 
 def _count_tests(v: Verdict) -> list[str]:
-    """How many tests find structure in the residuals of each model."""
+    """How many tests find the residuals of each model unlike noise, and what that means."""
     out = []
     for stage, model in (("before", "base"), ("after", "extended model")):
         tests = [t for t in v.tests if t.stage == stage]
         if tests:
             count, is_structure = plot_helpers.count_rare_tests(tests)
-            meaning = "this is structure, not noise" if is_structure else "noise alone can explain this"
+            if not is_structure:
+                meaning = "noise alone can explain this"
+            elif plot_helpers.are_residuals_small(tests):
+                meaning = "the residuals are smaller than the stated noise, or the data are not independent"
+            else:
+                meaning = "this is structure, not noise"
             out.append(
-                f"In the residuals of the {model}, {count} of {len(tests)} tests find structure that occurs in at most "
+                f"In the residuals of the {model}, {count} of {len(tests)} tests give results that occur in at most "
                 f"1 % of simulated noise: {meaning}."
             )
     return out
@@ -150,7 +161,7 @@ def _count_tests(v: Verdict) -> list[str]:
 
 # --- candidates ---------------------------------------------------------------------------------------
 def rival_tables(v: Verdict) -> list[str]:
-    """The candidates that were not accepted, best first; those that make the data less probable are folded."""
+    """The candidates that were not accepted, best first; those that do not make the data more probable are folded."""
     accepted = {c.effect for c in v.causes}
     rivals = sorted((r for r in v.rivals if r.effect not in accepted), key=lambda r: -r.score)
     if not rivals:
@@ -160,7 +171,7 @@ def rival_tables(v: Verdict) -> list[str]:
     out = [_candidate_table(likely)] if likely else [page.paragraph("No other candidate makes the data more probable.")]
     unlikely, untried = [r for r in tried if r not in likely], [r for r in rivals if r not in tried]
     if unlikely:
-        words = f"{format_count(len(unlikely), 'candidate')} that would make the data less probable"
+        words = f"{format_count(len(unlikely), 'candidate')} that would not make the data more probable"
         out.append(page.fold_section(words, [_candidate_table(unlikely)]))
     if untried:
         rows = [[effect_label(r.effect), r.reason.removeprefix("not tried: ")] for r in untried]

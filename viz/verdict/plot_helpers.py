@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from flashtemp.discovery.diagnostics.adequacy_tests import CORRELATION
 from flashtemp.viz import theme
 from flashtemp.viz.key_labels import describe_condition
 from flashtemp.viz.literal_text import escape_mathematics
@@ -113,10 +114,14 @@ def picture_heading(verdict, name: str) -> str:
 
 
 def has_structure(verdict) -> bool:
-    """Whether maps or tests show structure in the residuals of the base; True where neither was made."""
+    """Whether maps or tests show structure in the residuals of the base; True where neither was made.
+
+    Residuals that are smaller than the stated noise are no structure.
+    """
     maps = [outlier_fraction(p.before) for g in select_recordings(verdict) for p in g if p.recording.places is None]
     tests = [t for t in verdict.tests if t.stage == "before"]
-    return not (maps or tests) or count_rare_tests(tests)[1] or max(maps, default=0.0) > MAX_NOISE_OUTLIER_FRACTION
+    is_structure = count_rare_tests(tests)[1] and not are_residuals_small(tests)
+    return not (maps or tests) or is_structure or max(maps, default=0.0) > MAX_NOISE_OUTLIER_FRACTION
 
 
 def count_rare_tests(tests: list) -> tuple[int, bool]:
@@ -125,6 +130,16 @@ def count_rare_tests(tests: list) -> tuple[int, bool]:
 
     count = sum(t.p <= RARE_TEST_P for t in tests)
     return count, bool(count and binom.sf(count - 1, len(tests), RARE_TEST_P) < STRUCTURE_P)
+
+
+def are_residuals_small(tests: list) -> bool:
+    """Whether rare tests show residuals smaller than the noise, and none shows larger ones.
+
+    Correlated residuals that are also small tell of a stated noise that is too large, or of data that are not
+    independent.
+    """
+    rare = [t for t in tests if t.p <= RARE_TEST_P]
+    return any(t.is_small for t in rare) and all(t.is_small or t.name == CORRELATION for t in rare)
 
 
 def make_verdict_figure(verdict, words: str, width: float, height: float) -> Figure:

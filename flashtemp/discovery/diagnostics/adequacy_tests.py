@@ -23,10 +23,10 @@ from flashtemp.discovery.estimation.nuisance_priors import (
 from flashtemp.discovery.estimation.per_condition import estimate_effect_by_condition
 from flashtemp.discovery.parameters import ParameterId, ParameterKind
 from flashtemp.discovery.prediction.problem import Problem
-from flashtemp.discovery.verdict import StructureTest
+from flashtemp.discovery.verdict import SIMULATED_DATA_SETS, StructureTest
 
-SIMULATED_DATA_SETS = 99  # noise-only data sets per block
 MAX_TESTED_DATA = 4000  # the tests cover as many of the last data of a block
+CORRELATION = "correlation of neighbours"
 
 
 def run_adequacy_tests(problem: Problem, fit: LinearisedFit, criteria: Criteria) -> tuple[AdequacyTest, ...]:
@@ -155,7 +155,8 @@ def simulate_structure_tests(fit: LinearisedFit, seed: int, stage: str) -> list[
             middle = np.median(simulated[:, j])
             is_farther = np.abs(simulated[:, j] - middle) >= abs(value - middle)
             p = float((1 + is_farther.sum()) / (1 + SIMULATED_DATA_SETS))
-            out.append(StructureTest(name, block.label, float(value), p, stage))
+            is_small = bool(value < middle) and name != CORRELATION
+            out.append(StructureTest(name, block.label, float(value), p, stage, is_small))
     return out
 
 
@@ -171,8 +172,8 @@ def _last_residuals(block: DataBlock, fit: LinearisedFit) -> tuple[Array, Array]
 def _structure_statistics(residual: Array) -> dict[str, float]:
     return {
         "mean square": float(np.mean(residual**2)),
-        "correlation of neighbours": lag1_autocorrelation(residual, 0)[0],
-        "wider than a pixel": float(np.max(np.abs(_block_means(residual)), initial=0.0)),
+        CORRELATION: lag1_autocorrelation(residual, 0)[0],
+        "largest mean of eight neighbours": float(np.max(np.abs(_block_means(residual)), initial=0.0)),
     }
 
 

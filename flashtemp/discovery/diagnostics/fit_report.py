@@ -20,6 +20,7 @@ from flashtemp.discovery.diagnostics.adequacy_tests import (
     time_mean_rmse,
 )
 from flashtemp.discovery.diagnostics.cross_validation import CrossValidation
+from flashtemp.discovery.diagnostics.quantity_format import format_digits, unit_suffix
 from flashtemp.discovery.diagnostics.verdict_sentences import NUISANCE_WORDS, describe_nuisance
 from flashtemp.discovery.estimation.linear_gaussian import Array, DataBlock, Solution, predicted_change
 from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
@@ -47,6 +48,7 @@ CAMERA_ERROR_WORDS = {
     ParameterKind.MAP: "gain map",
     ParameterKind.OPTICS: "smear and stray light",
 }
+MAX_SIMILAR_DISTINCTNESS = 0.5  # of two sensitivities that resemble each other: a correlation of 0.87 or more
 MIN_REPORTED_ERROR_K = 5e-3  # rms below which a camera error is not reported
 
 
@@ -132,7 +134,19 @@ def describe_cause(search: EffectSearch, fit: LinearisedFit, effect: str, heldou
         raw_share=score.raw_share if score else 0.0,
         per_condition=sizes[0].conditions if sizes else (),
         consistent=sizes[0].probability if sizes else 1.0,
+        references=_references_of_keys(search.problem, fit, effect),
     )
+
+
+def _references_of_keys(problem: Problem, fit: LinearisedFit, effect: str) -> dict[str, str]:
+    """{free key: "effect.reference = value"} for the keys that the text of the effect's `reference` mentions."""
+    param = problem.case.known_effects[effect].params().get("reference")
+    keys = [p.name for p in problem.free_keys if param is not None and p.name in param.about.split()]
+    if param is None or not keys:
+        return {}
+    name = f"{effect}.reference"
+    value = format_digits(fit.model.apply_to(problem.case)[name])
+    return dict.fromkeys(keys, f"{name} = {value}{unit_suffix(param.unit)}")
 
 
 def _chi2_with_same_priors(without: LinearisedFit, fit: LinearisedFit) -> float:
@@ -178,15 +192,20 @@ def _report_candidate(
             left = search.best.ln_evidence - refit.ln_evidence
     return CandidateReport(
         effect=s.effect, score=score, distinctness=single.distinctness(s.effect),
-        reason=_rejection_reason(search, s, score, left, accepted), parameter=str(name), amplitude=amplitude, stderr=sd,
-        unit=param.unit, z=s.z, raw_share=s.raw_share, seen=s.typical_z,
+        reason=_rejection_reason(search, s, single, score, left, accepted), parameter=str(name), amplitude=amplitude,
+        stderr=sd, unit=param.unit, z=s.z, raw_share=s.raw_share, seen=s.typical_z,
         detectable=5.0 * abs(a) / s.typical_z if s.typical_z > 1e-9 else float("inf"), left=left,
         refitted=refit is not None and refit.is_comparable,
     )  # fmt: skip
 
 
 def _rejection_reason(
-    search: EffectSearch, s: CandidateScore, score: float, left: float | None, accepted: Sequence[str]
+    search: EffectSearch,
+    s: CandidateScore,
+    single: Separability,
+    score: float,
+    left: float | None,
+    accepted: Sequence[str],
 ) -> str:
     if s.effect in accepted:
         return "accepted"
@@ -197,9 +216,10 @@ def _rejection_reason(
     if left is not None and score > CRITERIA.ln_bayes_hint:
         return f"explains a part, but {' and '.join(accepted)} is better by a ln Bayes factor of {left:.0f}"
     if score > CRITERIA.ln_bayes_named and accepted:
-        return (
-            f"its sensitivity resembles that of {accepted[0]}; with {accepted[0]} in the model it explains nothing more"
-        )
+        nearest = min(accepted, key=lambda a: single.pair_distinctness(s.effect, a))
+        is_similar = single.pair_distinctness(s.effect, nearest) < MAX_SIMILAR_DISTINCTNESS
+        similar = f"its sensitivity resembles that of {nearest}; " if is_similar else ""
+        return f"{similar}with {' and '.join(accepted)} in the model it explains nothing more"
     if s.typical_z < 3.0:
         return "calibration absorbs it: even at its typical strength these data would hardly show it"
     return "the data do not require it"

@@ -6,6 +6,8 @@ import numpy as np
 
 from flashtemp.discovery.verdict import InputCorrection
 
+CHANGE_STANDARD_ERRORS = 2.0  # by which an rms value must change not to be called unchanged: 1 in 20 by chance
+
 
 def format_digits(value: float, count: int = 4) -> str:
     """A number to some significant digits, without a power of ten for values of everyday size.
@@ -41,6 +43,15 @@ def format_kelvin(T: float) -> str:
     ('1.13 K', '13.1 mK')
     """
     return f"{T:.3g} K" if T >= 1.0 else f"{1e3 * T:.3g} mK"
+
+
+def is_within_noise(before: float, after: float, error: float) -> bool:
+    """Whether two numbers differ by no more than chance explains; `error` of the change, NaN if unknown.
+
+    >>> is_within_noise(0.0587, 0.06, 0.001), is_within_noise(0.0587, 0.06, float("nan"))
+    (True, False)
+    """
+    return abs(after - before) < CHANGE_STANDARD_ERRORS * error
 
 
 def correction_words(h: InputCorrection) -> str:

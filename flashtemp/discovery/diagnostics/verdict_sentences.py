@@ -16,6 +16,7 @@ from flashtemp.discovery.diagnostics.quantity_format import (
     format_digits,
     format_error,
     format_kelvin,
+    is_within_noise,
     unit_suffix,
     wrong_input_words,
 )
@@ -35,7 +36,6 @@ from flashtemp.physics.effect import Effect
 MAX_LISTED_ITEMS = 3  # of each kind in the text; the report lists all
 CLEARLY_VISIBLE_SIGMA = 5.0  # signal-to-noise ratio of a typical amplitude; below it, data say little of a candidate
 SHIFT_STANDARD_ERRORS = 2.0  # by which a calibrated parameter must change to be mentioned
-CHANGE_STANDARD_ERRORS = 2.0  # by which an rms value must change not to be called unchanged: 1 in 20 by chance
 LN_BAYES_IMPOSSIBLE = 1e6  # what the engine reports of recordings that cannot be as stated
 NUISANCE_WORDS = {
     ParameterKind.SHIFT_U: "shift along u of",
@@ -98,6 +98,7 @@ ADEQUACY_WORDS = {  # by the names of `adequacy_tests`
 LAW_RULE = "the law predicts left-out data"
 DECISION_WORDS = {  # by the names of the other rules of `decide`
     "the fit converged": RuleWords("The fit of the final model converged", ""),
+    "all effects were judged": RuleWords("The full fits of all effects that may explain more were completed", ""),
     LAW_RULE: RuleWords(
         "The law predicts data that were left out", "fraction of their excess misfit that remains", is_upper=True),
     "the evidence is strong": RuleWords("The evidence for the cause is strong", "ln Bayes factor"),
@@ -398,27 +399,18 @@ def _describe_gain(v: Verdict) -> Iterator[str]:
     if v.extended is None or v.base is None:
         return
     size = v.gain or {}
-    changes = f"{size['file']} changes by {format_kelvin(size['changed_K'])} rms, " if size.get("file") else ""
+    changes = f"{size['file']} changes by {format_kelvin(size['changed_K'])} rms; " if size.get("file") else ""
     # in a group the extension is only one of the possible causes
     extension = " and ".join(c.effect for c in _physical_causes(v)) if v.kind == "group" else ""
     yield (
-        f"With {extension or 'the extension'}, and everything calibrated again, {changes}chi2/dof goes from "
-        f"{v.base.chi2_per_dof:.4g} to {v.extended.chi2_per_dof:.4g}."
+        f"With {extension or 'the extension'}, and everything calibrated again, {changes}chi2/dof of all fitted data "
+        f"goes from {v.base.chi2_per_dof:.4g} to {v.extended.chi2_per_dof:.4g}."
     )
     before, after = f"{v.base.held_out_z:.3g}", f"{v.extended.held_out_z:.3g}"
     if is_within_noise(v.base.held_out_z, v.extended.held_out_z, v.extended.held_out_z_change_error):
         yield f"Left-out data are predicted as well as before ({before} and {after} sigma, within noise)."
     elif before != after:
         yield f"Left-out data are predicted to {after} sigma instead of {before}."
-
-
-def is_within_noise(before: float, after: float, error: float) -> bool:
-    """Whether two numbers differ by no more than chance explains; `error` of the change, NaN if unknown.
-
-    >>> is_within_noise(0.0587, 0.06, 0.001), is_within_noise(0.0587, 0.06, float("nan"))
-    (True, False)
-    """
-    return abs(after - before) < CHANGE_STANDARD_ERRORS * error
 
 
 def _describe_alternative(v: Verdict) -> Iterator[str]:
@@ -433,12 +425,14 @@ def _describe_alternative(v: Verdict) -> Iterator[str]:
 def _describe_shifts(v: Verdict) -> Iterator[str]:
     """Calibrated parameters that were biased without the extension."""
     found = {p.name: p for p in v.nuisance}
+    references = {key: at for c in v.causes for key, at in c.references.items()}
     for name, before, after, error in () if v.kind == "unexplained" else v.shifts:
         if error and abs(after - before) > SHIFT_STANDARD_ERRORS * error:
             now, limit = found.get(name, NormalisedDeviation(name, after, error, 0.0)), ""
             if is_at_limit(before, now.value, now.pull, v.assumed.get(name, math.inf)):
                 limit = f" (the limit of {MAX_RIGID_PULL:g} prior standard deviations)"
             instead = f"{after:.4g} +- {error:.2g}{unit_suffix(now.unit)}"
+            instead += f" (at {references[name]})" if name in references else ""
             yield f"Without it, {name} would be estimated as {before:.4g}{limit} instead of {instead}."
 
 

@@ -186,6 +186,13 @@ class Separability:
         others = np.delete(self.rho[i], i)
         return float(np.sqrt(max(0.0, 1.0 - np.max(others**2)))) if len(others) else 1.0
 
+    def pair_distinctness(self, name: str, other: str) -> float:
+        """Fraction of a signature that one other candidate cannot imitate: sqrt(1 - rho^2); 1 if either is unknown."""
+        if name not in self.names or other not in self.names:
+            return 1.0
+        rho = self.rho[self.names.index(name), self.names.index(other)]
+        return float(np.sqrt(max(0.0, 1.0 - rho**2)))
+
     def nearest_rival(self, name: str) -> tuple[str, float]:
         """The candidate with the most similar signature, and its correlation; ("none", 0.0) if none correlates."""
         i = self.names.index(name)

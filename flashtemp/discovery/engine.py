@@ -189,18 +189,28 @@ def predict_coarser_meshes(problem: Problem) -> list[list[Prediction]]:
 
 
 def _with_time_left(watch: ProgressCallback) -> Callable[[str], Any]:
-    """A progress callback that adds the elapsed time and, from the first known stage on, an estimate of the rest."""
-    began, done = time.monotonic(), 0.0
+    """A progress callback that adds the elapsed time and, from the first known stage on, an estimate of the rest.
+
+    Each new stage sets the estimate.  Between them, and in repeated stages, it only falls.
+    """
+    began, reached, stage_time, stage_left = time.monotonic(), 0.0, 0.0, 0.0
 
     def say_with_time(text: str) -> None:
-        nonlocal done
+        nonlocal reached, stage_time, stage_left
         gone = time.monotonic() - began
         stage = STAGE_START_FRACTIONS.get(text.split()[0], 0.0)
-        if stage:  # a repeated stage is assumed to take half of the remaining work
-            done = stage if stage > done else 0.5 * (1.0 + done)
-        left = gone * (1.0 / done - 1.0) if done else 0.0
-        words = f"{text} ({gone:.0f} s{f', about {left:.0f} s left' if done else ''})"
-        about = {"stage": text.strip(), "fraction_done": done or None, "left_s": left if done else None}
+        if stage > reached:
+            reached, stage_time, stage_left = stage, gone, gone * (1.0 / stage - 1.0)
+        since = gone - stage_time
+        # falls second by second at first, and never reaches 0: how often stages will be repeated is not known
+        left = stage_left**2 / (stage_left + since) if since else stage_left
+        done = gone / (gone + left) if since else reached
+        words = f"{text} ({gone:.0f} s{f', about {left:.0f} s left' if reached else ''})"
+        about = {
+            "stage": text.strip(),
+            "fraction_done": done if reached else None,
+            "left_s": left if reached else None,
+        }
         watch(ProgressMessage(words, **getattr(text, "details", {}), **about))
 
     return say_with_time

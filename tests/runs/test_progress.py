@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 
 import numpy as np
@@ -79,7 +80,7 @@ def test_who_reads_along_may_ask_for_more(clock, capsys, monkeypatch):
 
 
 def test_discovery_says_how_long_it_takes_as_soon_as_it_can(monkeypatch):
-    """From its first simulations on; a stage that comes again takes half of what was left."""
+    """From its first simulations on; a new stage sets the estimate, which falls between them."""
     now, told = [0.0], []
     monkeypatch.setattr(engine.time, "monotonic", lambda: now[0])
     say = engine._with_time_left(told.append)
@@ -97,9 +98,33 @@ def test_discovery_says_how_long_it_takes_as_soon_as_it_can(monkeypatch):
         for stage in ("calibrating", "sensitivities", "fitting", "judging", "checking")
     ]
     assert parts == sorted(parts)
-    after = (parts[0], parts[0], *parts[1:], parts[-1], 0.5 * (1.0 + parts[-1]))
-    gone = (30.0, 35.0, 60.0, 80.0, 85.0, 90.0, 90.0, 95.0)
-    assert [int(m[1]) for m in left[2:]] == [round(t * (1.0 / p - 1.0)) for t, p in zip(gone, after, strict=True)]
+    begins = [t * (1.0 / p - 1.0) for t, p in zip((30.0, 60.0, 80.0, 85.0, 90.0), parts, strict=True)]
+    expected = [
+        begins[0],
+        begins[0] ** 2 / (begins[0] + 5.0),
+        *begins[1:],
+        begins[-1],
+        begins[-1] ** 2 / (begins[-1] + 5.0),
+    ]
+    assert [int(m[1]) for m in left[2:]] == [round(t) for t in expected]
+
+
+def test_time_left_of_a_discovery_falls_while_stages_repeat(monkeypatch):
+    """Many fits and inputs tried again: the estimate falls, and the part done grows, until a new stage begins."""
+    now, told = [0.0], []
+    monkeypatch.setattr(engine.time, "monotonic", lambda: now[0])
+    say = engine._with_time_left(told.append)
+    repeated = ["calibrating", "  evaluation 1", "sensitivities of 8 candidates", "fitting tilt", "  evaluation 2"]
+    for at, text in enumerate([*repeated, *repeated * 20]):
+        now[0] = 10.0 + 3.0 * at
+        say(text)
+    details = [t.details for t in told[3:]]  # from the last new stage on
+    left, done = ([d[key] for d in details] for key in ("left_s", "fraction_done"))
+    assert all(0.0 < later < earlier for earlier, later in itertools.pairwise(left))
+    assert all(earlier < later < 1.0 for earlier, later in itertools.pairwise(done))
+    now[0] += 3.0
+    say("judging")
+    assert told[-1].details["fraction_done"] == engine.STAGE_START_FRACTIONS["judging"]
 
 
 def test_what_is_short_says_nothing(clock, capsys):

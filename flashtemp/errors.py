@@ -91,16 +91,18 @@ def describe_exception(fault: BaseException) -> str:
     return text if isinstance(fault, FlashtempError) else f"{kind}: {text}" if text else kind
 
 
-def suggest_name(name: str, known: Iterable[str]) -> str:
+def suggest_name(name: str, known: Iterable[str], table: str = "") -> str:
     """The end of an error message for an unknown name: the nearest of the `known` names, or all of them.
 
-    >>> suggest_name("frction", ["friction", "contact"])
-    "; did you mean 'friction'?"
+    A suggested key of a `table` is written with its table.
+
+    >>> suggest_name("frction", ["friction", "contact"]), suggest_name("presure", ["pressure"], "contact")
+    ("; did you mean 'friction'?", "; did you mean 'contact.pressure'?")
     """
     known = list(known)
     match = [k for k in known if k.lower() == name.lower()] or get_close_matches(name, known, n=1, cutoff=0.5)
     if match:
-        return f"; did you mean '{match[0]}'?"
+        return f"; did you mean '{table}.{match[0]}'?" if table else f"; did you mean '{match[0]}'?"
     if not known:
         return "; no name is allowed here"
     more = f" and {len(known) - MAX_LISTED_NAMES} more" if len(known) > MAX_LISTED_NAMES else ""

@@ -296,7 +296,7 @@ class CaseReader:
             return {}
         for key in given:
             if key not in keys:
-                self.add_fault(f"{table}.{key}", f"unknown key{suggest_name(key, keys)}")
+                self.add_fault(f"{table}.{key}", f"unknown key{suggest_name(key, keys, table)}")
         out = {}
         for key, param in keys.items():
             if key not in given:

@@ -100,8 +100,9 @@ def to_unit(value: str, unit: str, difference: bool = False) -> float:
     (10.0, 1500000.0, 0.2)
     """
     found = QUANTITY_PATTERN.fullmatch(value)
+    wanted = _describe_unit("K" if difference and unit in OFFSET_SCALES else unit)
     if found is None:
-        raise BadInput(f"{shorten_text(repr(value))}; give a number {_describe_unit(unit)}")
+        raise BadInput(f"{shorten_text(repr(value))}; give a number {wanted}")
     number, text, difference = float(found[1]), found[2], difference or unit == "K"
     if text == unit and not (difference and unit in OFFSET_SCALES):
         return number
@@ -110,9 +111,9 @@ def to_unit(value: str, unit: str, difference: bool = False) -> float:
     try:
         line = _compute_conversion(text, unit, difference)
     except _UnknownUnit as fault:
-        raise BadInput(f"{value!r}: the unit {text!r} is not known; give a number {_describe_unit(unit)}") from fault
+        raise BadInput(f"{value!r}: the unit {text!r} is not known; give a number {wanted}") from fault
     if line is None:
-        raise BadInput(f"{value!r} is not a quantity {_describe_unit(unit)}; give a unit that converts to it")
+        raise BadInput(f"{value!r} is not a quantity {wanted}; give a unit that converts to it")
     return float(f"{line[0] * number + line[1]:.15g}")  # 0.3 MPa is 300000 Pa, not 299999.99999999994
 
 

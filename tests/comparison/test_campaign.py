@@ -67,7 +67,7 @@ def test_a_campaign_is_read(folder):
         (HEAD + VIEW + "sigma_K = -1\n", "sigma_K: -1; give a number > 0"),
         (
             HEAD + VIEW + 'with = { "contact.presure" = 1 }\n',
-            "recording 1: contact.presure (with): unknown key; did you mean 'pressure'",
+            "recording 1: contact.presure (with): unknown key; did you mean 'contact.pressure'",
         ),
         (HEAD + VIEW + 'held_out = "yes"\n', "give true or false"),
         (HEAD + '[[recording]]\nfile = "b.nc"\n', "no file 'b.nc'"),
@@ -99,7 +99,7 @@ def test_a_campaign_is_read(folder):
         (HEAD + 'candidates = ["wear", "wear"]\n' + VIEW, "effect 'wear' is listed twice"),
         (HEAD + VIEW + 'with = { effects = ["wear", "wear"] }\n', "effect 'wear' is listed twice"),
         (HEAD + VIEW + 'with = { "free" = ["friction.mu"] }\n', "with: 'free' holds for all; write it at the top"),
-        (HEAD + VIEW + "with = { contact.pressur = 2e5 }\n", "did you mean 'pressure'"),
+        (HEAD + VIEW + "with = { contact.pressur = 2e5 }\n", "did you mean 'contact.pressure'"),
         ("case = \n", "not valid TOML"),
     ],
 )

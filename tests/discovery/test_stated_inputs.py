@@ -193,6 +193,7 @@ def test_a_campaign_states_how_well_its_inputs_are_known(made, tmp_path):
         ('{ "contact.spot_fraction" = 0.02 }', "is free; say there how well it is known"),
         ('{ "ambient.temperature" = 0.02 }', 'give it with its unit, "0.5 K"'),
         ('{ "contact.pressure" = "0.3 K" }', "not a quantity in Pa"),
+        ('{ "ambient.temperature" = "0.3 m" }', "'0.3 m' is not a quantity in K"),
         ('{ "contact.pressure" = "well" }', "give a relative standard deviation"),
         ('{ "contact.pressure" = true }', "give a relative standard deviation"),
         ('{ "contact.pressure" = 0 }', "above 0"),

@@ -323,7 +323,7 @@ def test_slow_speeds_beyond_the_master_curve_are_refused_too(tmp_path, capsys, c
         ("tread.slip=0.05", "tread.slip (command line): 0.05; give a list of numbers"),
         ("tread.slip=[0.05,-1]", "give numbers > 0 and <= 1"),
         ("tread.slip=[0.05,0.05]", "give every number once"),
-        ("tread.slips=[0.05]", "did you mean 'slip'"),
+        ("tread.slips=[0.05]", "did you mean 'tread.slip'"),
         ("tread.mass=0", "give a number > 0"),
         ("tread.mass=1000", "tread.mass: 1000 kg/m2: the bristle oscillates with a period of 4.4 of the contact time"),
         ("tread.stiffness=1", "give a number >= 1000"),

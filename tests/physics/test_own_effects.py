@@ -105,7 +105,7 @@ def test_tables_of_the_file_rest_when_effects_are_chosen_on_the_command_line(tmp
     folder = written(tmp_path / "case", more="[dust]\nrate = 0.5\n")
     assert load_case(folder, ["effects="]).effects == ()
     assert load_case(folder, ["effects=wear,./dust.py"]).effects == ("wear", "dust")
-    with pytest.raises(BadInput, match=r"dust.rat \(.*\): unknown key; did you mean 'rate'"):
+    with pytest.raises(BadInput, match=r"dust.rat \(.*\): unknown key; did you mean 'dust.rate'"):
         load_case(folder, {"dust.rat": 1.0})
     with pytest.raises(BadInput, match=r"dust.rate .*9.*<= 4"):
         load_case(folder, {"dust.rate": 9.0})

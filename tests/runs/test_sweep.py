@@ -130,7 +130,7 @@ def test_a_point_that_fails_is_told_and_the_rest_stays(case, tmp_path, capsys):
         ([], "nothing to sweep"),
         (["friction.mu=0.8"], "nothing to sweep"),
         (["friction.mu=0.8,0.8"], "twice"),
-        (["friction.mo=0.8,0.9"], "did you mean 'mu'"),
+        (["friction.mo=0.8,0.9"], "did you mean 'friction.mu'"),
         (["friction.mu=0.8,-1"], "friction.mu"),
         (["schedule.repetitions=1,2"], "cannot be swept"),
     ],

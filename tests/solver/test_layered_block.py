@@ -309,7 +309,10 @@ def test_the_sketch_shows_the_layers(tmp_path):
             "layers.glue.material (command line): no material 'glu'; did you mean 'glue'",
         ),
         ({"layers.glue.thickness": -1e-4}, "layers.glue.thickness (command line): -0.0001; give a number"),
-        ({"layers.glue.thicknes": 1e-4}, "layers.glue.thicknes (command line): unknown key; did you mean 'thickness'"),
+        (
+            {"layers.glue.thicknes": 1e-4},
+            "layers.glue.thicknes (command line): unknown key; did you mean 'layers.glue.thickness'",
+        ),
         ({"layers.top.material": "glue"}, "thickness is missing; give it in m"),
         ({"layers": 3}, "layers (command line): 3; write [layers.NAME] and its keys below it"),
         ({"layers.board.thickness": 1.0}, "add up to 1.0022 m; give 0.0001 to 1 m in total"),

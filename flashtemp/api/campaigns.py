@@ -16,6 +16,7 @@ from flashtemp.comparison import compare as comparing
 from flashtemp.comparison import synthetic_campaign as twins
 from flashtemp.comparison.campaign import Campaign
 from flashtemp.comparison.compare import Comparison
+from flashtemp.comparison.condition_remarks import remark_on_conditions, require_fitted_entry
 from flashtemp.discovery import engine, experiment_design
 from flashtemp.discovery.experiment_design import DesignReport
 from flashtemp.discovery.prediction.prediction import predict_condition
@@ -69,6 +70,8 @@ def compare(
     """
     _check_pdf_request(pdf, out)
     loaded = resolve_campaign(campaign)
+    for remark in remark_on_conditions(loaded):
+        say(remark)
     with optional_folder(out) as work:
         result = comparing.compare(loaded, say)
         if work is not None:
@@ -118,6 +121,9 @@ def discover(
     """
     _check_pdf_request(pdf, out)
     loaded = resolve_campaign(campaign)
+    require_fitted_entry(loaded)
+    for remark in remark_on_conditions(loaded):
+        say(remark)
     with optional_folder(out) as work:
         verdict, search = engine.discover(loaded, say, workers, scheduler)
         if work is not None:
@@ -151,6 +157,9 @@ def plan(
     """
     _check_pdf_request(pdf, out)
     loaded = resolve_campaign(campaign, planned=True)
+    require_fitted_entry(loaded)
+    for remark in remark_on_conditions(loaded):
+        say(remark)
     with optional_folder(out) as work:
         with open_worker_pool(predict_condition, workers, scheduler) as run:
             design = experiment_design.assess_design(prepare_problem(loaded, run), say)

@@ -12,6 +12,7 @@ from typing import Any
 
 from flashtemp.api.inputs import Say, ignore_message
 from flashtemp.camera.importing.recording_import import ImportResult
+from flashtemp.comparison.condition_remarks import remark_on_conditions
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.latest_frame import describe_latest_frame
 from flashtemp.discovery.live_evidence import LiveEvidence
@@ -61,6 +62,8 @@ def watch(
         raise BadInput(f"--workers: {workers}; give at least 1")
     test = WatchedTest(Path(folder), Path(campaign), trust=trust, limit=limit, overwrite=overwrite)
     target = None if out is None else _prepare_folder(Path(out))
+    for remark in remark_on_conditions(test.campaign):
+        say(remark)
     return CampaignWatch(test, target, interval, patience, once, until_decided, workers, say)
 
 

@@ -9,8 +9,11 @@ Dudzik, Infrared Thermography: Errors and Uncertainties, 2009; Vollmer & Moellma
 from __future__ import annotations
 
 from dataclasses import dataclass
+from difflib import get_close_matches
 
 UNCOOLED, COOLED = "uncooled", "cooled"
+DETECTOR_CLASSES = {"bolometer": UNCOOLED, "insb": COOLED, "mct": COOLED, "qwip": COOLED}  # by a part of its name
+MIN_SPELLING_RATIO = 0.75  # of a misspelling; "microbolometer" is no misspelling of "cooled"
 
 
 @dataclass(frozen=True)
@@ -36,3 +39,14 @@ CAMERA_CLASSES = {
     UNCOOLED: CameraErrors(0.5, 0.02, 0.3, 0.15, 0.003, 0.01, 0.01),
     COOLED: CameraErrors(0.1, 0.003, 0.02, 0.05, 0.0015, 0.0005, 0.005),
 }
+
+
+def suggest_camera_class(name: str) -> str:
+    """The end of an error message for an unknown class of camera: the class of a detector, or the right spelling.
+
+    >>> suggest_camera_class("microbolometer"), suggest_camera_class("coled"), suggest_camera_class("warm")
+    ("; did you mean 'uncooled'?", "; did you mean 'cooled'?", '')
+    """
+    by_detector = [known for detector, known in DETECTOR_CLASSES.items() if detector in name.lower()]
+    match = by_detector or get_close_matches(name.lower(), CAMERA_CLASSES, n=1, cutoff=MIN_SPELLING_RATIO)
+    return f"; did you mean '{match[0]}'?" if match else ""

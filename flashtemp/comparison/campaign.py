@@ -11,10 +11,14 @@ from typing import Any
 import numpy as np
 
 from flashtemp.camera import recording
-from flashtemp.camera.camera_classes import CAMERA_CLASSES, UNCOOLED
 from flashtemp.camera.importing import thermocouple_files
-from flashtemp.camera.prediction import synthetic_recording
 from flashtemp.camera.recording import Recording
+from flashtemp.comparison.entry_values import (
+    describe_table_as_recording,
+    find_camera_fault,
+    find_noise_fault,
+    read_stated_noise,
+)
 from flashtemp.comparison.frame_means import AveragedFrames
 from flashtemp.comparison.known_inputs import StatedUncertainty, read_known
 from flashtemp.comparison.planned_recording import make_planned_recording
@@ -230,6 +234,12 @@ class _CampaignReader:
         """Add a fault of a key, or of the `nth` table of that name."""
         self.faults.append(f"{self.where(key, nth)}: {text}")
 
+    def add_entry_fault(self, kind: str, number: int, *texts: str) -> None:
+        """Add faults of the entry `number` of a kind, with its line."""
+        line = self.where.find_line(kind, number)
+        place = f"{self.where.file}:{line}" if line else self.where.file
+        self.faults.extend(f"{place}: {kind} {number}: {text}" for text in texts)
+
     def read_case(self, raw: dict[str, Any]) -> Path | None:
         """Path of the case file; None, with a fault, where it does not exist."""
         name = raw.get("case", "case.toml")
@@ -258,9 +268,7 @@ class _CampaignReader:
             return []
         for number, entry in enumerate(entries, 1):
             for key in entry.keys() - ENTRY_KEYS[kind]:
-                self.add_fault(
-                    kind, f"{kind} {number}: {key}: unknown key{suggest_name(key, sorted(ENTRY_KEYS[kind]))}", number
-                )
+                self.add_entry_fault(kind, number, f"{key}: unknown key{suggest_name(key, sorted(ENTRY_KEYS[kind]))}")
         return entries
 
     def read_names(self, raw: dict[str, Any], key: str) -> tuple[str, ...] | None:
@@ -334,7 +342,7 @@ class _CampaignReader:
                     break
                 if _is_same_measurement(entry, other, self.folder):
                     what = f"'{entry.file}' holds the same measurement as {kind} {earlier}, '{other.file}'"
-                    self.add_fault(kind, f"{kind} {number}: file: {what}; list it once", number)
+                    self.add_entry_fault(kind, number, f"file: {what}; list it once")
                     break
 
     def read_recording(
@@ -342,27 +350,20 @@ class _CampaignReader:
     ) -> RecordingEntry | None:
         """A [[recording]]; None, with a fault, where it cannot be used."""
         is_planned = self.planned and "view" in entry and "file" not in entry
-        if (
-            is_planned
-            and entry["view"] not in synthetic_recording.VIEW_GEOMETRY
-            and not ("points" in entry and entry["view"] == "points")
-        ):
-            known = ", ".join(synthetic_recording.VIEW_GEOMETRY) + ", or points with their places"
-            self.add_fault("recording", f"recording {number}: view: {entry['view']!r}; give {known}", number)
-            return None
-        sound = self._has_file(entry, "recording", number) if not is_planned else True
+        sound = is_planned or self._has_file(entry, "recording", number)
         if not (self._check_shared_keys(entry, "recording", number, load_case_with) and sound):
             return None
         if not is_planned and self._is_awaited(entry):
             return None
-        given, sigma, held = _read_overrides(entry, load_case_with), entry.get("sigma_K"), entry.get("held_out", False)
+        given, held = _read_overrides(entry, load_case_with), entry.get("held_out", False)
+        sigma = read_stated_noise(entry, "recording")
         if is_planned:
             if load_case_with is None:
                 return None
             try:
                 recorded = make_planned_recording(entry, load_case_with(given), f"recording {number}")
             except BadInput as fault:
-                self.faults.extend(f"{self.where('recording', number)}: {line}" for line in fault.lines)
+                self._add_named_faults("recording", number, fault)
                 return None
             return RecordingEntry(
                 f"planned {number} {entry['view']}", _with_camera_class(recorded, entry), given, sigma, held
@@ -376,14 +377,18 @@ class _CampaignReader:
                 recorded = thermocouple_files.read_campaign_points(
                     entry, self.folder, load_case_with(given).scene.schedule, f"recording {number}"
                 )
-            return RecordingEntry(entry["file"], _with_camera_class(recorded, entry), given, sigma, held)
         except BadInput as fault:
-            # errors of image files name their file already, those of points name the entry alone
-            is_table = "points" in entry
-            self.faults.extend(
-                f"{self.where('recording', number)}: {line}" if is_table else line for line in fault.lines
-            )
+            if "points" in entry:
+                self._add_named_faults("recording", number, fault)
+            elif text := describe_table_as_recording(entry["file"]):
+                self.add_entry_fault("recording", number, text)
+            else:  # errors of image files name their file already
+                self.faults.extend(fault.lines)
             return None
+        if text := find_noise_fault(recorded, sigma):
+            self.add_entry_fault("recording", number, text)
+            return None
+        return RecordingEntry(entry["file"], _with_camera_class(recorded, entry), given, sigma, held)
 
     def read_load_cell(
         self, entry: dict[str, Any], number: int, load_case_with: CaseLoader | None
@@ -395,23 +400,27 @@ class _CampaignReader:
         try:
             time, mu = read_xy_pairs(entry["file"], self.folder, "file", columns=(TIME, FRICTION))
         except BadInput as fault:
-            self.faults.extend(f"{self.where('force', number)}: force {number}: {line}" for line in fault.lines)
+            self.add_entry_fault("force", number, *fault.lines)
             return None
-        given, sigma, held = _read_overrides(entry, load_case_with), entry.get("sigma"), entry.get("held_out", False)
-        return LoadCellEntry(entry["file"], time, mu, given, sigma, held)
+        given, held = _read_overrides(entry, load_case_with), entry.get("held_out", False)
+        return LoadCellEntry(entry["file"], time, mu, given, read_stated_noise(entry, "force"), held)
+
+    def _add_named_faults(self, kind: str, number: int, fault: BadInput) -> None:
+        """Add the lines of a fault that name the entry themselves."""
+        self.add_entry_fault(kind, number, *(line.removeprefix(f"{kind} {number}: ") for line in fault.lines))
 
     def _has_file(self, entry: dict[str, Any], kind: str, number: int) -> bool:
         """Whether the file of an entry exists; if not, a fault is added."""
         file = entry.get("file")
         if not isinstance(file, str):
             more = "; a view without a file is for flashtemp plan" if "view" in entry else ""
-            self.add_fault(kind, f"{kind} {number}: file: {file!r}; give the name of a file in quotes{more}", number)
+            self.add_entry_fault(kind, number, f"file: {file!r}; give the name of a file in quotes{more}")
             return False
         if self._is_awaited(entry):
             self.awaited.append(file)
             return True
         if not _path_exists(self.folder / file) or not (self.folder / file).is_file():
-            self.add_fault(kind, f"{kind} {number}: file: no file '{file}' in {self.folder}", number)
+            self.add_entry_fault(kind, number, f"file: no file '{file}' in {self.folder}")
             return False
         return True
 
@@ -423,33 +432,25 @@ class _CampaignReader:
         self, entry: dict[str, Any], kind: str, number: int, load_case_with: CaseLoader | None
     ) -> bool:
         """Whether the keys that recordings and forces share are valid; if not, faults are added."""
-        before, place = len(self.faults), f"{kind} {number}"
+        before = len(self.faults)
         given, held = entry.get("with", {}), entry.get("held_out", False)
         if not isinstance(held, bool):
-            self.add_fault(kind, f"{place}: held_out: {held!r}; give true or false", number)
+            self.add_entry_fault(kind, number, f"held_out: {held!r}; give true or false")
         if not isinstance(given, dict):
-            self.add_fault(kind, f'{place}: with: {given!r}; write with = {{ "contact.pressure" = 1.5e5 }}', number)
+            self.add_entry_fault(kind, number, f'with: {given!r}; write with = {{ "contact.pressure" = 1.5e5 }}')
         elif campaign_wide := sorted({"title", "free", "known", "candidates"} & given.keys()):
-            self.add_fault(kind, f"{place}: with: '{campaign_wide[0]}' holds for all; write it at the top", number)
+            self.add_entry_fault(kind, number, f"with: '{campaign_wide[0]}' holds for all; write it at the top")
         elif load_case_with is not None:
             try:
                 load_case_with(given, by="with")
             except BadInput as fault:
-                self.faults.extend(f"{self.where(kind, number)}: {place}: {line}" for line in fault.lines)
-        camera = entry.get("camera", UNCOOLED)
-        if not isinstance(camera, str) or camera not in CAMERA_CLASSES:
-            known = " or ".join(f'"{name}"' for name in CAMERA_CLASSES)
-            self.add_fault(
-                kind, f"{place}: camera: {camera!r}; give {known}{suggest_name(str(camera), CAMERA_CLASSES)}", number
-            )
-        name = "sigma_K" if kind == "recording" else "sigma"
-        sigma = entry.get(name)
-        if sigma is not None and (
-            isinstance(sigma, bool) or not isinstance(sigma, (int, float)) or not 0 < sigma < 1e3
-        ):
-            self.add_fault(
-                kind, f"{place}: {name}: {sigma!r}; give a number > 0, or leave it out to have it estimated", number
-            )
+                self.add_entry_fault(kind, number, *fault.lines)
+        if text := find_camera_fault(entry):
+            self.add_entry_fault(kind, number, text)
+        try:
+            read_stated_noise(entry, kind)
+        except BadInput as fault:
+            self.add_entry_fault(kind, number, *fault.lines)
         return len(self.faults) == before
 
 

@@ -63,18 +63,11 @@ def estimate_noise(
     residual `rest` of a first fit where there is one, because a gradient across few lines looks like it.  Only then is
     it searched for renewals.
     """
-    estimated, n = [], len(residual)
+    estimated = []
     weights = None if averaged is None else np.array(averaged, float)
     if white is None:
         estimated.append("white")
-        each = np.ones(n) if weights is None else weights
-        if n > 2:
-            step = np.diff(residual, axis=0) / np.sqrt(1.0 / each[1:] + 1.0 / each[:-1])[:, None, None]
-            if step[0].size >= MIN_FRAME_PIXELS:  # noise of whole frames is none of single pixels
-                step -= np.array([_known_median(one) for one in step])[:, None, None]
-        else:
-            step = np.diff(residual, n=2, axis=-1) * np.sqrt(each / 6.0)[:, None, None]
-        white = _robust_sd(step)
+        white = estimate_white_noise(residual, weights)
     if pattern is None:
         estimated.append("pattern")
         pattern = _pattern_beside(residual, white, weights)
@@ -82,6 +75,23 @@ def estimate_noise(
     lines, renewals = estimate_line_noise(residual if rest is None else rest, white, pattern, rest is not None, weights)
     levels = NoiseLevels(white, pattern, tuple(estimated), averaged, lines, renewals=renewals)
     return _with_renewed_pattern(_without_line_noise(levels, residual), residual if rest is None else rest)
+
+
+def estimate_white_noise(residual: np.ndarray, weights: np.ndarray | None = None) -> float:
+    """White noise (K) of one pixel of one camera frame, from residuals or temperatures (frames, nv, nu) K.
+
+    `weights` (frames,): number of camera frames in each frame.  The noise is the MAD of differences of successive
+    frames, or of second differences along rows where there are at most two frames.
+    """
+    n = len(residual)
+    each = np.ones(n) if weights is None else weights
+    if n > 2:
+        step = np.diff(residual, axis=0) / np.sqrt(1.0 / each[1:] + 1.0 / each[:-1])[:, None, None]
+        if step[0].size >= MIN_FRAME_PIXELS:  # noise of whole frames is none of single pixels
+            step -= np.array([_known_median(one) for one in step])[:, None, None]
+    else:
+        step = np.diff(residual, n=2, axis=-1) * np.sqrt(each / 6.0)[:, None, None]
+    return _robust_sd(step)
 
 
 def raise_stated_noise(noise: NoiseLevels, recording, residual: np.ndarray) -> NoiseLevels:

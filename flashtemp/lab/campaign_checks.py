@@ -127,11 +127,10 @@ def find_outside_files(raw: dict[str, Any], path: Path, folder: Path) -> list[Ca
 def _locate_fault(line: str, raw: dict[str, Any], path: Path) -> CampaignFault:
     """The entry or key that an error message of the reader is about."""
     line = line.replace(f" in {path.parent}", "")
-    own = re.match(rf"{re.escape(str(path))}(?::\d+)?: ([\w.]+): (.*)", line, re.DOTALL)
-    if own:
-        numbered = re.match(r"(recording|force) (\d+): (.*)", own[2], re.DOTALL)
-        if numbered:
-            return CampaignFault(numbered[1], int(numbered[2]), "", numbered[3])
+    place = rf"{re.escape(str(path))}(?::\d+)?: "
+    if numbered := re.match(rf"{place}(recording|force) (\d+): (.*)", line, re.DOTALL):
+        return CampaignFault(numbered[1], int(numbered[2]), "", numbered[3])
+    if own := re.match(rf"{place}([\w.]+): (.*)", line, re.DOTALL):
         return CampaignFault("", 0, own[1], own[2])
     for kind in ENTRY_KINDS:
         for number, entry in enumerate(read_entries(raw, kind), 1):
@@ -139,9 +138,9 @@ def _locate_fault(line: str, raw: dict[str, Any], path: Path) -> CampaignFault:
                 prefix = f"{path.parent / entry['file']}: "
                 if line.startswith(prefix):
                     return CampaignFault(kind, number, "file", line.removeprefix(prefix))
-    place = path.parent / str(raw.get("case", "case.toml"))
-    if line.startswith(str(place)):
-        return CampaignFault("", 0, "case", f"{place.name}{line.removeprefix(str(place))}")
+    case = path.parent / str(raw.get("case", "case.toml"))
+    if line.startswith(str(case)):
+        return CampaignFault("", 0, "case", f"{case.name}{line.removeprefix(str(case))}")
     return CampaignFault("", 0, "", line.removeprefix(f"{path}: "))
 
 

@@ -10,7 +10,9 @@ import pytest
 
 from flashtemp.__main__ import main
 from flashtemp.camera.recording import Recording, load
-from flashtemp.comparison import campaign
+from flashtemp.comparison import campaign, compare
+from flashtemp.comparison.condition_remarks import remark_on_conditions
+from flashtemp.discovery import engine
 from flashtemp.errors import BadInput
 
 HEAD = 'case = "case.toml"\n'
@@ -71,7 +73,17 @@ def test_a_campaign_is_read(folder):
         ),
         (HEAD + VIEW + 'held_out = "yes"\n', "give true or false"),
         (HEAD + '[[recording]]\nfile = "b.nc"\n', "no file 'b.nc'"),
-        (HEAD + '[[recording]]\nfile = "mu.csv"\n', "not a NetCDF recording"),
+        (HEAD + '[[recording]]\nfile = "mu.csv"\n', "campaign.toml:2: recording 1: file: 'mu.csv' is a table, not a"),
+        (HEAD + '[[recording]]\nfile = "mu.csv"\n', "list friction over time as [[force]]"),
+        (
+            HEAD + '[[recording]]\nfile = "mu.csv"\nwith = { friction.nu = 1 }\n',
+            "toml:2: recording 1: friction.nu (with)",
+        ),
+        (HEAD + VIEW + 'sigma_K = "50 mm"\n', "sigma_K: '50 mm' is not a quantity in K"),
+        (HEAD + VIEW + 'sigma_K = "fine"\n', 'give a number > 0 in K, such as "50 mK"'),
+        (HEAD + FORCE + 'sigma = "1 K"\n', "force 1: sigma: '1 K' is not a quantity without a unit"),
+        (HEAD + VIEW + 'camera = "microbolometer"\n', "did you mean 'uncooled'?"),
+        (HEAD + VIEW + 'camera = "warm"\n', 'recording 1: camera: \'warm\'; give "uncooled" or "cooled"'),
         (HEAD + '[[force]]\nfile = "a.nc"\n', "not text"),
         (HEAD + 'free = ["friction.nu"]\n' + VIEW, "did you mean 'friction.mu'"),
         (HEAD + "recording = 3\n", "write [[recording]]"),
@@ -79,7 +91,7 @@ def test_a_campaign_is_read(folder):
         (HEAD + 'free = "friction.mu"\n' + VIEW, "give a list of names in quotes"),
         (HEAD + 'candidates = ["weer"]\n' + VIEW, "did you mean 'wear'"),
         (HEAD + 'candidates = ["./dust.py"]\n' + VIEW, "list a file of your own in the candidates of the case"),
-        (HEAD + VIEW + '[[recording]]\nfile = "b.nc"\n', "campaign.toml:4: recording: recording 2: file"),
+        (HEAD + VIEW + '[[recording]]\nfile = "b.nc"\n', "campaign.toml:4: recording 2: file"),
         (
             HEAD + VIEW + VIEW,
             "recording 2: file: 'a.nc' holds the same measurement as recording 1, 'a.nc'; list it once",
@@ -107,6 +119,31 @@ def test_faults_are_named_in_one_line_each(folder, text, said):
     lines = refused(folder, text)
     assert len(lines) == 1
     assert said in lines[0]
+
+
+def test_stated_noise_may_have_a_unit(folder):
+    (folder / "points.csv").write_text("0,20\n1,21\n")
+    points = '[[recording]]\nfile = "points.csv"\npoints = [{ x = 0.01, z = 0.002 }]\nsigma_K = "0.2 degC"\n'
+    (folder / "campaign.toml").write_text(HEAD + VIEW + 'sigma_K = "50 mK"\n' + points + FORCE + 'sigma = "2 %"\n')
+    found = campaign.load(folder)
+    assert [view.sigma_K for view in found.views] == [0.05, 0.2]
+    assert found.forces[0].sigma == 0.02
+
+
+def test_stated_noise_far_above_that_of_the_frames_is_refused(folder):
+    """50 for 50 mK; what is merely large, or cannot be checked in frames without noise, is accepted."""
+    noise = np.random.default_rng(3).normal(0.0, 0.05, (9, 12, 12))
+    small(
+        temperature=25.0 + noise, time=np.arange(9.0), repetition=np.ones(9, int), u=np.arange(12) * 1e-3,
+        v=np.arange(12) * 1e-3,
+    ).save(folder / "noisy.nc")  # fmt: skip
+    noisy = HEAD + VIEW.replace("a.nc", "noisy.nc")
+    [line] = refused(folder, noisy + "sigma_K = 50\n")
+    assert "campaign.toml:2: recording 1: sigma_K: 50 K, but the frames show a noise of 0.04" in line
+    assert 'write "50 mK" if mK is meant' in line
+    for text in (noisy + "sigma_K = 1\n", noisy + 'sigma_K = "50 mK"\n', HEAD + VIEW + "sigma_K = 50\n"):
+        (folder / "campaign.toml").write_text(text)
+        assert campaign.load(folder).views[0].sigma_K in (1.0, 0.05, 50.0)
 
 
 @pytest.mark.parametrize("how", ["copy", "hard link", "symbolic link", "saved anew"])
@@ -226,3 +263,39 @@ def test_a_damaged_recording_is_bad_input(folder):
         (folder / "cut.nc").write_bytes(data[:cut])
         with pytest.raises(BadInput, match=r"cut\.nc"):
             load(folder / "cut.nc")
+
+
+# --- before a campaign is simulated ---------------------------------------------------------------------------
+UNUSUAL = 'with = { "contact.pressure" = 0.075, "schedule.speed" = 0.1 }\n'
+
+
+@pytest.mark.parametrize("command", ["compare", "discover"])
+def test_unusual_conditions_are_remarked_before_anything_is_simulated(folder, monkeypatch, capsys, command):
+    def refuse(*args):
+        raise BadInput("reached")
+
+    monkeypatch.setattr(compare, "compare", refuse)
+    monkeypatch.setattr(engine, "discover", refuse)
+    (folder / "campaign.toml").write_text(HEAD + VIEW + UNUSUAL + FORCE + 'with = { "contact.pressure" = 2e5 }\n')
+    assert main([command, str(folder), "--out", str(folder / "out")]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert said == [
+        f"{folder / 'campaign.toml'}: a.nc: with: contact.pressure: 0.075 Pa is unusual, 2000 to 2e+07 Pa is usual; "
+        'check the value and its unit, or write "0.075 MPa" if that is meant',
+        "reached",
+    ]
+
+
+def test_unusual_values_of_the_case_are_remarked_once(folder):
+    (folder / "case.toml").write_text("[contact]\npressure = 150.0\n")
+    (folder / "campaign.toml").write_text(HEAD + VIEW + FORCE)
+    [remark] = remark_on_conditions(campaign.load(folder))
+    assert remark.startswith(f"{folder / 'case.toml'}: contact.pressure: 150 Pa is unusual")
+
+
+@pytest.mark.parametrize("command", ["discover", "plan"])
+def test_a_campaign_without_anything_to_fit_is_refused_with_its_line(folder, capsys, command):
+    (folder / "campaign.toml").write_text(HEAD + VIEW + "held_out = true\n" + FORCE + "held_out = true\n")
+    assert main([command, str(folder), "--out", str(folder / "out")]) == 2
+    [line] = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"{folder / 'campaign.toml'}:4: held_out: true for all")

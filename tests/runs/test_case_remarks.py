@@ -20,6 +20,9 @@ CASE = CASES / "uniform_pressure"
     [
         ("contact.pressure", 150.0, "150 Pa is unusual"), ("schedule.speed", -360.0, "-360 m/s is unusual"),
         ("friction.mu", 8.0, "8 is unusual"), ("ambient.temperature", 293.15, "293.15 degC is unusual"),
+        ("contact.pressure", 0.075, 'unit, or write "0.075 MPa" if that is meant'),
+        ("contact.pressure", 150.0, '"150 kPa"'), ("schedule.speed", 250.0, '"250 mm/s"'),
+        ("ambient.temperature", 293.15, '"293.15 K"'),
         ("contact.pressure", 4e5, ""), ("schedule.speed", -1.0, ""),
     ],
 )  # fmt: skip

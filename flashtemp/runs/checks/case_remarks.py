@@ -6,6 +6,7 @@ import os
 from dataclasses import dataclass
 
 from flashtemp.model.case import Case
+from flashtemp.physics import units
 from flashtemp.runs.checks import mesh_error
 
 BASE_MEMORY_BYTES = 2.2e8  # of a run with few cells
@@ -17,6 +18,7 @@ USUAL_RANGES = {  # key: lowest and highest value, in its unit, of rubber on a r
     "friction.mu": (0.02, 4.0),
     "ambient.temperature": (-60.0, 120.0),
 }
+LIKELY_UNITS = {"Pa": ("MPa", "kPa", "bar"), "m/s": ("mm/s", "km/h"), "degC": ("K", "degF")}
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class CaseRemark:
 
 
 def remark_on_values(case: Case) -> list[CaseRemark]:
-    """Remarks on values that are unusual, as with a wrong unit; values in files are not judged."""
+    """Remarks on values that are unusual, as with a wrong unit, and the likely unit; values in files are not judged."""
     out = []
     for key, (low, high) in USUAL_RANGES.items():
         table, _, name = key.partition(".")
@@ -41,8 +43,19 @@ def remark_on_values(case: Case) -> list[CaseRemark]:
         if not low <= (abs(value) if key == "schedule.speed" else value) <= high:  # a negative speed is backward
             suffix = "" if unit == "1" else f" {unit}"
             text = f"{value:g}{suffix} is unusual, {low:g} to {high:g}{suffix} is usual; check the value and its unit"
+            if likely := _likely_unit(value, unit, low, high):
+                text += f', or write "{value:g} {likely}" if that is meant'
             out.append(CaseRemark(key, text))
     return out
+
+
+def _likely_unit(value: float, unit: str, low: float, high: float) -> str:
+    """The first unit in which a value lies in the usual range `low` to `high` of `unit`; "" where there is none."""
+    for other in LIKELY_UNITS.get(unit, ()):
+        factor, offset = units.find_conversion(other, unit)
+        if low <= (abs(value) * factor if unit == "m/s" else value * factor + offset) <= high:
+            return other
+    return ""
 
 
 def remark_on_memory(case: Case) -> list[CaseRemark]:

@@ -123,7 +123,8 @@ class RecordingPart:
             values = describe_values(use.conditions).values()
             rows = [(re.split("[,;]", value.meaning)[0], value.value) for value in values]
             if use.sigma_K is not None:
-                rows.append(("noise of one pixel in the campaign", f"{use.sigma_K} K"))
+                stated = use.sigma_K if isinstance(use.sigma_K, str) else f"{use.sigma_K} K"
+                rows.append(("noise of one pixel in the campaign", stated))
             show_facts(rows or [("conditions", "those of the case")], f"conditions in {name}")
 
     def _show_facts(self, address: str) -> None:

@@ -192,7 +192,7 @@ def _find_stuck_pixels(T: Array, sigma: float) -> Mask:
 
 
 def _likeliest_digit(T: Array, sigma: float) -> float:
-    """Probability of the likeliest digit of a value with Gaussian noise; with rounding its standard deviation is `sigma`.
+    """Probability of the likeliest digit of a value with Gaussian noise, of standard deviation `sigma` with rounding.
 
     The digit is the median distance of different values of a frame; rounding adds its square over 12 to the variance.
     """

@@ -62,7 +62,9 @@ from flashtemp.errors import SolverFailure
 from flashtemp.runs.results.worker_pool import open_worker_pool
 
 # typical fraction of the total work done when a stage begins, by the first word of its progress message
-STAGE_START_FRACTIONS = {"calibrating": 0.3, "sensitivities": 0.4, "fitting": 0.55, "judging": 0.85, "checking": 0.9}
+STAGE_START_FRACTIONS = {
+    "calibrating": 0.3, "sensitivities": 0.4, "fitting": 0.55, "judging": 0.85, "checking": 0.9, "identifying": 0.25,
+}  # fmt: skip
 
 
 def discover(
@@ -191,16 +193,19 @@ def predict_coarser_meshes(problem: Problem) -> list[list[Prediction]]:
 def _with_time_left(watch: ProgressCallback) -> Callable[[str], Any]:
     """A progress callback that adds the elapsed time and, from the first known stage on, an estimate of the rest.
 
-    Each new stage sets the estimate.  Between them, and in repeated stages, it only falls.
+    Each stage sets the estimate when it occurs first.  Between them, and in repeated stages, it only falls.
     """
     began, reached, stage_time, stage_left = time.monotonic(), 0.0, 0.0, 0.0
+    known: set[str] = set()
 
     def say_with_time(text: str) -> None:
         nonlocal reached, stage_time, stage_left
         gone = time.monotonic() - began
-        stage = STAGE_START_FRACTIONS.get(text.split()[0], 0.0)
-        if stage > reached:
-            reached, stage_time, stage_left = stage, gone, gone * (1.0 / stage - 1.0)
+        word = text.split()[0]
+        if word in STAGE_START_FRACTIONS and word not in known:
+            known.add(word)
+            reached, stage_time = STAGE_START_FRACTIONS[word], gone
+            stage_left = gone * (1.0 / reached - 1.0)
         since = gone - stage_time
         # falls second by second at first, and never reaches 0: how often stages will be repeated is not known
         left = stage_left**2 / (stage_left + since) if since else stage_left

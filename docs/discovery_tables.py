@@ -19,12 +19,12 @@ NEWCOMER = RESULTS / "newcomer_twins.json"
 OUTCOMES = ("right", "wrong", "part", "group", "weak", "weak_wrong", "none", "unexplained", "no_verdict")
 SETS = {  # what a set of campaigns is, by the first word of its campaigns' names
     "ideal": "independent generator, ideal camera",
-    "realistic": "independent generator, uncooled camera",
     "camera": "one camera error at a time",
     "setup": "set-up errors",
     "twin": "short twins (`flashtemp twin`)",
     "newcomer": "one short twin",
-    "fresh": "uncooled camera, seeds after the last changes",
+    "fresh": "uncooled camera, earlier seeds",
+    "blind": "uncooled camera",
     "varied": "another test programme in each",
 }
 KINDS = {"null": "nothing", "single": "one effect", "pair": "two effects", "outside": "law outside the catalogue"}

@@ -26,6 +26,7 @@ SETS = {  # what a set of campaigns is, by the first word of its campaigns' name
     "fresh": "uncooled camera, earlier seeds",
     "blind": "uncooled camera",
     "varied": "another test programme in each",
+    "programme": "another test programme in each, after the mends",
 }
 KINDS = {"null": "nothing", "single": "one effect", "pair": "two effects", "outside": "law outside the catalogue"}
 

@@ -16,7 +16,7 @@ from flashtemp.comparison import compare as comparing
 from flashtemp.comparison import synthetic_campaign as twins
 from flashtemp.comparison.campaign import Campaign
 from flashtemp.comparison.compare import Comparison
-from flashtemp.comparison.condition_remarks import remark_on_conditions, require_fitted_entry
+from flashtemp.comparison.condition_remarks import remark_on_conditions
 from flashtemp.discovery import engine, experiment_design
 from flashtemp.discovery.experiment_design import DesignReport
 from flashtemp.discovery.prediction.prediction import predict_condition
@@ -121,7 +121,6 @@ def discover(
     """
     _check_pdf_request(pdf, out)
     loaded = resolve_campaign(campaign)
-    require_fitted_entry(loaded)
     for remark in remark_on_conditions(loaded):
         say(remark)
     with optional_folder(out) as work:
@@ -157,7 +156,6 @@ def plan(
     """
     _check_pdf_request(pdf, out)
     loaded = resolve_campaign(campaign, planned=True)
-    require_fitted_entry(loaded)
     for remark in remark_on_conditions(loaded):
         say(remark)
     with optional_folder(out) as work:

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flashtemp.camera.camera_classes import CAMERA_CLASSES
+from flashtemp.camera.quantisation import likeliest_digit_probability
 
 if TYPE_CHECKING:
     from flashtemp.camera.recording import Recording
@@ -181,27 +182,12 @@ def _find_stuck_pixels(T: Array, sigma: float) -> Mask:
     pairs = known.sum(axis=0)
     total = np.sum(step**2, axis=0, where=known) / (2.0 * sigma**2)
     chance = chi2.cdf(total, np.maximum(pairs, 1))
-    alive = known & (total > 0.0)
-    equal = np.mean(step[alive] == 0.0) if alive.any() else 0.0  # fraction of equal values due to coarse digits
-    still = np.where(total == 0.0, float(equal) ** np.maximum(pairs, 1), 0.0)
     count = np.maximum(np.isfinite(T).sum(axis=0), 1)
     constant = np.nan_to_num(T, nan=-np.inf).max(axis=0) == np.nan_to_num(T, nan=np.inf).min(axis=0)
-    still = np.where(constant, np.minimum(still, _likeliest_digit(T, sigma) ** (count - 1.0)), still)
+    # pairs of equal values that are not all the same are no sign of a defect
+    still = np.where(constant, likeliest_digit_probability(T, sigma) ** (count - 1.0), total == 0.0)
     out: Mask = (pairs > 1) & (np.maximum(chance, still) * max(int((pairs > 1).sum()), 1) < FALSE_ALARMS)
     return out
-
-
-def _likeliest_digit(T: Array, sigma: float) -> float:
-    """Probability of the likeliest digit of a value with Gaussian noise, of standard deviation `sigma` with rounding.
-
-    The digit is the median distance of different values of a frame; rounding adds its square over 12 to the variance.
-    """
-    from scipy.special import erf
-
-    steps = np.diff(np.unique(T[0][np.isfinite(T[0])]))
-    digit = float(np.median(steps)) if len(steps) else np.inf
-    noise = np.sqrt(max(sigma**2 - digit**2 / 12.0, 0.0)) if digit < np.inf else 0.0
-    return float(erf(digit / (np.sqrt(8.0) * noise))) if noise > 0.0 else 1.0
 
 
 def _sharpness_limit(psf_sigma_px: float | None) -> float:

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from flashtemp.camera.camera_classes import CAMERA_CLASSES, UNCOOLED, suggest_camera_class
+from flashtemp.camera.quantisation import quantisation_step
 from flashtemp.camera.recording import Recording
-from flashtemp.comparison.noise import estimate_white_noise, quantisation_step
+from flashtemp.comparison.noise import estimate_white_noise
 from flashtemp.errors import BadInput, shorten_text
 from flashtemp.physics import units
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from flashtemp.camera.quantisation import quantisation_step
 from flashtemp.comparison.line_noise import (
     CHANCE_LIMIT_SDS,
     MAD_EFFICIENCY,
@@ -22,7 +23,6 @@ DIFFERENCE_OVERLAP = 18.0  # values in one difference along three axes (2 x 3 x 
 RAISED_WHITE = "white above the stated one"
 MIN_FRAME_PIXELS = 30  # of which the median of a frame takes hardly any noise of single pixels
 SECOND_DIFFERENCE = np.array([1.0, -2.0, 1.0])
-MAX_DIGIT_VALUES = 20_000  # values from which the quantisation step is determined
 
 
 @dataclass(frozen=True)
@@ -112,17 +112,6 @@ def raise_stated_noise(noise: NoiseLevels, recording, residual: np.ndarray) -> N
         if count > 1 and observed > white * (1.0 + CHANCE_LIMIT_SDS / np.sqrt(2.0 * MAD_EFFICIENCY * count)):
             return replace(noise, white=observed, estimated=(*noise.estimated, RAISED_WHITE))
     return replace(noise, white=white)
-
-
-def quantisation_step(temperature: np.ndarray) -> float:
-    """Quantisation step (K) that divides all differences between values; 0 where there is none or it is below 1 mK."""
-    values = temperature[np.isfinite(temperature)][:MAX_DIGIT_VALUES]
-    different = np.unique(values)
-    steps = np.diff(different)
-    steps = steps[steps > 1e-6]  # smaller ones are rounding
-    if len(steps) < 2 or 2 * len(different) > len(values) or (step := float(steps.min())) < 1e-3:
-        return 0.0
-    return step if np.all(np.abs(steps / step - np.round(steps / step)) < 0.01) else 0.0
 
 
 def _without_line_noise(noise: NoiseLevels, residual: np.ndarray) -> NoiseLevels:

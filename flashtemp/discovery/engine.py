@@ -196,14 +196,14 @@ def _with_time_left(watch: ProgressCallback) -> Callable[[str], Any]:
     Each stage sets the estimate when it occurs first.  Between them, and in repeated stages, it only falls.
     """
     began, reached, stage_time, stage_left = time.monotonic(), 0.0, 0.0, 0.0
-    known: set[str] = set()
+    begun_stages: set[str] = set()
 
     def say_with_time(text: str) -> None:
         nonlocal reached, stage_time, stage_left
         gone = time.monotonic() - began
         word = text.split()[0]
-        if word in STAGE_START_FRACTIONS and word not in known:
-            known.add(word)
+        if word in STAGE_START_FRACTIONS and word not in begun_stages:
+            begun_stages.add(word)
             reached, stage_time = STAGE_START_FRACTIONS[word], gone
             stage_left = gone * (1.0 / reached - 1.0)
         since = gone - stage_time

@@ -30,7 +30,7 @@ from flashtemp.discovery.hypotheses.candidates import CandidateEffect, find_cand
 from flashtemp.discovery.hypotheses.formula_fit import fit_simplest_formula, variable_legend
 from flashtemp.discovery.hypotheses.piecewise_linear_law import LEARNED_LAW_NAME, PiecewiseLinearLaw, candidate_laws
 from flashtemp.discovery.parameters import ParameterId, ParameterKind
-from flashtemp.discovery.prediction.prediction import DerivativeRequest, Prediction
+from flashtemp.discovery.prediction.prediction import DerivativeRequest
 from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.discovery.selection.forward_selection import EffectSearch, finish_fit, refit_with_candidates
 from flashtemp.discovery.selection.scores import score_candidates, select_for_rescoring
@@ -175,8 +175,8 @@ def heldout_excess(search: EffectSearch) -> tuple[float, float]:
     """Excess misfit of left-out data as predicted by the base and by the best fit of a search.
 
     It is their chi2 minus what the best fit leaves when it is fitted to them too: the noise that they have, not the
-    noise that is stated.  Left out are the held-out recordings, or without any each condition in turn.  Camera unknowns
-    of left-out data are fitted to these data.
+    noise that is stated.  Left out are the held-out recordings, or without any each condition in turn.  Friction of
+    left-out conditions and errors of their cameras are fitted to these data, within MAX_RIGID_PULL prior widths.
     """
     base, best = (cross_validate(search.data, fit) for fit in (search.base, search.best))
     return base.chi2 - best.fitted_chi2, best.chi2 - best.fitted_chi2
@@ -281,8 +281,7 @@ def _fit_laws(search: EffectSearch, likely: Sequence[ScoredLaw], watch: Progress
     problems, fittings = {}, {}
     for s in likely:
         problem, data, candidate = _with_law(search, s)
-        own = [c for c in problem.candidates if c.effect in search.base.model.effects]
-        parent = replace(search.base, system=_borrow_columns(s.columns, search.base, own))
+        parent = replace(search.base, system=_borrow_columns(s.columns, search.base))
         problems[s.law.name] = problem
         fittings[s.law.name] = fit_hypothesis(Hypothesis.from_parent(problem, data, parent, [candidate]))
     fits = run_fits(search.problem, fittings, watch).fits
@@ -321,7 +320,7 @@ def _fit_refined(
     own = tuple(c for c in problem.candidates if c.effect in model.effects)
     tasks = problem.make_tasks(model, DerivativeRequest(model_parameters=tuple(candidate.strength_columns())))
     predictions = problem.predict(tasks)
-    system = _join_columns(data, predictions, fit, own)
+    system = _borrow_columns(data.make_blocks(predictions), fit)
     first = Linearisation(model, tuple(tasks), tuple(predictions), system)
     return FittedLaw(scored, problem, finish_fit(Hypothesis(problem, data, model, own), first, watch))
 
@@ -407,24 +406,16 @@ def _with_law(search: EffectSearch, scored: ScoredLaw) -> tuple[Problem, Whitene
 def _with_sensitivities(problem: Problem, search: EffectSearch, laws: tuple[CandidateEffect, ...]) -> LinearisedFit:
     """The calibrated base with sensitivities of laws in place of those of the catalogue.  Raises SolverFailure."""
     fit, data = search.base, replace(search.data, problem=problem)
-    own = tuple(c for c in problem.candidates if c.effect in fit.model.effects)
     predictions = problem.predict(problem.make_tasks(fit.model, DerivativeRequest(candidates=laws)))
-    return replace(fit, system=_join_columns(data, predictions, fit, own))
+    return replace(fit, system=_borrow_columns(data.make_blocks(predictions), fit))
 
 
-def _join_columns(
-    data: WhitenedData, predictions: Sequence[Prediction], fit: LinearisedFit, own: Sequence[CandidateEffect]
-) -> LinearSystem:
-    """A system with the columns of `predictions`, and residuals and other columns of `fit` at the same point."""
-    return _borrow_columns(data.make_blocks(predictions), fit, own)
-
-
-def _borrow_columns(blocks: Sequence[DataBlock], fit: LinearisedFit, own: Sequence[CandidateEffect]) -> LinearSystem:
-    """A system of some blocks with the residuals and columns of `fit`, except for candidates other than `own`."""
-    effects = {c.effect for c in own}
+def _borrow_columns(blocks: Sequence[DataBlock], fit: LinearisedFit) -> LinearSystem:
+    """A system of some blocks with the residuals and columns of `fit`, except for effects that its model lacks."""
 
     def is_borrowed(p: ParameterId) -> bool:
-        return p.kind is not ParameterKind.INPUT and (p.kind is not ParameterKind.EFFECT or p.effect in effects)
+        is_lacking = p.kind is ParameterKind.EFFECT and p.effect not in fit.model.effects
+        return p.kind is not ParameterKind.INPUT and not is_lacking
 
     pairs = zip(blocks, fit.blocks, strict=True)
     return LinearSystem([new.with_columns_of(old, is_borrowed).with_residual(old.r) for new, old in pairs])

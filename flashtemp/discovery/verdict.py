@@ -186,7 +186,7 @@ class FitMetrics:
 
     @property
     def held_out_change_error_K(self) -> float:
-        """Standard error of the change of `held_out_rmse_K` against the base."""
+        """Standard error of the change of `held_out_rmse_K` against the base, relatively that of z."""
         return self.held_out_z_change_error * self.held_out_rmse_K / self.held_out_z if self.held_out_z else 0.0
 
 

@@ -51,11 +51,11 @@ class Curve:
     y: tuple[float, ...]
 
     @cached_property
-    def _nodes(self) -> tuple[Array, Array]:
+    def _node_arrays(self) -> tuple[Array, Array]:
         return np.asarray(self.x), np.asarray(self.y)
 
     def __call__(self, at: Value) -> Value:
-        return _interpolate_nodes(*self._nodes, at)
+        return _interpolate_nodes(*self._node_arrays, at)
 
 
 def _interpolate_nodes(x: Array, y: Array, at: Value) -> Value:
@@ -108,7 +108,7 @@ class Surface:
         return np.asarray(self.z)
 
     @cached_property
-    def _arguments(self) -> Array:
+    def _argument_nodes(self) -> Array:
         return np.asarray(self.v)
 
     def __call__(self, u: float, v: Value) -> Value:
@@ -121,7 +121,7 @@ class Surface:
             row = (1 - w) * z[k] + w * z[k + 1]
         if len(self.v) == 1:
             return row[0] + 0.0 * v
-        return _interpolate_nodes(self._arguments, row, v)
+        return _interpolate_nodes(self._argument_nodes, row, v)
 
 
 def read_rows(source: Source, folder: Path, key: str, columns: int | Sequence[RequiredColumn]) -> Array:

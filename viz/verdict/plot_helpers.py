@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from flashtemp.discovery.diagnostics.adequacy_tests import CORRELATION
+from flashtemp.discovery.diagnostics.adequacy_tests import NEIGHBOUR_CORRELATION
 from flashtemp.viz import theme
 from flashtemp.viz.key_labels import describe_condition
 from flashtemp.viz.literal_text import escape_mathematics
@@ -139,7 +139,7 @@ def are_residuals_small(tests: list) -> bool:
     independent.
     """
     rare = [t for t in tests if t.p <= RARE_TEST_P]
-    return any(t.is_small for t in rare) and all(t.is_small or t.name == CORRELATION for t in rare)
+    return any(t.is_small for t in rare) and all(t.is_small or t.name == NEIGHBOUR_CORRELATION for t in rare)
 
 
 def make_verdict_figure(verdict, words: str, width: float, height: float) -> Figure:

@@ -26,7 +26,7 @@ from flashtemp.discovery.prediction.problem import Problem
 from flashtemp.discovery.verdict import SIMULATED_DATA_SETS, StructureTest
 
 MAX_TESTED_DATA = 4000  # the tests cover as many of the last data of a block
-CORRELATION = "correlation of neighbours"
+NEIGHBOUR_CORRELATION = "correlation of neighbours"
 
 
 def run_adequacy_tests(problem: Problem, fit: LinearisedFit, criteria: Criteria) -> tuple[AdequacyTest, ...]:
@@ -155,7 +155,7 @@ def simulate_structure_tests(fit: LinearisedFit, seed: int, stage: str) -> list[
             middle = np.median(simulated[:, j])
             is_farther = np.abs(simulated[:, j] - middle) >= abs(value - middle)
             p = float((1 + is_farther.sum()) / (1 + SIMULATED_DATA_SETS))
-            is_small = bool(value < middle) and name != CORRELATION
+            is_small = bool(value < middle) and name != NEIGHBOUR_CORRELATION
             out.append(StructureTest(name, block.label, float(value), p, stage, is_small))
     return out
 
@@ -172,7 +172,7 @@ def _last_residuals(block: DataBlock, fit: LinearisedFit) -> tuple[Array, Array]
 def _structure_statistics(residual: Array) -> dict[str, float]:
     return {
         "mean square": float(np.mean(residual**2)),
-        CORRELATION: lag1_autocorrelation(residual, 0)[0],
+        NEIGHBOUR_CORRELATION: lag1_autocorrelation(residual, 0)[0],
         "largest mean of eight neighbours": float(np.max(np.abs(_block_means(residual)), initial=0.0)),
     }
 

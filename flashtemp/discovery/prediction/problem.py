@@ -11,6 +11,7 @@ import numpy as np
 from flashtemp.camera.image_placement import ImagePlacement
 from flashtemp.comparison.campaign import Campaign, Condition, RecordingEntry
 from flashtemp.comparison.compare import screen_campaign, view_overrides
+from flashtemp.comparison.condition_remarks import require_fitted_entry
 from flashtemp.discovery.hypotheses.candidates import CandidateEffect, ModelPoint, find_candidates, prior_sd_of_key
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction.frame_averaging import average_frames
@@ -95,8 +96,7 @@ def raise_if_error(answer: Prediction | FlashtempError) -> Prediction:
 
 def prepare_problem(campaign: Campaign, run: TaskRunner) -> Problem:
     """Check a campaign and prepare it for fitting; frames of long recordings are averaged.  Raises BadInput."""
-    if campaign.entries and all(entry.held_out for entry in campaign.entries):
-        raise BadInput("campaign: held_out = true for all recordings and load cells; leave at least one to be fitted")
+    require_fitted_entry(campaign)
     assumed = {v.file: missing for v in campaign.views if (missing := _unstated_facts(v))}
     campaign, screening = screen_campaign(campaign)
     campaign = average_frames(replace(campaign, views=tuple(map(assume_camera_facts, campaign.views))))

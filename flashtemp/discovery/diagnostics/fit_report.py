@@ -139,14 +139,15 @@ def describe_cause(search: EffectSearch, fit: LinearisedFit, effect: str, heldou
 
 
 def _references_of_keys(problem: Problem, fit: LinearisedFit, effect: str) -> dict[str, str]:
-    """{free key: "effect.reference = value"} for the keys that the text of the effect's `reference` mentions."""
+    """{free key: "effect.reference = value"} for the keys that the effect changes, if it has a reference."""
     param = problem.case.known_effects[effect].params().get("reference")
-    keys = [p.name for p in problem.free_keys if param is not None and p.name in param.about.split()]
-    if param is None or not keys:
+    if param is None:
         return {}
-    name = f"{effect}.reference"
-    value = format_digits(fit.model.apply_to(problem.case)[name])
-    return dict.fromkeys(keys, f"{name} = {value}{unit_suffix(param.unit)}")
+    case, name = fit.model.apply_to(problem.case), f"{effect}.reference"
+    parts = (part for acting in case.scene.acting if acting.name == effect for part in acting.contributions(case.scene))
+    changed = {getattr(part, "target", "") for part in parts}
+    where = f"{name} = {format_digits(case[name])}{unit_suffix(param.unit)}"
+    return {p.name: where for p in problem.free_keys if p.name in changed}
 
 
 def _chi2_with_same_priors(without: LinearisedFit, fit: LinearisedFit) -> float:

@@ -5,6 +5,7 @@
     python benchmarks/discover.py realistic 7000 7050 found.jsonl  by tests/reference, errors of uncooled cameras
     python benchmarks/discover.py store 7000 7050 FOLDER           the campaigns of `realistic`, for campaigns.py
     python benchmarks/discover.py store 8000 8050 FOLDER varied    another block, road, schedule and camera in each
+    python benchmarks/discover.py store 7000 7050 FOLDER strong    one strong effect in each
     python benchmarks/discover.py table found.jsonl
 
 In the first two modes `twin` computes the campaign (with another mesh, grading, tolerance, order and CVODE binding),
@@ -68,6 +69,21 @@ def draw_realistic(seed: int) -> dict:
     names = [str(n) for n in rng.choice(sorted(FOREIGN if kind == "outside" else REALISTIC), size=count, replace=False)]
     size = {n: 1.0 if kind == "outside" else float(np.exp(rng.uniform(np.log(0.08), np.log(1.5)))) for n in names}
     return {"seed": seed, "kind": kind, "hidden": names, "size": size}
+
+
+def draw_strong(seed: int) -> dict:
+    """Hidden content of a seed with one strong effect: 1.5 to 4 times as large as one that is easily detected.
+
+    It stays within 0.9 of the largest value that the effect allows.
+    """
+    from flashtemp.physics.effect import find_effect
+
+    rng = np.random.default_rng([seed, 82])
+    name = str(rng.choice(sorted(REALISTIC)))
+    parameter, easily = REALISTIC[name]
+    largest = 0.9 * find_effect(name).params()[parameter].high / easily
+    size = float(np.exp(rng.uniform(np.log(1.5), np.log(min(4.0, largest)))))
+    return {"seed": seed, "kind": "single", "hidden": [name], "size": {name: size}}
 
 
 def draw_hidden(seed: int) -> dict:
@@ -201,11 +217,18 @@ def _write_uncooled(plan: dict, folder: Path, test, setup_errors: dict | None = 
     return {n: {REALISTIC[n][0]: a} if n in REALISTIC else {"size": a} for n, a in hidden.items()}, drawn
 
 
-def store_campaigns(first: int, last: int, folder: Path, varied: bool = False) -> None:
+STORED = {  # kinds of stored campaigns: what draws their hidden content, and what makes them
+    "realistic": (draw_realistic, make_realistic),
+    "varied": (draw_varied, make_varied),
+    "strong": (draw_strong, make_realistic),
+}
+
+
+def store_campaigns(first: int, last: int, folder: Path, kind: str = "realistic") -> None:
     """Campaigns of seeds first..last-1 as `campaigns.py run` reads them."""
-    draw, make = (draw_varied, make_varied) if varied else (draw_realistic, make_realistic)
+    draw, make = STORED[kind]
     for seed in range(first, last):
-        own, plan = folder / f"{'varied' if varied else 'realistic'}_{seed}", draw(seed)
+        own, plan = folder / f"{kind}_{seed}", draw(seed)
         hidden, drawn = make(plan, own / "campaign")
         truth = {"kind": plan["kind"], "hidden": hidden, "drawn": drawn["drawn"], "recordings": drawn["recordings"]}
         truth["setup"] = plan.get("setup", {})
@@ -367,6 +390,6 @@ if __name__ == "__main__":
         if mode == "realistic":
             print_tables(Path(sys.argv[4]))
     elif sys.argv[1] == "store":
-        store_campaigns(int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]), "varied" in sys.argv[5:])
+        store_campaigns(int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]), *sys.argv[5:])
     else:
         print_tables(Path(sys.argv[2]))

@@ -12,7 +12,7 @@ must be equal in the coldest and the hottest frames, or change at random.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -93,9 +93,10 @@ class ScreeningResult:
 
     def apply_to(self, recording: Recording) -> Recording:
         """The recording without frozen frames, NaN at bad pixels; the same object where there is nothing to mask."""
-        from dataclasses import replace
-
-        out = recording.select_frames(~self.frozen) if self.frozen.any() else recording
+        out = recording
+        if self.frozen.any():
+            times = tuple(recording.time[self.frozen].tolist())
+            out = replace(recording.select_frames(~self.frozen), frozen_times=times)
         bad = self.bad_pixels
         return replace(out, temperature=np.where(bad, np.nan, out.temperature)) if bad.any() else out
 

@@ -50,7 +50,8 @@ class Recording(DisplayMixin):
     unknown: `netd_K` noise of one pixel of one frame, `fixed_pattern_K` constant scatter between pixels,
     `psf_sigma_px` blur, `registration_sigma_px` standard deviation of the origin.  A view of points has sensor
     positions `places`; u counts them and nv = 1.  The class of the `camera`, uncooled or cooled, sets the usual size of
-    its errors.  Raises BadInput for values outside their ranges.
+    its errors.  `frozen_times` (s) are those of frames that were left out because they repeat the one before; they are
+    not stored in files.  Raises BadInput for values outside their ranges.
     """
 
     view: str
@@ -70,6 +71,7 @@ class Recording(DisplayMixin):
     source: str = ""
     places: SensorPositions | None = None
     camera: str = UNCOOLED
+    frozen_times: tuple[float, ...] = ()
 
     def __post_init__(self):
         if fault := self._find_fault():
@@ -140,6 +142,12 @@ class Recording(DisplayMixin):
     def span(self) -> tuple[float, float, int]:
         """Lowest and highest temperature, degC, and the number of known values."""
         return finite_range(self.temperature)
+
+    @property
+    def frames_after_frozen(self) -> tuple[int, ...]:
+        """Indices of the first frames after frozen ones: the shutter was closed, so the offset may be another."""
+        after = np.searchsorted(self.time, self.frozen_times)
+        return tuple(sorted({int(k) for k in after if 0 < k < self.frames}))
 
     @property
     def pitch(self) -> tuple[float, float]:

@@ -8,6 +8,7 @@ renews a part of the constant noise.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -55,18 +56,24 @@ NO_LINES = LineNoise()
 
 
 def estimate_line_noise(
-    residual: Array, white: float, pattern: float, find_renewals: bool = False, weights: Array | None = None
+    residual: Array,
+    white: float,
+    pattern: float,
+    find_renewals: bool = False,
+    weights: Array | None = None,
+    known_renewals: tuple[int, ...] = (),
 ) -> tuple[LineNoise, tuple[int, ...]]:
     """Line noise of residuals (frames, nv, nu) K, NaN where masked, and the first frame after each renewal of it.
 
     It is estimated from fourth differences between the means of neighbouring lines (second differences of few lines).
     Smooth structure, such as heat that fades away from the contact, hardly enters them.  Components that chance may
     make are 0, unless lines have noise in every frame, which errors of a model hardly make: then all are as found.
-    `weights` (frames,): number of camera frames in each frame; all noise is that of a camera frame.
+    `weights` (frames,): number of camera frames in each frame; all noise is that of a camera frame.  With
+    `find_renewals`, more are searched between those that are known already.
     """
     weights = np.ones(len(residual)) if weights is None else weights
     temporal = _temporal_variances(residual, white, False, weights)
-    renewals = _find_renewals(residual, white, temporal, weights) if find_renewals else ()
+    renewals = _find_renewals(residual, white, temporal, weights, known_renewals) if find_renewals else ()
     found = _measure_lines(residual, white, pattern, renewals, False, weights)
     is_certain = bool(found.frame_rows or found.frame_columns)
     return _measure_lines(residual, white, pattern, renewals, True, weights) if is_certain else found, renewals
@@ -132,12 +139,14 @@ def frame_mean(residual: Array, weights: Array | None = None) -> Array:
     return np.where(n > 0, total / np.maximum(n, 1), np.nan)
 
 
-def _find_renewals(residual: Array, white: float, temporal: list[float], weights: Array) -> tuple[int, ...]:
+def _find_renewals(
+    residual: Array, white: float, temporal: list[float], weights: Array, known: tuple[int, ...] = ()
+) -> tuple[int, ...]:
     """First frame after each renewal of line noise, by binary segmentation (Vostrikova, Sov. Math. Dokl. 24, 1981, 55).
 
     A segment is split where the rows, the columns, or both before and after differ most, if that is more than chance:
     the robust mean square of all of them, so that errors of a model near the contact or an edge cannot cause it.  Few
-    lines scatter too much to be judged alone.
+    lines scatter too much to be judged alone.  The `known` renewals are among the result.
     """
     rows, columns = (
         _line_differences(residual, axis, white**2, now, weights) for axis, now in zip(AXES, temporal, strict=True)
@@ -156,9 +165,9 @@ def _find_renewals(residual: Array, white: float, temporal: list[float], weights
             found = max(found, (max(ratio / limit for ratio, limit in zip(ratios, limits, strict=True)), k))
         return *found, first, last
 
-    renewals: list[int] = []
-    segments = [best_split(0, len(residual))]
-    while segments and len(renewals) < MAX_RENEWALS:
+    renewals = list(known)
+    segments = [best_split(*ends) for ends in pairwise((0, *known, len(residual)))]
+    while segments and len(renewals) < len(known) + MAX_RENEWALS:
         size, split, first, last = segments.pop(segments.index(max(segments)))
         if size <= 1.0:
             break

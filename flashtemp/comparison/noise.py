@@ -54,14 +54,14 @@ class NoiseLevels:
 
 def estimate_noise(
     residual: np.ndarray, white: float | None, pattern: float | None, averaged: tuple[int, ...] | None = None,
-    rest: np.ndarray | None = None,
+    rest: np.ndarray | None = None, known_renewals: tuple[int, ...] = (),
 ) -> NoiseLevels:  # fmt: skip
     """Noise of residuals (frames, nv, nu) K, NaN where masked; levels that are not stated are estimated.
 
     White noise follows from differences of successive frames, the fixed pattern from differences between neighbouring
     pixels of the mean over frames, along both axes: smooth structure enters neither.  Line noise is estimated from the
     residual `rest` of a first fit where there is one, because a gradient across few lines looks like it.  Only then is
-    it searched for renewals.
+    it searched for renewals besides the known ones (indices of frames).
     """
     estimated = []
     weights = None if averaged is None else np.array(averaged, float)
@@ -72,9 +72,10 @@ def estimate_noise(
         estimated.append("pattern")
         pattern = _pattern_beside(residual, white, weights)
     white, pattern = max(float(white), 1e-6), float(pattern)
-    lines, renewals = estimate_line_noise(residual if rest is None else rest, white, pattern, rest is not None, weights)
+    of_lines = residual if rest is None else rest
+    lines, renewals = estimate_line_noise(of_lines, white, pattern, rest is not None, weights, known_renewals)
     levels = NoiseLevels(white, pattern, tuple(estimated), averaged, lines, renewals=renewals)
-    return _with_renewed_pattern(_without_line_noise(levels, residual), residual if rest is None else rest)
+    return _with_renewed_pattern(_without_line_noise(levels, residual), of_lines)
 
 
 def estimate_white_noise(residual: np.ndarray, weights: np.ndarray | None = None) -> float:

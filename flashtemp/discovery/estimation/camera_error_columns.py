@@ -90,7 +90,9 @@ def _iter_offsets(r: Recording, residual: Array, sizes: CameraErrors, renewals: 
     for curve in (ramp, ramp * (1.0 - ramp)):  # a camera that settles drifts faster at first
         yield sizes.warm_up_K * curve
     jumps = find_shutter_events(residual, r, temporal_noise(residual), MIN_JUMP_PIXEL_FRACTION)
-    events = sorted({*jumps.tolist(), *renewals})
+    certain = {*r.frames_after_frozen, *renewals}
+    # what seems a jump one frame away is the same event: heat may hide it in the frame itself
+    events = sorted(certain | {k for k in jumps.tolist() if certain.isdisjoint((k - 1, k + 1))})
     for begin, end in zip((0, *events), (*events, r.frames), strict=True):
         part = slice(int(begin), int(end))
         level = np.zeros(r.frames)

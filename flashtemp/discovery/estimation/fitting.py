@@ -247,8 +247,8 @@ def _start_point(h: Hypothesis, at: Linearisation, exact: bool) -> LinearisedPoi
 
 
 def _align_images(h: Hypothesis, at: Linearisation, hyper: Hyperparameters) -> Linearisation:
-    found = align_images(h.problem, h.data, at, hyper, frozenset(h.stepped_parameters(at.system)))
-    return found.without_fields()
+    fixed = frozenset(h.stepped_parameters(at.system))
+    return align_images(h.problem, h.data, at, hyper, fixed, h.model).without_fields()
 
 
 def _evaluate_model(

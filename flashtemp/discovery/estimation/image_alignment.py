@@ -59,10 +59,62 @@ def image_parameters(system: LinearSystem) -> tuple[ParameterId, ...]:
 
 
 def align_images(
-    problem: Problem, data: WhitenedData, start: Linearisation, hyper: Hyperparameters, fixed: frozenset[ParameterId]
+    problem: Problem,
+    data: WhitenedData,
+    start: Linearisation,
+    hyper: Hyperparameters,
+    fixed: frozenset[ParameterId],
+    origin: ModelPoint,
 ) -> Linearisation:
-    """Align images with the data, with the physics (`fixed` parameters) unchanged.  Raises SolverFailure."""
-    simulated, region = start.model, TrustRegion()
+    """Align images with the data, with the physics (`fixed` parameters) unchanged.
+
+    Images that end farther from their placement in the model `origin` than they are linear may be in a worse optimum,
+    where physics that did not fit has led them: they are aligned from there too (multistart), and the better result is
+    returned.  Raises SolverFailure.
+    """
+    found, value = _align_from(problem, data, start, hyper, fixed, start.model)
+    returned = _return_far_images(found.model, origin)
+    if returned is None:
+        return found
+    moved = _predict_images(problem, data, found, returned)
+    other, value_there = _align_from(problem, data, moved, hyper, fixed, start.model)
+    return other if value_there < value else found
+
+
+def _return_far_images(model: ModelPoint, origin: ModelPoint) -> ModelPoint | None:
+    """The model with shift, scale and turn of `origin` for images that lie far from there; None if there are none.
+
+    Clocks stay, because fields are stored near the present ones.
+    """
+    size = IMAGE_STEP_SCALES
+    shifts, placements = dict(model.shifts), dict(model.placements)
+    for file in model.shifts.keys() | model.placements.keys():
+        now, first = model.image_placement(file), origin.image_placement(file)
+        shift = np.subtract(model.image_shift(file), origin.image_shift(file))
+        steps = {
+            ParameterKind.SHIFT_U: shift[0], ParameterKind.SHIFT_V: shift[1],
+            ParameterKind.SCALE: now.scale - first.scale, ParameterKind.TURN: now.turn - first.turn,
+        }  # fmt: skip
+        if any(abs(step) > size[kind] for kind, step in steps.items()):
+            shifts[file] = origin.image_shift(file)
+            placements[file] = replace(first, clock=now.clock)
+    is_same = shifts == model.shifts and placements == model.placements
+    return None if is_same else replace(model, shifts=shifts, placements=placements)
+
+
+def _align_from(
+    problem: Problem,
+    data: WhitenedData,
+    start: Linearisation,
+    hyper: Hyperparameters,
+    fixed: frozenset[ParameterId],
+    simulated: ModelPoint,
+) -> tuple[Linearisation, float]:
+    """Gauss-Newton steps of images from their placement at the start, and the objective at their end.
+
+    Fields are stored near the clocks of the `simulated` model.
+    """
+    region = TrustRegion()
     value = profile_objective(problem, start, hyper, fixed, with_heldout=True)
     for _ in range(MAX_ALIGNMENTS):
         names, model = _quadratic_model(problem, start, hyper, fixed, simulated)
@@ -80,7 +132,7 @@ def align_images(
         region = region.next_region(ratio, step, scale)
         if ratio > 0.0:
             start, value = trial, there
-    return start
+    return start, value
 
 
 def _of_promising_images(names: Sequence[ParameterId], model: QuadraticModel, step: Array) -> Array:

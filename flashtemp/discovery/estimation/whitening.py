@@ -246,9 +246,8 @@ def _image_errors(
 
 def _recording_noise(view: RecordingEntry, predicted: Observable, rest: Array) -> NoiseLevels:
     """The noise of a recording, stated or estimated; of lines from the `rest` (frames, nv, nu) K of a first fit."""
-    found = estimate_noise(
-        _image_residual(view, predicted), *stated_noise(view), view.means.frames if view.means else None, rest
-    )
+    averaged, residual = view.means.frames if view.means else None, _image_residual(view, predicted)
+    found = estimate_noise(residual, *stated_noise(view), averaged, rest, view.recording.frames_after_frozen)
     return raise_stated_noise(found, view.recording, rest)
 
 

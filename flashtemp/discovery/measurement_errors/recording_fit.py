@@ -122,7 +122,8 @@ class RecordingFit:
         """The fit with its image aligned with the data.  Raises SolverFailure."""
         if self.hypothesis.view.recording.places is not None:
             return self
-        at = align_images(self.problem, self.data, self.linearisation, self.maximum.hyper, frozenset())
+        at = self.linearisation
+        at = align_images(self.problem, self.data, at, self.maximum.hyper, frozenset(), at.model)
         return replace(self, linearisation=at, maximum=maximise_evidence(self.problem, at.system, at.model, {}))
 
     def restrict_to(self, common: Mask) -> RecordingFit:

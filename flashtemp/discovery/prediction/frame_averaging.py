@@ -29,7 +29,8 @@ def average_frames(campaign: Campaign) -> Campaign:
 def _average_view(view: RecordingEntry, case: Case) -> RecordingEntry:
     r = view.recording
     begins = np.array([p.begin for p in case.scene.schedule.phases])
-    starts = group_frames(r.time, r.repetition, begins, case.scene.schedule.end_time)
+    groups = group_frames(r.time, r.repetition, begins, case.scene.schedule.end_time)
+    starts = sorted({*groups, *r.frames_after_frozen})  # no mean reaches over a shutter event
     counts = np.diff([*starts, r.frames])
     means = np.stack([r.temperature[i : i + n].mean(axis=0) for i, n in zip(starts, counts, strict=True)])
     time = np.add.reduceat(r.time, starts) / counts

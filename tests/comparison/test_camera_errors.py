@@ -150,7 +150,35 @@ def test_repeated_frames_are_left_out_and_shutter_events_found():
     found = screen_recording(made)
     assert np.flatnonzero(found.frozen).tolist() == [8]
     assert found.shutter_events == (9,)
-    assert found.apply_to(made).frames == 19
+    masked = found.apply_to(made)
+    assert masked.frames == 19
+    assert masked.frozen_times == (made.time[8],)
+    assert masked.frames_after_frozen == (8,)  # the frame numbered 9 before
+    assert masked.select_frames(np.arange(4, 19)).frames_after_frozen == (4,)
+    assert masked.select_frames(np.arange(8, 19)).frames_after_frozen == ()
+
+
+def test_frozen_frames_tell_where_the_offset_may_jump():
+    """The offset is free from the frame after them on; what heat makes of the jump one frame later is no second one."""
+    rng = np.random.default_rng(7)
+    r = recorded(scene(20), rng)
+    residual = rng.normal(0.0, SIGMA, r.temperature.shape)
+    frozen = replace(r, frozen_times=(float(r.time[9]) - 0.1,))
+    levels = CAMERA_CLASSES[r.camera].level_K
+
+    def starts(recording, residual):
+        own = [c for p, c in camera_columns(recording, shown(recording), residual).items() if p.kind.value == "offset"]
+        flat = [c.mean(axis=1) for c in own]
+        return {int(np.flatnonzero(c)[0]) for c in flat if np.allclose(c[c != 0.0], levels)}
+
+    assert starts(r, residual) == {0}
+    assert starts(frozen, residual) == {0, 9}
+    late = residual.copy()
+    late[10:] += 0.4
+    assert starts(frozen, late) == {0, 9}
+    later = residual.copy()
+    later[14:] += 0.4
+    assert starts(frozen, later) == {0, 9, 14}
 
 
 def test_noise_of_whole_frames_is_no_shutter_event():
@@ -297,6 +325,7 @@ def test_renewals_of_lines_are_found_with_their_size_and_chance_makes_none(renew
     assert (found.lines.renewed_rows, found.lines.renewed_columns) == pytest.approx((0.03, 0.03), rel=0.5)
     assert found.renewed_pattern == pytest.approx(renewed_pattern, abs=0.1 * 0.04)
     assert estimate_noise(changed, SIGMA, 0.0).renewals == ()  # not searched for in a residual of no fit
+    assert estimate_noise(changed, SIGMA, 0.0, None, changed, (3,)).renewals == (3, 9, 16)
 
 
 def test_lines_that_drift_are_cut_into_a_few_parts():

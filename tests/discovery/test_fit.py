@@ -234,6 +234,47 @@ def test_a_turned_image_is_aligned_whatever_its_columns_promise(two):
     assert found.ln_evidence == pytest.approx(two.base.ln_evidence, abs=0.5 * NUMERICAL_NOISE_GAIN)
 
 
+def linearise_fields(two, model):
+    """The campaign predicted at a model, with its fields."""
+    wanted = DerivativeRequest(optics=True, block_sizes=True, fields=True)
+    tasks = two.problem.make_tasks(model, wanted)
+    predictions = tuple(two.problem.predict(tasks))
+    system = LinearSystem(
+        [b.with_columns_of(o, lambda p: True) for b, o in zip(two.data.make_blocks(predictions), two.base.blocks)]
+    )
+    return image_alignment.Linearisation(model, tuple(tasks), predictions, system)
+
+
+def test_an_image_that_was_led_astray_returns_to_its_first_place(two):
+    """Physics that did not fit may have led an image to another optimum, which Gauss-Newton steps do not leave."""
+    best, file = two.base.model, next(v.file for v in two.problem.campaign.views if v.recording.view == "sidewall")
+    place, (u, v) = best.image_placement(file), best.image_shift(file)
+    astray = replace(best, shifts=best.shifts | {file: (u + 20.0, v)})
+    start, hyper = linearise_fields(two, astray), two.base.hyper
+    fixed = frozenset(two.problem.free_keys)
+
+    def aligned(origin):
+        found = image_alignment.align_images(two.problem, two.data, start, hyper, fixed, origin)
+        value = image_alignment.profile_objective(two.problem, found, hyper, fixed, with_heldout=True)
+        return found.model, value
+
+    (lost, cost_there), (found, cost) = aligned(astray), aligned(best)
+    assert cost < cost_there - 10.0
+    assert lost.image_shift(file)[0] - u > 5.0  # else there would be no second optimum
+    assert found.image_shift(file) == pytest.approx((u, v), abs=0.2)
+    assert found.image_placement(file).scale == pytest.approx(place.scale, abs=0.01)
+    assert found.image_placement(file).clock == pytest.approx(place.clock, abs=0.05)
+
+
+def test_an_image_close_to_its_first_place_is_not_aligned_again(two):
+    """Within the range in which an image is linear there is one optimum."""
+    best, file = two.base.model, two.problem.campaign.views[0].file
+    u, v = best.image_shift(file)
+    near, far = (replace(best, shifts=best.shifts | {file: (u, v + step)}) for step in (0.4, 0.6))
+    assert image_alignment._return_far_images(near, best) is None
+    assert image_alignment._return_far_images(far, best).image_shift(file) == (u, v)
+
+
 def test_images_that_promise_next_to_nothing_are_not_predicted_again():
     """What they promise together is less than what no decision turns on; the others step as they would."""
     files = ("a", "b", "c")

@@ -240,7 +240,10 @@ def linearise_fields(two, model):
     tasks = two.problem.make_tasks(model, wanted)
     predictions = tuple(two.problem.predict(tasks))
     system = LinearSystem(
-        [b.with_columns_of(o, lambda p: True) for b, o in zip(two.data.make_blocks(predictions), two.base.blocks)]
+        [
+            b.with_columns_of(o, lambda p: True)
+            for b, o in zip(two.data.make_blocks(predictions), two.base.blocks, strict=True)
+        ]
     )
     return image_alignment.Linearisation(model, tuple(tasks), predictions, system)
 

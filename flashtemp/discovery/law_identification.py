@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flashtemp.discovery.criteria import CRITERIA
+from flashtemp.discovery.diagnostics.adequacy_tests import run_adequacy_tests
 from flashtemp.discovery.diagnostics.cross_validation import cross_validate
 from flashtemp.discovery.estimation.fitting import (
     Hypothesis,
@@ -289,17 +290,29 @@ def _fit_laws(search: EffectSearch, likely: Sequence[ScoredLaw], watch: Progress
 
 
 def _refine_nodes(search: EffectSearch, found: FittedLaw, watch: ProgressCallback) -> FittedLaw:
-    """Add nodes between the nodes of a law while the evidence requires them."""
+    """Add nodes between the nodes of a law while the evidence requires them, or else the adequacy of the model.
+
+    Adequacy counts where the evidence is not against the new nodes: a chord may miss the curve by less than what
+    their priors cost.
+    """
     while len(nodes := found.scored.law.refined_nodes) > len(found.scored.law.nodes):
         watch(f"{len(nodes)} nodes in place of {len(found.scored.law.nodes)}")
         try:
             finer = _fit_refined(search, found, nodes, watch)
         except SolverFailure:
             break  # the coarser law remains
-        if finer.fit.ln_evidence < found.fit.ln_evidence + CRITERIA.ln_bayes_law_node:
-            break
+        gain = finer.fit.ln_evidence - found.fit.ln_evidence
+        if gain < CRITERIA.ln_bayes_law_node:
+            is_neutral = gain > -CRITERIA.ln_bayes_law_node
+            if not is_neutral or _is_adequate(found) or not _is_adequate(finer):
+                break
         found = finer
     return found
+
+
+def _is_adequate(law: FittedLaw) -> bool:
+    """Whether the model with a law passes all tests of adequacy."""
+    return all(test.passed for test in run_adequacy_tests(law.problem, law.fit, CRITERIA))
 
 
 def _fit_refined(

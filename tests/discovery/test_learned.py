@@ -403,6 +403,30 @@ def test_nodes_between_nodes():
     assert PiecewiseLinearLaw(*pair("friction", "speed"), (0.1, 1.0), (0.0, 1.0)).refined_nodes == (0.1, 1.0)
 
 
+@pytest.mark.parametrize(
+    ("gains", "adequate", "kept"),
+    [
+        ((4.0, 2.0), (), 9),  # evidence requires 9 nodes and not 17
+        ((-1.0, 9.0), (), 5),  # nothing is adequate, so the evidence decides at once
+        ((-1.0, -1.0), (5, 9, 17), 5),
+        ((-1.0, -1.0), (9, 17), 9),  # a chord misses the curve by less than the priors of its nodes cost
+        ((-4.0, 9.0), (9, 17), 5),  # the evidence is against it
+    ],
+)
+def test_nodes_are_added_for_evidence_or_for_adequacy(monkeypatch, gains, adequate, kept):
+    def law(nodes, evidence):
+        shape = PiecewiseLinearLaw(*pair("pressure", "place"), nodes, (0.1,) * len(nodes))
+        return SimpleNamespace(scored=SimpleNamespace(law=shape), fit=SimpleNamespace(ln_evidence=evidence))
+
+    def fit_refined(search, found, nodes, watch):
+        return law(nodes, found.fit.ln_evidence + gains[(len(nodes) - 1) // 8 - 1])
+
+    monkeypatch.setattr(law_identification, "_fit_refined", fit_refined)
+    monkeypatch.setattr(law_identification, "_is_adequate", lambda found: len(found.scored.law.nodes) in adequate)
+    found = law_identification._refine_nodes(None, law(graded_nodes(0.0, 1.0), 0.0), lambda text: None)
+    assert len(found.scored.law.nodes) == kept
+
+
 def test_of_a_pressure_only_the_shape_counts():
     law = PiecewiseLinearLaw(*pair("pressure", "place"), graded_nodes(0, 0.025), (0.3, 0.3, 0.3, 0.3, 0.5))
     level = np.full((5, 5), 0.04)  # all nodes together

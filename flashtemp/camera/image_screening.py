@@ -13,13 +13,19 @@ must be equal in the coldest and the hottest frames, or change at random.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from flashtemp.camera.camera_classes import CAMERA_CLASSES
-from flashtemp.camera.quantisation import likeliest_digit_probability
+from flashtemp.camera.quantisation import (
+    add_dither,
+    likeliest_digit_probability,
+    quantisation_step,
+    remove_dither,
+)
 
 if TYPE_CHECKING:
     from flashtemp.camera.recording import Recording
@@ -37,7 +43,7 @@ COMMON_STEP_SDS = 3.0  # within so many standard deviations
 MAX_SCREENED_VALUES = 10_000_000  # values of the evenly spaced frames in which pixels and lines are tested
 BATCH = 64  # frames that are processed at a time
 NEIGHBOURS_PER_SIDE = 2  # neighbours on each side
-MIN_SCALE_PIXELS = 100  # pixels needed for an estimate of scale
+MIN_SCALE_PIXELS = 30  # pixels needed for an estimate of scale
 FLICKER_SIGMA = 3.0  # standard deviations of pixel noise by which a line must flicker to be masked
 MIN_DIFFERENCE_FRACTION = 0.5  # half the mean square successive difference over the variance; 1 for independent frames
 
@@ -132,14 +138,17 @@ def screen_recording(recording: Recording) -> ScreeningResult:
     return ScreeningResult(stuck, off_level, flickering, rows, columns, frozen, tuple(map(int, events)))
 
 
-def temporal_noise(T: Array) -> float:
+def temporal_noise(T: Array, digit_step: float | None = None) -> float:
     """Standard deviation (K) of a pixel from frame to frame, robust against smooth heat, common offsets and edges.
 
     MAD of second differences along the image of first differences in time (without the latter for a single frame).
+    `digit_step` (K): quantisation step of the camera, needed where `T` is a residual.
     """
     axis = 2 if T.shape[2] > 2 else 1
+    digit = quantisation_step(T) if digit_step is None else digit_step
+    T = add_dither(T, digit)
     steps = np.diff(np.diff(T, axis=0) if len(T) > 1 else T, n=2, axis=axis)
-    return _mad_scale(steps) / np.sqrt(12.0 if len(T) > 1 else 6.0)
+    return remove_dither(_mad_scale(steps) / np.sqrt(12.0 if len(T) > 1 else 6.0), digit)
 
 
 def _mad_scale(values: Array) -> float:
@@ -458,8 +467,10 @@ def find_shutter_events(
 
     if len(T) < 4:
         return np.zeros(0, np.int64)
-    noise = np.sqrt(2.0) * sigma
-    steps = (after - before for before, after in zip(T[:-1], T[1:], strict=True))
+    digit = quantisation_step(recording.temperature)
+    noise = np.sqrt(2.0) * np.hypot(sigma, digit / np.sqrt(12.0))
+    dithered = (add_dither(frame, digit, k) for k, frame in enumerate(T))
+    steps = (after - before for before, after in pairwise(dithered))
     found = [_common_step(step[np.isfinite(step)], COMMON_STEP_SDS * noise) for step in steps]
     common, fraction, pixels = np.array(found).T
     drift = CAMERA_CLASSES[recording.camera].drift_K_per_sqrt_s

@@ -1,4 +1,4 @@
-"""Coarse digits of a camera: their step, and how often noise repeats one by chance."""
+"""Coarse digits of a camera: their step, how often noise repeats one by chance, and dither for robust estimates."""
 
 from __future__ import annotations
 
@@ -18,6 +18,23 @@ def quantisation_step(temperature: np.ndarray) -> float:
     if len(steps) < 2 or 2 * len(different) > len(values) or (step := float(steps.min())) < 1e-3:
         return 0.0
     return step if np.all(np.abs(steps / step - np.round(steps / step)) < 0.01) else 0.0
+
+
+def add_dither(values: np.ndarray, step: float, seed: int = 0) -> np.ndarray:
+    """Values with uniform noise of the width of one `step`, the same for a `seed`; unchanged if the step is 0.
+
+    Medians and shortest intervals of rounded values are multiples of the step.  With this dither the values are
+    continuous again, and their variance is larger by step^2/12 (Gray & Stockham, IEEE Trans. Inf. Theory 39, 1993,
+    805).
+    """
+    if step <= 0.0:
+        return values
+    return values + step * (np.random.default_rng(seed).random(values.shape) - 0.5)
+
+
+def remove_dither(sigma: float, step: float) -> float:
+    """Standard deviation of rounded values from that with dither; not below that of the rounding itself."""
+    return float(np.sqrt(max(sigma**2 - step**2 / 12.0, step**2 / 12.0)))
 
 
 def likeliest_digit_probability(temperature: np.ndarray, sigma: float) -> float:

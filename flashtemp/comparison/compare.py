@@ -14,6 +14,7 @@ from flashtemp.camera.prediction import observation
 from flashtemp.camera.prediction.camera_model import CameraModel
 from flashtemp.camera.prediction.image_registration import align_image
 from flashtemp.camera.prediction.observation import SIDE_WALL_CELLS, WAKE_CELL_GROWTH, PredictedImage, observe
+from flashtemp.camera.quantisation import quantisation_step
 from flashtemp.comparison.campaign import Campaign, Condition, LoadCellEntry, RecordingEntry
 from flashtemp.comparison.largest_profile import find_largest_profile
 from flashtemp.comparison.noise import (
@@ -307,7 +308,9 @@ def compare_recording(run: Run, scene: Scene, view: RecordingEntry) -> Recording
             f"{view.file}: no pixel lies on the block or the road, away from their edges; check u, v and view, "
             "or give smaller pixels"
         )
-    first_noise = estimate_noise(residual_of(plain), *stated)  # of an image that may be misaligned: only for weights
+    step = quantisation_step(recording.temperature)
+    # of an image that may be misaligned: only for weights
+    first_noise = estimate_noise(residual_of(plain), *stated, digit_step=step)
     alignment = align_image(
         run, scene, recording, plain, lambda r: whiten_residual(r, first_noise), recording.registration_sigma_px or 0.0
     )
@@ -316,7 +319,7 @@ def compare_recording(run: Run, scene: Scene, view: RecordingEntry) -> Recording
         view,
         alignment.seen.temperature,
         residual,
-        estimate_noise(residual, *stated),
+        estimate_noise(residual, *stated, digit_step=step),
         alignment.shift,
         alignment.error,
         alignment.refused,

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from flashtemp.camera.camera_classes import CAMERA_CLASSES, UNCOOLED, suggest_camera_class
-from flashtemp.camera.quantisation import quantisation_step
+from flashtemp.camera.quantisation import add_dither, quantisation_step, remove_dither
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.noise import estimate_white_noise
 from flashtemp.errors import BadInput, shorten_text
@@ -53,8 +51,8 @@ def find_noise_fault(recorded: Recording, sigma_K: float | None) -> str | None:
     if sigma_K is None or sigma_K <= MAX_CREDIBLE_NOISE_K:
         return None
     frames = recorded.temperature[:MAX_NOISE_FRAMES]
-    rounding = quantisation_step(frames) / np.sqrt(12.0)
-    seen = float(np.hypot(estimate_white_noise(frames), rounding))
+    step = quantisation_step(frames)
+    seen = remove_dither(estimate_white_noise(add_dither(frames, step)), step)
     if not 0.0 < MAX_NOISE_RATIO * seen < sigma_K:
         return None
     return (

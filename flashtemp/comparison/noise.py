@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from flashtemp.camera.quantisation import quantisation_step
+from flashtemp.camera.quantisation import add_dither, quantisation_step, remove_dither
 from flashtemp.comparison.line_noise import (
     CHANCE_LIMIT_SDS,
     MAD_EFFICIENCY,
@@ -54,20 +54,25 @@ class NoiseLevels:
 
 def estimate_noise(
     residual: np.ndarray, white: float | None, pattern: float | None, averaged: tuple[int, ...] | None = None,
-    rest: np.ndarray | None = None, known_renewals: tuple[int, ...] = (),
+    rest: np.ndarray | None = None, known_renewals: tuple[int, ...] = (), digit_step: float = 0.0,
 ) -> NoiseLevels:  # fmt: skip
     """Noise of residuals (frames, nv, nu) K, NaN where masked; levels that are not stated are estimated.
 
     White noise follows from differences of successive frames, the fixed pattern from differences between neighbouring
     pixels of the mean over frames, along both axes: smooth structure enters neither.  Line noise is estimated from the
     residual `rest` of a first fit where there is one, because a gradient across few lines looks like it.  Only then is
-    it searched for renewals besides the known ones (indices of frames).
+    it searched for renewals besides the known ones (indices of frames).  `digit_step` (K): quantisation step of the
+    camera; estimates are made with dither, because medians of rounded values are multiples of the step.
     """
+    residual, rest = (None if a is None else add_dither(a, digit_step) for a in (residual, rest))
+    stated, rounding = white, digit_step / np.sqrt(12.0)
     estimated = []
     weights = None if averaged is None else np.array(averaged, float)
     if white is None:
         estimated.append("white")
         white = estimate_white_noise(residual, weights)
+    else:
+        white = float(np.sqrt(white**2 + 2.0 * rounding**2))  # rounding and dither
     if pattern is None:
         estimated.append("pattern")
         pattern = _pattern_beside(residual, white, weights)
@@ -75,7 +80,8 @@ def estimate_noise(
     of_lines = residual if rest is None else rest
     lines, renewals = estimate_line_noise(of_lines, white, pattern, rest is not None, weights, known_renewals)
     levels = NoiseLevels(white, pattern, tuple(estimated), averaged, lines, renewals=renewals)
-    return _with_renewed_pattern(_without_line_noise(levels, residual), of_lines)
+    found = _with_renewed_pattern(_without_line_noise(levels, residual), of_lines)
+    return replace(found, white=remove_dither(found.white, digit_step) if stated is None else max(stated, 1e-6))
 
 
 def estimate_white_noise(residual: np.ndarray, weights: np.ndarray | None = None) -> float:

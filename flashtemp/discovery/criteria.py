@@ -70,8 +70,8 @@ class Criteria:
         "a law that predicts removes more of the misfit than remains",
     )  # fmt: skip
     ln_bayes_law_node: float = _criterion_field(
-        3.0, "ln Bayes factor", "that additional nodes of a learned law must gain; where they gain or lose less, they are "
-        "kept if the model is adequate with them and not without",
+        3.0, "ln Bayes factor", "that additional nodes of a learned law must gain; where they gain or lose less, they "
+        "are kept if the model is adequate with them and not without",
         "odds of 20 to 1: `strong` of Kass and Raftery",
     )  # fmt: skip
     # --- adequacy of the final model -------------------------------------------------------------------------------

@@ -16,7 +16,9 @@ from flashtemp.camera.image_screening import (
     find_outlying_pixels,
     find_shutter_events,
     screen_recording,
+    temporal_noise,
 )
+from flashtemp.camera.quantisation import quantisation_step
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
 from flashtemp.comparison.campaign import RecordingEntry
@@ -195,6 +197,36 @@ def test_heat_that_sets_in_is_no_shutter_event():
     rng = np.random.default_rng(6)
     T = np.where(np.arange(20)[:, None, None] < 10, 20.0, scene(20)) + rng.normal(0.0, SIGMA, (20, 24, 60))
     assert len(find_shutter_events(T, recorded(T, rng, noisy=False), SIGMA)) == 0
+
+
+@pytest.mark.parametrize("step", [0.02, 0.04, 0.1])
+def test_coarse_digits_do_not_bias_the_noise_nor_make_shutter_events(step):
+    """The median of rounded differences is a multiple of the step: 50 mK in steps of 40 mK would be 42 or 84 mK."""
+    rng = np.random.default_rng(8)
+    smooth = np.linspace(20.0, 20.3, 60)
+    true = np.hypot(SIGMA, step / np.sqrt(12.0))
+    for _ in range(3):
+        T = np.round((smooth + rng.normal(0.0, SIGMA, (40, 24, 60))) / step) * step
+        made, residual = recorded(T, rng, noisy=False), T - smooth
+        assert quantisation_step(T) == pytest.approx(step)
+        assert temporal_noise(T) == pytest.approx(true, rel=0.03)
+        found = estimate_noise(residual, None, None, None, residual, digit_step=step)
+        assert found.white == pytest.approx(true, rel=0.03)
+        assert max(found.lines.rows, found.lines.columns, found.lines.frame_rows) < 0.05 * SIGMA
+        assert screen_recording(made).shutter_events == ()
+        assert estimate_noise(residual, SIGMA, 0.0, None, residual, digit_step=step).white == SIGMA
+
+
+def test_a_flickering_pixel_of_a_small_image_is_found():
+    """An image of 9 x 11 pixels has some 35 that neighbours surround."""
+    rng, false = np.random.default_rng(9), 0
+    for _ in range(50):
+        residual = rng.normal(0.0, SIGMA, (30, 9, 11))
+        false += int(find_outlying_pixels(residual).sum())
+        residual[:, 2, 0] += rng.normal(0.0, 12 * SIGMA, 30)
+        residual[:, 4, 5] += rng.normal(0.0, 12 * SIGMA, 30)
+        assert find_outlying_pixels(residual)[[2, 4], [0, 5]].all()
+    assert false <= 2
 
 
 def test_outlying_residuals_are_rejected_and_what_a_model_misses_is_not():

@@ -16,6 +16,7 @@ from scipy.ndimage import gaussian_filter
 
 from flashtemp.camera.camera_classes import CAMERA_CLASSES, CameraErrors
 from flashtemp.camera.image_screening import find_shutter_events, temporal_noise
+from flashtemp.camera.quantisation import quantisation_step
 from flashtemp.camera.recording import Recording
 from flashtemp.discovery.parameters import ParameterId, ParameterKind
 from flashtemp.discovery.prediction.prediction import Observable, Single, flatten_valid_pixels
@@ -89,7 +90,8 @@ def _iter_offsets(r: Recording, residual: Array, sizes: CameraErrors, renewals: 
     ramp = (r.time - r.time[0]) / max(float(np.ptp(r.time)), 1e-12)
     for curve in (ramp, ramp * (1.0 - ramp)):  # a camera that settles drifts faster at first
         yield sizes.warm_up_K * curve
-    jumps = find_shutter_events(residual, r, temporal_noise(residual), MIN_JUMP_PIXEL_FRACTION)
+    sigma = temporal_noise(residual, quantisation_step(r.temperature))
+    jumps = find_shutter_events(residual, r, sigma, MIN_JUMP_PIXEL_FRACTION)
     certain = {*r.frames_after_frozen, *renewals}
     # what seems a jump one frame away is the same event: heat may hide it in the frame itself
     events = sorted(certain | {k for k in jumps.tolist() if certain.isdisjoint((k - 1, k + 1))})

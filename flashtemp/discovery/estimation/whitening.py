@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flashtemp.camera.prediction.observation import PSF_TAIL_WIDTHS
+from flashtemp.camera.quantisation import quantisation_step
 from flashtemp.comparison.campaign import LoadCellEntry, RecordingEntry
 from flashtemp.comparison.compare import estimate_reading_noise, stated_noise
 from flashtemp.comparison.noise import NoiseLevels, estimate_noise, raise_stated_noise
@@ -247,8 +248,10 @@ def _image_errors(
 def _recording_noise(view: RecordingEntry, predicted: Observable, rest: Array) -> NoiseLevels:
     """The noise of a recording, stated or estimated; of lines from the `rest` (frames, nv, nu) K of a first fit."""
     averaged, residual = view.means.frames if view.means else None, _image_residual(view, predicted)
-    found = estimate_noise(residual, *stated_noise(view), averaged, rest, view.recording.frames_after_frozen)
-    return raise_stated_noise(found, view.recording, rest)
+    recording = view.recording
+    step = quantisation_step(recording.temperature)
+    found = estimate_noise(residual, *stated_noise(view), averaged, rest, recording.frames_after_frozen, step)
+    return raise_stated_noise(found, recording, rest)
 
 
 def _sliding_speed(run: Run, time: Array) -> Array:

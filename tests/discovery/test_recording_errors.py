@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from flashtemp.comparison import campaign
 from flashtemp.comparison.synthetic_campaign import SyntheticPlan, make_synthetic_campaign
 from flashtemp.discovery.estimation import whitening
 from flashtemp.discovery.estimation.nuisance_priors import all_derivatives
+from flashtemp.discovery.measurement_errors import recording_fit
 from flashtemp.discovery.measurement_errors.image_pose import ImagePose, register_image
 from flashtemp.discovery.measurement_errors.initial_registration import register_images
 from flashtemp.discovery.measurement_errors.recording_errors import (
@@ -108,6 +110,25 @@ def test_a_missing_effect_is_no_mirrored_image(tmp_path):
     """A strong pressure tilt reverses the profile along the block; free pressure shapes explain it as it is."""
     problem = campaign_problem(tmp_path / "tilt", ("pressure_tilt",), 1, ("sidewall",), 43)
     assert find_recording_errors(problem, predicted(problem)) == ()
+
+
+@pytest.mark.parametrize(("chi2", "is_possible"), [(1.6, False), (1.4, True), (1.05, True)])
+def test_a_hypothesis_that_describes_its_own_data_worse_is_impossible(monkeypatch, chi2, is_possible):
+    """Turned over, an image may lie so that hardly anything that warms is predicted in both positions."""
+    monkeypatch.setattr(recording_fit, "_joint_fit", lambda problem, fits, unaffected: (0.0, 1.0, 10))
+
+    def fit(chi2):
+        block, everywhere = SimpleNamespace(count=2000), np.ones((20, 10, 10), bool)
+        return SimpleNamespace(
+            block=block,
+            chi2_per_datum=chi2,
+            known=everywhere,
+            known_in_file=everywhere,
+            restrict_to=lambda common: None,
+        )
+
+    found = recording_fit.compare_fits(None, [fit(1.5)], [fit(chi2)])
+    assert np.isfinite(found.ln_bayes) == is_possible
 
 
 # --- what is wrong is found, and put right ---------------------------------------------------------------------------

@@ -253,7 +253,14 @@ def compare_fits(
     problem: Problem, stated: Sequence[RecordingFit], other: Sequence[RecordingFit],
     unaffected: UnaffectedData = NO_UNAFFECTED_DATA,
 ) -> HypothesisEvidence:  # fmt: skip
-    """Joint evidence of fits of recordings against fits as stated, from the data that both predict."""
+    """Joint evidence of fits of recordings against fits as stated, from the data that both predict.
+
+    A hypothesis is impossible if it describes all data that it predicts worse than the recordings as stated describe
+    theirs, and not adequately: the data that both predict may be few and show little.
+    """
+    own = [_chi2_of_all(fits) for fits in (stated, other)]
+    if own[1] > own[0] and not is_adequate(own[1], sum(fit.block.count for fit in other)):
+        return HypothesisEvidence(-np.inf)
     before, after = [], []
     for a, b in zip(stated, other, strict=True):
         common = a.known_in_file & b.known_in_file
@@ -265,6 +272,12 @@ def compare_fits(
         _joint_fit(problem, fits, unaffected) for fits in (before, after)
     )
     return HypothesisEvidence(ln_other - ln_stated, chi2_stated, chi2_other, count)
+
+
+def _chi2_of_all(fits: Sequence[RecordingFit]) -> float:
+    """chi2 per datum of all data that fits of single recordings predict."""
+    counts = [fit.block.count for fit in fits]
+    return sum(fit.chi2_per_datum * n for fit, n in zip(fits, counts, strict=True)) / max(sum(counts), 1)
 
 
 def _joint_fit(problem: Problem, fits: Sequence[RecordingFit], unaffected: UnaffectedData) -> tuple[float, float, int]:

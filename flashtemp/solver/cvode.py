@@ -103,10 +103,10 @@ class BdfIntegrator:
         """One internal step; returns (t, y) with y a new array.  Raises SolverFailure with CVODE's message."""
         try:
             t, y, reason = self._advance()
-        except Exception as error:
-            if self._fault is not None:
-                raise self._fault from error
-            raise
+        except Exception:
+            if self._fault is None:
+                raise
+        # raised outside the handler: the binding's own error has the fault as its cause, so a link back is a circle
         if self._fault is not None:
             raise self._fault
         if reason:

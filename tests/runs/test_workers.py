@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -25,7 +26,7 @@ from flashtemp.discovery.prediction.prediction import (
     PredictionTask,
     predict_condition,
 )
-from flashtemp.errors import BadInput, SolverFailure
+from flashtemp.errors import BadInput, EnergyBalanceError, SolverFailure
 from flashtemp.model.case import load_case
 from flashtemp.physics.effect import find_effect
 from flashtemp.runs.results import worker_pool
@@ -69,6 +70,28 @@ def test_a_failure_of_the_computation_is_an_answer():
     with pytest.raises(ZeroDivisionError):
         call_safely(lambda n: 1 / n, 0)
     assert call_safely(math.sqrt, 4.0) == 2.0
+
+
+def test_returned_failure_has_no_chain():
+    """Distributed libraries pickle an exception with its chain, which has no limit."""
+
+    def fails(depth):
+        try:
+            if depth:
+                fails(depth - 1)
+            raise ZeroDivisionError
+        except (ZeroDivisionError, SolverFailure) as fault:
+            raise SolverFailure(f"level {depth}") from fault
+
+    fault = call_safely(fails, 5)
+    assert str(fault) == "level 5"
+    assert fault.__cause__ is None
+    assert fault.__context__ is None
+
+
+def test_energy_balance_error_survives_pickling():
+    answer = pickle.loads(pickle.dumps(EnergyBalanceError("the energy balance does not close", {"cells": 3})))
+    assert (str(answer), answer.run) == ("the energy balance does not close", {"cells": 3})
 
 
 @pytest.mark.parametrize("count", [1, 2])

@@ -17,10 +17,14 @@ KILLED_MESSAGE = "a worker process was killed, perhaps for memory; give fewer --
 
 
 def call_safely(function: Callable, task: Any) -> Any:
-    """The result of the function, or the FlashtempError that it raised."""
+    """The result of the function, or the FlashtempError that it raised, without the exceptions that led to it.
+
+    Those of a library need not be picklable, and a long chain exceeds the recursion limit.
+    """
     try:
         return function(task)
     except FlashtempError as fault:
+        fault.__cause__ = fault.__context__ = None
         return fault
 
 

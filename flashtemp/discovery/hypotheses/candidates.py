@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -12,7 +13,7 @@ from flashtemp.camera.image_placement import STATED_PLACEMENT, ImagePlacement
 from flashtemp.discovery.parameters import BEAD_KINDS, PLACEMENT_KINDS, ParameterId, ParameterKind, Priors
 from flashtemp.errors import BadInput
 from flashtemp.model.case import Case
-from flashtemp.physics.effect import Effect, Param
+from flashtemp.physics.effect import Deposit, Effect, Param
 
 KEY_PRIOR_SD = {  # relative prior standard deviation of keys that are usually calibrated
     "friction.mu": 0.1,
@@ -20,6 +21,9 @@ KEY_PRIOR_SD = {  # relative prior standard deviation of keys that are usually c
     "ambient.convection": 0.3,
 }
 DEFAULT_KEY_PRIOR_SD = 0.2
+NOTHING_SLIDES = "nothing slides: the block is by itself"
+# prefixes of quantities that matter in contact with the road only
+CONTACT_TARGETS = ("friction.", "contact.", "holder.", "road.lane", "block.abrasion", "block.worn", "block.expansion")
 STRENGTH_STEP_FRACTION = 0.01  # of an effect's typical strength: the step of its derivative
 
 
@@ -163,14 +167,24 @@ class CandidateEffect:
         return out
 
 
-def find_candidates(case: Case, names: tuple[str, ...] | None) -> tuple[list[CandidateEffect], dict[str, str]]:
-    """Effects that may be missing in a case, and {effect: reason} of those that cannot be tried."""
+def find_candidates(
+    case: Case, names: tuple[str, ...] | None, conditions: Sequence[Case] = ()
+) -> tuple[list[CandidateEffect], dict[str, str]]:
+    """Effects that may be missing in a case, and {effect: reason} of those that cannot be tried.
+
+    `names`: the effects that a campaign lists; None for all that declare themselves candidates.  `conditions`: the case
+    under every condition of a campaign, in each of which an effect must be possible.
+    """
     found, left = [], {}
+    slides = any(not c["schedule.alone"] for c in conditions or (case,))
     for name, effect in case.known_effects.items():
         if effect.base or (names is not None and name not in names):
             continue
-        reason = _exclusion_reason(case, name, effect, names is not None)
         candidate = _make_candidate(name, effect)
+        reason = _exclusion_reason(case, name, effect, names is not None)
+        if not reason and not slides and _acts_in_contact_only(case, name):
+            reason = NOTHING_SLIDES
+        reason = reason or _build_fault(candidate, (case, *conditions))
         if reason:
             left[name] = reason
         elif candidate.strengths:
@@ -179,7 +193,7 @@ def find_candidates(case: Case, names: tuple[str, ...] | None) -> tuple[list[Can
 
 
 def _exclusion_reason(case: Case, name: str, effect: type[Effect], is_requested: bool) -> str:
-    """Why an effect cannot be tried; empty if it can."""
+    """Why an effect cannot be tried with its default values; empty if it can."""
     if name in case.effects:
         return "the case has it already"
     if not effect.candidate and not is_requested:
@@ -192,6 +206,29 @@ def _exclusion_reason(case: Case, name: str, effect: type[Effect], is_requested:
         needs = [k for k, p in effect.params().items() if p.value is None and p.kinds != ("name",)]
         return f"needs {', '.join(needs)}" if needs else fault.lines[0]
     return ""
+
+
+def _build_fault(candidate: CandidateEffect, cases: Sequence[Case]) -> str:
+    """Why a case cannot be built with a candidate in one of its shape variants; empty if all can."""
+    for case in cases:
+        for shapes in candidate.shape_variants:
+            added = {f"{candidate.effect}.{k}": value for k, value in shapes.items()}
+            try:
+                case.with_values({"effects": [*case.effects, candidate.effect]} | added)
+            except BadInput as fault:
+                stated = ", ".join(f"{key} = {value:.3g}" for key, value in added.items())
+                return f"cannot be built with {stated or 'its default values'}: {fault.lines[0]}"
+    return ""
+
+
+def _acts_in_contact_only(case: Case, name: str) -> bool:
+    """Whether everything that an effect does in a case needs contact with the road."""
+    scene = case.with_values({"effects": [*case.effects, name]}).scene
+    [acting] = [one for one in scene.acting if one.name == name]
+    parts = list(acting.contributions(scene))
+    return bool(parts) and all(
+        isinstance(part, Deposit) or getattr(part, "target", "").startswith(CONTACT_TARGETS) for part in parts
+    )
 
 
 def _make_candidate(name: str, effect: type[Effect]) -> CandidateEffect:

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from flashtemp.discovery.hypotheses.candidates import NOTHING_SLIDES
 from flashtemp.errors import BadInput
 from flashtemp.model import layers
 from flashtemp.model.case import Case
@@ -143,7 +144,7 @@ def exemption_reason(case: Case, key: str) -> str:
     if key in EXEMPT_KEYS or name in EXEMPT_NAMES:
         return EXEMPT_KEYS.get(key) or EXEMPT_NAMES[name]
     if case.values["schedule"]["alone"] and (table in SLIDING_TABLES or table == _road_material(case)):
-        return "nothing slides: the block is by itself"
+        return NOTHING_SLIDES
     if table == "block" and name in layers.LAYER_DERIVED_KEYS and layers.layer_names(case.values):
         return "follows from the layers"
     return _missing_sd_reason(key, value, param)

@@ -14,6 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from flashtemp.discovery.hypotheses.candidates import CONTACT_TARGETS
 from flashtemp.model.scene import Scene
 from flashtemp.physics.arrays import Array
 from flashtemp.physics.user_effects import UserEffect
@@ -86,7 +87,6 @@ REGRESSORS = {
     )
 }
 WALL_SITES, HOLDER_SITES = ("block.leading", "block.trailing", "block.sides"), ("block.holder",)
-CONTACT_TARGETS = ("friction.", "contact.")  # prefixes of targets whose laws act only in contact
 LEARNABLE_QUANTITIES = (
     LearnableQuantity(
         "friction", "the friction coefficient", "factor", ("friction.mu",),

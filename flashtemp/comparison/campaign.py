@@ -204,7 +204,8 @@ def read_tables(
         reader.faults.append(f"{file}: holds no [[recording]] and no [[force]]; add at least one")
     priors = reader.read_priors(raw)
     free = reader.read_free_keys(tuple(priors) if priors is not None else reader.read_names(raw, "free"), stated_case)
-    known = reader.read_uncertainties(raw, stated_case, free)
+    overrides = [e.get("with", {}) for e in (*entries["recording"], *entries["force"])]
+    known = reader.read_uncertainties(raw, stated_case, free, overrides)
     candidates = reader.read_candidates(raw, stated_case)
     if fault := case_file.find_title_fault(raw.get("title", "")):
         reader.add_fault("title", fault)
@@ -297,12 +298,12 @@ class _CampaignReader:
         return flat
 
     def read_uncertainties(
-        self, raw: dict[str, Any], stated_case: cases.Case | None, free: tuple[str, ...]
+        self, raw: dict[str, Any], stated_case: cases.Case | None, free: tuple[str, ...], overrides: list[Any]
     ) -> dict[str, StatedUncertainty]:
-        """Stated uncertainties of fixed inputs, by key."""
+        """Stated uncertainties of fixed inputs, by key; `overrides`: the tables `with` of all entries."""
         if stated_case is None or "known" not in raw:
             return {}
-        uncertainties, faults = read_known(raw["known"], stated_case, free)
+        uncertainties, faults = read_known(raw["known"], stated_case, free, overrides)
         for fault in faults:
             self.add_fault("known", fault)
         return uncertainties

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,10 +46,13 @@ def known_keys(case: Case) -> dict[str, str]:
     }
 
 
-def read_known(given: Any, case: Case, free: tuple[str, ...]) -> tuple[dict[str, StatedUncertainty], tuple[str, ...]]:
+def read_known(
+    given: Any, case: Case, free: tuple[str, ...], overrides: Sequence[Any] = ()
+) -> tuple[dict[str, StatedUncertainty], tuple[str, ...]]:
     """Uncertainties by key from a table `known`, and its faults, one line each.
 
-    The uncertainty of a `free` key belongs to the table `free`.
+    The uncertainty of a `free` key belongs to the table `free`.  `overrides`: the tables `with` of all entries; a
+    number that is 0 under all of them is switched off and has no uncertainty.
     """
     if not isinstance(given, dict):
         return {}, (f'{shorten_text(repr(given))}; write known = {{ "contact.pressure" = 0.02 }}',)
@@ -57,6 +61,7 @@ def read_known(given: Any, case: Case, free: tuple[str, ...]) -> tuple[dict[str,
     for key, value in flatten_tables(given).items():
         try:
             uncertainties[key] = _read_uncertainty(key, value, case, free)
+            _refuse_zero(key, case, overrides)
         except BadInput as fault:
             faults.append(f"{key}: {fault}")
     return uncertainties, tuple(faults)
@@ -75,6 +80,20 @@ def _read_uncertainty(key: str, value: Any, case: Case, free: tuple[str, ...]) -
     if out.relative and keys[key] == "degC":
         raise BadInput(f'{value!r}; a fraction of a temperature in degC means nothing: give it with its unit, "0.5 K"')
     return out
+
+
+def _refuse_zero(key: str, case: Case, overrides: Sequence[Any]) -> None:
+    """Raise BadInput for a number that is 0 in the case and under all overrides, unless it is a temperature."""
+    table, _, name = key.rpartition(".")
+    full = expand_materials(case)
+    if table not in full.values or full.declared_params(table)[name].unit == "degC":
+        return
+    stated = full.values[table][name]
+    changed = [flatten_tables(o).get(key, stated) if isinstance(o, dict) else stated for o in overrides] or [stated]
+    if all(isinstance(v, (int, float)) and not isinstance(v, bool) and v == 0 for v in changed):
+        raise BadInput(
+            f"{case.name} states 0, which switches it off; leave it out of known, or state a value above 0 in the case"
+        )
 
 
 def _read_sd(value: Any, unit: str) -> StatedUncertainty:

@@ -27,6 +27,7 @@ from flashtemp.discovery.diagnostics.effect_size import LargestChange
 from flashtemp.discovery.diagnostics.extended_case import write_extended_case
 from flashtemp.discovery.diagnostics.mesh_resolution import mesh_resolution_warnings
 from flashtemp.discovery.diagnostics.setup_errors import SetupError, find_setup_errors
+from flashtemp.discovery.diagnostics.stated_inputs import list_stated_inputs
 from flashtemp.discovery.estimation.fitting import Hypothesis, ProgressCallback
 from flashtemp.discovery.estimation.image_alignment import Linearisation
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
@@ -81,6 +82,7 @@ def discover(
     began, watch = time.monotonic(), _with_time_left(watch)
     with open_worker_pool(predict_condition, workers, scheduler) as run:
         problem = prepare_problem(campaign, run)
+        list_stated_inputs(problem)  # refuses a key of `known` that is no input, before anything is computed
         problem, errors, first = correct_measurements(problem, watch)
         problem, data, base = calibrate_base(problem, first, watch)
         search = select_with_inputs(problem, data, base, watch)

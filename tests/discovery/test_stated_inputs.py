@@ -12,12 +12,14 @@ import pytest
 
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison import campaign
+from flashtemp.comparison.known_inputs import read_known
 from flashtemp.comparison.synthetic_campaign import SyntheticPlan, make_synthetic_campaign
 from flashtemp.discovery import assessment
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.diagnostics.effect_size import change_per_unit
 from flashtemp.discovery.diagnostics.input_checks import InputVerdict, compare_inputs_with_data, group_inputs
 from flashtemp.discovery.diagnostics.stated_inputs import INPUT_CELL_FACTORS, add_input_columns, list_stated_inputs
+from flashtemp.discovery.engine import discover
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
 from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD, nuisance_priors
 from flashtemp.discovery.estimation.whitening import WhitenedData
@@ -202,6 +204,7 @@ def test_a_campaign_states_how_well_its_inputs_are_known(made, tmp_path):
         ('{ "contact.pressure" = nan }', "above 0"),
         ('{ "contact.pressure" = 5 }', "at most 3 of the value"),
         ('["contact.pressure"]', "write known = {"),
+        ('{ "ambient.road_sides" = "5 W/m2K" }', "states 0, which switches it off; leave it out of known"),
     ],
 )
 def test_a_wrong_statement_is_refused_in_one_line(made, tmp_path, told, said):
@@ -216,7 +219,6 @@ def test_a_wrong_statement_is_refused_in_one_line(made, tmp_path, told, said):
     ("key", "said"),
     [
         ("road.upstream", "extent"),
-        ("ambient.road_sides", "zero"),
         ("contact.alpha", "infinite"),
         ("profile.emissivity", "no recording"),
     ],
@@ -225,6 +227,22 @@ def test_a_statement_about_what_is_no_input_is_refused(made, tmp_path, key, said
     read = read_with(made, tmp_path, f'{{ "{key}" = 0.02 }}')
     with pytest.raises(BadInput, match=f"known: {key}: .*{said}"):
         list_stated_inputs(made.prepare(known=read.known))
+
+
+def test_zero_in_the_case_may_be_known_where_a_recording_states_another_value(made, tmp_path):
+    known = {"ambient.road_sides": "5 W/m2K"}
+    for overrides in ([{"ambient.road_sides": 8.0}, {}], [{"ambient": {"road_sides": "8 W/m2K"}}]):
+        assert read_known(known, made.campaign.load({}), (), overrides)[1] == ()
+    assert len(read_known(known, made.campaign.load({}), (), [{"ambient.road_sides": 0.0}, {}])[1]) == 1
+    assert read_known({"ambient.temperature": "1 K"}, made.campaign.load({"ambient.temperature": 0.0}), ())[1] == ()
+
+
+def test_a_statement_about_what_is_no_input_is_refused_before_anything_is_computed(made, tmp_path):
+    read = read_with(made, tmp_path, '{ "road.upstream" = 0.02 }')
+    messages = []
+    with pytest.raises(BadInput, match="known: road.upstream: extent"):
+        discover(read, messages.append, workers=1)
+    assert messages == []
 
 
 # --- columns --------------------------------------------------------------------------------------------

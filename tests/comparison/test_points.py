@@ -348,6 +348,33 @@ def test_campaigns_refuse_points_that_do_not_fit(tmp_path, entry, said):
     assert said in str(fault.value)
 
 
+@pytest.mark.parametrize(
+    ("table", "remedy"),
+    [
+        ("0,165\n10,166\n", "write it in a header line above the numbers, e.g. 'time (s), T1 (degC)'"),
+        ("time,T1\n0,165\n10,166\n", "write it in the header of its column, e.g. 'T1 (degC)'"),
+        ("time,T1 (mV)\n0,165\n10,166\n", "write degC, K or degF there, or name the column of the point"),
+        ("time,T1 (K)\n0,20\n10,21\n", "write degC instead"),
+        ("time,T1 (degC),T2\n0,,1\n10,,1\n", "leave its point out"),
+        ("time,T1 (degC)\n0,20\n10,9999\n", "else correct the unit in the header"),
+    ],
+)
+def test_campaigns_tell_how_their_tables_state_the_unit(tmp_path, table, remedy):
+    """A campaign has no options of the command line; the remedy of the first two is tried."""
+    write(tmp_path, ["driven_faces"], "[driven_faces]\nface = [[0.0, 120.0]]\n")
+    (tmp_path / "t.csv").write_text(table)
+    (tmp_path / "campaign.toml").write_text(
+        'case = "case.toml"\n[[recording]]\nfile = "t.csv"\npoints = [{ name = "T1", z = 0.001 }]\n'
+    )
+    with pytest.raises(BadInput) as fault:
+        campaign.load(tmp_path)
+    assert remedy in str(fault.value)
+    assert "t.csv" in str(fault.value)
+    assert "--" not in str(fault.value)
+    (tmp_path / "t.csv").write_text("time (s), T1 (degC)\n0,165\n10,166\n")
+    assert campaign.load(tmp_path).views[0].recording.temperature.max() == 166.0
+
+
 @pytest.mark.long
 def test_a_twin_of_thermocouples_gives_its_slope_and_its_beads_back(tmp_path):
     """Beads up to 1 mm from where they are said to be (0.3 mm known), conductivity 4 % off: both come back."""

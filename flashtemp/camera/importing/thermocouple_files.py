@@ -11,7 +11,7 @@ import numpy as np
 
 from flashtemp.camera import sensors
 from flashtemp.camera.importing import frame_times
-from flashtemp.camera.importing.formats.raw_frames import scale_counts, to_celsius
+from flashtemp.camera.importing.formats.raw_frames import UNIT_REMEDY, ScaleMissing, scale_counts, to_celsius
 from flashtemp.camera.importing.import_options import ImportOptions, option_name
 from flashtemp.camera.recording import Recording
 from flashtemp.camera.sensors import SENSOR_KEYS, SensorPositions
@@ -107,7 +107,7 @@ def read_campaign_points(entry: dict[str, Any], folder: Path, schedule: Any, key
     placed = SensorColumns(places, (None,) * len(places), f"{key}: points")
     own = [e.get("name") for e in entry["points"]]
     columns = _columns_by_name(table, own) or _columns_in_order(table, axis, placed, exact=True)
-    T, _ = read_temperatures(table, columns, ImportOptions())
+    T, _ = read_temperatures(table, columns, ImportOptions(), in_campaign=True)
     repetition = np.array([schedule.phase_at(t).repetition for t in axis.seconds])
     try:
         return Recording(
@@ -233,12 +233,12 @@ def _check_one_series(table: TextTable, columns: list[TableColumn]) -> None:
 
 # --- temperatures -----------------------------------------------------------------------------------
 def read_temperatures(
-    table: TextTable, columns: list[TableColumn], facts: ImportOptions
+    table: TextTable, columns: list[TableColumn], facts: ImportOptions, in_campaign: bool = False
 ) -> tuple[np.ndarray, list[str]]:
     """Temperatures (rows, columns) in degC, NaN where missing, and notes on their units.
 
-    Raises BadInput, naming line and cell, for words, for units that are none of temperature and for values below
-    absolute zero.
+    `in_campaign`: a campaign lists the table, so that only its header can state a unit.  Raises BadInput, naming line
+    and cell, for words, for units that are none of temperature and for values below absolute zero.
     """
     if facts.scale is not None or facts.offset is not None:
         values = np.stack([_column_numbers(table, c) for c in columns], axis=1)
@@ -248,8 +248,8 @@ def read_temperatures(
     general = facts.unit or _preamble_unit(table)
     out, notes, bare = [], [], []
     for column in columns:
-        T, unit = _column_temperatures(table, column, facts.unit, general)
-        _check_known(table, column, T)
+        T, unit = _column_temperatures(table, column, facts.unit, general, in_campaign)
+        _check_known(table, column, T, in_campaign)
         stated = header.column_unit(column, "degC")[1]
         if facts.unit and header.is_unit_text(stated, "degC") and not _is_same_unit(stated, facts.unit):
             notes.append(f"{column} says {stated}, read as {facts.unit} as --unit says")
@@ -259,12 +259,17 @@ def read_temperatures(
             bare.append(T)
         out.append(T)
     if bare:
-        table.check_fahrenheit_remarks("give --unit degF or degC")
-        _, note = to_celsius(np.stack(bare, axis=1), None)
+        first = columns[next(k for k, T in enumerate(out) if T is bare[0])]
+        table.check_fahrenheit_remarks(_header_remedy(first, "degF") if in_campaign else "give --unit degF or degC")
+        remedy = _header_remedy(first) if in_campaign else UNIT_REMEDY
+        try:
+            _, note = to_celsius(np.stack(bare, axis=1), None, remedy=remedy)
+        except ScaleMissing as fault:
+            raise ScaleMissing(f"{table.where}: {fault}") from fault
         notes.append(note)
     values = np.stack(out, axis=1)
     for j, column in enumerate(columns):
-        _check_range(table, column, values[:, j])
+        _check_range(table, column, values[:, j], in_campaign)
     marks = {c for column in columns for c in table.cells(column) if is_missing(c)} if np.isnan(values).any() else set()
     if marks:
         some = ", ".join(repr(m) for m in sorted(marks)[:4])
@@ -277,7 +282,7 @@ def _column_numbers(table: TextTable, column: TableColumn) -> np.ndarray:
 
 
 def _column_temperatures(
-    table: TextTable, column: TableColumn, own: str | None, general: str | None
+    table: TextTable, column: TableColumn, own: str | None, general: str | None, in_campaign: bool = False
 ) -> tuple[np.ndarray, str]:
     """Temperatures of a column in degC, and its unit in the file, "" if none is stated."""
     try:
@@ -285,7 +290,8 @@ def _column_temperatures(
     except BadInput as fault:
         if "is no number" in str(fault):
             raise
-        raise BadInput(f"{fault}; write degC, K or degF there, give --unit, or correct --places") from fault
+        others = ", or name the column of the point" if in_campaign else ", give --unit, or correct --places"
+        raise BadInput(f"{fault}; write degC, K or degF there{others}") from fault
     if not unit and general:
         T, unit = table.read_quantity(column, "degC", general)
     known = T[np.isfinite(T)]
@@ -293,8 +299,8 @@ def _column_temperatures(
         middle = float(np.median(known)) + KELVIN
         if middle < COLDEST_KELVIN_MEDIAN:
             raise BadInput(
-                f"{table.where}: {column}: {middle:g} K is no usual temperature; if K is the type of the thermocouple,"
-                " give --unit degC"
+                f"{table.where}: {column}: {middle:g} K is no usual temperature; if K is the type of the thermocouple, "
+                + ("write degC instead" if in_campaign else "give --unit degC")
             )
     return T, unit
 
@@ -313,12 +319,27 @@ def _preamble_unit(table: TextTable) -> str | None:
     return None
 
 
-def _check_known(table: TextTable, column: TableColumn, T: np.ndarray) -> None:
+def _header_remedy(column: TableColumn, unit: str = "degC") -> str:
+    """How a table that a campaign lists states the unit of a column.
+
+    >>> _header_remedy(TableColumn(2, "T1"))
+    "write it in the header of its column, e.g. 'T1 (degC)'"
+    >>> _header_remedy(TableColumn(2))
+    "write it in a header line above the numbers, e.g. 'time (s), T1 (degC)'"
+    """
+    if not column.label:
+        return f"write it in a header line above the numbers, e.g. 'time (s), T1 ({unit})'"
+    name = shorten_text(header.split_label(column.label, unit)[0] or column.label)
+    return f"write it in the header of its column, e.g. '{name} ({unit})'"
+
+
+def _check_known(table: TextTable, column: TableColumn, T: np.ndarray, in_campaign: bool = False) -> None:
     if not np.isfinite(T).any():
-        raise BadInput(f"{table.where}: {column} holds no temperature at all; correct --places")
+        remedy = "leave its point out" if in_campaign else "correct --places"
+        raise BadInput(f"{table.where}: {column} holds no temperature at all; {remedy}")
 
 
-def _check_range(table: TextTable, column: TableColumn, T: np.ndarray) -> None:
+def _check_range(table: TextTable, column: TableColumn, T: np.ndarray, in_campaign: bool = False) -> None:
     """BadInput for impossible temperatures, with their line and cell."""
     bad = (T <= COLDEST_DEGC) | (T > HOTTEST_DEGC)
     if not bad.any():
@@ -332,7 +353,7 @@ def _check_range(table: TextTable, column: TableColumn, T: np.ndarray) -> None:
     )
     raise BadInput(
         f"{table.locate_row(k)}: {cell} in column {column.number} {what}; if it marks a missing value, empty that cell,"
-        " else give --unit"
+        f" else {'correct the unit in the header' if in_campaign else 'give --unit'}"
     )
 
 

@@ -19,6 +19,7 @@ TEMPERATURE_UNIT_NAMES = {
     "c": "degC", "celsius": "degC", "centigrade": "degC", "f": "degF", "fahrenheit": "degF", "k": "K", "kelvin": "K",
     "kelvins": "K", "mk": "mK", "millikelvin": "mK",
 }  # fmt: skip
+UNIT_REMEDY = "give --unit degC, K, mK or degF, or --scale and --offset for counts"
 MAX_MEDIAN_WITHOUT_UNIT_DEGC = 150.0  # a median above this could be kelvin: the unit must be stated
 NO_COLOURS = (
     "holds colours, not temperatures: nobody can turn them back; give the radiometric file of the camera"
@@ -122,10 +123,13 @@ def agree_on_unit(stated: str | None, in_file: str | None, where: str) -> str | 
     return stated or in_file
 
 
-def to_celsius(values: np.ndarray, unit: str | None, difference: bool = False) -> tuple[np.ndarray, str]:
+def to_celsius(
+    values: np.ndarray, unit: str | None, difference: bool = False, remedy: str = UNIT_REMEDY
+) -> tuple[np.ndarray, str]:
     """Values in degC and a note; an unknown unit is taken as degC, or raises BadInput if it could be another.
 
-    `difference`: the values are differences of temperatures (a lock-in amplitude), K.
+    `difference`: the values are differences of temperatures (a lock-in amplitude), K.  `remedy`: how the user states a
+    missing unit.
     """
     values = np.asarray(values, dtype=float)
     if unit is None:
@@ -133,8 +137,7 @@ def to_celsius(values: np.ndarray, unit: str | None, difference: bool = False) -
         middle = float(np.median(known)) if known.size else 0.0
         if not -100 < middle < MAX_MEDIAN_WITHOUT_UNIT_DEGC:
             raise ScaleMissing(
-                f"values {known.min():g} to {known.max():g} in a unit that the file does not say; give --unit"
-                " degC, K, mK or degF, or --scale and --offset for counts"
+                f"values {known.min():g} to {known.max():g} in a unit that the file does not say; {remedy}"
             )
         return values, "unit not said in the file, taken as degC"
     known = temperature_unit(unit)

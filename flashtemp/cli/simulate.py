@@ -170,6 +170,7 @@ def check(file: Path, /, *overrides: str, trust: Trust = False, json: Json = Fal
     cells = case.scene.mesh.n_cells
     remarks = inactive_effects.describe_inactive_effects(case) + mesh_error.warn_of_coarse_mesh(case)
     remarks += map(str, case_remarks.remark_on_memory(case) + case_remarks.remark_on_values(case))
+    remarks += map(str, case_remarks.remark_on_side_walls(case))
     answer = {"ok": True, "case": case.name, "effects": list(case.effects), "cells": cells, "remarks": remarks}
     print_result(answer, json, "\n".join([str(case), *(f"  {remark}" for remark in remarks), "ok"]))
     return EXIT_DONE

@@ -5,15 +5,17 @@ from __future__ import annotations
 from flashtemp.comparison.campaign import Campaign
 from flashtemp.errors import BadInput
 from flashtemp.model.case_file import KeyLocations
-from flashtemp.runs.checks.case_remarks import remark_on_values
+from flashtemp.runs.checks.case_remarks import remark_on_side_walls, remark_on_values
 
 
 def remark_on_conditions(campaign: Campaign) -> list[str]:
     """Remarks on unusual values of the case and of the conditions `with` of each entry, as with a wrong unit.
 
-    The rule is that of `remark_on_values`; each line names file, entry, key and value.  Raises BadInput.
+    The rule is that of `remark_on_values`; each line names file, entry, key and value.  Side walls that the case does
+    not cool are remarked too.  Raises BadInput.
     """
-    out = [f"{campaign.case}: {remark}" for remark in remark_on_values(campaign.load({}))]
+    case = campaign.load({})
+    out = [f"{campaign.case}: {remark}" for remark in remark_on_values(case) + remark_on_side_walls(case)]
     for condition in campaign.conditions:
         remarks = [r for r in remark_on_values(campaign.load(condition.given)) if r.key in condition.given]
         for entry in condition.entries:

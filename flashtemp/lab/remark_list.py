@@ -10,7 +10,13 @@ from nicegui import run, ui
 from flashtemp.errors import FlashtempError
 from flashtemp.lab.workspace import escape_control
 from flashtemp.model.case import Case
-from flashtemp.runs.checks.case_remarks import CaseRemark, remark_on_memory, remark_on_resolution, remark_on_values
+from flashtemp.runs.checks.case_remarks import (
+    CaseRemark,
+    remark_on_memory,
+    remark_on_resolution,
+    remark_on_side_walls,
+    remark_on_values,
+)
 from flashtemp.runs.checks.inactive_effects import find_inactive_effects
 
 
@@ -37,8 +43,8 @@ class RemarkList:
         self.case = case
         self.answer.set_text("")
         self.effects_row.set_visibility(case is not None and bool(case.effects))
-        remarks = [] if case is None else remark_on_resolution(case) + remark_on_memory(case) + remark_on_values(case)
-        self._show_lines(remarks)
+        remarks_of = (remark_on_resolution, remark_on_memory, remark_on_values, remark_on_side_walls)
+        self._show_lines([] if case is None else [remark for make in remarks_of for remark in make(case)])
 
     async def _check_effects(self) -> None:
         """Evaluate the heat balance with and without each effect."""

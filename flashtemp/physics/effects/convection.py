@@ -20,7 +20,10 @@ class Convection(Effect):
     section = "ambient"
     base = True
 
-    convection = Param(10.0, "W/m2K", "heat-transfer coefficient to the air", low=0.0, high=1e4, off=0.0)
+    convection = Param(
+        10.0, "W/m2K", "heat-transfer coefficient to the air; in 2D (numerics.across = 1) not of the side walls",
+        low=0.0, high=1e4, off=0.0,
+    )  # fmt: skip
     road_sides = Param(
         0.0, "W/m2K", "heat-transfer coefficient of the sides of a road no wider than the block",
         low=0.0, high=1e4, off=0.0,

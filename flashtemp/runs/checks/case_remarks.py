@@ -1,4 +1,4 @@
-"""Remarks on a case that can run: memory, and values outside of the usual range, each with its key and a remedy."""
+"""Remarks on a case that can run, each with its key and a remedy: memory, unusual values, walls that 2D leaves out."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ USUAL_RANGES = {  # key: lowest and highest value, in its unit, of rubber on a r
     "friction.mu": (0.02, 4.0),
     "ambient.temperature": (-60.0, 120.0),
 }
+MIN_SIDE_WALL_RATIO = 0.3  # area of the side walls over that of the cooled walls, from which their cooling counts
+MIN_SIDE_WALL_LOSS = 0.1  # fraction of the heat in the block that the side walls would lose in the test
 LIKELY_UNITS = {"Pa": ("MPa", "kPa", "bar"), "m/s": ("mm/s", "km/h"), "degC": ("K", "degF")}
 
 
@@ -56,6 +58,25 @@ def _likely_unit(value: float, unit: str, low: float, high: float) -> str:
         if low <= (abs(value) * factor if unit == "m/s" else value * factor + offset) <= high:
             return other
     return ""
+
+
+def remark_on_side_walls(case: Case) -> list[CaseRemark]:
+    """A remark where a 2D run leaves out side walls (across y) that would lose a noticeable part of the heat.
+
+    `ambient.convection` cools the leading and the trailing wall in 2D.  A coefficient that is fitted to a measurement
+    then makes up for the side walls: with length = width it doubles.
+    """
+    scene, h = case.scene, case["ambient.convection"]
+    ratio = scene.length / scene.width
+    stored = scene.block.density * scene.block.heat_capacity * scene.width  # J/m2K, between the two side walls
+    loss = 2 * h * scene.schedule.end_time / stored
+    if scene.resolved or ratio < MIN_SIDE_WALL_RATIO or loss < MIN_SIDE_WALL_LOSS:
+        return []
+    text = (
+        f"in 2D (numerics.across = 1) it leaves out the walls at the sides, {100 * ratio:.0f} % of the area of the"
+        " walls that it cools; give numerics.across = 3 to cool them too"
+    )
+    return [CaseRemark("ambient.convection", text)]
 
 
 def remark_on_memory(case: Case) -> list[CaseRemark]:

@@ -249,5 +249,16 @@ def _collect_warnings(search: EffectSearch, final: LinearisedFit) -> tuple[str, 
             )
             out.append(f"the fit of {more} in addition to {' and '.join(sorted(own))} {why}")
     if len(problem.conditions) == 1:
-        out.append("all data are of one condition: effects that differ only in speed or load cannot be distinguished")
+        alone = bool(search.base.predictions[0].run.scene.schedule.alone)
+        out.append(describe_single_condition(alone))
     return tuple(out)
+
+
+def describe_single_condition(alone: bool) -> str:
+    """A warning that all data are of one condition; `alone`: the block does not slide.
+
+    >>> describe_single_condition(alone=True)
+    'all data are of one condition: effects that differ only under another heating cannot be distinguished'
+    """
+    what = "under another heating" if alone else "in speed or load"
+    return f"all data are of one condition: effects that differ only {what} cannot be distinguished"

@@ -21,12 +21,12 @@ CASE_TABLES: dict[str, dict[str, Param]] = {
         "width": Param(0.05, "m", "width across the direction of sliding", low=1e-4, high=10.0),
         "height": Param(0.007, "m", "height from the face to the holder", low=1e-4, high=1.0),
         "material": Param("tread_rubber", "", "name of a material", kinds=NAME_KINDS),
-        "modulus": Param(5e6, "Pa", "Young's modulus of the rubber under compression", low=1e3, high=1e12),
+        "modulus": Param(5e6, "Pa", "Young's modulus of the block under compression", low=1e3, high=1e12),
         "modulus_slope": Param(
             0.0, "1/K", "relative slope of the modulus with the block's mean temperature; rubber: -0.003 to -0.01",
             low=-0.05, high=0.05,
         ),
-        "poisson": Param(0.49, "1", "Poisson's ratio of the rubber", low=0.0, high=0.4999),
+        "poisson": Param(0.49, "1", "Poisson's ratio of the block", low=0.0, high=0.4999),
         "stiffness": Param(
             None, "Pa/m", "pressure per compression of a block on springs, E_c/height; elastic if not given",
             low=1e3, high=1e14,

@@ -1,10 +1,14 @@
-"""Candidates that cannot be tried are left out with the reason, before anything is simulated."""
+"""Candidates that cannot be tried are left out with the reason; texts of campaigns in which nothing slides."""
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 
+from flashtemp.discovery.diagnostics.missing_heat import estimate_missing_heat
 from flashtemp.discovery.hypotheses.candidates import find_candidates
+from flashtemp.discovery.verdict_assembly import describe_single_condition
 from flashtemp.model.case import load_case
 
 COARSE = {"numerics.first_block": 2e-4}  # m: fits heat at the default depth of 1e-4 m, not at a third of it
@@ -47,3 +51,14 @@ def test_candidates_of_the_contact_are_left_out_where_nothing_slides(case):
 def test_one_sliding_condition_keeps_the_candidates_of_the_contact(case):
     found, _ = find_candidates(case.with_values(ALONE), None, (case, case.with_values(ALONE)))
     assert {"heat_depth", "friction_speed"} <= names_of(found)
+
+
+def test_no_heat_is_missing_along_a_contact_that_does_not_exist():
+    """The inversion needs the pressure modes of the contact; without them its picture is empty."""
+    alone = SimpleNamespace(run=SimpleNamespace(scene=SimpleNamespace(schedule=SimpleNamespace(alone=60.0))))
+    assert estimate_missing_heat(None, SimpleNamespace(predictions=(alone, alone))) == ()
+
+
+def test_warning_of_a_single_condition_speaks_of_speed_only_where_the_block_slides():
+    assert "speed or load" in describe_single_condition(alone=False)
+    assert "speed" not in describe_single_condition(alone=True)

@@ -51,6 +51,7 @@ from flashtemp.physics.effect import catalogue
 from flashtemp.viz import theme
 from flashtemp.viz.html import page as html_parts
 from flashtemp.viz.html import verdict_report
+from flashtemp.viz.measurement import point_series
 from flashtemp.viz.number_format import format_ratio
 from flashtemp.viz.verdict import (
     before_after,
@@ -638,6 +639,24 @@ def test_profiles_and_single_repetitions_are_drawn():
         render(fig)
     alone = verdict("named", missing=(lacks("as in the case", repetitions=(1,)),))
     assert len(render(missing_heat.draw(alone)).axes) == 2
+
+
+@pytest.mark.parametrize("count", [1, 12])
+def test_legend_of_the_thermocouples_covers_no_data(count):
+    names = [f"point {n}" for n in range(count)]
+    recording = SimpleNamespace(time=TIME, places=SimpleNamespace(names=names))
+    residual = np.tile(np.linspace(-1.0, 1.0, len(TIME))[:, None, None], (1, 1, count))
+    view = SimpleNamespace(recording=recording, held_out=False)
+    before = SimpleNamespace(view=view, residual=residual, noise=SimpleNamespace(white=0.1, pattern=0.0))
+    fig = theme.make_figure("", "", 8.0, 2.6)
+    point_series.draw_residual_panel(fig, [SimpleNamespace(before=before, after=before)])
+    render(fig)
+    ax = fig.axes[-1]
+    legend, panel = ax.get_legend().get_window_extent(), ax.get_window_extent()
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == names
+    assert legend.x0 >= panel.x1
+    assert legend.x1 <= fig.bbox.x1
+    assert panel.width > 0.25 * fig.bbox.width
 
 
 def test_what_is_not_resolved_is_grey_and_bands_are_95_percent():

@@ -102,7 +102,8 @@ def draw_residual_panel(part, own: list) -> None:
         ax.axhline(0.0, color=theme.AMBIENT_COLOUR, lw=0.5)
         ax.set(xlabel="time (s), open dots: left out of the fit", title=stage)
     axes[0].set_ylabel("measured −\ncomputed (K)")
-    axes[-1].legend()
+    # outside the panels, where it covers no data
+    axes[-1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), ncols=2 if len(names) > 6 else 1)
 
 
 def _draw_noise_band(ax, time: np.ndarray, result) -> None:

@@ -55,8 +55,8 @@ POINTS_CAPTION = (
 )
 ABSENCE_REASONS = {
     "what_is_wrong": "This verdict has no recording of temperatures, so no images are shown.",
-    "not_noise": "This verdict has no recording of temperatures, so no maps are shown.",
-    "missing": "The missing heat flux was not computed for these data.",
+    "not_noise": "This verdict has no recording of a camera, so no maps are shown.",
+    "missing": "The missing heat flux along the contact was not computed: the data do not show it, or nothing slides.",
     "why": "No candidate was scored.",
     "else": "Neither correlations between effects nor calibrated parameters were kept.",
     "gained": "The model was not extended, so there is nothing to compare.",

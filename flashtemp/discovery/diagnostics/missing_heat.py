@@ -20,11 +20,15 @@ from flashtemp.solver.run import Run
 def estimate_missing_heat(problem: Problem, fit: LinearisedFit) -> tuple[MissingHeatFlux, ...]:
     """Heat and pressure along the contact that the model lacks, as cosines along the block with priors on their size.
 
-    One result for each condition.
+    One result for each condition in which the block slides.
     """
+    if all(prediction.run.scene.schedule.alone for prediction in fit.predictions):
+        return ()
     maximum = fit.solve_with(problem, fit.effect_priors | unnamed_heat_priors(fit.system.names))
     out = []
     for number, (condition, prediction) in enumerate(zip(problem.conditions, fit.predictions, strict=True)):
+        if prediction.run.scene.schedule.alone:
+            continue
         out.append(_missing_heat(_collect_series(maximum.solution, number, prediction.run), condition, prediction.run))
     return tuple(out)
 

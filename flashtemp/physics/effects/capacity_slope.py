@@ -19,7 +19,7 @@ class CapacitySlope(Effect):
     tells = ("slower warming of the hot parts",)
     candidate = True
 
-    block = Param(0.003, "1/K", "relative slope of the rubber's heat capacity", low=0.0, high=0.02, off=0.0)
+    block = Param(0.003, "1/K", "relative slope of the block's heat capacity", low=0.0, high=0.02, off=0.0)
     road = Param(0.0, "1/K", "relative slope of the road's heat capacity", low=0.0, high=0.02, off=0.0)
 
     layer = layer_param("`block` applies to it alone; to the whole block if not given")

@@ -20,7 +20,7 @@ class ConductivityAnisotropy(Effect):
     tells = ("profile along the block smoothed", "grows with time", "nothing at a uniform temperature along x")
     candidate = True
 
-    excess = Param(0.3, "1", "k_x/k_z of the rubber minus 1", low=-0.9, high=20.0, off=0.0)
+    excess = Param(0.3, "1", "k_x/k_z of the block minus 1", low=-0.9, high=20.0, off=0.0)
 
     def heat(self, scene, p):
         """Multiplies the rubber's conductivity along x."""

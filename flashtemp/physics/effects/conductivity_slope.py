@@ -19,7 +19,7 @@ class ConductivitySlope(Effect):
     tells = ("profile through the depth bends", "grows with the rise squared")
     candidate = True
 
-    block = Param(-0.002, "1/K", "relative slope of the rubber's conductivity", low=-0.005, high=0.02, off=0.0)
+    block = Param(-0.002, "1/K", "relative slope of the block's conductivity", low=-0.005, high=0.02, off=0.0)
     road = Param(0.0, "1/K", "relative slope of the road's conductivity", low=-0.005, high=0.02, off=0.0)
 
     layer = layer_param("`block` applies to it alone; to the whole block if not given")

@@ -25,7 +25,7 @@ class ThermalExpansion(Effect):
     alike = "pressure_tilt"
     candidate = True
 
-    coefficient = Param(1.6e-4, "1/K", "linear thermal expansion of the rubber", low=0.0, high=1e-3, off=0.0)
+    coefficient = Param(1.6e-4, "1/K", "linear thermal expansion of the block", low=0.0, high=1e-3, off=0.0)
 
     def heat(self, scene, p):
         """Free strain per kelvin."""

@@ -249,7 +249,7 @@ def _collect_warnings(search: EffectSearch, final: LinearisedFit) -> tuple[str, 
             )
             out.append(f"the fit of {more} in addition to {' and '.join(sorted(own))} {why}")
     if len(problem.conditions) == 1:
-        alone = bool(search.base.predictions[0].run.scene.schedule.alone)
+        alone = float(np.ptp(search.base.predictions[0].run.slid)) == 0.0
         out.append(describe_single_condition(alone))
     return tuple(out)
 

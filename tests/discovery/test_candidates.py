@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from flashtemp.discovery.diagnostics.missing_heat import estimate_missing_heat
 from flashtemp.discovery.hypotheses.candidates import find_candidates
 from flashtemp.discovery.verdict_assembly import describe_single_condition
 from flashtemp.model.case import load_case
+from flashtemp.solver.time_integration import integrate_schedule
 
 COARSE = {"numerics.first_block": 2e-4}  # m: fits heat at the default depth of 1e-4 m, not at a third of it
 ALONE = {"schedule.alone": 60.0}
@@ -53,9 +55,11 @@ def test_one_sliding_condition_keeps_the_candidates_of_the_contact(case):
     assert {"heat_depth", "friction_speed"} <= names_of(found)
 
 
-def test_no_heat_is_missing_along_a_contact_that_does_not_exist():
+def test_no_heat_is_missing_along_a_contact_that_does_not_exist(case):
     """The inversion needs the pressure modes of the contact; without them its picture is empty."""
-    alone = SimpleNamespace(run=SimpleNamespace(scene=SimpleNamespace(schedule=SimpleNamespace(alone=60.0))))
+    still = case.with_values(ALONE | {"numerics.mesh": 0.3})
+    alone = SimpleNamespace(run=integrate_schedule(still.scene, still.settings))
+    assert np.ptp(alone.run.slid) == 0.0
     assert estimate_missing_heat(None, SimpleNamespace(predictions=(alone, alone))) == ()
 
 

@@ -22,12 +22,12 @@ def estimate_missing_heat(problem: Problem, fit: LinearisedFit) -> tuple[Missing
 
     One result for each condition in which the block slides.
     """
-    if all(prediction.run.scene.schedule.alone for prediction in fit.predictions):
+    if not any(np.ptp(prediction.run.slid) > 0.0 for prediction in fit.predictions):
         return ()
     maximum = fit.solve_with(problem, fit.effect_priors | unnamed_heat_priors(fit.system.names))
     out = []
     for number, (condition, prediction) in enumerate(zip(problem.conditions, fit.predictions, strict=True)):
-        if prediction.run.scene.schedule.alone:
+        if np.ptp(prediction.run.slid) == 0.0:
             continue
         out.append(_missing_heat(_collect_series(maximum.solution, number, prediction.run), condition, prediction.run))
     return tuple(out)

@@ -17,12 +17,12 @@ MAX_LISTED_NAMES = 16  # names listed in one message
 class FlashtempError(Exception):
     """Base class of all errors that flashtemp raises on purpose."""
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple[Any, ...]:
         # the standard way repeats __init__ with the message alone, which fails where it takes more
         return _restore_error, (type(self), self.args, vars(self))
 
 
-def _restore_error(kind: type[FlashtempError], args: tuple, attributes: dict[str, Any]) -> FlashtempError:
+def _restore_error(kind: type[FlashtempError], args: tuple[Any, ...], attributes: dict[str, Any]) -> FlashtempError:
     """An error as it was pickled."""
     fault = kind.__new__(kind, *args)
     vars(fault).update(attributes)

@@ -58,11 +58,12 @@ def estimate_noise(
 ) -> NoiseLevels:  # fmt: skip
     """Noise of residuals (frames, nv, nu) K, NaN where masked; levels that are not stated are estimated.
 
-    White noise follows from differences of successive frames, the fixed pattern from differences between neighbouring
-    pixels of the mean over frames, along both axes: smooth structure enters neither.  Line noise is estimated from the
-    residual `rest` of a first fit where there is one, because a gradient across few lines looks like it.  Only then is
-    it searched for renewals besides the known ones (indices of frames).  `digit_step` (K): quantisation step of the
-    camera; estimates are made with dither, because medians of rounded values are multiples of the step.
+    White noise follows from differences of successive frames and of neighbouring pixels along both axes, the fixed
+    pattern from the latter in the mean over frames: neither smooth structure nor noise of lines enters them.  Line noise
+    is estimated from the residual `rest` of a first fit where there is one, because a gradient across few lines looks
+    like it.  Only then is it searched for renewals besides the known ones (indices of frames).  `digit_step` (K):
+    quantisation step of the camera; estimates are made with dither, because medians of rounded values are multiples of
+    the step.
     """
     residual, rest = (None if a is None else add_dither(a, digit_step) for a in (residual, rest))
     stated, rounding = white, digit_step / np.sqrt(12.0)
@@ -70,7 +71,7 @@ def estimate_noise(
     weights = None if averaged is None else np.array(averaged, float)
     if white is None:
         estimated.append("white")
-        white = estimate_white_noise(residual, weights)
+        white = _estimate_pixel_noise(residual, weights)
     else:
         white = float(np.sqrt(white**2 + 2.0 * rounding**2))  # rounding and dither
     if pattern is None:
@@ -80,7 +81,7 @@ def estimate_noise(
     of_lines = residual if rest is None else rest
     lines, renewals = estimate_line_noise(of_lines, white, pattern, rest is not None, weights, known_renewals)
     levels = NoiseLevels(white, pattern, tuple(estimated), averaged, lines, renewals=renewals)
-    found = _with_renewed_pattern(_without_line_noise(levels, residual), of_lines)
+    found = _with_renewed_pattern(levels, of_lines)
     return replace(found, white=remove_dither(found.white, digit_step) if stated is None else max(stated, 1e-6))
 
 
@@ -101,6 +102,15 @@ def estimate_white_noise(residual: np.ndarray, weights: np.ndarray | None = None
     return _robust_sd(step)
 
 
+def _estimate_pixel_noise(residual: np.ndarray, weights: np.ndarray | None) -> float:
+    """White noise (K) of one pixel of one camera frame without that of lines; with it where lines or frames are few."""
+    if len(residual) < 3 or min(residual.shape[1:]) < 3:
+        return estimate_white_noise(residual, weights)
+    each = np.ones(len(residual)) if weights is None else weights
+    steps = np.diff(residual, axis=0) / np.sqrt(1.0 / each[1:] + 1.0 / each[:-1])[:, None, None]
+    return _robust_sd(np.diff(np.diff(steps, n=2, axis=1), n=2, axis=2)) / 6.0  # the squared weights add up to 36
+
+
 def raise_stated_noise(noise: NoiseLevels, recording, residual: np.ndarray) -> NoiseLevels:
     """Noise with its stated white part raised to that of the frames.
 
@@ -119,19 +129,6 @@ def raise_stated_noise(noise: NoiseLevels, recording, residual: np.ndarray) -> N
         if count > 1 and observed > white * (1.0 + CHANCE_LIMIT_SDS / np.sqrt(2.0 * MAD_EFFICIENCY * count)):
             return replace(noise, white=observed, estimated=(*noise.estimated, RAISED_WHITE))
     return replace(noise, white=white)
-
-
-def _without_line_noise(noise: NoiseLevels, residual: np.ndarray) -> NoiseLevels:
-    """Noise with the line noise subtracted from the estimates for single pixels."""
-    if noise.lines.is_none or min(residual.shape[1:]) < 3:
-        return noise
-    n, lines = len(residual), noise.lines
-    white, pattern = noise.white, noise.pattern
-    if "white" in noise.estimated and n > 2:
-        white = np.sqrt(max(white**2 - lines.frame_rows**2 - lines.frame_columns**2, (0.5 * white) ** 2))
-    if "pattern" in noise.estimated:
-        pattern = _pattern_beside(residual, white, noise.averaged_frames)
-    return replace(noise, white=float(white), pattern=float(pattern))
 
 
 def _pattern_beside(residual: np.ndarray, white: float, weights: np.ndarray | None) -> float:

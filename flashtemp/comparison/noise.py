@@ -59,9 +59,9 @@ def estimate_noise(
     """Noise of residuals (frames, nv, nu) K, NaN where masked; levels that are not stated are estimated.
 
     White noise follows from differences of successive frames and of neighbouring pixels along both axes, the fixed
-    pattern from the latter in the mean over frames: neither smooth structure nor noise of lines enters them.  Line noise
-    is estimated from the residual `rest` of a first fit where there is one, because a gradient across few lines looks
-    like it.  Only then is it searched for renewals besides the known ones (indices of frames).  `digit_step` (K):
+    pattern from the latter in the mean over frames: neither smooth structure nor noise of lines enters them.  Line
+    noise is estimated from the residual `rest` of a first fit where there is one, because a gradient across few lines
+    looks like it.  Only then is it searched for renewals besides the known ones (indices of frames).  `digit_step` (K):
     quantisation step of the camera; estimates are made with dither, because medians of rounded values are multiples of
     the step.
     """

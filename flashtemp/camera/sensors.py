@@ -12,6 +12,8 @@ from flashtemp.errors import BadInput, suggest_name
 from flashtemp.model.case_file import find_title_fault
 from flashtemp.physics import units
 
+# K: type K of class 1 errs by at most 1.5 K (IEC 60584-1); the standard deviation of a uniform distribution over that
+TYPICAL_ZERO_SD_K = 0.87
 SENSOR_KEYS = {  # of one point: unit, lowest, highest value, default
     "x": ("m", -1.0, 10.0, 0.0),
     "y": ("m", -10.0, 10.0, 0.0),
@@ -21,6 +23,7 @@ SENSOR_KEYS = {  # of one point: unit, lowest, highest value, default
     "place_sigma_m": ("m", 0.0, 0.1, 0.0),
     "depth_sigma_m": ("m", 0.0, 0.1, None),
     "gain_sigma": ("1", 0.0, 0.2, 0.0),
+    "zero_sigma_K": ("K", 0.0, 20.0, TYPICAL_ZERO_SD_K),
 }
 REQUIRED_SENSOR_KEYS = ("z",)
 FALLBACK_KEYS = {"depth_sigma_m": "place_sigma_m"}  # key whose value replaces a missing one
@@ -31,7 +34,8 @@ class SensorPositions:
     """Positions of n sensors, m: `x` from the leading edge, `y` from the centre line, `z` up (< 0: road).
 
     `lag_s` is the time constant.  Standard deviations: `lag_sigma_s` of the lag, `place_sigma_m` of x and y,
-    `depth_sigma_m` of z, `gain_sigma` (relative) of the indicated temperature rise.  `names` are for people.
+    `depth_sigma_m` of z, `gain_sigma` (relative) of the indicated temperature rise, `zero_sigma_K` of the
+    error that a sensor shows at any temperature, also before the test.  `names` are for people.
     """
 
     names: tuple[str, ...]
@@ -43,6 +47,7 @@ class SensorPositions:
     place_sigma_m: np.ndarray
     depth_sigma_m: np.ndarray
     gain_sigma: np.ndarray
+    zero_sigma_K: np.ndarray
 
     def __len__(self) -> int:
         return len(self.names)

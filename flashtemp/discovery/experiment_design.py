@@ -322,7 +322,7 @@ def _iter_positions(length: float, height: float, like: SensorPositions) -> Iter
     alone = np.ptp(like.x) == 0.0
     for x in (float(like.x[0]),) if alone else tuple(length * a for a in LENGTH_FRACTIONS):
         for z in (height * u for u in HEIGHT_FRACTIONS):
-            alike = ("lag_s", "lag_sigma_s", "place_sigma_m", "depth_sigma_m", "gain_sigma")
+            alike = ("lag_s", "lag_sigma_s", "place_sigma_m", "depth_sigma_m", "gain_sigma", "zero_sigma_K")
             known = {k: [float(getattr(like, k).max())] for k in alike}
             words = f"at x = {1e3 * x:.3g} mm, z = {1e3 * z:.3g} mm"
             yield words, positions_from_arrays((words,), {"x": [x], "z": [z]} | known)

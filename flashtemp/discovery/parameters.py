@@ -25,6 +25,8 @@ class ParameterKind(StrEnum):
     PLACE = "place"  # of a point of a recording along an axis, m
     LAG = "lag"  # time constant of a point of a recording, s
     SENSOR = "sensor"  # gain of a point of a recording on its temperature rise, relative
+    ZERO = "zero"  # error that a point of a recording shows at any temperature, K
+    COLD_JUNCTION = "cold_junction"  # error of the cold junction that all points of a device share, K
     SPREAD = "spread"  # width of a recording's optics, relative
     MAP = "map"  # smooth gain along and up a recording
     OFFSET = "offset"  # of a recording's image, in time
@@ -44,7 +46,8 @@ SHIFT_KINDS = (ParameterKind.SHIFT_U, ParameterKind.SHIFT_V)
 PLACEMENT_KINDS = (ParameterKind.SCALE, ParameterKind.TURN, ParameterKind.CLOCK)
 SETUP_KINDS = (*PLACEMENT_KINDS, ParameterKind.SIZE)
 BEAD_KINDS = (ParameterKind.PLACE, ParameterKind.LAG)
-POINT_KINDS = (*BEAD_KINDS, ParameterKind.SENSOR)
+ZERO_KINDS = (ParameterKind.ZERO, ParameterKind.COLD_JUNCTION)
+POINT_KINDS = (*BEAD_KINDS, ParameterKind.SENSOR, *ZERO_KINDS)
 CAMERA_ERROR_KINDS = (ParameterKind.OFFSET, ParameterKind.STATIC, ParameterKind.OPTICS)
 RECORDING_KINDS = frozenset(
     {

@@ -39,7 +39,8 @@ class ImportOptions:
     view
         Side wall (u = x, v = z), wake (road behind the block, v = y), profile (block surface along x), thermocouples.
     places
-        CSV file of thermocouples: column, name, x, y, z, lag_s, lag_sigma_s, place_sigma_m, depth_sigma_m, gain_sigma.
+        CSV file of thermocouples: column, name, x, y, z, lag_s, lag_sigma_s, place_sigma_m, depth_sigma_m,
+        gain_sigma, zero_sigma_K.
     downstream
         Where u points in the image: downstream, from the leading edge to the trailing edge.
     up

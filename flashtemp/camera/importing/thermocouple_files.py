@@ -393,11 +393,12 @@ def read_positions(file: Path) -> SensorColumns:
 
 def _parse_label(label: str, where: str) -> tuple[str, str]:
     """Key of a column from its label, and the unit in the label, "" for none."""
-    if label.casefold() in POSITION_COLUMNS:
-        return label.casefold(), ""
+    columns = {name.casefold(): name for name in POSITION_COLUMNS}
+    if label.casefold() in columns:
+        return columns[label.casefold()], ""
     for key, (unit, *_) in SENSOR_KEYS.items():
         name, own = header.split_label(label, unit)
-        if name.casefold() == key and own:
+        if name.casefold() == key.casefold() and own:
             header.convert_unit(own, unit, f"{where}: {label!r}")
             return key, own
     raise BadInput(

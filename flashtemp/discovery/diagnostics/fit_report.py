@@ -33,6 +33,7 @@ from flashtemp.discovery.parameters import (
     CAMERA_ERROR_KINDS,
     SETUP_KINDS,
     SHIFT_KINDS,
+    ZERO_KINDS,
     ParameterId,
     ParameterKind,
 )
@@ -254,7 +255,8 @@ def calibrated_parameters(search: EffectSearch, fit: LinearisedFit) -> tuple[Nor
             ParameterKind.MODEL_DISCREPANCY,
             *CAMERA_ERROR_KINDS,
         ) and not is_camera_gain(p):
-            other.append(NormalisedDeviation(describe_nuisance(p), 0.0 + step, sd, away[p], "1"))
+            unit = "K" if p.kind in ZERO_KINDS else "1"
+            other.append(NormalisedDeviation(describe_nuisance(p), 0.0 + step, sd, away[p], unit))
     return (*free, *sorted(other, key=lambda p: -abs(p.pull)))
 
 
@@ -264,7 +266,7 @@ def _key_unit(search: EffectSearch, key: str) -> str:
 
 def assumed_priors(problem: Problem) -> dict[str, float]:
     """Prior standard deviations of free keys, and of every kind of nuisance in words; relative if no unit is given."""
-    units = {ParameterKind.TURN: " (rad)", ParameterKind.CLOCK: " (s)"}
+    units = {ParameterKind.TURN: " (rad)", ParameterKind.CLOCK: " (s)", ParameterKind.COLD_JUNCTION: " (K)"}
     kinds = {NUISANCE_WORDS[k].rstrip(",").removesuffix(" of").removesuffix(" in") + units.get(k, ""): sd
              for k, sd in NUISANCE_SD.items()}  # fmt: skip
     return {str(p): sd for p, sd in problem.key_priors.items()} | kinds

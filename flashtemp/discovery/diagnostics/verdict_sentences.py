@@ -56,6 +56,8 @@ NUISANCE_WORDS = {
     ParameterKind.PLACE: "place of a point of",
     ParameterKind.LAG: "time constant of a point of",
     ParameterKind.SENSOR: "gain of a point of",
+    ParameterKind.ZERO: "zero of a point of",
+    ParameterKind.COLD_JUNCTION: "cold junction of",
     ParameterKind.TURN: "turn of the image of",
     ParameterKind.CLOCK: "clock of",
     ParameterKind.SIZE: "size of the block,",
@@ -169,7 +171,7 @@ def describe_nuisance(p: ParameterId) -> str:
     >>> describe_nuisance(ParameterId(ParameterKind.LEVEL, condition=1))
     'friction of condition 2'
     """
-    if p.kind in POINT_KINDS:
+    if p.kind in POINT_KINDS and p.kind is not ParameterKind.COLD_JUNCTION:
         point = p.name or f"{p.index[0] + 1} of {p.file.rpartition('/')[2]}"
         along = f" along {'xyz'[p.index[-1]]}" if p.kind is ParameterKind.PLACE else ""
         return f"{NUISANCE_WORDS[p.kind].removesuffix('a point of')}point {point}{along}"

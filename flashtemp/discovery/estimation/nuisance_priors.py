@@ -26,7 +26,7 @@ from flashtemp.discovery.parameters import (
 )
 from flashtemp.discovery.prediction.prediction import DerivativeRequest, Observable, Single, flatten_valid_pixels
 from flashtemp.discovery.prediction.problem import Problem
-from flashtemp.discovery.prediction.sensor_parameters import sensor_priors
+from flashtemp.discovery.prediction.sensor_parameters import COLD_JUNCTION_SD_K, sensor_priors
 
 PRESSURE_MODE_COUNT = 6  # cosines of the pressure along the block
 NUISANCE_SD = {  # standard deviations, by the kind of nuisance
@@ -38,6 +38,7 @@ NUISANCE_SD = {  # standard deviations, by the kind of nuisance
     ParameterKind.WALL: 0.01,  # relative cooling of the wall against the section behind it
     ParameterKind.MESH: 0.5,  # of the mesh error by Richardson extrapolation: observed orders of 1.5 to 3
     ParameterKind.CELL: 0.005,  # gain of the load cell
+    ParameterKind.COLD_JUNCTION: COLD_JUNCTION_SD_K,  # K: of thermocouples whose zero is not known
     ParameterKind.MODEL_DISCREPANCY: TYPICAL_DISCREPANCY,  # of the temperature rise; evidence chooses 1e-3 or 3e-3
     ParameterKind.SCALE: 0.01,  # pixel scale of a view
     ParameterKind.TURN: np.pi / 180.0,  # rad: turn of an image, 1 degree

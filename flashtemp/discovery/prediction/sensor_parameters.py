@@ -1,4 +1,4 @@
-"""Uncertain parameters of thermocouples: position, time constant and gain on the temperature rise."""
+"""Uncertain parameters of thermocouples: position, time constant, gain on the temperature rise, and zero."""
 
 from __future__ import annotations
 
@@ -15,11 +15,17 @@ from flashtemp.discovery.hypotheses.candidates import ModelPoint
 from flashtemp.discovery.parameters import ALL_CONDITIONS, ParameterId, ParameterKind
 
 Array = npt.NDArray[np.float64]
+# K: error of the cold junction of a logger, which all of its thermocouples share; data sheets state 0.5 to 1 K
+COLD_JUNCTION_SD_K = 0.5
+NAMED_POINTS = "the named points"  # points that campaigns name are read by one device in all recordings
 SENSOR_STEP_FRACTION = 0.25  # of the uncertainty of a position or time constant: step of its derivative
 
 
 def sensor_columns(predict_images: Callable[..., Array], recording: Recording, rise: Array) -> dict[ParameterId, Array]:
-    """Derivatives by positions (K/m), time constants (K/s) and gains (K); `rise` (frames, 1, points) K."""
+    """Derivatives by positions (K/m), time constants (K/s), gains (K) and zeros (1).
+
+    `rise` (frames, 1, points) K: temperature above that of the air.
+    """
     out: dict[ParameterId, Array] = {}
     places = recording.places
     assert places is not None
@@ -37,6 +43,10 @@ def sensor_columns(predict_images: Callable[..., Array], recording: Recording, r
     for i, name in enumerate(places.names):
         if places.gain_sigma[i] > 0:
             out[sensor_gain_id(name, i)] = only_point(i, rise)
+        if places.zero_sigma_K[i] > 0:
+            out[sensor_zero_id(name, i)] = only_point(i, np.ones_like(rise))
+    if np.any(places.zero_sigma_K):  # zeros that were corrected contain the cold junction
+        out[cold_junction_id(places)] = np.where(places.zero_sigma_K > 0, np.ones_like(rise), 0.0)
     return out
 
 
@@ -52,7 +62,7 @@ def place_sensors(view: RecordingEntry, model: ModelPoint) -> Recording:
 
 
 def sensor_priors(views: Iterable[RecordingEntry]) -> dict[ParameterId, float]:
-    """Standard deviations of positions (m), time constants (s) and gains of all points of recordings."""
+    """Standard deviations of positions (m), time constants (s), gains and zeros (K) of all points of recordings."""
     out: dict[ParameterId, float] = {}
     for v in views:
         places = v.recording.places
@@ -63,6 +73,12 @@ def sensor_priors(views: Iterable[RecordingEntry]) -> dict[ParameterId, float]:
                 sensor_gain_id(name, i).with_scope(ALL_CONDITIONS, v.file): float(sd)
                 for i, (name, sd) in enumerate(gains)
             }
+            zeros = zip(places.names, places.zero_sigma_K, strict=True)
+            out |= {
+                sensor_zero_id(name, i).with_scope(ALL_CONDITIONS, v.file): float(sd)
+                for i, (name, sd) in enumerate(zeros)
+            }
+            out[cold_junction_id(places).with_scope(ALL_CONDITIONS, v.file)] = COLD_JUNCTION_SD_K
     return out
 
 
@@ -90,3 +106,14 @@ def _point_parameter(kind: ParameterKind, name: str, number: int, *axis: int) ->
 def sensor_gain_id(name: str, number: int) -> ParameterId:
     """The gain of a point, identified in the same way."""
     return _point_parameter(ParameterKind.SENSOR, name, number)
+
+
+def sensor_zero_id(name: str, number: int) -> ParameterId:
+    """The zero error of a point, identified in the same way."""
+    return _point_parameter(ParameterKind.ZERO, name, number)
+
+
+def cold_junction_id(places: SensorPositions) -> ParameterId:
+    """The error of the cold junction: one for named points in all recordings, else one for each recording."""
+    is_named = not all(name.isdigit() for name in places.names)
+    return ParameterId(ParameterKind.COLD_JUNCTION, name=NAMED_POINTS if is_named else "")

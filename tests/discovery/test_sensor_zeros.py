@@ -128,3 +128,13 @@ def test_a_places_file_tells_the_uncertainty_of_zeros(tmp_path):
         (tmp_path / "places.csv").write_text(f"name,x,z,{head}\na,0.01,0.002,{cell}\nb,0.02,0.002,{cell}\n")
         found = flashtemp.import_recording(tmp_path / "log.csv", **given).recording
         assert found.places.zero_sigma_K == pytest.approx([0.2, 0.2])
+
+
+def test_effects_of_a_camera_are_tried_where_there_is_an_image(tmp_path):
+    """Without one they are left out with the reason, unless a campaign names them."""
+    problem = prepare(write_campaign(tmp_path))
+    assert not [c.effect for c in problem.candidates if c.is_optical]
+    assert "no recording is an image" in problem.excluded_candidates["camera_offset"]
+    assert {"emissivity", "reflection", "registration"} <= problem.excluded_candidates.keys()
+    named = prepare(write_campaign(tmp_path, more='candidates = ["camera_offset"]\n'))
+    assert [c.effect for c in named.candidates] == ["camera_offset"]

@@ -168,12 +168,14 @@ class CandidateEffect:
 
 
 def find_candidates(
-    case: Case, names: tuple[str, ...] | None, conditions: Sequence[Case] = ()
+    case: Case, names: tuple[str, ...] | None, conditions: Sequence[Case] = (), has_images: bool = True
 ) -> tuple[list[CandidateEffect], dict[str, str]]:
     """Effects that may be missing in a case, and {effect: reason} of those that cannot be tried.
 
     `names`: the effects that a campaign lists; None for all that declare themselves candidates.  `conditions`: the case
-    under every condition of a campaign, in each of which an effect must be possible.
+    under every condition of a campaign, in each of which an effect must be possible.  `has_images`: whether a camera
+    recorded anything.  Without images, errors of a camera are no candidates: zeros and gains of thermocouples are
+    calibrated instead.
     """
     found, left = [], {}
     slides = any(not c["schedule.alone"] for c in conditions or (case,))
@@ -181,7 +183,7 @@ def find_candidates(
         if effect.base or (names is not None and name not in names):
             continue
         candidate = _make_candidate(name, effect)
-        reason = _exclusion_reason(case, name, effect, names is not None)
+        reason = _exclusion_reason(case, name, effect, names is not None, has_images)
         if not reason and not slides and _acts_in_contact_only(case, name):
             reason = NOTHING_SLIDES
         reason = reason or _build_fault(candidate, (case, *conditions))
@@ -192,12 +194,14 @@ def find_candidates(
     return found, left
 
 
-def _exclusion_reason(case: Case, name: str, effect: type[Effect], is_requested: bool) -> str:
+def _exclusion_reason(case: Case, name: str, effect: type[Effect], is_requested: bool, has_images: bool) -> str:
     """Why an effect cannot be tried with its default values; empty if it can."""
     if name in case.effects:
         return "the case has it already"
     if not effect.candidate and not is_requested:
         return "its file does not declare it a candidate; name it in candidates to try it too"
+    if not has_images and not is_requested and _is_optical(effect):
+        return "acts in a camera, and no recording is an image; name it in candidates to try it too"
     if effect.alike and not is_requested:
         return f"resembles {effect.alike}, which is tried; name it in candidates to try it too"
     try:
@@ -231,6 +235,11 @@ def _acts_in_contact_only(case: Case, name: str) -> bool:
     )
 
 
+def _is_optical(effect: type[Effect]) -> bool:
+    """Whether an effect has no heat, so that it acts in the camera only."""
+    return effect.heat is Effect.heat
+
+
 def _make_candidate(name: str, effect: type[Effect]) -> CandidateEffect:
     params = effect.params()
     plain = {k: p for k, p in params.items() if "number" in p.kinds and isinstance(p.value, (int, float))}
@@ -240,4 +249,4 @@ def _make_candidate(name: str, effect: type[Effect]) -> CandidateEffect:
         if p.off is not None and math.isfinite(p.off) and math.isfinite(p.value) and p.value != p.off
     }
     shapes = {k: float(p.value) for k, p in plain.items() if p.off is None and not isinstance(p.value, bool)}
-    return CandidateEffect(name, params, strengths, shapes, effect.heat is Effect.heat)
+    return CandidateEffect(name, params, strengths, shapes, _is_optical(effect))

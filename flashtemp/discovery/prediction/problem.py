@@ -110,7 +110,8 @@ def prepare_problem(campaign: Campaign, run: TaskRunner) -> Problem:
         check_free_key(campaign, case, key)
     named = campaign.candidates if campaign.candidates is not None else case.candidates
     stated = tuple(campaign.load(c.given) for c in campaign.conditions if c.given) or (case,)
-    found, excluded = find_candidates(case, named, stated)
+    has_images = any(v.recording.places is None for v in campaign.views)
+    found, excluded = find_candidates(case, named, stated, has_images)
     pins = tuple(pin_mesh(campaign, c, found) for c in campaign.conditions)
     return Problem(
         campaign, campaign.conditions, pins, tuple(found), excluded, run, case, assumed_camera_facts=assumed,

@@ -65,9 +65,9 @@ def _fit_alternative(
     assert column is not None  # it was checked
     more = fit.free_effect_priors | {column: (0.0, i.sd)}
     linear = maximise_evidence(problem, system, fit.model, more).solution
-    linearised = InputAlternative(
-        i.key, keeps, linear.ln_evidence, i.sd, False, *i.changed_value(linear[column], linear.sd(column))
-    )
+    change, sd = linear[column], linear.sd(column)
+    ln_evidence = linear.ln_evidence + i.ln_bound_factor(change, sd)
+    linearised = InputAlternative(i.key, keeps, ln_evidence, i.sd, False, *i.changed_value(change, sd))
     if not can_be_freed(problem, i):
         return linearised
     freed = free_input(problem, i.key, i.sd)

@@ -156,7 +156,8 @@ def test_kinds_agree_with_what_calibration_and_sensitivity_use():
 def test_the_docs_list_every_kind_with_its_standard_deviation():
     page = (ROOT / "docs" / "reference" / "file_formats.md").read_text()
     for kind in INPUT_KINDS.values():
-        unit = " %" if kind.relative else "" if kind.name in ("emissivity", "Poisson's ratio") else " K"
+        absolute = {"emissivity": "", "Poisson's ratio": "", "insulated surface": " W/m2K"}
+        unit = " %" if kind.relative else absolute.get(kind.name, " K")
         assert f"| {kind.name} | {(100 if kind.relative else 1) * kind.sd:g}{unit} | {kind.reason} |" in page
 
 

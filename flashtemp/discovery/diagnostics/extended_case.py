@@ -46,7 +46,7 @@ def correct_input(case: Case, correction: InputCorrection) -> Case:
     """
     full: Case = expand_materials(case)
     parameter = parameter_spec(full, correction.key)
-    if input_kind(correction.key, parameter.unit).relative:
+    if input_kind(correction.key, parameter.unit, correction.told == 0.0).relative:
         value = scale_value(full, correction.key, correction.value / correction.told)
     else:
         value = full[correction.key] + correction.value - correction.told

@@ -66,7 +66,7 @@ class InputCheck:
         """The result in one line for reports."""
         i = self.input
         unit = "" if i.unit == "1" else f" {i.unit}"
-        known = f"{100 * i.sd:.2g} %" if i.relative else f"{i.sd:.2g} {'K' if i.unit == 'degC' else ''}".strip()
+        known = f"{100 * i.sd:.2g} %" if i.relative else f"{i.sd:.2g}{unit.replace('degC', 'K')}"
         stated = f"{i.key}: stated {i.value:.4g}{unit}, known to {known} ({i.source})"
         if self.verdict is InputVerdict.NOT_CHECKABLE:
             why = (
@@ -112,14 +112,15 @@ def _check_input(
     )
     freed = system.solve(others | {column: prior}, total)
     change, sd = _remove_prior(freed[column], freed.sd(column), prior)
+    ln_evidence_freed = freed.ln_evidence + i.ln_bound_factor(freed[column], freed.sd(column))
     ratio = min(freed.sd(column) / i.sd, 1.0)
-    change -= mean
+    change = max(change - mean, 0.0) if i.from_zero else change - mean
     pull = change / math.hypot(sd, i.sd)  # two independent values of the same number: their variances add up
     value, stderr = i.changed_value(change, sd)
     k = system.index[column]
     influence = i.sd * math.sqrt(max(float(total.matrix[k, k]), 0.0))
     check = InputCheck(
-        i, value, stderr, change / i.sd, pull, freed.ln_evidence - ln_evidence_fixed, influence,
+        i, value, stderr, change / i.sd, pull, ln_evidence_freed - ln_evidence_fixed, influence,
         _classify_pull(ratio, pull), abs(change) * change_per_unit(column),
     )  # fmt: skip
     return replace(check, verdict=InputVerdict.NOT_CHECKABLE) if check.is_invisible else check

@@ -78,16 +78,31 @@ class ReducedFit:
     """The fit as a quadratic function of set-up errors alone, with all nuisances eliminated.
 
     ln probability of the data is x.g - x.I.x / 2 up to a constant, with the errors x (k,), the `gradient` g (k,) and
-    the `information` I (k, k); `sd` (k,) are prior standard deviations.
+    the `information` I (k, k); `sd` (k,) are prior standard deviations.  The errors of the numbers
+    `positive` cannot be negative.
     """
 
     names: tuple[ParameterId, ...]
     gradient: Array
     information: Array
     sd: Array
+    positive: frozenset[int] = frozenset()
 
     def solve(self, free: tuple[int, ...]) -> tuple[float, Array, Array]:
-        """ln evidence with some errors free and the others zero; values and standard errors of the free ones."""
+        """ln evidence with some errors free and the others zero; values and standard errors of the free ones.
+
+        An error that would be negative and cannot be is zero.
+        """
+        ln_evidence, values, stderr = self._solve_unbounded(free)
+        is_impossible = np.array([k in self.positive for k in free], bool) & (values < 0.0)
+        if np.any(is_impossible):
+            possible = tuple(k for k, bad in zip(free, is_impossible, strict=True) if not bad)
+            ln_evidence, kept, kept_stderr = self.solve(possible)
+            values[is_impossible] = 0.0
+            values[~is_impossible], stderr[~is_impossible] = kept, kept_stderr
+        return ln_evidence, values, stderr
+
+    def _solve_unbounded(self, free: tuple[int, ...]) -> tuple[float, Array, Array]:
         at = list(free)
         precision = self.information[np.ix_(at, at)] + np.diag(self.sd[at] ** -2.0)
         lower = np.linalg.cholesky(precision)
@@ -230,7 +245,8 @@ def _reduce_fit(
     # the quadratic is about the fitted placements; its gradient is needed about zero error
     gradient = projection.score + projection.information @ np.array(places)
     sd = np.array([known[p].sd if p in known else NUISANCE_SD[p.kind] for p in names])
-    return ReducedFit(names, gradient, projection.information, sd)
+    positive = frozenset(k for k, p in enumerate(names) if p in known and known[p].from_zero)
+    return ReducedFit(names, gradient, projection.information, sd, positive)
 
 
 def _name_and_words(

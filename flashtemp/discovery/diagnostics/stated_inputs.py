@@ -12,12 +12,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import log_ndtr
 
 from flashtemp.camera.prediction.camera_model import TYPICAL_EMISSIVITY
 from flashtemp.camera.recording import Recording
 from flashtemp.comparison.known_inputs import VIEW_KEYS, StatedUncertainty
 from flashtemp.discovery.hypotheses.candidates import ModelPoint
 from flashtemp.discovery.hypotheses.input_kinds import (
+    KIND_OF_ZERO,
     MODEL_CHOICE,
     exemption_reason,
     input_kind,
@@ -48,7 +50,7 @@ class StatedInput:
 
     `sd` is that of ln value if the input is `relative`, else in its unit (K for degC).  `source`: "stated" or "by
     kind", with the `reason`.  `values`: all values that the conditions state.  The input changes them together, by a
-    common factor or by a common difference.
+    common factor or by a common difference.  `from_zero`: all state zero, and no value can be negative.
     """
 
     key: str
@@ -60,6 +62,7 @@ class StatedInput:
     source: str
     reason: str
     values: tuple[float, ...] = ()
+    from_zero: bool = False
 
     @property
     def column_id(self) -> ParameterId:
@@ -72,6 +75,13 @@ class StatedInput:
             return self.value + change, sd
         value = self.value * math.exp(min(change, MAX_INPUT_LN_FACTOR))
         return value, abs(value) * sd
+
+    def ln_bound_factor(self, change: float, sd: float) -> float:
+        """What the bound at zero adds to ln evidence, for a posterior `change` +- `sd` without it.
+
+        The half-normal prior is twice as dense as the normal one, and only the part of the posterior above zero counts.
+        """
+        return float(log_ndtr(change / sd)) + math.log(2.0) if self.from_zero else 0.0
 
 
 def list_stated_inputs(problem: Problem) -> tuple[StatedInput, ...]:
@@ -95,10 +105,11 @@ def _case_inputs(problem: Problem, cases: list[Case]) -> Iterator[StatedInput]:
     for key, unit in units.items():
         if key not in problem.campaign.free or key in problem.freed_inputs:
             values = [v for case in cases if (v := time_series_values(case, key))]
+            largest = tuple(dict.fromkeys(max(v, key=abs) for v in values))
+            if key in KIND_OF_ZERO and any(largest):  # a factor leaves the zeros of other conditions as they are
+                largest = tuple(v for v in largest if v)
             about = cases[0].declared_params(key.rpartition(".")[0])[key.rpartition(".")[2]].about
-            yield _make_input(
-                problem, key, _describe_key(key, about), unit, tuple(dict.fromkeys(max(v, key=abs) for v in values))
-            )
+            yield _make_input(problem, key, _describe_key(key, about), unit, largest)
 
 
 def _uncertain_choices(case: Case, known: Mapping[str, StatedUncertainty]) -> Iterator[tuple[str, str, str]]:
@@ -127,16 +138,22 @@ def _recorded_value(recording: Recording, name: str, ambient: float) -> float:
 
 
 def _make_input(problem: Problem, key: str, words: str, unit: str, values: tuple[float, ...]) -> StatedInput:
-    kind, value = input_kind(key, unit), values[0]
+    value = values[0]
+    from_zero = key in KIND_OF_ZERO and value == 0.0
+    kind = input_kind(key, unit, from_zero)
     own = problem.campaign.known.get(key)
     sd, source, reason = kind.sd, SOURCE_BY_KIND, kind.reason
     if own is not None:
+        if from_zero and own.relative:
+            raise BadInput(
+                f'campaign: known: {key}: a fraction of zero means nothing; give it with its unit, "2 {unit}"'
+            )
         sd, source, reason = own.sd_of(value), SOURCE_STATED, "the campaign"
     elif key in problem.case.priors:
         sd, source, reason = problem.case.priors[key], SOURCE_STATED, "the case"
     if source == SOURCE_STATED and kind.relative:
         sd /= abs(value)
-    return StatedInput(key, words, value, unit, sd, kind.relative, source, reason, values)
+    return StatedInput(key, words, value, unit, sd, kind.relative, source, reason, values, from_zero)
 
 
 def _describe_key(key: str, about: str) -> str:
@@ -170,7 +187,8 @@ def add_input_columns(
     `cells`: cell factors of the mesh on which the columns are computed; None for the mesh of the predictions.
     Raises BadInput, SolverFailure.
     """
-    request = DerivativeRequest(inputs=tuple(i.column_id for i in inputs))
+    zeros = frozenset(i.column_id for i in inputs if i.from_zero)
+    request = DerivativeRequest(inputs=tuple(i.column_id for i in inputs), zero_inputs=zeros)
     coarse = problem.predict(problem.make_tasks(model, request, cells))
     return [merge_columns(fine, other) for fine, other in zip(predictions, coarse, strict=True)]
 

@@ -64,6 +64,7 @@ INPUT_KINDS: dict[str, InputKind] = {
         InputKind("temperature", 0.5, False, "thermometer, and drift of a laboratory within an hour"),
         InputKind("emissivity", 0.05, False, "tables for a material, without knowing its finish"),
         InputKind("reflected temperature", 2.0, False, "unmeasured surroundings, such as walls and lamps"),
+        InputKind("insulated surface", 5.0, False, "free convection 10 K above the air: 3 to 6 W/m2K (Incropera)"),
         InputKind(LAW_PARAMETER, 0.2, True, "fitted constant of a law, as for a free key"),
     )
 }
@@ -83,6 +84,7 @@ KIND_OF_KEY = {
     "block.poisson": "Poisson's ratio",
     "block.stiffness": "stiffness",
 }
+KIND_OF_ZERO = {"ambient.convection": "insulated surface"}  # stated as zero, an approximation that data may refute
 KIND_OF_NAME = {  # where the key itself is not listed: keys of materials, layers and effects
     "conductivity": "conductivity",
     "density": "density",
@@ -113,14 +115,19 @@ SLIDING_TABLES = ("road", "contact", "friction", "schedule")  # no meaning where
 TIME_SERIES_KEYS = ("contact.pressure", "schedule.speed")  # may be a file or rows over time, with one common factor
 
 
-def input_kind(key: str, unit: str) -> InputKind:
+def input_kind(key: str, unit: str, is_zero: bool = False) -> InputKind:
     """The kind of a key of a case, or of `VIEW.emissivity` and `VIEW.reflected_temperature`.
 
+    `is_zero`: the value is zero in all conditions, so that a relative standard deviation would mean nothing.
     Parameters of effects have the standard deviation that `flashtemp sensitivity` uses, where it has one.
 
     >>> input_kind("materials.steel.density", "kg/m3").sd, input_kind("ambient.temperature", "degC").relative
     (0.02, False)
+    >>> input_kind("ambient.convection", "W/m2K", is_zero=True).sd
+    5.0
     """
+    if is_zero and key in KIND_OF_ZERO:
+        return INPUT_KINDS[KIND_OF_ZERO[key]]
     table, name = key.rsplit(".", 1)
     found = KIND_OF_KEY.get(key) or KIND_OF_NAME.get(name)
     if found is None and table in ("block", "road") and unit == "m":
@@ -167,7 +174,8 @@ def _missing_sd_reason(key: str, value: Any, param: Param) -> str:
         return "" if key in TIME_SERIES_KEYS else "a table, not one number"
     if not math.isfinite(value):
         return "infinite: an ideal limit"
-    return "zero: switched off" if value == 0 and param.unit != "degC" else ""
+    is_switched_off = value == 0 and param.unit != "degC" and key not in KIND_OF_ZERO
+    return "zero: switched off" if is_switched_off else ""
 
 
 def physical_keys(case: Case) -> dict[str, str]:
@@ -213,14 +221,15 @@ def _read_time_series(value: Any, key: str, folder: Path) -> tuple[tuple[float, 
     return read_xy_pairs(value, folder, key, columns=(TIME, SPEED if key == "schedule.speed" else PRESSURE))
 
 
-def iter_stepped_cases(case: Case, key: str, scale: float = 1.0) -> Iterator[tuple[Case, float]]:
+def iter_stepped_cases(case: Case, key: str, scale: float = 1.0, is_zero: bool = False) -> Iterator[tuple[Case, float]]:
     """The case with a key moved up, then down, each with its step; a step that the case refuses is left out.
 
     Steps are in ln of the value, or in the key's own unit where its kind is absolute; `scale` multiplies them.
+    `is_zero`: all conditions state the key as zero.
     """
     full = expand_materials(case)
     table, name = key.rsplit(".", 1)
-    kind = input_kind(key, full.declared_params(table)[name].unit)
+    kind = input_kind(key, full.declared_params(table)[name].unit, is_zero)
     size = scale * (TANGENT_STEP_LN if kind.relative else TANGENT_STEP_SD * kind.sd)
     for step in (size, -size):
         try:

@@ -67,7 +67,8 @@ class DerivativeRequest:
     `modes` (and their `trends`), by strengths of `candidates`, by the camera's `optics` and clock, by `block_sizes`,
     and by stated `inputs` of case and cameras.
 
-    Columns of inputs are per ln of the value, or per unit for absolute kinds (K, emissivity)."""
+    Columns of inputs are per ln of the value, or per unit for absolute kinds (K, emissivity) and for `zero_inputs`,
+    which all conditions state as zero."""
 
     model_parameters: tuple[ParameterId, ...] = ()
     scatter: bool = False
@@ -78,6 +79,7 @@ class DerivativeRequest:
     block_sizes: bool = False
     fields: bool = False
     inputs: tuple[ParameterId, ...] = ()
+    zero_inputs: frozenset[ParameterId] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -281,7 +283,7 @@ def _iter_strength_perturbations(
 def _perturb_inputs(point: EvaluationPoint) -> Iterator[tuple[ParameterId, Perturbation]]:
     """Stated numbers of the case that do not change the schedule or the cells, except for their size."""
     for p in _case_inputs(point):
-        for case, step in iter_stepped_cases(point.case, p.name):
+        for case, step in iter_stepped_cases(point.case, p.name, is_zero=p in point.task.derivatives.zero_inputs):
             scene = point.task.model.apply_to(case).scene
             if allows_tangent_run(point.scene, scene):
                 yield p, Perturbation(scene, step, is_stretched=not has_same_mesh(point.scene, scene))

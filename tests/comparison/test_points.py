@@ -477,7 +477,8 @@ def gauged(folder, sigma, off=0.01):
     T += 0.02 * np.random.default_rng(7).normal(size=T.shape)
     np.savetxt(folder / "t.csv", np.column_stack([t, T]), delimiter=",")
     points = ", ".join(
-        f'{{ name = "{n}", x = 0.025, z = {h}, gain_sigma = {sigma} }}' for n, h in zip("ab", z, strict=True)
+        f'{{ name = "{n}", x = 0.025, z = {h}, gain_sigma = {sigma}, zero_sigma_K = 0 }}'
+        for n, h in zip("ab", z, strict=True)
     )
     (folder / "campaign.toml").write_text(
         'case = "case.toml"\ncandidates = ["conductivity_slope"]\n[[recording]]\nview = "points"\n'

@@ -20,6 +20,9 @@ PERCENT = "%"
 SD_REMEDY = 'give a relative standard deviation, such as 0.02, or one with its unit, such as "0.3 K"'
 
 
+APPROXIMATE_ZEROS = ("ambient.convection",)  # keys whose zero, an insulated surface, data may refute
+
+
 @dataclass(frozen=True)
 class StatedUncertainty:
     """Standard deviation `sd` that a campaign states for an input, relative to its value or in its unit."""
@@ -52,7 +55,7 @@ def read_known(
     """Uncertainties by key from a table `known`, and its faults, one line each.
 
     The uncertainty of a `free` key belongs to the table `free`.  `overrides`: the tables `with` of all entries; a
-    number that is 0 under all of them is switched off and has no uncertainty.
+    number that is 0 under all of them is switched off and has no uncertainty, unless its zero is an approximation.
     """
     if not isinstance(given, dict):
         return {}, (f'{shorten_text(repr(given))}; write known = {{ "contact.pressure" = 0.02 }}',)
@@ -61,7 +64,7 @@ def read_known(
     for key, value in flatten_tables(given).items():
         try:
             uncertainties[key] = _read_uncertainty(key, value, case, free)
-            _refuse_zero(key, case, overrides)
+            _check_zero(key, uncertainties[key], case, overrides)
         except BadInput as fault:
             faults.append(f"{key}: {fault}")
     return uncertainties, tuple(faults)
@@ -82,15 +85,24 @@ def _read_uncertainty(key: str, value: Any, case: Case, free: tuple[str, ...]) -
     return out
 
 
-def _refuse_zero(key: str, case: Case, overrides: Sequence[Any]) -> None:
-    """Raise BadInput for a number that is 0 in the case and under all overrides, unless it is a temperature."""
+def _check_zero(key: str, known: StatedUncertainty, case: Case, overrides: Sequence[Any]) -> None:
+    """Raise BadInput for a number that is 0 in the case and under all overrides, unless it is a temperature.
+
+    A zero that is an approximation may have an uncertainty in its unit.
+    """
     table, _, name = key.rpartition(".")
     full = expand_materials(case)
     if table not in full.values or full.declared_params(table)[name].unit == "degC":
         return
     stated = full.values[table][name]
     changed = [flatten_tables(o).get(key, stated) if isinstance(o, dict) else stated for o in overrides] or [stated]
-    if all(isinstance(v, (int, float)) and not isinstance(v, bool) and v == 0 for v in changed):
+    if not all(isinstance(v, (int, float)) and not isinstance(v, bool) and v == 0 for v in changed):
+        return
+    if key in APPROXIMATE_ZEROS:
+        if known.relative:
+            unit = full.declared_params(table)[name].unit
+            raise BadInput(f'a fraction of zero means nothing; give it with its unit, "2 {unit}"')
+    else:
         raise BadInput(
             f"{case.name} states 0, which switches it off; leave it out of known, or state a value above 0 in the case"
         )

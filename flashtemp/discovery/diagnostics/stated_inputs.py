@@ -144,10 +144,6 @@ def _make_input(problem: Problem, key: str, words: str, unit: str, values: tuple
     own = problem.campaign.known.get(key)
     sd, source, reason = kind.sd, SOURCE_BY_KIND, kind.reason
     if own is not None:
-        if from_zero and own.relative:
-            raise BadInput(
-                f'campaign: known: {key}: a fraction of zero means nothing; give it with its unit, "2 {unit}"'
-            )
         sd, source, reason = own.sd_of(value), SOURCE_STATED, "the campaign"
     elif key in problem.case.priors:
         sd, source, reason = problem.case.priors[key], SOURCE_STATED, "the case"

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from flashtemp.comparison.known_inputs import APPROXIMATE_ZEROS
 from flashtemp.discovery.hypotheses.candidates import NOTHING_SLIDES
 from flashtemp.errors import BadInput
 from flashtemp.model import layers
@@ -84,7 +85,7 @@ KIND_OF_KEY = {
     "block.poisson": "Poisson's ratio",
     "block.stiffness": "stiffness",
 }
-KIND_OF_ZERO = {"ambient.convection": "insulated surface"}  # stated as zero, an approximation that data may refute
+KIND_OF_ZERO = dict.fromkeys(APPROXIMATE_ZEROS, "insulated surface")
 KIND_OF_NAME = {  # where the key itself is not listed: keys of materials, layers and effects
     "conductivity": "conductivity",
     "density": "density",

@@ -104,11 +104,13 @@ def estimate_white_noise(residual: np.ndarray, weights: np.ndarray | None = None
 
 def _estimate_pixel_noise(residual: np.ndarray, weights: np.ndarray | None) -> float:
     """White noise (K) of one pixel of one camera frame without that of lines; with it where lines or frames are few."""
-    if len(residual) < 3 or min(residual.shape[1:]) < 3:
-        return estimate_white_noise(residual, weights)
-    each = np.ones(len(residual)) if weights is None else weights
-    steps = np.diff(residual, axis=0) / np.sqrt(1.0 / each[1:] + 1.0 / each[:-1])[:, None, None]
-    return _robust_sd(np.diff(np.diff(steps, n=2, axis=1), n=2, axis=2)) / 6.0  # the squared weights add up to 36
+    if len(residual) > 2 and min(residual.shape[1:]) > 2:
+        each = np.ones(len(residual)) if weights is None else weights
+        steps = np.diff(residual, axis=0) / np.sqrt(1.0 / each[1:] + 1.0 / each[:-1])[:, None, None]
+        steps = np.diff(np.diff(steps, n=2, axis=1), n=2, axis=2)
+        if np.isfinite(steps).sum() > DIFFERENCE_OVERLAP * MIN_FRAME_PIXELS:
+            return _robust_sd(steps) / 6.0  # the squared weights add up to 36
+    return estimate_white_noise(residual, weights)
 
 
 def raise_stated_noise(noise: NoiseLevels, recording, residual: np.ndarray) -> NoiseLevels:

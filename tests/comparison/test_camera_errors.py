@@ -212,6 +212,8 @@ def test_coarse_digits_do_not_bias_the_noise_nor_make_shutter_events(step):
         assert temporal_noise(T) == pytest.approx(true, rel=0.03)
         found = estimate_noise(residual, None, None, None, residual, digit_step=step)
         assert found.white == pytest.approx(true, rel=0.03)
+        narrow = np.where(np.arange(24)[:, None] < 2, residual, np.nan)  # of two rows no second difference remains
+        assert estimate_noise(narrow, None, None, digit_step=step).white == pytest.approx(true, rel=0.1)
         assert max(found.lines.rows, found.lines.columns, found.lines.frame_rows) < 0.05 * SIGMA
         assert screen_recording(made).shutter_events == ()
         assert estimate_noise(residual, SIGMA, 0.0, None, residual, digit_step=step).white == SIGMA

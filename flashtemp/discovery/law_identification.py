@@ -51,7 +51,8 @@ BAND_STANDARD_ERRORS = 1.959964  # half width of a 95 % band of a normal distrib
 @dataclass(frozen=True)
 class ScoredLaw:
     """The score of a law from the sensitivities of its nodes: `ln_bayes` against the base at the best `relative_width`
-    of its prior, with the `values` at its nodes; `fitted_ln_bayes` is that of its full fit, if there is one.
+    of its prior, with the `values` at its nodes; `fitted_ln_bayes` is that of its full fit with all nodes that it
+    requires, if there is one.
 
     `columns`: data blocks with these sensitivities alone, of laws that may be fitted, under the name of a verdict.
     """
@@ -103,15 +104,14 @@ class IdentifiedLaw:
     def alternatives(self) -> dict[str, float]:
         """{law in words: ln Bayes factor} of other laws that the data do not distinguish from this one.
 
-        Laws with a full fit are compared by their fits, others by their scores.
+        Laws with a full fit are compared by their fits with the nodes that each requires, others by their scores.
         """
         own = next(s for s in self.scored if s.law.name == self.law.name)
-        gain = self.search.best.ln_evidence - self.search.base.ln_evidence
         out = {}
         for other in self.scored:
             ln_bayes, best = (other.ln_bayes, own.ln_bayes)
-            if other.fitted_ln_bayes is not None:
-                ln_bayes, best = other.fitted_ln_bayes, gain
+            if other.fitted_ln_bayes is not None and own.fitted_ln_bayes is not None:
+                ln_bayes, best = other.fitted_ln_bayes, own.fitted_ln_bayes
             if other is not own and ln_bayes > best - CRITERIA.ln_bayes_distinct:
                 out[other.law.description] = ln_bayes
         return out
@@ -167,9 +167,10 @@ def identify_law(search: EffectSearch, watch: ProgressCallback) -> IdentifiedLaw
     least = max(CRITERIA.ln_bayes_named, gain) + ln_choice_odds(laws)
     if best.fit.ln_evidence - search.base.ln_evidence < least:
         return None
-    gains = {f.law.name: f.fit.ln_evidence - search.base.ln_evidence for f in fitted}
+    refined = _refine_laws(search, fitted, watch)
+    gains = {f.law.name: f.fit.ln_evidence - search.base.ln_evidence for f in refined}
     scored = tuple(replace(s, fitted_ln_bayes=gains.get(s.law.name), columns=()) for s in scored)
-    return _finish_law(search, _refine_nodes(search, best, watch), scored, watch)
+    return _finish_law(search, max(refined, key=lambda f: f.fit.ln_evidence), scored, watch)
 
 
 def heldout_excess(search: EffectSearch) -> tuple[float, float]:
@@ -289,6 +290,19 @@ def _fit_laws(search: EffectSearch, likely: Sequence[ScoredLaw], watch: Progress
     return [FittedLaw(s, problems[s.law.name], fits[s.law.name]) for s in likely if s.law.name in fits]
 
 
+def _refine_laws(search: EffectSearch, fitted: Sequence[FittedLaw], watch: ProgressCallback) -> list[FittedLaw]:
+    """Add nodes to the best law; where it needs them, to all other fitted laws too.
+
+    A curve that a few nodes cannot follow may be nearer to that of another quantity, so laws are comparable only with
+    as many nodes as each of them requires.
+    """
+    best = max(fitted, key=lambda f: f.fit.ln_evidence)
+    refined = _refine_nodes(search, best, watch)
+    if refined is best:
+        return list(fitted)
+    return [refined, *(_refine_nodes(search, f, watch) for f in fitted if f is not best)]
+
+
 def _refine_nodes(search: EffectSearch, found: FittedLaw, watch: ProgressCallback) -> FittedLaw:
     """Add nodes between the nodes of a law while the evidence requires them, or else the adequacy of the model.
 
@@ -296,7 +310,7 @@ def _refine_nodes(search: EffectSearch, found: FittedLaw, watch: ProgressCallbac
     their priors cost.
     """
     while len(nodes := found.scored.law.refined_nodes) > len(found.scored.law.nodes):
-        watch(f"{len(nodes)} nodes in place of {len(found.scored.law.nodes)}")
+        watch(f"{len(nodes)} nodes in place of {len(found.scored.law.nodes)}: {found.scored.law.description}")
         try:
             finer = _fit_refined(search, found, nodes, watch)
         except SolverFailure:
@@ -372,13 +386,17 @@ def _with_fitted_values(law: PiecewiseLinearLaw, fit: LinearisedFit) -> Piecewis
 
 
 def node_covariance(fit: LinearisedFit, count: int) -> Array:
-    """Covariance (count, count) of the values at the nodes of a law; 0 for a node on a bound."""
+    """Covariance (count, count) of the values at the nodes of a law.
+
+    A node on a bound counts as free: the data allow values within its bound up to about that standard error.  A normal
+    posterior whose mean is at or beyond the bound has at least 95 % of its part within the bound up to 1.96 of them.
+    """
     out = np.zeros((count, count))
-    at = {
-        int(p.name.removeprefix("at_")) - 1: i for i, p in enumerate(fit.solution.names) if p.effect == LEARNED_LAW_NAME
-    }
+    is_bounded = any(p.effect == LEARNED_LAW_NAME for p in fit.bound)
+    solution = fit.system.solve(fit.priors, fit.equations) if is_bounded else fit.solution
+    at = {int(p.name.removeprefix("at_")) - 1: i for i, p in enumerate(solution.names) if p.effect == LEARNED_LAW_NAME}
     nodes, columns = list(at), list(at.values())
-    out[np.ix_(nodes, nodes)] = fit.solution.covariance[np.ix_(columns, columns)]
+    out[np.ix_(nodes, nodes)] = solution.covariance[np.ix_(columns, columns)]
     return out
 
 

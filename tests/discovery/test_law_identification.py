@@ -17,11 +17,14 @@ from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
 from flashtemp.discovery.hypotheses.piecewise_linear_law import LEARNED_LAW_NAME
 from flashtemp.discovery.law_identification import (
     CURVE_POINTS,
+    FittedLaw,
+    IdentifiedLaw,
     ScoredLaw,
     heldout_excess,
     identify_law,
     list_possible_laws,
     ln_choice_odds,
+    node_covariance,
     shortlist_laws,
 )
 from flashtemp.discovery.prediction.prediction import predict_condition
@@ -226,3 +229,70 @@ def test_laws_are_compared_by_full_fits_where_there_are_some():
     found = law_identification.IdentifiedLaw(laws[0], np.zeros((0, 0)), search, tuple(some))
     assert found.alternatives == {"c": 88.0}
     assert found.ln_bayes == pytest.approx(100.0 - np.log(3.0))
+
+
+# --- nodes ------------------------------------------------------------------------------------------------------
+def law_with_nodes(name, count, most=17):
+    nodes = tuple(range(count))
+    finer = nodes if count >= most else tuple(range(2 * count - 1))
+    return SimpleNamespace(name=name, description=name, nodes=nodes, refined_nodes=finer)
+
+
+@pytest.fixture
+def identify_by_gains(monkeypatch):
+    """{law: {nodes: ln Bayes factor}} -> the identified law, where every fit ends with that evidence."""
+
+    def identify(gains):
+        def fitted_law(name, count):
+            some = ScoredLaw(law_with_nodes(name, count), 1.0, gains[name][5], ())
+            return FittedLaw(some, None, SimpleNamespace(ln_evidence=gains[name][count]))
+
+        def finish(search, found, scored, watch):
+            best = SimpleNamespace(best=found.fit, base=search.base)
+            return IdentifiedLaw(found.scored.law, np.zeros((0, 0)), best, scored)
+
+        laws = [fitted_law(name, 5) for name in gains]
+        monkeypatch.setattr(law_identification, "list_possible_laws", lambda search: [f.scored.law for f in laws])
+        monkeypatch.setattr(law_identification, "score_laws", lambda search, some: tuple(f.scored for f in laws))
+        monkeypatch.setattr(law_identification, "_fit_laws", lambda search, likely, watch: laws)
+        monkeypatch.setattr(law_identification, "_is_adequate", lambda law: True)
+        monkeypatch.setattr(
+            law_identification, "_fit_refined",
+            lambda search, found, nodes, watch: fitted_law(found.scored.law.name, len(nodes)),
+        )  # fmt: skip
+        monkeypatch.setattr(law_identification, "_finish_law", finish)
+        empty = SimpleNamespace(case=SimpleNamespace(effects=()))
+        return identify_law(
+            SimpleNamespace(problem=empty, fits={}, ranking=(), base=SimpleNamespace(ln_evidence=0.0)), quiet
+        )
+
+    return identify
+
+
+def test_all_laws_get_more_nodes_where_the_best_one_needs_them(identify_by_gains):
+    """A narrow groove looks most like a resistance at five nodes; with nodes enough friction explains it better."""
+    found = identify_by_gains(
+        {"resistance": {5: 79.0, 9: 161.0, 17: 162.0}, "friction": {5: 25.0, 9: 90.0, 17: 170.0},
+         "pressure": {5: 20.0, 9: 80.0, 17: 166.0}}
+    )  # fmt: skip
+    assert (found.law.name, len(found.law.nodes)) == ("friction", 17)
+    assert found.alternatives == {"pressure": 166.0}  # 161 with the nodes that it needs is 9 less
+
+
+def test_no_other_law_is_refined_where_five_nodes_suffice(identify_by_gains):
+    """Refining costs a fit for each law, and finer nodes of a worse law are not even known here."""
+    found = identify_by_gains({"resistance": {5: 79.0, 9: 80.0}, "friction": {5: 25.0}})
+    assert (found.law.name, len(found.law.nodes)) == ("resistance", 5)
+    assert found.alternatives == {}
+
+
+def test_a_node_on_a_bound_has_a_band(identified):
+    """Its standard error is that of the free node: within the bound, that far, the data allow other values."""
+    found = identified(run_in)[2]
+    fit, count = found.search.best, len(found.law.nodes)
+    node = next(p for p in fit.solution.names if p.effect == LEARNED_LAW_NAME)
+    free = node_covariance(fit, count)
+    priors = {p: v for p, v in fit.priors.items() if p != node}
+    on_bound = replace(fit, bound=frozenset({node}), solution=fit.system.solve(priors, fit.equations))
+    np.testing.assert_allclose(node_covariance(on_bound, count), free, rtol=1e-6)
+    assert np.all(np.diag(free) > 0.0)

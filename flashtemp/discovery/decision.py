@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 
 from flashtemp.discovery.criteria import CRITERIA, Criteria
 
+NOISE_TEST = "noise left over (chi2 over what noise may give)"  # the adequacy test that a wrong noise can fail
+
 
 @dataclass(frozen=True)
 class AlternativeCause:
@@ -46,11 +48,14 @@ class EffectSize:
 
 @dataclass(frozen=True)
 class AdequacyTest:
-    """One test of the final model: with a `value` above `limit`, it lacks something outside the catalogue."""
+    """One test of the final model: with a `value` above `limit`, it lacks something outside the catalogue.
+
+    `detail`: what fails it, in words, such as the recording; empty if the name says it."""
 
     name: str
     value: float
     limit: float
+    detail: str = ""
 
     @property
     def passed(self) -> bool:
@@ -146,11 +151,8 @@ def decide(evidence: VerdictEvidence, criteria: Criteria = CRITERIA) -> Decision
         return Decision(kind, tuple(rules))
     rules.append(VerdictRule("the fit converged", 1.0, 1.0, True, ""))
     for test in evidence.adequacy:
-        rules.append(
-            VerdictRule(
-                test.name, test.value, test.limit, test.passed, f"{test.name}: {test.value:.3g}, limit {test.limit:g}"
-            )
-        )
+        consequence = test.detail or f"{test.name}: {test.value:.3g}, limit {test.limit:g}"
+        rules.append(VerdictRule(test.name, test.value, test.limit, test.passed, consequence))
     if not all(test.passed for test in evidence.adequacy):
         return Decision("unexplained", tuple(rules))
     for names, gain in evidence.unresolved.items():

@@ -18,6 +18,7 @@ from flashtemp.discovery.diagnostics.cross_validation import rms_change_error
 from flashtemp.discovery.diagnostics.effect_size import LargestChange
 from flashtemp.discovery.diagnostics.input_checks import FIXED_INPUT_SD_FRACTION, InputCheck
 from flashtemp.discovery.diagnostics.mesh_resolution import mesh_resolution_warnings, unconverged_fit_warnings
+from flashtemp.discovery.diagnostics.rule_sentences import describe_success
 from flashtemp.discovery.diagnostics.setup_errors import SetupError
 from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
 from flashtemp.discovery.measurement_errors.recording_errors import RecordingError
@@ -172,7 +173,7 @@ def _input_result(c: InputCheck) -> InputResult:
 def _rule_result(r: VerdictRule) -> RuleResult:
     """A rule for the report, with the sentence that is true of its result."""
     result = RuleResult(**asdict(r))
-    return replace(result, consequence=verdict_sentences.describe_success(result)) if r.passed else result
+    return replace(result, consequence=describe_success(result)) if r.passed else result
 
 
 def _suggest_experiment(search: EffectSearch, group: tuple[str, ...]) -> str:

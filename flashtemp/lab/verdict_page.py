@@ -191,7 +191,7 @@ class VerdictCards:
 
     # --- certainty ---------------------------------------------------------------------------------------
     def _show_certainty(self) -> None:
-        from flashtemp.discovery.diagnostics.verdict_sentences import explain_uncertainty
+        from flashtemp.discovery.diagnostics.rule_sentences import explain_uncertainty
 
         v = self.verdict
         with card("How certain it is", "Each rule of the verdict with its number."):
@@ -223,7 +223,7 @@ def _law_number(law: dict[str, Any]) -> MainNumber | None:
 
 
 def _rule_cells(rule: Any) -> tuple[str, str, str, str]:
-    from flashtemp.discovery.diagnostics.verdict_sentences import describe_rule
+    from flashtemp.discovery.diagnostics.rule_sentences import describe_rule
     from flashtemp.viz.number_format import format_number
 
     words = describe_rule(rule.name)

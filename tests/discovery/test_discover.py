@@ -28,7 +28,7 @@ from flashtemp.comparison import campaign
 from flashtemp.comparison.noise_whitening import NoiseWhitening
 from flashtemp.comparison.synthetic_campaign import SEALED_TRUTH, SyntheticPlan, make_synthetic_campaign
 from flashtemp.discovery import engine
-from flashtemp.discovery.diagnostics.verdict_sentences import ADEQUACY_WORDS
+from flashtemp.discovery.diagnostics.rule_sentences import ADEQUACY_WORDS
 from flashtemp.discovery.estimation import fitting
 from flashtemp.discovery.parameters import SHIFT_KINDS, ParameterId
 from flashtemp.discovery.prediction import prediction

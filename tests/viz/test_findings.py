@@ -20,15 +20,15 @@ from flashtemp.comparison.compare import RecordingComparison
 from flashtemp.comparison.noise import NoiseLevels, lag1_autocorrelation, largest_structured_residual
 from flashtemp.comparison.noise_whitening import whiten_residual
 from flashtemp.discovery.criteria import CRITERIA
-from flashtemp.discovery.decision import AdequacyTest, AlternativeCause, EffectSize, VerdictEvidence, decide
+from flashtemp.discovery.decision import NOISE_TEST, AdequacyTest, AlternativeCause, EffectSize, VerdictEvidence, decide
 from flashtemp.discovery.diagnostics import adequacy_tests as adequacy
-from flashtemp.discovery.diagnostics.verdict_sentences import (
+from flashtemp.discovery.diagnostics.rule_sentences import (
     ADEQUACY_WORDS,
     describe_rule,
     describe_success,
-    describe_verdict,
     explain_uncertainty,
 )
+from flashtemp.discovery.diagnostics.verdict_sentences import describe_verdict
 from flashtemp.discovery.verdict import (
     VERDICT_KINDS,
     CandidateReport,
@@ -801,7 +801,7 @@ def test_every_rule_of_a_decision_has_words_and_the_side_of_its_limit_is_right()
 def test_adequacy_tests_and_their_words_have_the_same_names(monkeypatch):
     monkeypatch.setattr(adequacy, "unnamed_heat_evidence", lambda *a: 0.0)
     monkeypatch.setattr(adequacy, "pressure_mode_chi2", lambda *a: 0.0)
-    monkeypatch.setattr(adequacy, "largest_misfit", lambda *a: 0.0)
+    monkeypatch.setattr(adequacy, "largest_misfit", lambda *a: None)
     monkeypatch.setattr(adequacy, "normalised_deviations", lambda *a: {})
     fit = SimpleNamespace(blocks=(), system=SimpleNamespace(fitted_columns=()), model=SimpleNamespace(effects=()))
     assert [t.name for t in adequacy.run_adequacy_tests(None, fit, CRITERIA)] == list(ADEQUACY_WORDS)
@@ -904,6 +904,22 @@ def test_the_first_sentence_is_the_verdict_in_plain_words(kind, changes, first, 
     assert "contact.pressure is stated as 150000 Pa +- 2 %; the data require 165000 +- 3100 Pa, 6.2" in lines[
         contradictions[0]
     ]  # fmt: skip
+
+
+NOISY = RuleResult(NOISE_TEST, 1.4, 1.0, False, "the residuals of wall.nc are 1.3 times its noise (rms)")
+
+
+def test_residuals_above_the_noise_are_no_missing_effect_where_all_else_fits():
+    """Only the test of noise fails: the first sentence names the recording, the second what may be wrong with it."""
+    lines = describe_verdict(verdict("unexplained", rules=(PASSED, NOISY)), catalogue())
+    assert lines[0].startswith("The residuals of wall.nc are 1.3 times its noise (rms)")
+    assert "constant offset" in lines[1]
+    assert not any("Something is missing" in line or "tested and failed" in line for line in lines)
+    both_fail = describe_verdict(verdict("unexplained", rules=(FAILED, NOISY)), catalogue())
+    assert both_fail[0].startswith("Something is missing")
+    assert any("another shape is needed" in line and "residuals of wall.nc" in line for line in both_fail)
+    old = replace(NOISY, consequence=f"{NOISE_TEST}: 1.4, limit 1")  # stored by an earlier version
+    assert describe_verdict(verdict("unexplained", rules=(old,)), catalogue())[0].startswith("The residuals of a rec")
 
 
 def test_an_input_of_another_verdict_is_contradicted_once_and_only_beyond_chance():

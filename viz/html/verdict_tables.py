@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from flashtemp.discovery.diagnostics.verdict_sentences import describe_rule, explain_uncertainty
+from flashtemp.discovery.diagnostics.rule_sentences import describe_rule, explain_uncertainty
 from flashtemp.discovery.verdict import CandidateReport, InputResult, RuleResult, StructureTest, Verdict
 from flashtemp.display import format_count
 from flashtemp.viz import key_labels

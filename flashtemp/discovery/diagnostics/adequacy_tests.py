@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +11,7 @@ from flashtemp.comparison.campaign import RecordingEntry
 from flashtemp.comparison.line_noise import frame_mean
 from flashtemp.comparison.noise import lag1_autocorrelation
 from flashtemp.discovery.criteria import Criteria
-from flashtemp.discovery.decision import AdequacyTest
+from flashtemp.discovery.decision import NOISE_TEST, AdequacyTest
 from flashtemp.discovery.estimation.linear_gaussian import Array, DataBlock, whitened_residual
 from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
 from flashtemp.discovery.estimation.nuisance_priors import (
@@ -66,23 +66,47 @@ def run_adequacy_tests(problem: Problem, fit: LinearisedFit, criteria: Criteria)
         AdequacyTest("pressure of any shape (chi2 of modes)", pressure_mode_chi2(fit), criteria.pressure_modes_chi2),
         AdequacyTest("calibrated parameters (standard deviations)", keys, criteria.pull_adequate),
         AdequacyTest("camera and friction scatter (standard deviations)", other, criteria.pull_nuisance),
-        AdequacyTest("noise left over (chi2 over what noise may give)", largest_misfit(fit, every, criteria), 1.0),
+        _test_noise(largest_misfit(fit, every, criteria)),
     )  # fmt: skip
 
 
-def largest_misfit(fit: LinearisedFit, all_data_fit: LinearisedFit, criteria: Criteria) -> float:
-    """Largest chi2 per datum of a recording, relative to the largest value that its noise explains.
+@dataclass(frozen=True)
+class RecordingMisfit:
+    """`chi2` per datum of a recording with the file `label`, and the largest value `limit` that its noise explains."""
+
+    label: str
+    chi2: float
+    limit: float
+
+    @property
+    def words(self) -> str:
+        """The misfit in words, as ratios of rms values."""
+        ratio, explained = np.sqrt(self.chi2), np.sqrt(self.limit)
+        return (
+            f"the residuals of {self.label} are {ratio:.3g} times its noise (rms), which explains {explained:.3g} times"
+        )
+
+
+def _test_noise(worst: RecordingMisfit | None) -> AdequacyTest:
+    """The test of noise on the recording with the largest misfit; passed without data."""
+    if worst is None:
+        return AdequacyTest(NOISE_TEST, 0.0, 1.0)
+    return AdequacyTest(NOISE_TEST, worst.chi2 / worst.limit, 1.0, worst.words)
+
+
+def largest_misfit(fit: LinearisedFit, all_data_fit: LinearisedFit, criteria: Criteria) -> RecordingMisfit | None:
+    """The recording whose chi2 per datum is largest relative to the largest value that its noise explains.
 
     The noise explains an excess from chance and from the uncertainty of its own stated variance, added in quadrature.
     """
-    worst = 0.0
+    out = []
     fitted, all_data = (f.system.block_chi2(f.solution) for f in (fit, all_data_fit))
     for b, chi2_fitted, chi2_all_data in zip(fit.blocks, fitted, all_data, strict=True):
         chance = criteria.adequacy_standard_errors * np.sqrt(2.0 / b.count)
         stated = 2.0 * 2.0 * criteria.noise_sd_uncertainty  # two standard uncertainties of a variance
         chi2 = (chi2_all_data if b.held_out else chi2_fitted) / b.count
-        worst = max(worst, chi2 / (1.0 + float(np.hypot(chance, stated))))
-    return float(worst)
+        out.append(RecordingMisfit(b.label, float(chi2), 1.0 + float(np.hypot(chance, stated))))
+    return max(out, key=lambda m: m.chi2 / m.limit, default=None)
 
 
 def unnamed_heat_evidence(problem: Problem, fit: LinearisedFit) -> float:

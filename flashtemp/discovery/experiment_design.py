@@ -8,7 +8,7 @@ follows from the model.  The experiment to add is the one that leaves most of th
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -37,6 +37,7 @@ from flashtemp.errors import FlashtempError
 from flashtemp.physics.quantities import KELVIN
 
 DETECTION_Z = 5.0  # signal-to-noise ratio at which an effect is distinguished from all others
+MIN_SUGGESTED_Z = 2.0  # signal-to-noise ratio from which a condition is suggested to distinguish effects
 RIVAL_PRIOR_STRENGTHS = 3.0  # prior width of every other effect, in typical strengths
 DEFAULT_WHITE_NOISE_K, DEFAULT_PATTERN_NOISE_K = 0.05, 0.03  # K: noise of a camera without stated noise
 CANDIDATE_CONDITIONS: tuple[tuple[str, str, float, float], ...] = (  # words, key, factor or difference
@@ -176,14 +177,37 @@ def rank_sensor_positions(problem: Problem, fit: LinearisedFit, effects: list[st
     return tuple(sorted(out, key=lambda e: (-len(e.helps), -min(e.z_left.values(), default=0.0))))
 
 
-def suggest_experiment(problem: Problem, fit: LinearisedFit, alike: tuple[str, ...]) -> str:
-    """The experiment that best distinguishes effects that explain the data equally well, in words."""
-    found = rank_experiments(problem, fit, list(alike))
+def suggest_experiment(
+    problem: Problem, fit: LinearisedFit, alike: tuple[str, ...], strengths: Mapping[str, float]
+) -> str:
+    """The experiment that best distinguishes effects that explain the data equally well, in words.
+
+    `strengths` {effect: strength}: what each of them needs to explain the data, as a change from its neutral value.
+    """
+    # only the group and the effects that are certain compete: the data rejected all others
+    rivals = frozenset({*alike, *fit.model.effects})
+    kept = replace(
+        problem, candidates=tuple(_with_strength(c, strengths) for c in problem.candidates if c.effect in rivals)
+    )
+    found = rank_experiments(kept, fit, list(alike))
+    direct = "measure the pressure, the friction or the temperature in the contact directly"
     if not found:
-        return "no further condition was found that separates them; measure the pressure or the friction directly"
+        return f"no further condition could be simulated; {direct}"
     best = found[0]
-    least = min(best.z_left[e] for e in alike if e in best.z_left)
+    least = min((best.z_left[e] for e in alike if e in best.z_left), default=0.0)
+    if least < MIN_SUGGESTED_Z:
+        tried = ", ".join(e.words for e in found)
+        return (
+            f"none of the conditions that were tried would do ({tried}): the best is one {best.words}, with "
+            f"{least:.1f} sigma; {direct}"
+        )
     return f"measure one more condition {best.words}: it would tell {' and '.join(alike)} apart by {least:.0f} sigma"
+
+
+def _with_strength(c: CandidateEffect, strengths: Mapping[str, float]) -> CandidateEffect:
+    """A candidate whose typical strength is the one that it needs, if that is known."""
+    needed = strengths.get(c.effect, 0.0)
+    return replace(c, strengths=c.strengths | {c.leading_strength[0]: needed}) if needed else c
 
 
 def rank_experiments(problem: Problem, fit: LinearisedFit, effects: list[str]) -> tuple[ProposedExperiment, ...]:

@@ -32,6 +32,7 @@ from flashtemp.discovery.selection.forward_selection import (
 )
 from flashtemp.discovery.selection.scores import compute_separability
 from flashtemp.discovery.verdict import (
+    CandidateReport,
     Cause,
     FitMetrics,
     InputCorrection,
@@ -66,6 +67,7 @@ def assemble_verdict(
     causes = (
         tuple(fit_report.describe_cause(search, final, e, gain) for e in final.model.effects) if shows_cause else ()
     )
+    rivals = fit_report.report_candidates(search, accepted)
     unusual = [e for e in setup if e.is_unusual(CRITERIA)]
     named_setup = [e for e in unusual if not e.is_input] if kind not in ("no_verdict", "unexplained") else []
     separable = compute_separability(search.base, problem.candidates)
@@ -77,10 +79,10 @@ def assemble_verdict(
         says=(),
         causes=(*map(_recording_error_cause, search.recording_errors), *map(_setup_error_cause, named_setup), *causes),
         group=decision.group,
-        next_experiment=_suggest_experiment(search, decision.group),
+        next_experiment=_suggest_experiment(search, decision.group, rivals),
         base=base.metrics,
         extended=_with_change_errors(base, extended) if causes else None,
-        rivals=fit_report.report_candidates(search, accepted),
+        rivals=rivals,
         nuisance=fit_report.calibrated_parameters(search, final),
         tests=(*simulate_structure_tests(base.rigid, 1, "before"),
                *(simulate_structure_tests(extended.rigid, 2, "after") if causes else ())),
@@ -176,11 +178,15 @@ def _rule_result(r: VerdictRule) -> RuleResult:
     return replace(result, consequence=describe_success(result)) if r.passed else result
 
 
-def _suggest_experiment(search: EffectSearch, group: tuple[str, ...]) -> str:
+def _suggest_experiment(search: EffectSearch, group: tuple[str, ...], rivals: tuple[CandidateReport, ...]) -> str:
+    """The experiment that distinguishes the effects of a group, by the amplitudes that they need; else empty."""
     if not group or not all(name in search.problem.case.known_effects for name in group):
         return ""
-    fit = refit_with_candidates(search.problem, search.data, search.best, search.problem.candidates, lambda text: None)
-    return experiment_design.suggest_experiment(search.problem, fit, group)
+    members = [c for c in search.problem.candidates if c.effect in group]
+    fit = refit_with_candidates(search.problem, search.data, search.best, members, lambda text: None)
+    neutral = {c.effect: c.params[c.leading_strength[0]].off or 0.0 for c in members}
+    strengths = {r.effect: r.amplitude - neutral[r.effect] for r in rivals if r.effect in neutral}
+    return experiment_design.suggest_experiment(search.problem, fit, group, strengths)
 
 
 def _parameter_shifts(

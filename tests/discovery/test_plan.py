@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,10 +14,11 @@ from flashtemp.__main__ import main
 from flashtemp.comparison import campaign
 from flashtemp.comparison.synthetic_campaign import SyntheticPlan, make_synthetic_campaign
 from flashtemp.discovery import experiment_design
-from flashtemp.discovery.experiment_design import DETECTION_Z, assess_design
+from flashtemp.discovery.experiment_design import DETECTION_Z, ProposedExperiment, assess_design, suggest_experiment
+from flashtemp.discovery.hypotheses.candidates import find_candidates
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction.prediction import DerivativeRequest, predict_condition
-from flashtemp.discovery.prediction.problem import prepare_problem
+from flashtemp.discovery.prediction.problem import Problem, prepare_problem
 from flashtemp.discovery.selection.scores import Separability
 from flashtemp.model.case import load_case
 from flashtemp.physics.effect import catalogue
@@ -160,6 +163,46 @@ def test_the_advice_comes_true(outlooks, tmp_path_factory):
     for name in ALIKE:
         assert found[name].is_separable
         assert found[name].z_left == pytest.approx(best.z_left[name], rel=0.35)
+
+
+MEMBERS = ("interface_resistance", "heat_depth")
+
+
+@pytest.fixture
+def suggest(monkeypatch):
+    """z of a condition -> the suggestion for a group, and the candidates that compete; `wear` is certain."""
+
+    def suggest_with(z):
+        case = load_case(Path(__file__).parents[2] / "cases" / "uniform_pressure" / "case.toml")
+        some = find_candidates(case, (*MEMBERS, "wear", "radiation"))[0]
+        asked = []
+
+        def rank(problem, fit, effects):
+            asked.extend(problem.candidates)
+            return (ProposedExperiment("at half the pressure", {}, {e: z + k for k, e in enumerate(effects)}, ()),)
+
+        monkeypatch.setattr(experiment_design, "rank_experiments", rank)
+        problem = Problem(None, (), (), tuple(some), {}, None, case)
+        fit = SimpleNamespace(model=SimpleNamespace(effects={"wear": {}, MEMBERS[0]: {}}))
+        return suggest_experiment(problem, fit, MEMBERS, {MEMBERS[1]: 3e-4}), asked
+
+    return suggest_with
+
+
+def test_only_effects_that_the_data_allow_compete_with_the_strengths_that_they_need(suggest):
+    """A rejected effect may not hide what tells two others apart."""
+    asked = {c.effect: c for c in suggest(4.0)[1]}
+    assert set(asked) == {*MEMBERS, "wear"}
+    assert asked[MEMBERS[1]].leading_strength[1] == 3e-4
+
+
+def test_no_experiment_is_suggested_that_would_tell_nothing(suggest):
+    assert suggest(4.0)[0].startswith("measure one more condition at half the pressure")
+    assert "apart by 4 sigma" in suggest(4.0)[0]
+    useless = suggest(0.3)[0]
+    assert "measure one more condition" not in useless
+    assert "none of the conditions that were tried would do (at half the pressure)" in useless
+    assert "0.3 sigma" in useless
 
 
 @pytest.mark.long

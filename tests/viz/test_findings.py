@@ -922,6 +922,11 @@ def test_residuals_above_the_noise_are_no_missing_effect_where_all_else_fits():
     assert describe_verdict(verdict("unexplained", rules=(old,)), catalogue())[0].startswith("The residuals of a rec")
 
 
+def test_a_group_says_what_each_of_its_effects_needs():
+    [line] = [t for t in describe_verdict(verdict("group", group=tuple(NAMES[2:4])), catalogue()) if "would need" in t]
+    assert line == f"Each of them alone would need: {NAMES[2]}.r = 1.45 +- 0.05; {NAMES[3]}.r = 2.45 +- 0.05 W/m2/K."
+
+
 def test_an_input_of_another_verdict_is_contradicted_once_and_only_beyond_chance():
     held = InputCorrection("contact.pressure", 1.5e5, 1.65e5, 3.1e3, "Pa", 14.0, "")
     faint = stated_input("schedule.speed", "contradicted", 3.1, CRITERIA.ln_bayes_hint - 1.0)

@@ -195,9 +195,22 @@ def _answer_group(v: Verdict, known: Mapping[str, type[Effect]]) -> Iterator[str
         return
     confirmed = [c for c in _physical_causes(v) if c.effect in v.certain]
     yield f"One {'more ' * bool(confirmed)}effect is missing, and these data cannot distinguish which: {words}."
+    if needed := _needed_amplitudes(v):
+        yield f"Each of them alone would need: {'; '.join(needed)}."
     yield from (f"Confirmed: {_cause_words(c)}; {_parameter_words(c)}".removesuffix("; ") + "." for c in confirmed)
     if v.next_experiment:
         yield f"To distinguish them: {v.next_experiment}."
+
+
+def _needed_amplitudes(v: Verdict) -> list[str]:
+    """The amplitude that each effect of a group needs to explain the data, as far as it was estimated."""
+    reports = {r.effect: r for r in v.rivals}
+    out = []
+    for r in (reports[name] for name in v.group if name in reports and reports[name].parameter):
+        error = f" +- {r.stderr:.2g}" if r.stderr > 0.0 else ""
+        at_bound = "" if error else " (at its bound)"
+        out.append(f"{r.parameter} = {r.amplitude:.4g}{error}{unit_suffix(r.unit)}{at_bound}")
+    return out
 
 
 def _is_setup_group(v: Verdict, known: Mapping[str, type[Effect]]) -> bool:

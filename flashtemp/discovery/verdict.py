@@ -277,6 +277,21 @@ class NormalisedDeviation:
     unit: str = "1"
 
 
+@dataclass(frozen=True)
+class FrictionDifference:
+    """Friction in `higher` above that in `lower` (conditions or repetitions, in words) by `value`, relative, with its
+    standard error; more than usual scatter.
+
+    `is_between_conditions`: else it is between repetitions of one condition.
+    """
+
+    higher: str
+    lower: str
+    value: float
+    stderr: float
+    is_between_conditions: bool
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Verdict(DisplayMixin):
     """The whole result.  `kind` is one of VERDICT_KINDS and is decided by `decision.decide`; `says` it in sentences.
@@ -289,6 +304,7 @@ class Verdict(DisplayMixin):
     `laboratory`: set-up errors that are within usual limits.  `held_key`: a stated input that the data contradict.
     `law`: a law outside the catalogue.  `inputs`: checks of all stated inputs; `inputs_told_together`: keys that the
     data cannot distinguish; `alternative_inputs`: inputs of the group with the values that they would need.
+    `friction_differences`: friction of conditions and repetitions that differs by more than usual scatter.
     """
 
     title: str
@@ -323,6 +339,7 @@ class Verdict(DisplayMixin):
     inputs: tuple[InputResult, ...] = ()
     inputs_told_together: tuple[tuple[str, ...], ...] = ()
     alternative_inputs: tuple[InputCorrection, ...] = ()
+    friction_differences: tuple[FrictionDifference, ...] = ()
 
     @property
     def corrected_key(self) -> InputCorrection | None:
@@ -375,6 +392,7 @@ class Verdict(DisplayMixin):
             "inputs": [asdict(i) for i in self.inputs],
             "inputs_told_together": [list(group) for group in self.inputs_told_together],
             "alternative_inputs": [asdict(h) for h in self.alternative_inputs],
+            "friction_differences": [asdict(d) for d in self.friction_differences],
             "seconds": self.seconds,
         }
 

@@ -16,6 +16,7 @@ from flashtemp.discovery.diagnostics import fit_report, missing_heat, verdict_se
 from flashtemp.discovery.diagnostics.adequacy_tests import run_adequacy_tests, simulate_structure_tests
 from flashtemp.discovery.diagnostics.cross_validation import rms_change_error
 from flashtemp.discovery.diagnostics.effect_size import LargestChange
+from flashtemp.discovery.diagnostics.friction_differences import find_friction_differences
 from flashtemp.discovery.diagnostics.input_checks import FIXED_INPUT_SD_FRACTION, InputCheck
 from flashtemp.discovery.diagnostics.mesh_resolution import mesh_resolution_warnings, unconverged_fit_warnings
 from flashtemp.discovery.diagnostics.rule_sentences import describe_success
@@ -105,6 +106,7 @@ def assemble_verdict(
         inputs=tuple(map(_input_result, inputs.checks)),
         inputs_told_together=inputs.groups,
         alternative_inputs=_alternative_inputs(search, inputs, decision.group),
+        friction_differences=find_friction_differences(final),
     )  # fmt: skip
     return replace(verdict, says=verdict_sentences.describe_verdict(verdict, problem.case.known_effects))
 

@@ -35,6 +35,7 @@ from flashtemp.discovery.verdict import (
     Cause,
     ConditionEstimate,
     FitMetrics,
+    FrictionDifference,
     InputCorrection,
     InputResult,
     LearnedLaw,
@@ -925,6 +926,19 @@ def test_residuals_above_the_noise_are_no_missing_effect_where_all_else_fits():
 def test_a_group_says_what_each_of_its_effects_needs():
     [line] = [t for t in describe_verdict(verdict("group", group=tuple(NAMES[2:4])), catalogue()) if "would need" in t]
     assert line == f"Each of them alone would need: {NAMES[2]}.r = 1.45 +- 0.05; {NAMES[3]}.r = 2.45 +- 0.05 W/m2/K."
+
+
+def test_friction_that_differs_is_said_in_every_valid_answer():
+    differs = (FrictionDifference("condition 2", "condition 1", 0.084, 0.003, True),)
+    for kind in VERDICT_KINDS:
+        lines = describe_verdict(verdict(kind, friction_differences=differs), catalogue())
+        said = [line for line in lines if line.startswith("Friction differs between conditions by 8.4 % (+- 0.3 %)")]
+        assert len(said) == (kind not in ("no_verdict", "unexplained"))
+        assert all("error of the stated load" in line for line in said)
+    repeated = (replace(differs[0], is_between_conditions=False),)
+    assert "Friction differs between repetitions by 8.4 %" in str(
+        describe_verdict(verdict("none_needed", friction_differences=repeated), catalogue())
+    )
 
 
 def test_an_input_of_another_verdict_is_contradicted_once_and_only_beyond_chance():

@@ -115,6 +115,7 @@ def describe_verdict(v: Verdict, known: Mapping[str, type[Effect]]) -> tuple[str
         *_describe_gain(v),
         *_describe_alternative(v),
         *_describe_shifts(v),
+        *_describe_friction(v),
         *_describe_usual_errors(v),
     )
 
@@ -360,6 +361,23 @@ def _describe_shifts(v: Verdict) -> Iterator[str]:
             instead = f"{after:.4g} +- {error:.2g}{unit_suffix(now.unit)}"
             instead += f" (at {references[name]})" if name in references else ""
             yield f"Without it, {name} would be estimated as {before:.4g}{limit} instead of {instead}."
+
+
+def _describe_friction(v: Verdict) -> Iterator[str]:
+    """Friction that differs by more than usual scatter, which calibration absorbs without naming a cause."""
+    for d in () if v.kind in ("no_verdict", "unexplained") else v.friction_differences:
+        error = f"(+- {format_error(d.stderr, '1')}), higher in {d.higher} than in {d.lower}"
+        size = f"by {format_error(d.value, '1')} {error}"
+        if d.is_between_conditions:
+            yield (
+                f"Friction differs between conditions {size}: a law of load or speed, an error of the stated load, or "
+                "scatter from test to test. Repeat one condition to tell."
+            )
+        else:
+            yield (
+                f"Friction differs between repetitions {size}: running-in, warming, or scatter from repetition to "
+                "repetition."
+            )
 
 
 def _describe_usual_errors(v: Verdict) -> Iterator[str]:

@@ -142,7 +142,7 @@ class LearnedLaw:
 
     `curve` (n,) at values `at` (n,) of the argument, with its 95 % band `low`, `high` (n,); a factor if `unit` is "1".
     `formula`: empty unless a formula fits as well as the curve.  `nodes`: arguments at which the piecewise linear law
-    of the file is given.  `beside` {law in words: ln Bayes factor by sensitivities}: laws that are nearly as likely.
+    of the file is given.  `beside` {law in words: ln Bayes factor}: laws that are nearly as likely.
     """
 
     quantity: str

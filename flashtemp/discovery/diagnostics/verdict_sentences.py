@@ -155,7 +155,7 @@ def _answer_learned(v: Verdict) -> Iterator[str]:
     yield f"As a formula: {law.formula}." if law.formula else "No formula of the family fits the curve."
     if law.beside:
         others = "; ".join(f"{words} ({gain:.0f})" for words, gain in list(law.beside.items())[:MAX_LISTED_ITEMS])
-        yield f"Other laws that may explain the data, with the ln Bayes factors of their sensitivities: {others}."
+        yield f"Other laws that may explain the data, with their ln Bayes factors: {others}."
 
 
 def _answer_input_wrong(v: Verdict) -> Iterator[str]:

@@ -54,6 +54,7 @@ class ScoredLaw:
     of its prior, with the `values` at its nodes; `fitted_ln_bayes` is that of its full fit with all nodes that it
     requires, if there is one.
 
+    `unresolved_gain`: ln Bayes factor that the last nodes gained, where the law would need more than MAX_LAW_NODES.
     `columns`: data blocks with these sensitivities alone, of laws that may be fitted, under the name of a verdict.
     """
 
@@ -62,6 +63,7 @@ class ScoredLaw:
     ln_bayes: float
     values: tuple[float, ...]
     fitted_ln_bayes: float | None = None
+    unresolved_gain: float = 0.0
     columns: tuple[DataBlock, ...] = ()
 
     @property
@@ -105,6 +107,8 @@ class IdentifiedLaw:
         """{law in words: ln Bayes factor} of other laws that the data do not distinguish from this one.
 
         Laws with a full fit are compared by their fits with the nodes that each requires, others by their scores.
+        Where MAX_LAW_NODES do not resolve a curve, its error counts: about as much as the last nodes gained, because
+        the error at an edge falls as the distance of nodes.
         """
         own = next(s for s in self.scored if s.law.name == self.law.name)
         out = {}
@@ -112,7 +116,8 @@ class IdentifiedLaw:
             ln_bayes, best = (other.ln_bayes, own.ln_bayes)
             if other.fitted_ln_bayes is not None and own.fitted_ln_bayes is not None:
                 ln_bayes, best = other.fitted_ln_bayes, own.fitted_ln_bayes
-            if other is not own and ln_bayes > best - CRITERIA.ln_bayes_distinct:
+            margin = max(CRITERIA.ln_bayes_distinct, own.unresolved_gain, other.unresolved_gain)
+            if other is not own and ln_bayes > best - margin:
                 out[other.law.description] = ln_bayes
         return out
 
@@ -168,9 +173,17 @@ def identify_law(search: EffectSearch, watch: ProgressCallback) -> IdentifiedLaw
     if best.fit.ln_evidence - search.base.ln_evidence < least:
         return None
     refined = _refine_laws(search, fitted, watch)
-    gains = {f.law.name: f.fit.ln_evidence - search.base.ln_evidence for f in refined}
-    scored = tuple(replace(s, fitted_ln_bayes=gains.get(s.law.name), columns=()) for s in scored)
+    ends = {f.scored.law.name: f for f in refined}
+    scored = tuple(_with_full_fit(s, ends.get(s.law.name), search) for s in scored)
     return _finish_law(search, max(refined, key=lambda f: f.fit.ln_evidence), scored, watch)
+
+
+def _with_full_fit(scored: ScoredLaw, found: FittedLaw | None, search: EffectSearch) -> ScoredLaw:
+    """A score with the result of its full fit, if there is one."""
+    if found is None:
+        return replace(scored, columns=())
+    gain = found.fit.ln_evidence - search.base.ln_evidence
+    return replace(scored, fitted_ln_bayes=gain, unresolved_gain=found.scored.unresolved_gain, columns=())
 
 
 def heldout_excess(search: EffectSearch) -> tuple[float, float]:
@@ -320,7 +333,9 @@ def _refine_nodes(search: EffectSearch, found: FittedLaw, watch: ProgressCallbac
             is_neutral = gain > -CRITERIA.ln_bayes_law_node
             if not is_neutral or _is_adequate(found) or not _is_adequate(finer):
                 break
-        found = finer
+        is_limited = finer.scored.law.refined_nodes == finer.scored.law.nodes
+        unresolved = max(gain, 0.0) if is_limited else 0.0
+        found = replace(finer, scored=replace(finer.scored, unresolved_gain=unresolved))
     return found
 
 

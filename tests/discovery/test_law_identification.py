@@ -276,7 +276,18 @@ def test_all_laws_get_more_nodes_where_the_best_one_needs_them(identify_by_gains
          "pressure": {5: 20.0, 9: 80.0, 17: 166.0}}
     )  # fmt: skip
     assert (found.law.name, len(found.law.nodes)) == ("friction", 17)
-    assert found.alternatives == {"pressure": 166.0}  # 161 with the nodes that it needs is 9 less
+    # both rivals are within the 80 that the last nodes gained: no curve with an edge is resolved by 17 nodes
+    assert found.alternatives == {"resistance": 161.0, "pressure": 166.0}
+
+
+def test_curves_that_nodes_resolve_are_compared_by_their_evidence(identify_by_gains):
+    """17 nodes gain nothing more, so only what is less than 5 behind is as likely: 161 with enough nodes is 9 less."""
+    found = identify_by_gains(
+        {"resistance": {5: 79.0, 9: 161.0, 17: 162.0}, "friction": {5: 25.0, 9: 170.0, 17: 170.0},
+         "pressure": {5: 20.0, 9: 166.0, 17: 166.0}}
+    )  # fmt: skip
+    assert (found.law.name, len(found.law.nodes)) == ("friction", 9)
+    assert found.alternatives == {"pressure": 166.0}
 
 
 def test_no_other_law_is_refined_where_five_nodes_suffice(identify_by_gains):

@@ -151,11 +151,11 @@ def _answer_learned(v: Verdict) -> Iterator[str]:
         return
     gain = f"; ln Bayes factor {effects[0].ln_bayes:.0f} against the model without it" if effects else ""
     yield f"A law outside the catalogue was learned from the data: {law.words}{gain}."
-    yield _law_words(law)
-    yield f"As a formula: {law.formula}." if law.formula else "No formula of the family fits the curve."
     if law.beside:
         others = "; ".join(f"{words} ({gain:.0f})" for words, gain in list(law.beside.items())[:MAX_LISTED_ITEMS])
         yield f"Other laws that may explain the data, with their ln Bayes factors: {others}."
+    yield _law_words(law)
+    yield f"As a formula: {law.formula}." if law.formula else "No formula of the family fits the curve."
 
 
 def _answer_input_wrong(v: Verdict) -> Iterator[str]:

@@ -193,15 +193,23 @@ def suggest_experiment(
     direct = "measure the pressure, the friction or the temperature in the contact directly"
     if not found:
         return f"no further condition could be simulated; {direct}"
-    best = found[0]
-    least = min((best.z_left[e] for e in alike if e in best.z_left), default=0.0)
-    if least < MIN_SUGGESTED_Z:
+    best = max(found, key=lambda e: (len(_distinct_members(e, alike)), min(e.z_left.values(), default=0.0)))
+    apart = _distinct_members(best, alike)
+    if not apart:
         tried = ", ".join(e.words for e in found)
-        return (
-            f"none of the conditions that were tried would do ({tried}): the best is one {best.words}, with "
-            f"{least:.1f} sigma; {direct}"
-        )
-    return f"measure one more condition {best.words}: it would tell {' and '.join(alike)} apart by {least:.0f} sigma"
+        largest = max((z for e in found for z in e.z_left.values()), default=0.0)
+        return f"none of the conditions that were tried would do ({tried}): at most {largest:.1f} sigma; {direct}"
+    least = min(best.z_left[e] for e in apart)
+    rest = [e for e in alike if e not in apart]
+    others = f" from {' and '.join(rest)}" if rest else ""
+    alone = ", but not these from each other" if len(rest) > 1 else ""
+    told = f"it would tell {' and '.join(apart)} apart{others} by {least:.0f} sigma{alone}"
+    return f"measure one more condition {best.words}: {told}"
+
+
+def _distinct_members(e: ProposedExperiment, alike: Sequence[str]) -> list[str]:
+    """The effects of a group that an experiment distinguishes from all others of it."""
+    return [name for name in alike if e.z_left.get(name, 0.0) >= MIN_SUGGESTED_Z]
 
 
 def _with_strength(c: CandidateEffect, strengths: Mapping[str, float]) -> CandidateEffect:

@@ -165,21 +165,21 @@ def test_the_advice_comes_true(outlooks, tmp_path_factory):
         assert found[name].z_left == pytest.approx(best.z_left[name], rel=0.35)
 
 
-MEMBERS = ("interface_resistance", "heat_depth")
+MEMBERS = ("interface_resistance", "heat_depth", "conductance_load")
 
 
 @pytest.fixture
 def suggest(monkeypatch):
-    """z of a condition -> the suggestion for a group, and the candidates that compete; `wear` is certain."""
+    """z of each member -> the suggestion for a group, and the candidates that compete; `wear` is certain."""
 
-    def suggest_with(z):
+    def suggest_with(*z):
         case = load_case(Path(__file__).parents[2] / "cases" / "uniform_pressure" / "case.toml")
         some = find_candidates(case, (*MEMBERS, "wear", "radiation"))[0]
         asked = []
 
         def rank(problem, fit, effects):
             asked.extend(problem.candidates)
-            return (ProposedExperiment("at half the pressure", {}, {e: z + k for k, e in enumerate(effects)}, ()),)
+            return (ProposedExperiment("at half the pressure", {}, dict(zip(effects, z, strict=True)), ()),)
 
         monkeypatch.setattr(experiment_design, "rank_experiments", rank)
         problem = Problem(None, (), (), tuple(some), {}, None, case)
@@ -191,18 +191,26 @@ def suggest(monkeypatch):
 
 def test_only_effects_that_the_data_allow_compete_with_the_strengths_that_they_need(suggest):
     """A rejected effect may not hide what tells two others apart."""
-    asked = {c.effect: c for c in suggest(4.0)[1]}
+    asked = {c.effect: c for c in suggest(4.0, 5.0, 6.0)[1]}
     assert set(asked) == {*MEMBERS, "wear"}
     assert asked[MEMBERS[1]].leading_strength[1] == 3e-4
 
 
 def test_no_experiment_is_suggested_that_would_tell_nothing(suggest):
-    assert suggest(4.0)[0].startswith("measure one more condition at half the pressure")
-    assert "apart by 4 sigma" in suggest(4.0)[0]
-    useless = suggest(0.3)[0]
+    suggested = suggest(4.0, 5.0, 6.0)[0]
+    assert suggested.startswith("measure one more condition at half the pressure")
+    assert suggested.endswith(f"tell {' and '.join(MEMBERS)} apart by 4 sigma")
+    useless = suggest(0.1, 0.3, 0.2)[0]
     assert "measure one more condition" not in useless
     assert "none of the conditions that were tried would do (at half the pressure)" in useless
-    assert "0.3 sigma" in useless
+    assert "at most 0.3 sigma" in useless
+
+
+def test_an_experiment_that_tells_one_of_three_apart_is_suggested_as_such(suggest):
+    first, *rest = MEMBERS
+    assert suggest(4.0, 0.2, 0.2)[0].endswith(
+        f"it would tell {first} apart from {' and '.join(rest)} by 4 sigma, but not these from each other"
+    )
 
 
 @pytest.mark.long

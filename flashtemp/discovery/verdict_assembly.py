@@ -61,9 +61,8 @@ def assemble_verdict(
     """The verdict with everything that a report shows."""
     problem, kind = search.problem, decision.kind
     accepted = sorted(effect_names(search.best))
-    shows_cause = bool(effect_names(final)) and kind in ("named", "group", "weak", "unexplained", "learned")
-    if kind == "named" and not accepted:
-        shows_cause = False
+    shown_kinds = ("group", "weak", "unexplained", "learned", *(("named",) if accepted else ()))
+    shows_cause = bool(effect_names(final)) and kind in shown_kinds
     gain = float(extended.left_out.density.sum() - base.left_out.density.sum())
     causes = (
         tuple(fit_report.describe_cause(search, final, e, gain) for e in final.model.effects) if shows_cause else ()

@@ -208,7 +208,7 @@ def _for_adequacy(fit: StoredFit) -> Any:
     return SimpleNamespace(
         fit=fit, value=value, model=fit.model, solution=None,
         system=SimpleNamespace(fitted_columns=frozenset(), block_chi2=lambda solution: misfits),
-        blocks=[SimpleNamespace(count=count, held_out=False) for _, count in fit.misfits],
+        blocks=[SimpleNamespace(label="", count=count, held_out=False) for _, count in fit.misfits],
     )  # fmt: skip
 
 

@@ -7,6 +7,7 @@ import warnings
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -304,9 +305,9 @@ def load(path: str | Path, limit: float | None = None) -> Recording:
         raise BadInput(*(f"{path}: {line}" for line in fault.lines)) from fault
 
 
-def _read_optional(ds) -> dict[str, float]:
+def _read_optional(ds) -> dict[str, Any]:
     """What the attributes of a file tell about the camera.  Raises BadInput."""
-    given: dict[str, float] = {}
+    given: dict[str, Any] = {}
     for name in OPTIONAL_ATTRIBUTES.keys() & set(ds.attrs):
         with contextlib.suppress(TypeError, ValueError):
             given[name] = float(ds.attrs[name])

@@ -85,6 +85,11 @@ def _read_uncertainty(key: str, value: Any, case: Case, free: tuple[str, ...]) -
     return out
 
 
+def is_zero(value: Any) -> bool:
+    """Whether a value of a case is the number 0, which switches off what it measures unless it is a temperature."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and value == 0
+
+
 def _check_zero(key: str, known: StatedUncertainty, case: Case, overrides: Sequence[Any]) -> None:
     """Raise BadInput for a number that is 0 in the case and under all overrides, unless it is a temperature.
 
@@ -96,7 +101,7 @@ def _check_zero(key: str, known: StatedUncertainty, case: Case, overrides: Seque
         return
     stated = full.values[table][name]
     changed = [flatten_tables(o).get(key, stated) if isinstance(o, dict) else stated for o in overrides] or [stated]
-    if not all(isinstance(v, (int, float)) and not isinstance(v, bool) and v == 0 for v in changed):
+    if not all(is_zero(v) for v in changed):
         return
     if key in APPROXIMATE_ZEROS:
         if known.relative:

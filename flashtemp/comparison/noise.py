@@ -65,7 +65,7 @@ def estimate_noise(
     quantisation step of the camera; estimates are made with dither, because medians of rounded values are multiples of
     the step.
     """
-    residual, rest = (None if a is None else add_dither(a, digit_step) for a in (residual, rest))
+    residual, rest = add_dither(residual, digit_step), None if rest is None else add_dither(rest, digit_step)
     stated, rounding = white, digit_step / np.sqrt(12.0)
     estimated = []
     weights = None if averaged is None else np.array(averaged, float)

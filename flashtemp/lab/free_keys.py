@@ -8,8 +8,9 @@ from typing import Any, Final
 
 from nicegui import ui
 
-from flashtemp.comparison.known_inputs import known_keys
+from flashtemp.comparison.known_inputs import APPROXIMATE_ZEROS, is_zero, known_keys
 from flashtemp.discovery.hypotheses.candidates import prior_sd_of_key
+from flashtemp.discovery.hypotheses.input_kinds import input_kind
 from flashtemp.lab.campaign_checks import CampaignCheck
 from flashtemp.lab.campaign_document import CampaignDocument, format_cell, parse_cell
 from flashtemp.lab.key_units import describe_value
@@ -58,13 +59,18 @@ def list_free_keys(case: Case) -> dict[str, InputKey]:
 
 
 def list_known_keys(case: Case) -> dict[str, InputKey]:
-    """Keys whose uncertainty a campaign may state: numbers of the case, its materials and its cameras."""
+    """Keys whose uncertainty a campaign may state: numbers of the case, its materials and its cameras.
+
+    Zeros that switch something off have none.
+    """
     full = expand_materials(case)
     out = {}
     for key, unit in known_keys(case).items():
         table, _, name = key.rpartition(".")
         if table in full.values:
-            out[key] = InputKey(key, full.declared_params(table)[name].about, unit, full.values[table].get(name))
+            value = full.values[table].get(name)
+            if unit == "degC" or key in APPROXIMATE_ZEROS or not is_zero(value):
+                out[key] = InputKey(key, full.declared_params(table)[name].about, unit, value)
         else:
             out[key] = InputKey(key, VIEW_WORDS.get(name, name), unit, None)
     return out
@@ -97,6 +103,8 @@ def suggest_known(key: InputKey) -> Any:
     >>> suggest_known(InputKey("contact.pressure", "", "Pa", 1e5)), suggest_known(InputKey("b.T", "", "degC", 20.0))
     (0.02, '0.5 K')
     """
+    if key.name in APPROXIMATE_ZEROS and is_zero(key.value):
+        return f"{input_kind(key.name, key.unit, is_zero=True).sd:g} {key.unit}"
     sd, relative, _ = USUAL_SD.get(key.name, (0.5, False, "") if key.unit == "degC" else (USUAL_KNOWN_SD, True, ""))
     if not relative and key.unit in ("", "1"):  # without a unit it would be read as relative
         sd, relative = sd / abs(key.value) if key.value else USUAL_KNOWN_SD, True

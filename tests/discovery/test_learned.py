@@ -164,7 +164,7 @@ def test_walls_cool_at_rest_too():
 def test_a_law_counts_only_where_it_explains_more_than_the_catalogue_does(monkeypatch, known, goes_on):
     found = law(*pair("walls", "speed"))
     scored = law_identification.ScoredLaw(found, 1.0, 300.0, found.values)
-    fitted = SimpleNamespace(law=found, fit=SimpleNamespace(ln_evidence=300.0))
+    fitted = law_identification.FittedLaw(scored, None, SimpleNamespace(ln_evidence=300.0))
     monkeypatch.setattr(law_identification, "list_possible_laws", lambda search: [found])
     monkeypatch.setattr(law_identification, "score_laws", lambda search, laws: (scored,))
     monkeypatch.setattr(law_identification, "_fit_laws", lambda search, likely, watch: [fitted])
@@ -416,7 +416,8 @@ def test_nodes_between_nodes():
 def test_nodes_are_added_for_evidence_or_for_adequacy(monkeypatch, gains, adequate, kept):
     def law(nodes, evidence):
         shape = PiecewiseLinearLaw(*pair("pressure", "place"), nodes, (0.1,) * len(nodes))
-        return SimpleNamespace(scored=SimpleNamespace(law=shape), fit=SimpleNamespace(ln_evidence=evidence))
+        scored = law_identification.ScoredLaw(shape, 1.0, evidence, shape.values)
+        return law_identification.FittedLaw(scored, None, SimpleNamespace(ln_evidence=evidence))
 
     def fit_refined(search, found, nodes, watch):
         return law(nodes, found.fit.ln_evidence + gains[(len(nodes) - 1) // 8 - 1])

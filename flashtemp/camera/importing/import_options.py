@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -255,8 +256,15 @@ def template_text() -> str:
 
 
 def _option_helps() -> dict[str, str]:
-    lines = (ImportOptions.__doc__ or "").split("----------\n")[-1].splitlines()
-    return {a.strip(): b.strip() for a, b in zip(lines[::2], lines[1::2], strict=False)}
+    """{option: help in one line} from the docstring of `ImportOptions`, where help is indented."""
+    helps, name = {}, ""
+    for line in (inspect.getdoc(ImportOptions) or "").split("----------\n")[-1].splitlines():
+        if line.startswith(" "):
+            helps[name] = f"{helps[name]} {line.strip()}".strip()
+        else:
+            name = line
+            helps[name] = ""
+    return helps
 
 
 def load_template(path: Path) -> tuple[list[str], str | None, ImportOptions]:

@@ -281,8 +281,14 @@ def _find_hyperparameters(h: Hypothesis, at: Linearisation) -> Hyperparameters:
 
 
 def _outer_priors(h: Hypothesis, system: LinearSystem, model: ModelPoint) -> Priors:
-    """Priors of the effect parameters, relative to a point."""
-    return {p: (mean - model.effect_value(p), sd) for p, (mean, sd) in h.effect_priors.items() if p in system.index}
+    """Priors of the effect parameters, relative to a point, with the local widths there."""
+    there = {p: v for c in h.effects for p, v in c.parameter_priors(model.effects[c.effect]).items()}
+    return {p: (mean - model.effect_value(p), sd) for p, (mean, sd) in there.items() if p in system.index}
+
+
+def _width_price(h: Hypothesis, priors: Priors) -> float:
+    """ln of how much wider the priors of effect parameters are than the typical ones (`strength_prior_sd`)."""
+    return float(sum(np.log(priors[p][1] / sd) for p, (_, sd) in h.effect_priors.items() if p in priors))
 
 
 def _full_objective(h: Hypothesis, at: Linearisation, hyper: Hyperparameters) -> float:
@@ -290,7 +296,9 @@ def _full_objective(h: Hypothesis, at: Linearisation, hyper: Hyperparameters) ->
     outer = h.stepped_parameters(at.system)
     priors = _all_priors(h, at.system, at.model, hyper)
     pulls = sum((priors[p][0] / priors[p][1]) ** 2 for p in outer)
-    return profile_objective(h.problem, at, hyper, frozenset(outer)) + 0.5 * pulls
+    # the prior itself: the widths of the normal distributions that touch it differ from point to point
+    prior = 0.5 * pulls + 2.0 * _width_price(h, priors)
+    return profile_objective(h.problem, at, hyper, frozenset(outer)) + prior
 
 
 def _all_priors(h: Hypothesis, system: LinearSystem, model: ModelPoint, hyper: Hyperparameters) -> Priors:
@@ -363,9 +371,11 @@ def _as_fit(h: Hypothesis, point: LinearisedPoint, promise: float, count: int, h
         if not outside:
             break
         bound |= {max(outside, key=lambda p: abs(found.solution[p]) / more[p][1])}
+    price = _width_price(h, more)
+    solution = replace(found.solution, ln_evidence=found.solution.ln_evidence - price)
     return LinearisedFit(
-        model, point.linearisation.predictions, system, found.solution, found.priors, found.hyper, FitStatus.BUDGET,
-        bound, promise, count, tuple(history),
+        model, point.linearisation.predictions, system, solution, found.priors, found.hyper, FitStatus.BUDGET,
+        bound, promise, count, tuple(history), price,
     )  # fmt: skip
 
 

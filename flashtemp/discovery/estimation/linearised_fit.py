@@ -34,6 +34,7 @@ class LinearisedFit:
 
     `bound`: parameters that lie on a bound.  `promise`: ln evidence that another step would gain by the linearised
     model.  `evaluations`: number of simulations of the campaign.  `history`: predicted gain at each point.
+    `width_price`: what ln evidence loses because effects are larger than typical (`strength_prior_sd`).
     """
 
     model: ModelPoint
@@ -47,6 +48,7 @@ class LinearisedFit:
     promise: float = np.inf
     evaluations: int = 0
     history: tuple[float, ...] = ()
+    width_price: float = 0.0
 
     @property
     def blocks(self) -> list[DataBlock]:
@@ -112,7 +114,10 @@ class LinearisedFit:
         return maximise_evidence(problem, self.system, self.model, more, variances=variances, equations=equations)
 
     def evidence_at_max_discrepancy(self, problem: Problem, more: Priors) -> float:
-        """ln evidence with priors `more` where the model discrepancy is as large as it may be (LARGEST_DISCREPANCY)."""
+        """ln evidence with priors `more` where the model discrepancy is as large as it may be (LARGEST_DISCREPANCY).
+
+        `more` are those of the effects, or none: then the effects are held at their values.
+        """
         found = maximise_evidence(
             problem,
             self.system,
@@ -121,4 +126,4 @@ class LinearisedFit:
             variances=self.hyper.variances,
             discrepancy_sds=(LARGEST_DISCREPANCY,),
         )
-        return found.solution.ln_evidence
+        return found.solution.ln_evidence - (self.width_price if more else 0.0)

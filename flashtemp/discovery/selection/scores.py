@@ -7,14 +7,14 @@ the fit that it would extend.  Hyperparameters are estimated again, but the nois
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from flashtemp.discovery.estimation.linear_gaussian import Array, NormalEquations, Solution
 from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
-from flashtemp.discovery.hypotheses.candidates import CandidateEffect
+from flashtemp.discovery.hypotheses.candidates import CandidateEffect, strength_prior_sd
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction.problem import Problem
 
@@ -128,6 +128,21 @@ def _typical_strengths(c: CandidateEffect, variant: int) -> dict[ParameterId, fl
     return dict(zip(c.strength_columns(variant), c.strengths.values(), strict=True))
 
 
+def _solve_with_strengths(base: ScoringContext, typical: Mapping[ParameterId, float]) -> Solution:
+    """The linearised fit with the strengths of effects free, whose priors have the local widths at the solution."""
+    fit, widths = base.fit, {p: abs(a) for p, a in typical.items()}
+    while True:
+        priors = {p: (0.0, sd) for p, sd in widths.items()}
+        solution = fit.solve_with(base.problem, fit.free_effect_priors | priors, base.equations).solution
+        wider = {p: strength_prior_sd(a, solution[p]) for p, a in typical.items()}
+        # the evidence is stationary at these widths, so a rest of a tenth counts nothing
+        if all(wider[p] < 1.1 * widths[p] for p in typical):
+            break
+        widths = wider
+    price = sum(np.log(widths[p] / abs(a)) for p, a in typical.items())
+    return replace(solution, ln_evidence=solution.ln_evidence - float(price))
+
+
 def _score_variant(base: ScoringContext, c: CandidateEffect, variant: int) -> CandidateScore:
     names, fit = c.strength_columns(variant), base.fit
     if any(n not in fit.system.index for n in names):
@@ -138,8 +153,7 @@ def _score_variant(base: ScoringContext, c: CandidateEffect, variant: int) -> Ca
     typical_z = float(np.sqrt(max(np.max(sd**2 * np.diag(info)), 0.0)))
     if typical_z < MIN_EFFECT_Z or not np.all(np.isfinite(info)):
         return CandidateScore.untestable(c, variant, typical_z, "has no effect under these conditions")
-    priors = {n: (0.0, abs(a)) for n, a in zip(names, c.strengths.values(), strict=True)}
-    solution = fit.solve_with(base.problem, fit.free_effect_priors | priors, base.equations).solution
+    solution = _solve_with_strengths(base, dict(zip(names, c.strengths.values(), strict=True)))
     amplitude, errors = tuple(solution[n] for n in names), tuple(solution.sd(n) for n in names)
     # u' I^-1 u of eq. (42): what the data say of the effect beyond all nuisances
     z = float(np.sqrt(max(float(u @ np.linalg.pinv(info, hermitian=True) @ u), 0.0)))
@@ -238,8 +252,7 @@ def score_pairs(
     best = sorted((s for s in ranked if s.typical_z > MIN_PARTNER_Z), key=lambda s: -s.z)[:max_effects]
 
     def solve_together(*together: CandidateScore) -> Solution:
-        more = {n: (0.0, abs(v)) for s in together for n, v in s.typical_strengths.items()}
-        return fit.solve_with(problem, fit.free_effect_priors | more, base.equations).solution
+        return _solve_with_strengths(base, {n: v for s in together for n, v in s.typical_strengths.items()})
 
     out, alone = [], {s.effect: solve_together(s).ln_evidence for s in best}
     for i, a in enumerate(best):

@@ -257,7 +257,8 @@ def template_text() -> str:
 
 def _option_helps() -> dict[str, str]:
     """{option: help in one line} from the docstring of `ImportOptions`, where help is indented."""
-    helps, name = {}, ""
+    helps: dict[str, str] = {}
+    name = ""
     for line in (inspect.getdoc(ImportOptions) or "").split("----------\n")[-1].splitlines():
         if line.startswith(" "):
             helps[name] = f"{helps[name]} {line.strip()}".strip()

@@ -1,8 +1,8 @@
 """Stated inputs as alternatives to missing effects: a number that is stated wrongly may look like new physics.
 
 At every step of the selection, the input that explains the misfit best is compared with the effect that was accepted
-there.  It is estimated with its prior in place of the effect.  An input that would have to be many standard deviations
-off therefore loses to an effect, and an effect loses to an input that is plausibly wrong.
+there.  It is estimated with its prior, which has heavy tails, in place of the effect.  An input that would have to be
+many standard deviations off therefore loses to an effect, and an effect loses to an input that is plausibly wrong.
 """
 
 from __future__ import annotations
@@ -11,13 +11,15 @@ from dataclasses import replace
 
 from flashtemp.discovery.assessment import screen_inputs
 from flashtemp.discovery.criteria import CRITERIA
-from flashtemp.discovery.diagnostics.input_checks import InputVerdict, find_column, same_nuisance
+from flashtemp.discovery.diagnostics.input_checks import InputCheck, InputVerdict, find_column, same_nuisance
 from flashtemp.discovery.diagnostics.stated_inputs import StatedInput
-from flashtemp.discovery.estimation.fitting import Hypothesis, ProgressCallback, lowest_score_within_reach
+from flashtemp.discovery.estimation.concurrent_fits import lowest_score_within_reach
+from flashtemp.discovery.estimation.fitting import Hypothesis, ProgressCallback
 from flashtemp.discovery.estimation.hyperparameters import maximise_evidence
 from flashtemp.discovery.estimation.image_alignment import Linearisation
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
 from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
+from flashtemp.discovery.hypotheses.heavy_tails import INPUT_TAIL, width_price
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction.problem import Problem, check_free_key
 from flashtemp.discovery.selection.forward_selection import (
@@ -51,26 +53,27 @@ def find_input_alternatives(search: EffectSearch, watch: ProgressCallback) -> tu
             and same_nuisance(fit.free_priors, c.input) is None
         ]  # fmt: skip
         if likely:
-            best = max(likely, key=lambda c: c.ln_bayes).input
+            best = max(likely, key=lambda c: c.ln_bayes)
             out.append(_fit_alternative(search, fit, best, assessment.system, watch))
     return tuple(out)
 
 
 def _fit_alternative(
-    search: EffectSearch, fit: LinearisedFit, i: StatedInput, system: LinearSystem, watch: ProgressCallback
+    search: EffectSearch, fit: LinearisedFit, check: InputCheck, system: LinearSystem, watch: ProgressCallback
 ) -> InputAlternative:
     """Estimate an input at a fit: in full if it can be a free key, else by the linearised model."""
-    problem, keeps = search.problem, effect_names(fit)
+    problem, keeps, i, width = search.problem, effect_names(fit), check.input, check.prior_width
+    price = width_price(width, i.sd, INPUT_TAIL)
     column = find_column(system, i)
     assert column is not None  # it was checked
-    more = fit.free_effect_priors | {column: (0.0, i.sd)}
+    more = fit.free_effect_priors | {column: (0.0, width)}
     linear = maximise_evidence(problem, system, fit.model, more).solution
     change, sd = linear[column], linear.sd(column)
-    ln_evidence = linear.ln_evidence + i.ln_bound_factor(change, sd)
-    linearised = InputAlternative(i.key, keeps, ln_evidence, i.sd, False, *i.changed_value(change, sd))
+    ln_evidence = linear.ln_evidence + i.ln_bound_factor(change, sd) - price
+    linearised = InputAlternative(i.key, keeps, ln_evidence, width, False, *i.changed_value(change, sd))
     if not can_be_freed(problem, i):
         return linearised
-    freed = free_input(problem, i.key, i.sd)
+    freed = free_input(problem, i.key, width)
     own = tuple(c for c in problem.candidates if c.effect in keeps)
     model = replace(fit.model, free=fit.model.free | {i.key: 0.0})
     h = Hypothesis(freed, search.data, model, own)
@@ -84,7 +87,7 @@ def _fit_alternative(
     freed_key = ParameterId.of_key(i.key)
     change = found.model.free[i.key] + found.solution[freed_key]
     needed = i.changed_value(change, found.solution.sd(freed_key))
-    return InputAlternative(i.key, keeps, found.secured_evidence, i.sd, True, *needed)
+    return InputAlternative(i.key, keeps, found.secured_evidence - price, width, True, *needed)
 
 
 def can_be_freed(problem: Problem, i: StatedInput) -> bool:

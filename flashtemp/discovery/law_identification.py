@@ -15,13 +15,8 @@ import numpy as np
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.diagnostics.adequacy_tests import run_adequacy_tests
 from flashtemp.discovery.diagnostics.cross_validation import cross_validate
-from flashtemp.discovery.estimation.fitting import (
-    Hypothesis,
-    ProgressCallback,
-    fit_hypothesis,
-    lowest_score_within_reach,
-    run_fits,
-)
+from flashtemp.discovery.estimation.concurrent_fits import lowest_score_within_reach, run_fits
+from flashtemp.discovery.estimation.fitting import Hypothesis, ProgressCallback, fit_hypothesis
 from flashtemp.discovery.estimation.hyperparameters import EvidenceMaximum, Hyperparameters, priors_at_hyperparameters
 from flashtemp.discovery.estimation.image_alignment import Linearisation
 from flashtemp.discovery.estimation.linear_gaussian import Array, DataBlock, LinearSystem

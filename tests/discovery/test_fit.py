@@ -15,13 +15,13 @@ from flashtemp.discovery.diagnostics.adequacy_tests import normalised_deviations
 from flashtemp.discovery.diagnostics.cross_validation import without_flexible_terms
 from flashtemp.discovery.diagnostics.verdict_sentences import describe_assumed_optics
 from flashtemp.discovery.estimation import image_alignment, prior_widths
+from flashtemp.discovery.estimation.concurrent_fits import run_fits
 from flashtemp.discovery.estimation.fitting import (
     NEGLIGIBLE_STEP_GAIN,
     NUMERICAL_NOISE_GAIN,
     Hypothesis,
     SimulationRequest,
     fit_hypothesis,
-    run_fits,
 )
 from flashtemp.discovery.estimation.hyperparameters import maximise_evidence
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem, whitened_residual
@@ -507,6 +507,21 @@ def test_a_hidden_strength_is_found_from_nothing_and_from_far_beyond(resistive, 
         found.append(fit.model.effect_value(FILM) + fit.solution[FILM])
         assert abs(found[-1] - truth) < 4 * fit.solution.sd(FILM)
     assert found[0] == pytest.approx(found[1], abs=0.05 * 2e-5)
+
+
+def test_a_strength_far_beyond_the_typical_one_is_not_shrunk_and_pays_for_its_width(resistive, film):
+    """The same film, as if it were typically a tenth as strong."""
+    problem, c = resistive.problem, candidate(resistive, FILM.effect)
+    rare = replace(c, strengths={"resistance": 0.1 * c.strengths["resistance"]})
+    fit, _ = fitted(resistive, Hypothesis.from_parent(problem, resistive.data, resistive.base, [rare]))
+    strong, usual = (f.model.effect_value(FILM) + f.solution[FILM] for f in (fit, film[0]))
+    assert strong == pytest.approx(usual, abs=0.3 * fit.solution.sd(FILM))
+    width = fit.priors[FILM][1]
+    assert width == pytest.approx(fit.model.effect_value(FILM) / np.sqrt(2.0))
+    assert fit.width_price == pytest.approx(np.log(width / rare.strengths["resistance"]))
+    plain = fit.solve_with(problem, fit.free_effect_priors).solution.ln_evidence
+    assert plain - fit.ln_evidence == pytest.approx(fit.width_price, abs=1e-6)
+    assert fit.evidence_at_max_discrepancy(problem, fit.effect_priors) <= fit.ln_evidence + 1e-6
 
 
 @pytest.fixture(scope="module")

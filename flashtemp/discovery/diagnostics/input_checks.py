@@ -17,6 +17,7 @@ import numpy as np
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.diagnostics.stated_inputs import StatedInput
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem, NormalEquations
+from flashtemp.discovery.hypotheses.heavy_tails import INPUT_TAIL, local_width, width_price
 from flashtemp.discovery.parameters import ParameterId, ParameterKind, Prior, Priors
 
 MIN_GROUP_CORRELATION = 0.9  # of the columns of two inputs after nuisances were projected out
@@ -36,7 +37,7 @@ class InputCheck:
     """The check of a stated `input`: `estimate` and `sd` (unit of the input, K for degC) are from the data alone.
 
     `shift`: estimate minus stated value, in prior standard deviations.  `pull`: the same in standard deviations of both
-    together.  `ln_bayes`: of freeing the input with its prior against fixing it.
+    together.  `ln_bayes`: of freeing the input with its prior, which has heavy tails, against fixing it.
     `influence`: change of all data together by one prior standard deviation of the input with nothing else changed, in
     standard deviations of their noise.  `change`: largest relative change of a recording's temperature rise, or of a
     load-cell record's friction, by the difference between estimate and stated value.
@@ -51,6 +52,11 @@ class InputCheck:
     influence: float
     verdict: InputVerdict
     change: float = 0.0
+
+    @property
+    def prior_width(self) -> float:
+        """Local width of the input's prior at the estimate, in the unit of its standard deviation."""
+        return local_width(self.input.sd, self.shift * self.input.sd, INPUT_TAIL)
 
     @property
     def is_contradicted(self) -> bool:
@@ -112,16 +118,19 @@ def _check_input(
     )
     freed = system.solve(others | {column: prior}, total)
     change, sd = _remove_prior(freed[column], freed.sd(column), prior)
-    ln_evidence_freed = freed.ln_evidence + i.ln_bound_factor(freed[column], freed.sd(column))
     ratio = min(freed.sd(column) / i.sd, 1.0)
     change = max(change - mean, 0.0) if i.from_zero else change - mean
+    width = local_width(i.sd, change, INPUT_TAIL)
+    wide = freed if width == i.sd else system.solve(others | {column: (mean, width)}, total)
+    bound_factor = i.ln_bound_factor(wide[column], wide.sd(column)) - width_price(width, i.sd, INPUT_TAIL)
+    ln_bayes = wide.ln_evidence + bound_factor - ln_evidence_fixed
     pull = change / math.hypot(sd, i.sd)  # two independent values of the same number: their variances add up
     value, stderr = i.changed_value(change, sd)
     k = system.index[column]
     influence = i.sd * math.sqrt(max(float(total.matrix[k, k]), 0.0))
     check = InputCheck(
-        i, value, stderr, change / i.sd, pull, ln_evidence_freed - ln_evidence_fixed, influence,
-        _classify_pull(ratio, pull), abs(change) * change_per_unit(column),
+        i, value, stderr, change / i.sd, pull, ln_bayes, influence, _classify_pull(ratio, pull),
+        abs(change) * change_per_unit(column),
     )  # fmt: skip
     return replace(check, verdict=InputVerdict.NOT_CHECKABLE) if check.is_invisible else check
 

@@ -9,7 +9,7 @@ simulations.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -30,18 +30,23 @@ from flashtemp.discovery.estimation.linearised_fit import FitStatus, LinearisedF
 from flashtemp.discovery.estimation.trust_region import GOOD_RATIO, POOR_RATIO, QuadraticModel, TrustRegion
 from flashtemp.discovery.estimation.whitening import WhitenedData
 from flashtemp.discovery.hypotheses.candidates import CandidateEffect, ModelPoint, parameter_spec
+from flashtemp.discovery.hypotheses.heavy_tails import (
+    MAX_WIDTH_SWEEPS,
+    STRENGTH_TAIL,
+    WIDE_PRIOR,
+    WIDTH_TOLERANCE,
+    local_width,
+    width_price,
+)
 from flashtemp.discovery.parameters import ParameterId, ParameterKind, Priors
 from flashtemp.discovery.prediction.prediction import DerivativeRequest, Prediction, PredictionTask
 from flashtemp.discovery.prediction.problem import Problem
-from flashtemp.display import ProgressMessage
 from flashtemp.errors import FlashtempError, SolverFailure
 
 MAX_FIT_EVALUATIONS = 10  # simulations of the campaign in one fit
 NEGLIGIBLE_STEP_GAIN = 1.0  # predicted gain of ln evidence, below which a step is not simulated any more
 NUMERICAL_NOISE_GAIN = 4.0  # ln evidence: another sequence of time steps changes it by 2 (rtol 1e-4), either way
 MAX_POOR_STEPS = 3  # poor steps in a row, each a quarter of the last one: the predicted gain is not real
-OUTRUN_DEFICIT = 30.0  # ln evidence behind another hypothesis, predicted gain included, from which a fit is stopped
-PROMISE_FACTOR = 2.0  # a nonlinear model may gain as many times what its linearised model predicts
 
 ProgressCallback = Callable[[str], Any]
 Answers = Sequence[Prediction | FlashtempError]
@@ -86,6 +91,11 @@ class Hypothesis:
     @property
     def effect_priors(self) -> Priors:
         return {p: v for c in self.effects for p, v in c.parameter_priors().items()}
+
+    @property
+    def strengths(self) -> dict[ParameterId, float]:
+        """Typical strengths of the effects."""
+        return {c.strength_column(k): abs(a) for c in self.effects for k, a in c.strengths.items()}
 
     def stepped_parameters(self, system: LinearSystem) -> tuple[ParameterId, ...]:
         """The parameters that Gauss-Newton steps: those of the physics that have columns in a system."""
@@ -147,8 +157,8 @@ def fit_hypothesis(h: Hypothesis, first: Linearisation | None = None) -> FitGene
     """
     state = yield from _first_point(h, first)
     while True:
-        model, scale = _quadratic_model(h, state.point)
-        promise = model.predicted_reduction(model.best_step())
+        local = _quadratic_model(h, state.point)
+        model, promise = local.quadratic, local.promise
         state.history.append(promise)
         best = _as_fit(h, state.point, promise, state.count, state.history)
         if promise < NEGLIGIBLE_STEP_GAIN or max(state.history[-2:]) < NUMERICAL_NOISE_GAIN and len(state.history) > 1:
@@ -157,6 +167,7 @@ def fit_hypothesis(h: Hypothesis, first: Linearisation | None = None) -> FitGene
             return replace(best, status=FitStatus.CONVERGED)
         if state.count >= MAX_FIT_EVALUATIONS:
             return replace(best, status=FitStatus.BUDGET)
+        scale = _step_scales(h, state.point, local.widths)
         step = state.region.limited_step(model, scale)
         ratio = yield from _try_step(h, state, step, model.predicted_reduction(step), best)
         state.region = state.region.next_region(ratio, step, scale)
@@ -287,8 +298,8 @@ def _outer_priors(h: Hypothesis, system: LinearSystem, model: ModelPoint) -> Pri
 
 
 def _width_price(h: Hypothesis, priors: Priors) -> float:
-    """ln of how much wider the priors of effect parameters are than the typical ones (`strength_prior_sd`)."""
-    return float(sum(np.log(priors[p][1] / sd) for p, (_, sd) in h.effect_priors.items() if p in priors))
+    """What ln evidence loses because priors of effect parameters are wider than the typical ones."""
+    return sum(width_price(priors[p][1], a, STRENGTH_TAIL) for p, a in h.strengths.items() if p in priors)
 
 
 def _full_objective(h: Hypothesis, at: Linearisation, hyper: Hyperparameters) -> float:
@@ -296,8 +307,8 @@ def _full_objective(h: Hypothesis, at: Linearisation, hyper: Hyperparameters) ->
     outer = h.stepped_parameters(at.system)
     priors = _all_priors(h, at.system, at.model, hyper)
     pulls = sum((priors[p][0] / priors[p][1]) ** 2 for p in outer)
-    # the prior itself: the widths of the normal distributions that touch it differ from point to point
-    prior = 0.5 * pulls + 2.0 * _width_price(h, priors)
+    # the prior itself: the normal distributions that touch it, with their norms, differ from point to point
+    prior = 0.5 * pulls + (1.0 + 1.0 / STRENGTH_TAIL) * _width_price(h, priors)
     return profile_objective(h.problem, at, hyper, frozenset(outer)) + prior
 
 
@@ -305,20 +316,57 @@ def _all_priors(h: Hypothesis, system: LinearSystem, model: ModelPoint, hyper: H
     return priors_at_hyperparameters(h.problem, system, model, hyper, _outer_priors(h, system, model))
 
 
-def _quadratic_model(h: Hypothesis, point: LinearisedPoint) -> tuple[QuadraticModel, np.ndarray]:
-    """The objective to second order in the stepped parameters (nuisances projected out), and their scales (n,)."""
+@dataclass(frozen=True)
+class _LocalModel:
+    """The objective to second order about a point, for priors of local `widths` (k,) at its best step.
+
+    `promise`: gain of the objective by that step; less than the quadratic model predicts, because widths at the point
+    itself are smaller.
+    """
+
+    quadratic: QuadraticModel
+    widths: np.ndarray
+    promise: float
+
+
+def _quadratic_model(h: Hypothesis, point: LinearisedPoint) -> _LocalModel:
+    """The objective to second order in the stepped parameters, with nuisances projected out.
+
+    A prior with heavy tails can have two optima, near its centre and near the estimate from the data alone: both are
+    sought, and the better one is taken.
+    """
     system, model = point.linearisation.system, point.linearisation.model
     outer, priors = h.stepped_parameters(system), _all_priors(h, system, model, point.hyper)
     nuisance = {p: v for p, v in priors.items() if p not in outer}
     projection = system.project_out(nuisance, list(outer), system.normal_equations(variances=point.hyper.variances))
-    mean, sd = (np.array([priors[p][i] for p in outer]) for i in (0, 1))
-    # the stepped parameters have priors too: they add to the marginalised information of eq. (42)
-    S = projection.information + np.diag(sd**-2.0)
-    g = projection.score + mean * sd**-2.0
     limits = [_step_limits(h, p, model) for p in outer]
     low, high = (np.array([limit[i] for limit in limits]) for i in (0, 1))
-    scale = np.array([max(s, abs(_distance_from_off(h, p, model))) for p, s in zip(outer, sd.tolist(), strict=True)])
-    return QuadraticModel(g, S, low, high), scale
+    mean, here = (np.array([priors[p][i] for p in outer]) for i in (0, 1))
+
+    def settle_widths(widths: np.ndarray) -> _LocalModel:
+        for _ in range(MAX_WIDTH_SWEEPS):
+            # the stepped parameters have priors too: they add to the marginalised information of eq. (42)
+            S, g = projection.information + np.diag(widths**-2.0), projection.score + mean * widths**-2.0
+            quadratic = QuadraticModel(g, S, low, high)
+            step = quadratic.best_step()
+            reached = zip(outer, step - mean, widths, strict=True)
+            local = np.array([local_width(h.strengths.get(p, w), a if p in h.strengths else 0.0, STRENGTH_TAIL)
+                              for p, a, w in reached])  # fmt: skip
+            if np.all(np.abs(np.log(local / widths)) < np.log(WIDTH_TOLERANCE)):
+                break
+            widths = local
+        excess = (1.0 + STRENGTH_TAIL) * np.log(widths / here) - 0.5 * mean**2 * (here**-2.0 - widths**-2.0)
+        return _LocalModel(quadratic, widths, quadratic.predicted_reduction(step) - float(np.sum(excess)))
+
+    wide = np.array([WIDE_PRIOR if p in h.strengths else 1.0 for p in outer])
+    ways = [settle_widths(here), *([settle_widths(wide * here)] if h.strengths else [])]
+    return max(ways, key=lambda way: way.promise)
+
+
+def _step_scales(h: Hypothesis, point: LinearisedPoint, widths: np.ndarray) -> np.ndarray:
+    """Scales (k,) of the stepped parameters: prior widths, or for a strength its distance from its neutral value."""
+    outer, model = h.stepped_parameters(point.linearisation.system), point.linearisation.model
+    return np.array([max(w, abs(_distance_from_off(h, p, model))) for p, w in zip(outer, widths, strict=True)])
 
 
 def _distance_from_off(h: Hypothesis, p: ParameterId, model: ModelPoint) -> float:
@@ -385,84 +433,3 @@ def _is_pushed_out(h: Hypothesis, p: ParameterId, model: ModelPoint, step: float
     return (step < 0.0 and low > -1e-12 * (1.0 + abs(model.effect_value(p)))) or (
         step > 0.0 and high < 1e-12 * (1.0 + abs(model.effect_value(p)))
     )
-
-
-# --- several at once ----------------------------------------------------------------------------------------
-@dataclass(frozen=True)
-class FitOutcome:
-    """Results of several fits by key: `fits` of those that could be simulated, `failed` with the reason of others."""
-
-    fits: dict[Any, LinearisedFit] = field(default_factory=dict)
-    failed: dict[Any, str] = field(default_factory=dict)
-
-
-def run_fits(
-    problem: Problem, fittings: Mapping[Any, FitGenerator], watch: ProgressCallback = lambda text: None
-) -> FitOutcome:
-    """Run several fits until all end, with the simulations of each round in one batch for the workers.
-
-    A fit that cannot reach the best finished one is stopped with `FitStatus.OUTRUN`.
-    """
-    live: dict[Any, tuple[FitGenerator, SimulationRequest]] = {}
-    fits: dict[Any, LinearisedFit] = {}
-    failed: dict[Any, str] = {}
-
-    def advance_fit(key: Any, fitting: FitGenerator, answers: Answers | None) -> None:
-        try:
-            request = next(fitting) if answers is None else fitting.send(answers)
-            live[key] = fitting, request
-        except StopIteration as end:
-            fits[key] = end.value
-        except FlashtempError as fault:
-            failed[key] = str(fault)
-
-    for key, fitting in fittings.items():
-        advance_fit(key, fitting, None)
-    rounds = 0
-    while live:
-        best = max((f.ln_evidence for f in fits.values()), default=-np.inf)
-        for key, (fitting, request) in list(live.items()):
-            if request.best is not None and _is_outrun(request.best, best):
-                fitting.close()
-                fits[key] = replace(request.best, status=FitStatus.OUTRUN)
-                del live[key]
-        # all fits of a round are simulated together, so that one batch keeps every worker busy
-        pending = list(live.items())
-        live.clear()
-        answers = iter(problem.run([t for _, (_, request) in pending for t in request.tasks]))
-        for key, (fitting, request) in pending:
-            advance_fit(key, fitting, [next(answers) for _ in request.tasks])
-        rounds += 1
-        if live:
-            begun = {key: request.best for key, (_, request) in live.items() if request.best is not None}
-            watch(ProgressMessage(f"  evaluation {rounds}", evaluation=rounds, running=_describe_fits(begun, fits)))
-    return FitOutcome(fits, failed)
-
-
-def describe_fit(names: Iterable[str], fit: LinearisedFit, is_running: bool = False) -> dict[str, Any]:
-    """The state of a fit with these effects as plain data."""
-    state = "fitting" if is_running else fit.status.value
-    return {"effects": sorted(names), "ln_evidence": fit.secured_evidence, "state": state}
-
-
-def _describe_fits(begun: Mapping[Any, LinearisedFit], ended: Mapping[Any, LinearisedFit]) -> list[dict[str, Any]]:
-    """The states of fits that are begun and ended; a fit whose key is not a set of effects is left out."""
-    return [
-        describe_fit(names, fit, is_running)
-        for group, is_running in ((begun, True), (ended, False))
-        for names, fit in group.items()
-        if names and isinstance(names, frozenset)
-    ]
-
-
-def lowest_score_within_reach(best: float) -> float:
-    """The linearised ln Bayes factor above which a full fit may turn out better than the one with the `best` score.
-
-    It is the rule by which a running fit is stopped (`_is_outrun`), for a fit that has not begun.
-    """
-    return (best - OUTRUN_DEFICIT) / PROMISE_FACTOR
-
-
-def _is_outrun(fit: LinearisedFit, best: float) -> bool:
-    """Whether a fit stays behind another one even if it gains PROMISE_FACTOR times its predicted gain."""
-    return fit.ln_evidence + (PROMISE_FACTOR - 1.0) * fit.promise < best - OUTRUN_DEFICIT

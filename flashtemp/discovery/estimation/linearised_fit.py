@@ -34,7 +34,7 @@ class LinearisedFit:
 
     `bound`: parameters that lie on a bound.  `promise`: ln evidence that another step would gain by the linearised
     model.  `evaluations`: number of simulations of the campaign.  `history`: predicted gain at each point.
-    `width_price`: what ln evidence loses because effects are larger than typical (`strength_prior_sd`).
+    `width_price`: what ln evidence loses because effects are larger than typical (`heavy_tails`).
     """
 
     model: ModelPoint

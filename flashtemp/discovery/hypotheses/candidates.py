@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from flashtemp.camera.image_placement import STATED_PLACEMENT, ImagePlacement
+from flashtemp.discovery.hypotheses.heavy_tails import STRENGTH_TAIL, local_width
 from flashtemp.discovery.parameters import BEAD_KINDS, PLACEMENT_KINDS, ParameterId, ParameterKind, Priors
 from flashtemp.errors import BadInput
 from flashtemp.model.case import Case
@@ -36,17 +37,6 @@ def parameter_spec(case: Case, key: str) -> Param:
     """What is declared of a key of a case."""
     table, name = key.rsplit(".", 1)
     return case.declared_params(table)[name]
-
-
-def strength_prior_sd(typical: float, change: float) -> float:
-    """Local width of the prior of a strength at a `change` from its neutral value: max(typical, change/sqrt(2)).
-
-    The prior is max over w >= typical of (typical/w) N(change; 0, w).  It is normal up to sqrt(2) `typical`.  Beyond,
-    its tails fall as 1/change^2 like those of a Cauchy distribution, so that it does not shrink an effect which the
-    data determine well, however large (Jeffreys, Theory of Probability, 1961, section 5.2).  The width is that of the
-    normal distribution that touches it at `change`.  Its integral is 1.26, 0.23 of ln evidence, which is neglected.
-    """
-    return max(abs(typical), abs(change) / math.sqrt(2.0))
 
 
 def clip_to_bounds(param: Param, value: float) -> float:
@@ -175,7 +165,7 @@ class CandidateEffect:
         out = {}
         for k, a in self.strengths.items():
             off = self.params[k].off or 0.0
-            out[self.strength_column(k)] = (off, strength_prior_sd(a, values[k] - off if values else 0.0))
+            out[self.strength_column(k)] = (off, local_width(a, values[k] - off if values else 0.0, STRENGTH_TAIL))
         for k, value in self.shapes.items():
             if self.params[k].spread > 1.0:
                 out[self.strength_column(k)] = (value, abs(value) * float(np.log(self.params[k].spread)))

@@ -14,14 +14,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from flashtemp.discovery.criteria import CRITERIA
-from flashtemp.discovery.estimation.fitting import (
-    Hypothesis,
-    ProgressCallback,
-    describe_fit,
-    fit_hypothesis,
-    lowest_score_within_reach,
-    run_fits,
-)
+from flashtemp.discovery.estimation.concurrent_fits import describe_fit, lowest_score_within_reach, run_fits
+from flashtemp.discovery.estimation.fitting import Hypothesis, ProgressCallback, fit_hypothesis
 from flashtemp.discovery.estimation.image_alignment import Linearisation
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
 from flashtemp.discovery.estimation.linearised_fit import FitStatus, LinearisedFit

@@ -14,7 +14,14 @@ import numpy as np
 
 from flashtemp.discovery.estimation.linear_gaussian import Array, NormalEquations, Solution
 from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
-from flashtemp.discovery.hypotheses.candidates import CandidateEffect, strength_prior_sd
+from flashtemp.discovery.hypotheses.candidates import CandidateEffect
+from flashtemp.discovery.hypotheses.heavy_tails import (
+    MAX_WIDTH_SWEEPS,
+    STRENGTH_TAIL,
+    WIDTH_TOLERANCE,
+    local_width,
+    width_price,
+)
 from flashtemp.discovery.parameters import ParameterId
 from flashtemp.discovery.prediction.problem import Problem
 
@@ -129,18 +136,39 @@ def _typical_strengths(c: CandidateEffect, variant: int) -> dict[ParameterId, fl
 
 
 def _solve_with_strengths(base: ScoringContext, typical: Mapping[ParameterId, float]) -> Solution:
-    """The linearised fit with the strengths of effects free, whose priors have the local widths at the solution."""
-    fit, widths = base.fit, {p: abs(a) for p, a in typical.items()}
-    while True:
+    """The linearised fit with the strengths of effects free, whose priors have the local widths at the solution.
+
+    The better of two optima, near no effect and near the estimate from the data alone, if there are two.
+    """
+    usual = {p: abs(a) for p, a in typical.items()}
+    near = _solve_with_widths(base, typical, usual)
+    far = {p: _far_width(near[p], near.sd(p), a) for p, a in usual.items()}
+    return near if far == usual else max(near, _solve_with_widths(base, typical, far), key=lambda s: s.ln_evidence)
+
+
+def _far_width(estimate: float, sd: float, usual: float) -> float:
+    """Local width at the estimate from the data alone, if the prior has an optimum there; else the usual one."""
+    precision = sd**-2.0 - usual**-2.0
+    if precision <= 1e-9 * usual**-2.0:
+        return usual
+    alone = estimate * sd**-2.0 / precision
+    # a + (1 + k) sd^2/a = alone: the condition of an optimum beyond the normal core
+    return local_width(usual, alone, STRENGTH_TAIL) if alone**2 * precision > 4.0 * (1.0 + STRENGTH_TAIL) else usual
+
+
+def _solve_with_widths(
+    base: ScoringContext, typical: Mapping[ParameterId, float], widths: dict[ParameterId, float]
+) -> Solution:
+    """The linearised fit with priors of strengths whose widths are iterated from given ones until they are local."""
+    for _ in range(MAX_WIDTH_SWEEPS):
         priors = {p: (0.0, sd) for p, sd in widths.items()}
-        solution = fit.solve_with(base.problem, fit.free_effect_priors | priors, base.equations).solution
-        wider = {p: strength_prior_sd(a, solution[p]) for p, a in typical.items()}
-        # the evidence is stationary at these widths, so a rest of a tenth counts nothing
-        if all(wider[p] < 1.1 * widths[p] for p in typical):
+        solution = base.fit.solve_with(base.problem, base.fit.free_effect_priors | priors, base.equations).solution
+        local = {p: local_width(a, solution[p], STRENGTH_TAIL) for p, a in typical.items()}
+        if all(1.0 / WIDTH_TOLERANCE < local[p] / widths[p] < WIDTH_TOLERANCE for p in typical):
             break
-        widths = wider
-    price = sum(np.log(widths[p] / abs(a)) for p, a in typical.items())
-    return replace(solution, ln_evidence=solution.ln_evidence - float(price))
+        widths = local
+    price = sum(width_price(widths[p], a, STRENGTH_TAIL) for p, a in typical.items())
+    return replace(solution, ln_evidence=solution.ln_evidence - price)
 
 
 def _score_variant(base: ScoringContext, c: CandidateEffect, variant: int) -> CandidateScore:

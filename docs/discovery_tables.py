@@ -23,8 +23,10 @@ SETS = {  # what a set of campaigns is, by the first word of its campaigns' name
     "setup": "set-up errors",
     "twin": "short twins (`flashtemp twin`)",
     "newcomer": "one short twin",
-    "fresh": "uncooled camera, earlier seeds",
-    "blind": "uncooled camera",
+    "fresh": "uncooled camera, seeds 7493 to 7529",
+    "former": "uncooled camera, seeds 7530 to 7589",
+    "blind": "uncooled camera, seeds 7590 to 7668",
+    "strong": "uncooled camera, one strong effect",
     "varied": "another test programme in each",
     "programme": "another test programme in each, after the mends",
 }

@@ -69,11 +69,15 @@ class ScoredLaw:
 
 @dataclass(frozen=True)
 class FittedLaw:
-    """A law with the values of its full `fit`, in a `problem` whose case has its effect file."""
+    """A law with the values of its full `fit`, in a `problem` whose case has its effect file.
+
+    `finer`: the same law with more nodes, where evidence is neither for nor against them.
+    """
 
     scored: ScoredLaw
     problem: Problem
     fit: LinearisedFit
+    finer: FittedLaw | None = None
 
     @property
     def law(self) -> PiecewiseLinearLaw:
@@ -170,7 +174,13 @@ def identify_law(search: EffectSearch, watch: ProgressCallback) -> IdentifiedLaw
     refined = _refine_laws(search, fitted, watch)
     ends = {f.scored.law.name: f for f in refined}
     scored = tuple(_with_full_fit(s, ends.get(s.law.name), search) for s in scored)
-    return _finish_law(search, max(refined, key=lambda f: f.fit.ln_evidence), scored, watch)
+    best = max(refined, key=lambda f: f.fit.ln_evidence)
+    found = _finish_law(search, best, scored, watch)
+    # with exact derivatives the tests of adequacy are stricter than those that decided on the nodes
+    if best.finer is not None and not _is_adequate(found.search.problem, found.search.best):
+        finer = _finish_law(search, best.finer, scored, watch)
+        return finer if _is_adequate(finer.search.problem, finer.search.best) else found
+    return found
 
 
 def _with_full_fit(scored: ScoredLaw, found: FittedLaw | None, search: EffectSearch) -> ScoredLaw:
@@ -306,9 +316,10 @@ def _refine_laws(search: EffectSearch, fitted: Sequence[FittedLaw], watch: Progr
     """
     best = max(fitted, key=lambda f: f.fit.ln_evidence)
     refined = _refine_nodes(search, best, watch)
-    if refined is best:
-        return list(fitted)
-    return [refined, *(_refine_nodes(search, f, watch) for f in fitted if f is not best)]
+    others = [f for f in fitted if f is not best]
+    if refined.scored.law.nodes == best.scored.law.nodes:
+        return [refined, *others]
+    return [refined, *(_refine_nodes(search, f, watch) for f in others)]
 
 
 def _refine_nodes(search: EffectSearch, found: FittedLaw, watch: ProgressCallback) -> FittedLaw:
@@ -326,17 +337,17 @@ def _refine_nodes(search: EffectSearch, found: FittedLaw, watch: ProgressCallbac
         gain = finer.fit.ln_evidence - found.fit.ln_evidence
         if gain < CRITERIA.ln_bayes_law_node:
             is_neutral = gain > -CRITERIA.ln_bayes_law_node
-            if not is_neutral or _is_adequate(found) or not _is_adequate(finer):
-                break
+            if not is_neutral or _is_adequate(found.problem, found.fit) or not _is_adequate(finer.problem, finer.fit):
+                return replace(found, finer=finer if is_neutral else None)
         is_limited = finer.scored.law.refined_nodes == finer.scored.law.nodes
         unresolved = max(gain, 0.0) if is_limited else 0.0
         found = replace(finer, scored=replace(finer.scored, unresolved_gain=unresolved))
     return found
 
 
-def _is_adequate(law: FittedLaw) -> bool:
-    """Whether the model with a law passes all tests of adequacy."""
-    return all(test.passed for test in run_adequacy_tests(law.problem, law.fit, CRITERIA))
+def _is_adequate(problem: Problem, fit: LinearisedFit) -> bool:
+    """Whether a model passes all tests of adequacy."""
+    return all(test.passed for test in run_adequacy_tests(problem, fit, CRITERIA))
 
 
 def _fit_refined(

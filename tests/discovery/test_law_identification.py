@@ -248,14 +248,14 @@ def identify_by_gains(monkeypatch):
             return FittedLaw(some, None, SimpleNamespace(ln_evidence=gains[name][count]))
 
         def finish(search, found, scored, watch):
-            best = SimpleNamespace(best=found.fit, base=search.base)
+            best = SimpleNamespace(best=found.fit, base=search.base, problem=None)
             return IdentifiedLaw(found.scored.law, np.zeros((0, 0)), best, scored)
 
         laws = [fitted_law(name, 5) for name in gains]
         monkeypatch.setattr(law_identification, "list_possible_laws", lambda search: [f.scored.law for f in laws])
         monkeypatch.setattr(law_identification, "score_laws", lambda search, some: tuple(f.scored for f in laws))
         monkeypatch.setattr(law_identification, "_fit_laws", lambda search, likely, watch: laws)
-        monkeypatch.setattr(law_identification, "_is_adequate", lambda law: True)
+        monkeypatch.setattr(law_identification, "_is_adequate", lambda problem, fit: True)
         monkeypatch.setattr(
             law_identification, "_fit_refined",
             lambda search, found, nodes, watch: fitted_law(found.scored.law.name, len(nodes)),

@@ -404,28 +404,52 @@ def test_nodes_between_nodes():
 
 
 @pytest.mark.parametrize(
-    ("gains", "adequate", "kept"),
+    ("gains", "adequate", "kept", "finer"),
     [
-        ((4.0, 2.0), (), 9),  # evidence requires 9 nodes and not 17
-        ((-1.0, 9.0), (), 5),  # nothing is adequate, so the evidence decides at once
-        ((-1.0, -1.0), (5, 9, 17), 5),
-        ((-1.0, -1.0), (9, 17), 9),  # a chord misses the curve by less than the priors of its nodes cost
-        ((-4.0, 9.0), (9, 17), 5),  # the evidence is against it
+        ((4.0, 2.0), (), 9, 17),  # evidence requires 9 nodes and not 17
+        ((-1.0, 9.0), (), 5, 9),  # nothing is adequate, so the evidence decides at once
+        ((-1.0, -1.0), (5, 9, 17), 5, 9),
+        ((-1.0, -1.0), (9, 17), 9, 17),  # a chord misses the curve by less than the priors of its nodes cost
+        ((-4.0, 9.0), (9, 17), 5, None),  # the evidence is against it
     ],
 )
-def test_nodes_are_added_for_evidence_or_for_adequacy(monkeypatch, gains, adequate, kept):
+def test_nodes_are_added_for_evidence_or_for_adequacy(monkeypatch, gains, adequate, kept, finer):
     def law(nodes, evidence):
         shape = PiecewiseLinearLaw(*pair("pressure", "place"), nodes, (0.1,) * len(nodes))
         scored = law_identification.ScoredLaw(shape, 1.0, evidence, shape.values)
-        return law_identification.FittedLaw(scored, None, SimpleNamespace(ln_evidence=evidence))
+        return law_identification.FittedLaw(scored, None, SimpleNamespace(ln_evidence=evidence, nodes=len(nodes)))
 
     def fit_refined(search, found, nodes, watch):
         return law(nodes, found.fit.ln_evidence + gains[(len(nodes) - 1) // 8 - 1])
 
     monkeypatch.setattr(law_identification, "_fit_refined", fit_refined)
-    monkeypatch.setattr(law_identification, "_is_adequate", lambda found: len(found.scored.law.nodes) in adequate)
+    monkeypatch.setattr(law_identification, "_is_adequate", lambda problem, fit: fit.nodes in adequate)
     found = law_identification._refine_nodes(None, law(graded_nodes(0.0, 1.0), 0.0), lambda text: None)
     assert len(found.scored.law.nodes) == kept
+    assert (len(found.finer.scored.law.nodes) if found.finer else None) == finer
+
+
+@pytest.mark.parametrize(("adequate", "kept"), [((5, 9), 5), ((9,), 9), ((), 5)])
+def test_a_finer_law_counts_where_exact_derivatives_require_it(monkeypatch, adequate, kept):
+    """The tests of adequacy that decided on the nodes used derivatives of another point."""
+    found = law(*pair("walls", "speed"))
+    scored = law_identification.ScoredLaw(found, 1.0, 300.0, found.values)
+
+    def fitted(nodes, finer=None):
+        fit = SimpleNamespace(ln_evidence=300.0, nodes=nodes)
+        return law_identification.FittedLaw(scored, None, fit, finer)
+
+    monkeypatch.setattr(law_identification, "list_possible_laws", lambda search: [found])
+    monkeypatch.setattr(law_identification, "score_laws", lambda search, laws: (scored,))
+    monkeypatch.setattr(law_identification, "_fit_laws", lambda search, likely, watch: [fitted(5)])
+    monkeypatch.setattr(law_identification, "_refine_nodes", lambda search, best, watch: fitted(5, fitted(9)))
+    monkeypatch.setattr(law_identification, "_is_adequate", lambda problem, fit: fit.nodes in adequate)
+    monkeypatch.setattr(law_identification, "_finish_law",
+                        lambda search, best, scored, watch: SimpleNamespace(search=SimpleNamespace(best=best.fit, problem=None)))  # fmt: skip
+    base = SimpleNamespace(ln_evidence=0.0, is_comparable=True)
+    problem = SimpleNamespace(case=SimpleNamespace(effects=()))
+    search = EffectSearch(problem, None, base, base, {frozenset(): base})
+    assert law_identification.identify_law(search, lambda text: None).search.best.nodes == kept
 
 
 def test_of_a_pressure_only_the_shape_counts():

@@ -27,6 +27,8 @@ SETS = {  # what a set of campaigns is, by the first word of its campaigns' name
     "former": "uncooled camera, seeds 7530 to 7589",
     "blind": "uncooled camera, seeds 7590 to 7668",
     "strong": "uncooled camera, one strong effect",
+    "later": "uncooled camera, seeds 7669 to 7692",
+    "heavy": "uncooled camera, one strong effect, prior with heavy tails",
     "varied": "another test programme in each",
     "programme": "another test programme in each, after the mends",
 }

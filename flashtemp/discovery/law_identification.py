@@ -442,7 +442,7 @@ def _with_laws(
     """The problem with laws as additional candidates, by the names of their effect files."""
     own = tuple(law.as_effect(name) for name, law in laws.items())
     case = replace(problem.case, own=(*(o for o in problem.case.own if o.name not in laws), *own))
-    found = {c.effect: c for c in find_candidates(case, tuple(laws))[0]}
+    found = {c.effect: replace(c, has_heavy_tails=False) for c in find_candidates(case, tuple(laws))[0]}
     every = (*(c for c in problem.candidates if c.effect not in laws), *found.values())
     wider = replace(problem, case=case, candidates=every)
     return wider, replace(data, problem=wider), found

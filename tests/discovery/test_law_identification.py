@@ -127,6 +127,16 @@ def test_the_curve_of_a_law_is_the_hidden_one(identified):
     assert np.max(np.abs((curve - curve.mean()) - (true - true.mean()))) < bound
 
 
+def test_nodes_have_normal_priors_of_the_width_that_evidence_chose(identified):
+    found = identified(run_in)[2]
+    [nodes] = [c for c in found.search.problem.candidates if c.effect == LEARNED_LAW_NAME]
+    far = {k: 100.0 * a for k, a in nodes.strengths.items()}
+    assert nodes.parameter_priors(far) == nodes.parameter_priors()
+    assert found.search.best.width_price == 0.0
+    heavy = replace(nodes, has_heavy_tails=True).parameter_priors(far)
+    assert all(heavy[p][1] > 50.0 * sd for p, (_, sd) in nodes.parameter_priors().items())
+
+
 def test_a_law_halves_the_misfit_of_left_out_data(identified):
     before, after = heldout_excess(identified(run_in)[2].search)
     assert after < 0.5 * before

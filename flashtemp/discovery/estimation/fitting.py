@@ -94,8 +94,9 @@ class Hypothesis:
 
     @property
     def strengths(self) -> dict[ParameterId, float]:
-        """Typical strengths of the effects."""
-        return {c.strength_column(k): abs(a) for c in self.effects for k, a in c.strengths.items()}
+        """Typical strengths of the effects whose priors have heavy tails."""
+        heavy = (c for c in self.effects if c.has_heavy_tails)
+        return {c.strength_column(k): abs(a) for c in heavy for k, a in c.strengths.items()}
 
     def stepped_parameters(self, system: LinearSystem) -> tuple[ParameterId, ...]:
         """The parameters that Gauss-Newton steps: those of the physics that have columns in a system."""

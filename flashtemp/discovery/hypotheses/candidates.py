@@ -121,7 +121,8 @@ class CandidateEffect:
     """An effect that may be missing: `strengths` {parameter: typical change from its neutral value} and `shapes`
     {parameter: default}.
 
-    `params` are its declarations; `is_optical`: it acts in the camera only.
+    `params` are its declarations; `is_optical`: it acts in the camera only.  `has_heavy_tails`: strengths have priors
+    with heavy tails, else normal ones, as nodes of a law have, because evidence chooses their width.
     """
 
     effect: str
@@ -129,6 +130,7 @@ class CandidateEffect:
     strengths: dict[str, float]
     shapes: dict[str, float]
     is_optical: bool
+    has_heavy_tails: bool = True
 
     @property
     def leading_strength(self) -> tuple[str, float]:
@@ -165,7 +167,8 @@ class CandidateEffect:
         out = {}
         for k, a in self.strengths.items():
             off = self.params[k].off or 0.0
-            out[self.strength_column(k)] = (off, local_width(a, values[k] - off if values else 0.0, STRENGTH_TAIL))
+            change = values[k] - off if values and self.has_heavy_tails else 0.0
+            out[self.strength_column(k)] = (off, local_width(a, change, STRENGTH_TAIL))
         for k, value in self.shapes.items():
             if self.params[k].spread > 1.0:
                 out[self.strength_column(k)] = (value, abs(value) * float(np.log(self.params[k].spread)))

@@ -106,6 +106,7 @@ def correct_measurements(
     problem = correct_recordings(problem, impossible) if impossible else problem
     watch("simulating the stated model")
     first = _predict_stated_model(problem)
+    problem = reject_outliers(problem, first, lines_only=True)
     misfiled = find_recording_errors(problem, first)
     if misfiled:
         problem = correct_recordings(problem, misfiled)

@@ -11,8 +11,10 @@ import pytest
 from flashtemp.camera.image_placement import ImagePlacement
 from flashtemp.comparison import campaign
 from flashtemp.comparison.synthetic_campaign import SyntheticPlan, make_synthetic_campaign
+from flashtemp.discovery import engine
 from flashtemp.discovery.estimation import whitening
 from flashtemp.discovery.estimation.nuisance_priors import all_derivatives
+from flashtemp.discovery.estimation.outlier_rejection import reject_outliers
 from flashtemp.discovery.measurement_errors import recording_fit
 from flashtemp.discovery.measurement_errors.image_pose import ImagePose, register_image
 from flashtemp.discovery.measurement_errors.initial_registration import register_images
@@ -104,6 +106,32 @@ def test_recordings_as_stated_are_left_as_they_are(plain):
     assert find_recording_errors(problem, first) == ()
     assert find_misassigned_recordings(problem) == ()
     assert register_images(problem, first) is problem
+
+
+def test_a_line_that_flickers_beside_the_edge_is_masked_before_recordings_are_tested(plain):
+    """Where a mirrored prediction ends, the line would be out of sight, and mirroring would seem better."""
+    problem, first = plain
+    T = images(problem)[WAKES[0]].copy()
+    T[:, :, -2] += np.resize([3.0, 0.0, 0.0, 3.0, 3.0, 0.0, 3.0], len(T))[:, None]
+    shown = with_images(problem, {WAKES[0]: T})
+    found = reject_outliers(shown, first, lines_only=True)
+    before, after = (np.isfinite(images(p)[WAKES[0]]) for p in (shown, found))
+    lost = np.unique(np.nonzero(before & ~after)[2])
+    assert lost.tolist() == [T.shape[2] - 2]
+    assert "1 flickering column" in found.screening[WAKES[0]]
+    assert all(images(found)[file] is images(problem)[file] for file in (*WALLS, WAKES[1]))
+
+
+def test_recordings_are_tested_without_lines_that_flicker(monkeypatch):
+    tested = []
+    monkeypatch.setattr(engine, "find_misassigned_recordings", lambda problem: ())
+    monkeypatch.setattr(engine, "_predict_stated_model", lambda problem: "predictions")
+    monkeypatch.setattr(engine, "reject_outliers", lambda problem, first, lines_only: ("masked", problem, lines_only))
+    monkeypatch.setattr(engine, "find_recording_errors", lambda problem, first: tested.append(problem) or ())
+    monkeypatch.setattr(engine, "register_images", lambda problem, first: problem)
+    found = engine.correct_measurements("stated", lambda text: None)
+    assert tested == [("masked", "stated", True)]
+    assert found == (tested[0], (), "predictions")
 
 
 def test_a_missing_effect_is_no_mirrored_image(tmp_path):

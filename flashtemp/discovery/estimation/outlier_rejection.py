@@ -1,6 +1,8 @@
 """Residuals of the first predictions after a smooth fit, and rejection of pixels and lines with camera defects.
 
-Used once before the first fit, so that every hypothesis is compared with the same pixels and the same noise.
+Used before the first fit, so that every hypothesis is compared with the same pixels and the same noise.  Lines are
+rejected before recordings are tested too: a line that flickers is a defect whatever the recording shows, and a
+hypothesis that moves it out of sight would seem better.
 """
 
 from __future__ import annotations
@@ -46,8 +48,11 @@ def calibrated_residual(view: RecordingEntry, predicted: Observable) -> Array:
     return left
 
 
-def reject_outliers(problem: Problem, first: Sequence[Prediction]) -> Problem:
-    """The problem without pixels and lines of images whose residuals are outliers among their neighbours."""
+def reject_outliers(problem: Problem, first: Sequence[Prediction], lines_only: bool = False) -> Problem:
+    """The problem without lines of images that flicker and pixels whose residuals are outliers among their neighbours.
+
+    `lines_only`: pixels are kept, because predictions may be those of another view than the recording shows.
+    """
     views, found = [], dict(problem.screening)
     for condition, prediction in zip(problem.conditions, first, strict=True):
         for view in condition.views:
@@ -58,7 +63,7 @@ def reject_outliers(problem: Problem, first: Sequence[Prediction]) -> Problem:
             # lines first: every pixel of a flickering line would stand out by itself
             rows, columns = (find_flickering_lines(left, axis, sigma) for axis in (1, 2))
             left[:, list(rows)], left[:, :, list(columns)] = np.nan, np.nan
-            bad = find_outlying_pixels(left)
+            bad = np.zeros(left.shape[1:], bool) if lines_only else find_outlying_pixels(left)
             also = [(len(rows), "flickering row"), (len(columns), "flickering column"),
                     (int(bad.sum()), "outlying pixel")]  # fmt: skip
             bad[list(rows)], bad[:, list(columns)] = True, True

@@ -96,8 +96,8 @@ class Criteria:
         "1 in 16,000 for one of some 20 keys",
     )  # fmt: skip
     pull_nuisance: float = _criterion_field(
-        8.0, "standard deviations", "of a camera error or the friction of a repetition from its prior, above which it "
-        "is unusual",
+        8.0, "standard deviations", "of a camera error, the friction of a repetition or a shape parameter of an effect "
+        "from its prior, above which it is unusual",
         "usual sizes are known to a factor of two",
     )  # fmt: skip
     condition_scatter: float = _criterion_field(

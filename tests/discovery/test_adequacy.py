@@ -58,7 +58,7 @@ def test_the_test_of_noise_says_which_recording_fails_it():
     worst = largest_misfit(fit, fit, CRITERIA)
     assert (worst.label, worst.chi2) == ("loud.nc", 2.25)
     assert worst.limit == pytest.approx(1.0 + np.hypot(4.0 * 0.05, 0.2))  # chance, and noise known to 5 %
-    assert worst.words.startswith("the residuals of loud.nc are 1.5 times its noise")
+    assert worst.misfit_words.startswith("the residuals of loud.nc are 1.5 times its noise")
 
 
 # --- friction of conditions and repetitions ---------------------------------------------------------------------

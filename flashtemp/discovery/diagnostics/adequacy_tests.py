@@ -79,7 +79,7 @@ class RecordingMisfit:
     limit: float
 
     @property
-    def words(self) -> str:
+    def misfit_words(self) -> str:
         """The misfit in words, as ratios of rms values."""
         ratio, explained = np.sqrt(self.chi2), np.sqrt(self.limit)
         return (
@@ -91,7 +91,7 @@ def _test_noise(worst: RecordingMisfit | None) -> AdequacyTest:
     """The test of noise on the recording with the largest misfit; passed without data."""
     if worst is None:
         return AdequacyTest(NOISE_TEST, 0.0, 1.0)
-    return AdequacyTest(NOISE_TEST, worst.chi2 / worst.limit, 1.0, worst.words)
+    return AdequacyTest(NOISE_TEST, worst.chi2 / worst.limit, 1.0, worst.misfit_words)
 
 
 def largest_misfit(fit: LinearisedFit, all_data_fit: LinearisedFit, criteria: Criteria) -> RecordingMisfit | None:

@@ -35,8 +35,9 @@ ADEQUACY_WORDS = {  # by the names of `adequacy_tests`
         "Calibrated inputs (`free`) agree with prior knowledge", "largest deviation in prior standard deviations",
         "a calibrated input (`free`) is far from prior knowledge", True),
     "camera and friction scatter (standard deviations)": RuleWords(
-        "Camera errors, friction scatter and effects have usual sizes", "largest deviation in usual sizes",
-        "a camera error, the friction scatter or an effect is far from its usual size", True),
+        "Camera errors, friction scatter and shape parameters of effects have usual sizes",
+        "largest deviation in usual sizes",
+        "a camera error, the friction scatter or a shape parameter of an effect is far from its usual size", True),
     NOISE_TEST: RuleWords(
         "The residuals are as small as the noise", "largest chi2 of a recording over what its noise allows",
         "the residuals of a recording exceed its noise", True),

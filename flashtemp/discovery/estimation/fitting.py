@@ -93,7 +93,7 @@ class Hypothesis:
         return {p: v for c in self.effects for p, v in c.parameter_priors().items()}
 
     @property
-    def strengths(self) -> dict[ParameterId, float]:
+    def heavy_tailed_strengths(self) -> dict[ParameterId, float]:
         """Typical strengths of the effects whose priors have heavy tails."""
         heavy = (c for c in self.effects if c.has_heavy_tails)
         return {c.strength_column(k): abs(a) for c in heavy for k, a in c.strengths.items()}
@@ -300,7 +300,7 @@ def _outer_priors(h: Hypothesis, system: LinearSystem, model: ModelPoint) -> Pri
 
 def _width_price(h: Hypothesis, priors: Priors) -> float:
     """What ln evidence loses because priors of effect parameters are wider than the typical ones."""
-    return sum(width_price(priors[p][1], a, STRENGTH_TAIL) for p, a in h.strengths.items() if p in priors)
+    return sum(width_price(priors[p][1], a, STRENGTH_TAIL) for p, a in h.heavy_tailed_strengths.items() if p in priors)
 
 
 def _full_objective(h: Hypothesis, at: Linearisation, hyper: Hyperparameters) -> float:
@@ -343,6 +343,7 @@ def _quadratic_model(h: Hypothesis, point: LinearisedPoint) -> _LocalModel:
     limits = [_step_limits(h, p, model) for p in outer]
     low, high = (np.array([limit[i] for limit in limits]) for i in (0, 1))
     mean, here = (np.array([priors[p][i] for p in outer]) for i in (0, 1))
+    strengths = h.heavy_tailed_strengths
 
     def settle_widths(widths: np.ndarray) -> _LocalModel:
         for _ in range(MAX_WIDTH_SWEEPS):
@@ -351,7 +352,7 @@ def _quadratic_model(h: Hypothesis, point: LinearisedPoint) -> _LocalModel:
             quadratic = QuadraticModel(g, S, low, high)
             step = quadratic.best_step()
             reached = zip(outer, step - mean, widths, strict=True)
-            local = np.array([local_width(h.strengths.get(p, w), a if p in h.strengths else 0.0, STRENGTH_TAIL)
+            local = np.array([local_width(strengths.get(p, w), a if p in strengths else 0.0, STRENGTH_TAIL)
                               for p, a, w in reached])  # fmt: skip
             if np.all(np.abs(np.log(local / widths)) < np.log(WIDTH_TOLERANCE)):
                 break
@@ -359,8 +360,8 @@ def _quadratic_model(h: Hypothesis, point: LinearisedPoint) -> _LocalModel:
         excess = (1.0 + STRENGTH_TAIL) * np.log(widths / here) - 0.5 * mean**2 * (here**-2.0 - widths**-2.0)
         return _LocalModel(quadratic, widths, quadratic.predicted_reduction(step) - float(np.sum(excess)))
 
-    wide = np.array([WIDE_PRIOR if p in h.strengths else 1.0 for p in outer])
-    ways = [settle_widths(here), *([settle_widths(wide * here)] if h.strengths else [])]
+    wide = np.array([WIDE_PRIOR if p in strengths else 1.0 for p in outer])
+    ways = [settle_widths(here), *([settle_widths(wide * here)] if strengths else [])]
     return max(ways, key=lambda way: way.promise)
 
 

@@ -24,7 +24,7 @@ STRENGTH_TAIL = 1.0
 INPUT_TAIL = 3.0
 WIDE_PRIOR = 1e3  # usual sizes: a width at which the prior hardly acts, from which local widths are iterated
 MAX_WIDTH_SWEEPS = 50  # iterations of widths, at most
-WIDTH_TOLERANCE = 1.1  # ratio of widths at which iterations end: ln evidence is stationary there and changes by 0.01
+WIDTH_TOLERANCE = 1.1  # ratio of widths at which iterations end: ln evidence is stationary there and changes by 0.02
 
 
 def local_width(usual: float, deviation: float, tail: float) -> float:

@@ -42,8 +42,9 @@ EffectNames = frozenset[str]
 class InputAlternative:
     """A model in which the stated input `key` is estimated, beside the effects that it `keeps`.
 
-    `prior_sd`: of the ln of the key, if the key can be estimated with the others (`is_key`); else the evidence is that
-    of the linearised model.  The data want `value` with standard error `stderr`, in the unit of the key.
+    `prior_sd`: local width of the prior of the ln of the key (`heavy_tails`), if the key can be estimated with the
+    others (`is_key`); else the evidence is that of the linearised model.  The data want `value` with standard error
+    `stderr`, in the unit of the key.
     """
 
     key: str

@@ -141,9 +141,19 @@ def _solve_with_strengths(base: ScoringContext, typical: Mapping[ParameterId, fl
     The better of two optima, near no effect and near the estimate from the data alone, if there are two.
     """
     usual = {p: abs(a) for p, a in typical.items()}
-    near = _solve_with_widths(base, typical, usual)
-    far = {p: _far_width(near[p], near.sd(p), a) for p, a in usual.items()}
-    return near if far == usual else max(near, _solve_with_widths(base, typical, far), key=lambda s: s.ln_evidence)
+    near = _solve_with_widths(base, usual)
+    widths = {p: _far_width(near[p], near.sd(p), a) for p, a in usual.items()}
+    if widths == usual:
+        return near
+    for _ in range(MAX_WIDTH_SWEEPS):
+        far = _solve_with_widths(base, widths)
+        local = {p: local_width(a, far[p], STRENGTH_TAIL) for p, a in usual.items()}
+        if all(1.0 / WIDTH_TOLERANCE < local[p] / widths[p] < WIDTH_TOLERANCE for p in usual):
+            break
+        widths = local
+    price = sum(width_price(widths[p], a, STRENGTH_TAIL) for p, a in usual.items())
+    far = replace(far, ln_evidence=far.ln_evidence - price)
+    return max(near, far, key=lambda s: s.ln_evidence)
 
 
 def _far_width(estimate: float, sd: float, usual: float) -> float:
@@ -156,19 +166,10 @@ def _far_width(estimate: float, sd: float, usual: float) -> float:
     return local_width(usual, alone, STRENGTH_TAIL) if alone**2 * precision > 4.0 * (1.0 + STRENGTH_TAIL) else usual
 
 
-def _solve_with_widths(
-    base: ScoringContext, typical: Mapping[ParameterId, float], widths: dict[ParameterId, float]
-) -> Solution:
-    """The linearised fit with priors of strengths whose widths are iterated from given ones until they are local."""
-    for _ in range(MAX_WIDTH_SWEEPS):
-        priors = {p: (0.0, sd) for p, sd in widths.items()}
-        solution = base.fit.solve_with(base.problem, base.fit.free_effect_priors | priors, base.equations).solution
-        local = {p: local_width(a, solution[p], STRENGTH_TAIL) for p, a in typical.items()}
-        if all(1.0 / WIDTH_TOLERANCE < local[p] / widths[p] < WIDTH_TOLERANCE for p in typical):
-            break
-        widths = local
-    price = sum(width_price(widths[p], a, STRENGTH_TAIL) for p, a in typical.items())
-    return replace(solution, ln_evidence=solution.ln_evidence - price)
+def _solve_with_widths(base: ScoringContext, widths: Mapping[ParameterId, float]) -> Solution:
+    """The linearised fit with strengths free that have normal priors of given widths about no effect."""
+    priors = {p: (0.0, sd) for p, sd in widths.items()}
+    return base.fit.solve_with(base.problem, base.fit.free_effect_priors | priors, base.equations).solution
 
 
 def _score_variant(base: ScoringContext, c: CandidateEffect, variant: int) -> CandidateScore:

@@ -368,6 +368,7 @@ def test_the_text_is_kept_marked_and_asked_for(browser, place):
         seen.get_by_text("not saved yet").wait_for()
         seen.get_by_text("Show the text").click()
         text = seen.locator(".cm-content")
+        text.click()  # waits until the fold is open: a hidden editor takes no keys
         text.press("Control+End")
         written = '[[force]]\nfile = "missing.csv"\nsigma = -1.0 # of the load cell, as its data sheet says\n'
         seen.keyboard.type(written, delay=30)  # with a check between the letters

@@ -73,9 +73,11 @@ class SensorPositions:
         values[slice(None) if point is None else point] += step
         return _build_unchecked({f.name: getattr(self, f.name) for f in fields(self)} | {key: values})
 
-    def subset(self, points: slice) -> SensorPositions:
-        """Positions of some of the points."""
-        return _build_unchecked({f.name: getattr(self, f.name)[points] for f in fields(self)})
+    def subset(self, points: np.ndarray) -> SensorPositions:
+        """Positions of some of the points, by their numbers, which may repeat, or by a mask (n,)."""
+        numbers = np.arange(len(self))[points]
+        names = tuple(self.names[i] for i in numbers)
+        return _build_unchecked({f.name: getattr(self, f.name)[numbers] for f in fields(self)[1:]} | {"names": names})
 
     def as_rows(self) -> list[dict[str, Any]]:
         """One table per point, as in campaign.toml."""

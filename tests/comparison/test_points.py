@@ -19,6 +19,7 @@ from flashtemp.comparison import campaign
 from flashtemp.comparison.compare import compare
 from flashtemp.comparison.synthetic_campaign import SEALED_TRUTH
 from flashtemp.discovery.experiment_design import candidate_sensor_recordings
+from flashtemp.discovery.parameters import ParameterId, ParameterKind
 from flashtemp.discovery.prediction.prediction import DerivativeRequest, predict_condition
 from flashtemp.discovery.prediction.problem import prepare_problem
 from flashtemp.discovery.prediction.sensor_parameters import sensor_gain_id
@@ -98,6 +99,30 @@ def test_points_show_the_field_at_their_places_and_late(tmp_path, lab):
     [seeing] = compare(campaign.load(tmp_path)).recordings
     lab.check("points in a stepped slab, K of 100", float(np.abs(seeing.residual).max()), 0.02)
     assert np.abs(T[:, 1] - 20.0 - 100.0 * stepped(z[1:], t)[:, 0]).max() > 5.0  # the lag is seen
+
+
+def test_derivatives_by_depth_and_time_constant_are_those_of_the_closed_form(tmp_path):
+    """Beads at two depths and places: each column is the slope of its own bead's reading, and 0 for the other."""
+    write(tmp_path, ["driven_faces"], "[driven_faces]\nface = [[0.0, 120.0]]\nback = [[0.0, 20.0]]\n")
+    t, z, lags = np.linspace(10.0, 300.0, 30), (0.00211, 0.0057), (20.0, 10.0)
+    np.savetxt(tmp_path / "t.csv", np.column_stack([t, 0.0 * t, 0.0 * t]), delimiter=",", header="time (s),a (degC),b (degC)", comments="")
+    points = ", ".join(
+        f'{{ name = "{name}", x = {x}, z = {h}, lag_s = {lag}, lag_sigma_s = 2.0, depth_sigma_m = 2e-4 }}'
+        for name, x, h, lag in zip("ab", (0.025, 0.01), z, lags, strict=True)
+    )
+    (tmp_path / "campaign.toml").write_text(
+        f'case = "case.toml"\n[[recording]]\nview = "points"\nfile = "t.csv"\npoints = [{points}]\nsigma_K = 0.05\n'
+    )
+    problem = prepare_problem(campaign.load(tmp_path), lambda tasks: [predict_condition(task) for task in tasks])
+    [seen] = problem.predict(problem.make_tasks(problem.stated_model, DerivativeRequest(optics=True)))
+    [shown] = seen.observables.values()
+    for i, (name, h, lag) in enumerate(zip("ab", z, lags, strict=True)):
+        by_depth = 100.0 * (stepped([h + 5e-5], t, lag) - stepped([h - 5e-5], t, lag))[:, 0] / 1e-4
+        by_lag = 100.0 * (stepped([h], t, lag + 0.5) - stepped([h], t, lag - 0.5))[:, 0]
+        for kind, axis, expected in ((ParameterKind.PLACE, (2,), by_depth), (ParameterKind.LAG, (), by_lag)):
+            column = shown.columns[ParameterId(kind, axis, name=name)]
+            assert column[:, i] == pytest.approx(expected, abs=0.01 * np.abs(expected).max()), (kind, name)
+            assert not column[:, 1 - i].any()
 
 
 def test_a_lag_is_exact_for_a_broken_line():

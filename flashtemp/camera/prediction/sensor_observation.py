@@ -89,18 +89,35 @@ def _fields_at_sensors(run, places: SensorPositions) -> np.ndarray:
     mesh = run.mesh
     above = places.z >= 0
     if above.any():
-        edges_x = mesh.x[mesh.first : mesh.last + 1]
-        cells = run.field[:, mesh.everywhere(mesh.block)].astype(float)
-        face = _face_temperatures(run)
-        wx, wy = cell_weights(edges_x, places.x[above]), cell_weights(mesh.y, places.y[above])
-        at_face, wz = block_height_weights(mesh, places.z[above])
-        inner = np.einsum("fikj,pi,pk,pj->fp", cells, wx, wz, wy, optimize=True)
-        out[:, above] = inner + np.einsum("fij,pi,pj->fp", face, wx, wy, optimize=True) * at_face
+        edges_x, here = mesh.x[mesh.first : mesh.last + 1], places.subset(above)
+        at_face, wz = block_height_weights(mesh, here.z)
+        out[:, above] = _interpolate_columns(run.field, mesh.everywhere(mesh.block), edges_x, mesh.y, here, wz)
+        if at_face.any():
+            wx, wy = cell_weights(edges_x, here.x), cell_weights(mesh.y, here.y)
+            face = np.einsum("fij,pi,pj->fp", _face_temperatures(run), wx, wy, optimize=True)
+            out[:, above] += face * at_face
     if (~above).any():
-        cells = run.field[:, mesh.everywhere(mesh.road)].astype(float)
-        levels = -mesh.depth[::-1]
-        parts = (cell_weights(e, v[~above]) for e, v in ((mesh.x, places.x), (levels, places.z), (mesh.y, places.y)))
-        out[:, ~above] = np.einsum("fikj,pi,pk,pj->fp", cells, *parts, optimize=True)
+        here = places.subset(~above)
+        wz = cell_weights(-mesh.depth[::-1], here.z)
+        out[:, ~above] = _interpolate_columns(run.field, mesh.everywhere(mesh.road), mesh.x, mesh.y, here, wz)
+    return out
+
+
+def _interpolate_columns(
+    field: np.ndarray, cells: np.ndarray, edges_x: np.ndarray, edges_y: np.ndarray, places: SensorPositions,
+    height_weights: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Temperatures (frames, points) degC in `cells` (columns, heights, planes) of a `field` (frames, all cells).
+
+    `height_weights` (points, heights).  Points above one another share a column, which is interpolated once.
+    """
+    spots, column = np.unique(np.stack([places.x, places.y]), axis=1, return_inverse=True)
+    weights = np.einsum("pi,pj->ijp", cell_weights(edges_x, spots[0]), cell_weights(edges_y, spots[1]))
+    weights, by_height = weights.reshape(-1, weights.shape[-1]), np.moveaxis(cells, 1, 0)
+    out = np.empty((len(field), len(places)))
+    for frame, T in enumerate(field):  # one at a time: all of them in double precision would need much memory
+        columns = T[by_height].astype(float).reshape(len(by_height), -1) @ weights
+        out[frame] = np.einsum("pk,kp->p", height_weights, columns[:, column])
     return out
 
 

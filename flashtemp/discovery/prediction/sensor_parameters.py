@@ -33,13 +33,15 @@ def sensor_columns(predict_images: Callable[..., Array], recording: Recording, r
     def only_point(number: int, change: Array) -> Array:
         return np.where(np.arange(len(places)) == number, change, 0.0)
 
-    for i, p, key, sd in _iter_bead_parameters(places):
-        step = SENSOR_STEP_FRACTION * sd
-        if step > 0:
-            ahead, behind = (
-                predict_images(recording=_single_point(recording, places.perturb_key(key, s), i)) for s in (step, -step)
-            )
-            out[p] = only_point(i, (ahead - behind) / (2.0 * step))
+    uncertain = [row for row in _iter_bead_parameters(places) if row[-1] > 0]
+    if uncertain:  # every perturbed point is a point of one recording, whose fields are interpolated once
+        steps = SENSOR_STEP_FRACTION * np.array([sd for *_, sd in uncertain])
+        moved = places.subset(np.tile([i for i, *_ in uncertain], 2))
+        for number, step in enumerate([*steps, *-steps]):
+            moved = moved.perturb_key(uncertain[number % len(uncertain)][2], step, number)
+        ahead, behind = np.split(predict_images(recording=_without_readings(recording, moved)), 2, axis=-1)
+        slopes = (ahead - behind) / (2.0 * steps)
+        out |= {p: only_point(i, slopes[..., [n]]) for n, (i, p, *_) in enumerate(uncertain)}
     for i, name in enumerate(places.names):
         if places.gain_sigma[i] > 0:
             out[sensor_gain_id(name, i)] = only_point(i, rise)
@@ -82,12 +84,10 @@ def sensor_priors(views: Iterable[RecordingEntry]) -> dict[ParameterId, float]:
     return out
 
 
-def _single_point(recording: Recording, places: SensorPositions, number: int) -> Recording:
-    """One point of a recording at its position in `places`, without its measured values."""
-    own = slice(number, number + 1)
-    return replace(
-        recording, temperature=np.zeros((recording.frames, 1, 1)), u=recording.u[own], places=places.subset(own)
-    )
+def _without_readings(recording: Recording, places: SensorPositions) -> Recording:
+    """The times of a recording with other points, whose readings are not known."""
+    n = len(places)
+    return replace(recording, temperature=np.zeros((recording.frames, 1, n)), u=np.arange(float(n)), places=places)
 
 
 def _iter_bead_parameters(places: SensorPositions) -> Iterator[tuple[int, ParameterId, str, float]]:

@@ -326,12 +326,13 @@ def _refine_nodes(search: EffectSearch, found: FittedLaw, watch: ProgressCallbac
     """Add nodes between the nodes of a law while the evidence requires them, or else the adequacy of the model.
 
     Adequacy counts where the evidence is not against the new nodes: a chord may miss the curve by less than what
-    their priors cost.
+    their priors cost.  A finer law is not fitted to the end where it cannot reach the ln evidence `least`.
     """
     while len(nodes := found.scored.law.refined_nodes) > len(found.scored.law.nodes):
         watch(f"{len(nodes)} nodes in place of {len(found.scored.law.nodes)}: {found.scored.law.description}")
         try:
-            finer = _fit_refined(search, found, nodes, watch)
+            least = found.fit.ln_evidence - CRITERIA.ln_bayes_law_node  # below it neither can require the nodes
+            finer = _fit_refined(search, found, nodes, watch, least)
         except SolverFailure:
             break  # the coarser law remains
         gain = finer.fit.ln_evidence - found.fit.ln_evidence
@@ -351,9 +352,11 @@ def _is_adequate(problem: Problem, fit: LinearisedFit) -> bool:
 
 
 def _fit_refined(
-    search: EffectSearch, found: FittedLaw, nodes: tuple[float, ...], watch: ProgressCallback
+    search: EffectSearch, found: FittedLaw, nodes: tuple[float, ...], watch: ProgressCallback, least: float
 ) -> FittedLaw:
-    """Fit a law with more nodes, starting at its last fit.  Raises SolverFailure.
+    """Fit a law with more nodes, starting at its last fit, if it can reach the ln evidence `least`.
+
+    Raises SolverFailure.
 
     The finer law has the same curve at first, so the point and all other derivatives are those of the last fit.
     """
@@ -370,7 +373,7 @@ def _fit_refined(
     predictions = problem.predict(tasks)
     system = _borrow_columns(data.make_blocks(predictions), fit)
     first = Linearisation(model, tuple(tasks), tuple(predictions), system)
-    return FittedLaw(scored, problem, finish_fit(Hypothesis(problem, data, model, own), first, watch))
+    return FittedLaw(scored, problem, finish_fit(Hypothesis(problem, data, model, own), first, watch, least))
 
 
 def _finish_law(

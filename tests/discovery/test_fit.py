@@ -396,6 +396,19 @@ def test_a_fit_that_cannot_reach_another_one_goes_no_further(two, behind, promis
     assert found["fast"] is two.base
 
 
+@pytest.mark.parametrize(("above", "ends"), [(1.0, False), (5.0, True)])
+def test_a_fit_that_cannot_reach_what_it_must_goes_no_further(two, above, ends):
+    """Its evidence contains the 2 that its linearised model promises; it may gain 2 more."""
+    slow = replace(two.base, promise=2.0)
+
+    def fitting():
+        yield SimulationRequest([], slow)
+        return slow
+
+    found = run_fits(two.problem, {"": fitting()}, least=slow.ln_evidence + above).fits[""]
+    assert (found.status is FitStatus.OUTRUN) is ends
+
+
 # --- gross misfits -----------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def peaked(campaigns):

@@ -268,7 +268,7 @@ def identify_by_gains(monkeypatch):
         monkeypatch.setattr(law_identification, "_is_adequate", lambda problem, fit: True)
         monkeypatch.setattr(
             law_identification, "_fit_refined",
-            lambda search, found, nodes, watch: fitted_law(found.scored.law.name, len(nodes)),
+            lambda search, found, nodes, watch, least: fitted_law(found.scored.law.name, len(nodes)),
         )  # fmt: skip
         monkeypatch.setattr(law_identification, "_finish_law", finish)
         empty = SimpleNamespace(case=SimpleNamespace(effects=()))

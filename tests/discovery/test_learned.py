@@ -419,7 +419,7 @@ def test_nodes_are_added_for_evidence_or_for_adequacy(monkeypatch, gains, adequa
         scored = law_identification.ScoredLaw(shape, 1.0, evidence, shape.values)
         return law_identification.FittedLaw(scored, None, SimpleNamespace(ln_evidence=evidence, nodes=len(nodes)))
 
-    def fit_refined(search, found, nodes, watch):
+    def fit_refined(search, found, nodes, watch, least):
         return law(nodes, found.fit.ln_evidence + gains[(len(nodes) - 1) // 8 - 1])
 
     monkeypatch.setattr(law_identification, "_fit_refined", fit_refined)

@@ -27,11 +27,14 @@ class FitOutcome:
 
 
 def run_fits(
-    problem: Problem, fittings: Mapping[Any, FitGenerator], watch: ProgressCallback = lambda text: None
+    problem: Problem,
+    fittings: Mapping[Any, FitGenerator],
+    watch: ProgressCallback = lambda text: None,
+    least: float = -np.inf,
 ) -> FitOutcome:
     """Run several fits until all end, with the simulations of each round in one batch for the workers.
 
-    A fit that cannot reach the best finished one is stopped with `FitStatus.OUTRUN`.
+    A fit that cannot reach the best finished one, or the ln evidence `least`, is stopped with `FitStatus.OUTRUN`.
     """
     live: dict[Any, tuple[FitGenerator, SimulationRequest]] = {}
     fits: dict[Any, LinearisedFit] = {}
@@ -50,9 +53,9 @@ def run_fits(
         advance_fit(key, fitting, None)
     rounds = 0
     while live:
-        best = max((f.ln_evidence for f in fits.values()), default=-np.inf)
+        goal = max([least, *(f.ln_evidence - OUTRUN_DEFICIT for f in fits.values())])
         for key, (fitting, request) in list(live.items()):
-            if request.best is not None and _is_outrun(request.best, best):
+            if request.best is not None and _is_outrun(request.best, goal):
                 fitting.close()
                 fits[key] = replace(request.best, status=FitStatus.OUTRUN)
                 del live[key]
@@ -93,6 +96,6 @@ def lowest_score_within_reach(best: float) -> float:
     return (best - OUTRUN_DEFICIT) / PROMISE_FACTOR
 
 
-def _is_outrun(fit: LinearisedFit, best: float) -> bool:
-    """Whether a fit stays behind another one even if it gains PROMISE_FACTOR times its predicted gain."""
-    return fit.ln_evidence + (PROMISE_FACTOR - 1.0) * fit.promise < best - OUTRUN_DEFICIT
+def _is_outrun(fit: LinearisedFit, goal: float) -> bool:
+    """Whether a fit stays below the ln evidence `goal` even if it gains PROMISE_FACTOR times its predicted gain."""
+    return fit.ln_evidence + (PROMISE_FACTOR - 1.0) * fit.promise < goal

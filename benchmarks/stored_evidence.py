@@ -20,14 +20,14 @@ from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.decision import EffectSize
 from flashtemp.discovery.diagnostics import setup_errors as setup_module
 from flashtemp.discovery.diagnostics.adequacy_tests import refit_all_data, run_adequacy_tests
-from flashtemp.discovery.diagnostics.cross_validation import cross_validate
+from flashtemp.discovery.diagnostics.cross_validation import cross_validate, heldout_excess
 from flashtemp.discovery.diagnostics.setup_errors import ReducedFit
 from flashtemp.discovery.diagnostics.stated_inputs import StatedInput
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
 from flashtemp.discovery.estimation.linearised_fit import FitStatus, LinearisedFit
 from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY
 from flashtemp.discovery.estimation.per_condition import estimate_effect_by_condition
-from flashtemp.discovery.law_identification import IdentifiedLaw, heldout_excess, ln_choice_odds
+from flashtemp.discovery.law_identification import IdentifiedLaw, ln_choice_odds
 from flashtemp.discovery.parameters import PLACEMENT_KINDS, ParameterId, ParameterKind
 from flashtemp.discovery.selection import forward_selection
 from flashtemp.discovery.selection.forward_selection import EffectSearch, InputAlternative
@@ -217,7 +217,7 @@ class Recorder:
             stored_law = StoredLaw(
                 store_fit(law.search, law.search.best, self.systems[1][1], self.inputs),
                 law.search.best.ln_evidence - base.ln_evidence, known - base.ln_evidence, ln_choice_odds(law.scored),
-                heldout_excess(law.search),
+                heldout_excess(law.search.data, law.search.base, law.search.best),
             )  # fmt: skip
         return StoredSearch(
             record=record,

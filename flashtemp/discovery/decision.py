@@ -182,11 +182,13 @@ def _decide_law(evidence: VerdictEvidence, criteria: Criteria, rules: list[Verdi
     adequate, else `unexplained`; empty if no law was identified."""
     if not evidence.learned_law or evidence.law_excess_left is None:
         return ""
-    predicts = evidence.law_excess_left <= criteria.law_excess_left
     rules.append(
-        VerdictRule("the law predicts left-out data", evidence.law_excess_left, criteria.law_excess_left, predicts,
+        VerdictRule("the law predicts left-out data", evidence.law_excess_left, criteria.law_excess_left,
+             evidence.law_excess_left <= criteria.law_excess_left,
              f"{100 * evidence.law_excess_left:.0f} % of the excess misfit of left-out data remains with the law")
     )  # fmt: skip
+    rules += _heldout_rules(evidence, criteria)
+    predicts = all(r.passed for r in rules)
     sound = evidence.is_converged and all(t.passed for t in evidence.adequacy)
     return "learned" if predicts and sound else "unexplained"
 
@@ -221,17 +223,22 @@ def _cause_rules(evidence: VerdictEvidence, criteria: Criteria) -> Iterator[Verd
         evidence.ln_bayes_discrepancy > needed,
         f"with a smooth model discrepancy the ln Bayes factor of {names} is {evidence.ln_bayes_discrepancy:.1f}",
     )  # fmt: skip
-    if evidence.heldout_gain is not None:
-        yield VerdictRule(
-            "left-out data do not speak against it", evidence.heldout_gain, criteria.heldout_against,
-            evidence.heldout_gain > criteria.heldout_against,
-            f"left-out data are less probable with it (change of ln probability {evidence.heldout_gain:.1f})",
-        )  # fmt: skip
+    yield from _heldout_rules(evidence, criteria)
     if evidence.size is not None:
         largest = _largest_fraction(evidence.size)
         yield VerdictRule(
             "it can be seen", largest, criteria.visible_fraction, largest >= criteria.visible_fraction,
             f"after calibration it changes no recording by more than {100 * largest:.2g} % of its temperature rise",
+        )  # fmt: skip
+
+
+def _heldout_rules(evidence: VerdictEvidence, criteria: Criteria) -> Iterator[VerdictRule]:
+    """The rule that left-out data do not contradict a cause or a law, if data were left out."""
+    if evidence.heldout_gain is not None:
+        yield VerdictRule(
+            "left-out data do not speak against it", evidence.heldout_gain, criteria.heldout_against,
+            evidence.heldout_gain > criteria.heldout_against,
+            f"left-out data are less probable with it (change of ln probability {evidence.heldout_gain:.1f})",
         )  # fmt: skip
 
 

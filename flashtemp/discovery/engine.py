@@ -36,7 +36,7 @@ from flashtemp.discovery.estimation.nuisance_priors import all_derivatives
 from flashtemp.discovery.estimation.outlier_rejection import reject_outliers
 from flashtemp.discovery.estimation.whitening import WhitenedData
 from flashtemp.discovery.input_alternatives import find_input_alternatives, free_input
-from flashtemp.discovery.law_identification import IdentifiedLaw, heldout_excess, identify_law
+from flashtemp.discovery.law_identification import IdentifiedLaw, excess_left, identify_law
 from flashtemp.discovery.measurement_errors.initial_registration import register_images
 from flashtemp.discovery.measurement_errors.recording_errors import (
     RecordingError,
@@ -245,9 +245,7 @@ def judge_search(search: EffectSearch, watch: ProgressCallback, law: IdentifiedL
     setup = find_setup_errors(problem, search.data, final, inputs.system, [c.input for c in inputs.checks], CRITERIA)
     evidence = collect_evidence(search, final, base, extended, change, setup, inputs, hint is not None)
     if law is not None:
-        before, after = heldout_excess(search)
-        remaining = max(after, 0.0) / max(before, 1e-300) if before > 0.0 else 1.0
-        evidence = replace(evidence, learned_law=law.law.description, law_excess_left=remaining)
+        evidence = replace(evidence, learned_law=law.law.description, law_excess_left=excess_left(search))
     return assemble_verdict(search, final, base, extended, change, setup, inputs, decide(evidence))
 
 

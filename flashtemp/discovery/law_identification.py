@@ -2,7 +2,7 @@
 
 Every pair of a quantity and a regressor is scored by the sensitivities of its nodes at the calibrated base.  The best
 pairs are fitted in full, and nodes are added while the evidence requires them.  `decision.decide` judges from
-`heldout_excess` whether the law predicts left-out data.
+`excess_left` whether the law predicts left-out data.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.diagnostics.adequacy_tests import run_adequacy_tests
-from flashtemp.discovery.diagnostics.cross_validation import cross_validate
+from flashtemp.discovery.diagnostics.cross_validation import heldout_excess
 from flashtemp.discovery.estimation.concurrent_fits import lowest_score_within_reach, run_fits
 from flashtemp.discovery.estimation.fitting import Hypothesis, ProgressCallback, fit_hypothesis
 from flashtemp.discovery.estimation.hyperparameters import EvidenceMaximum, Hyperparameters, priors_at_hyperparameters
@@ -176,11 +176,17 @@ def identify_law(search: EffectSearch, watch: ProgressCallback) -> IdentifiedLaw
     scored = tuple(_with_full_fit(s, ends.get(s.law.name), search) for s in scored)
     best = max(refined, key=lambda f: f.fit.ln_evidence)
     found = _finish_law(search, best, scored, watch)
-    # with exact derivatives the tests of adequacy are stricter than those that decided on the nodes
-    if best.finer is not None and not _is_adequate(found.search.problem, found.search.best):
+    # the tests that decided on the nodes are weaker: their derivatives are not exact, and no data were left out
+    if best.finer is not None and not _is_sound(found):
         finer = _finish_law(search, best.finer, scored, watch)
-        return finer if _is_adequate(finer.search.problem, finer.search.best) else found
+        return finer if _is_sound(finer) else found
     return found
+
+
+def _is_sound(found: IdentifiedLaw) -> bool:
+    """Whether the model with a law passes all tests of adequacy and predicts left-out data."""
+    predicts = excess_left(found.search) <= CRITERIA.law_excess_left
+    return predicts and _is_adequate(found.search.problem, found.search.best)
 
 
 def _with_full_fit(scored: ScoredLaw, found: FittedLaw | None, search: EffectSearch) -> ScoredLaw:
@@ -191,15 +197,10 @@ def _with_full_fit(scored: ScoredLaw, found: FittedLaw | None, search: EffectSea
     return replace(scored, fitted_ln_bayes=gain, unresolved_gain=found.scored.unresolved_gain, columns=())
 
 
-def heldout_excess(search: EffectSearch) -> tuple[float, float]:
-    """Excess misfit of left-out data as predicted by the base and by the best fit of a search.
-
-    It is their chi2 minus what the best fit leaves when it is fitted to them too: the noise that they have, not the
-    noise that is stated.  Left out are the held-out recordings, or without any each condition in turn.  Friction of
-    left-out conditions and errors of their cameras are fitted to these data, within MAX_RIGID_PULL prior widths.
-    """
-    base, best = (cross_validate(search.data, fit) for fit in (search.base, search.best))
-    return base.chi2 - best.fitted_chi2, best.chi2 - best.fitted_chi2
+def excess_left(search: EffectSearch) -> float:
+    """The fraction of the excess misfit of left-out data that remains with the best fit; 1 if the base has none."""
+    before, after = heldout_excess(search.data, search.base, search.best)
+    return max(after, 0.0) / before if before > 0.0 else 1.0
 
 
 def list_possible_laws(search: EffectSearch) -> Iterator[PiecewiseLinearLaw]:

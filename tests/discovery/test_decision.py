@@ -66,6 +66,7 @@ def test_each_rule_has_its_verdict(change, kind):
         ({"setup_errors": ("block_length",), "setup_alternatives": ("pixel_scale",)}, "group"),
         ({"learned_law": "friction over place", "law_excess_left": 0.4}, "learned"),
         ({"learned_law": "friction over place", "law_excess_left": 0.9}, "unexplained"),
+        ({"learned_law": "friction over place", "law_excess_left": 0.4, "heldout_gain": -9.0}, "unexplained"),
     ],
 )
 def test_what_is_no_effect_has_its_verdict(change, kind):

@@ -12,7 +12,7 @@ import pytest
 from flashtemp.comparison import campaign
 from flashtemp.comparison.synthetic_campaign import SEALED_TRUTH, SyntheticPlan, make_synthetic_campaign
 from flashtemp.discovery.diagnostics.adequacy_tests import normalised_deviations
-from flashtemp.discovery.diagnostics.cross_validation import without_flexible_terms
+from flashtemp.discovery.diagnostics.cross_validation import _rigid_limit, without_flexible_terms
 from flashtemp.discovery.diagnostics.verdict_sentences import describe_assumed_optics
 from flashtemp.discovery.estimation import image_alignment, prior_widths
 from flashtemp.discovery.estimation.concurrent_fits import run_fits
@@ -429,6 +429,17 @@ def test_a_full_fit_from_a_gross_misfit_ends_at_the_truth(peaked, peak):
     p, truth = ParameterId.of_effect("edge_pressure", "B"), peaked.truth["hidden"]["edge_pressure"]["B"]
     assert abs(peak.model.effect_value(p) + peak.solution[p] - truth) < 4.0 * peak.solution.sd(p)
     assert peak.chi2 == pytest.approx(peak.solution.count, abs=5 * np.sqrt(2 * peak.solution.count))
+
+
+@pytest.mark.parametrize(("size", "far"), [(0.3, 1.5), (1.0, 1.5), (3.0, 0.5)])
+def test_a_camera_error_of_its_usual_size_is_not_unusual_where_others_are_small(two, size, far):
+    """Evidence finds that most errors of a family are small; a single one of 1.5 usual sizes is still that."""
+    error = ParameterId(ParameterKind.STATIC, (1, 0), file=two.problem.campaign.views[0].file)
+    solution = replace(two.base.solution, names=(error,), d=np.array([1.5]))
+    hyper = replace(two.base.hyper, families=two.base.hyper.families | {ParameterKind.STATIC: size})
+    fit = replace(two.base, priors={error: (0.0, size)}, solution=solution, hyper=hyper)
+    assert normalised_deviations(fit)[error] == pytest.approx(far)
+    assert _rigid_limit(error, fit) * size == pytest.approx(3.0 * max(size, 1.0))
 
 
 def test_a_model_without_flexible_terms_keeps_an_effect_far_from_its_prior(peak):

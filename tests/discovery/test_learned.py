@@ -19,6 +19,7 @@ from flashtemp.comparison import campaign
 from flashtemp.comparison.synthetic_campaign import SEALED_TRUTH, SyntheticPlan, make_synthetic_campaign
 from flashtemp.discovery import engine, law_identification
 from flashtemp.discovery.criteria import CRITERIA
+from flashtemp.discovery.diagnostics.cross_validation import heldout_excess
 from flashtemp.discovery.estimation.camera_error_columns import NO_CAMERA_ERRORS
 from flashtemp.discovery.estimation.hyperparameters import Hyperparameters
 from flashtemp.discovery.estimation.linear_gaussian import DataBlock, LinearSystem
@@ -238,6 +239,48 @@ def test_data_that_were_held_out_judge_whether_conditions_agree_and_fit_nothing(
     assert (every.probability > 1e-4) is agree
 
 
+def two_conditions(columns, values, names, priors, model):
+    """A fit to two conditions of 400 data of noise 1 that show `columns` times `values`; one array of each for each."""
+    rng, none, blocks = np.random.default_rng(5), (np.zeros((400, 0)), np.zeros((0, 0))), []
+    for number, (C, value) in enumerate(zip(columns, values, strict=True)):
+        own = tuple((p, k) for k, p in enumerate(names))
+        blocks.append(DataBlock("ab"[number], number, False, C @ value + rng.standard_normal(400), C, own, *none))
+    system, exact = LinearSystem(blocks), replace(EXACT, variances={"a": 1.0, "b": 1.0})
+    return LinearisedFit(model, (), system, system.solve(priors), priors, exact, FitStatus.CONVERGED)
+
+
+LEARNED_MODEL = ModelPoint({}, {LEARNED_LAW_NAME: {"at_1": 0.0, "at_2": 0.0}})
+FOLDS = SimpleNamespace(noises={})
+
+
+def test_pressure_shapes_that_a_wrong_base_needs_are_no_prediction():
+    """The same columns, of free pressure shapes or of a law: the base is judged without them."""
+    rng = np.random.default_rng(7)
+    columns, values = 20.0 * rng.standard_normal((2, 400, 2)), [np.array([0.5, -0.5])] * 2
+    modes = [ParameterId(ParameterKind.MODE, (n,)) for n in (1, 2)]
+    nodes = [ParameterId.of_effect(LEARNED_LAW_NAME, f"at_{k}") for k in (1, 2)]
+    base = two_conditions(columns, values, modes, dict.fromkeys(modes, (0.0, 0.3)), ModelPoint())
+    best = two_conditions(columns, values, nodes, dict.fromkeys(nodes, (0.0, 0.3)), LEARNED_MODEL)
+    before, after = heldout_excess(FOLDS, base, best)
+    assert before > 1e4
+    assert abs(after) < 50.0
+
+
+@pytest.mark.parametrize(("second", "predicts"), [(-0.5, True), (-3.0, False)])
+def test_an_unseen_range_is_predicted_within_the_prior_of_its_node(second, predicts):
+    """Each condition shows one node; the other one is known to 0.3 a priori, so that 0.5 is likely and 3 is not."""
+    rng = np.random.default_rng(7)
+    columns = 20.0 * rng.standard_normal((2, 400, 2)) * np.eye(2)[:, None]
+    nodes = [ParameterId.of_effect(LEARNED_LAW_NAME, f"at_{k}") for k in (1, 2)]
+    values = [np.array([0.5, 0.0]), np.array([0.0, second])]
+    best = two_conditions(columns, values, nodes, dict.fromkeys(nodes, (0.0, 0.3)), LEARNED_MODEL)
+    base = replace(best, model=ModelPoint(), priors={}, solution=best.system.solve({}))
+    before, after = heldout_excess(FOLDS, base, best)
+    assert before > 1e4
+    assert (after < 20.0) is predicts
+    assert after > -50.0
+
+
 def test_a_node_against_its_neighbour_is_no_other_size():
     """What conditions make of single nodes says little of a law: lines between nodes are not what they stand for."""
     problem, fit = law_of((1.0, 1.0), wobble=0.006)
@@ -429,9 +472,12 @@ def test_nodes_are_added_for_evidence_or_for_adequacy(monkeypatch, gains, adequa
     assert (len(found.finer.scored.law.nodes) if found.finer else None) == finer
 
 
-@pytest.mark.parametrize(("adequate", "kept"), [((5, 9), 5), ((9,), 9), ((), 5)])
-def test_a_finer_law_counts_where_exact_derivatives_require_it(monkeypatch, adequate, kept):
-    """The tests of adequacy that decided on the nodes used derivatives of another point."""
+@pytest.mark.parametrize(
+    ("adequate", "predicts", "kept"),
+    [((5, 9), (5, 9), 5), ((9,), (5, 9), 9), ((5, 9), (9,), 9), ((5, 9), (), 5), ((), (5, 9), 5)],
+)
+def test_a_finer_law_counts_where_exact_derivatives_or_left_out_data_require_it(monkeypatch, adequate, predicts, kept):
+    """The tests of adequacy that decided on the nodes used derivatives of another point, and all data."""
     found = law(*pair("walls", "speed"))
     scored = law_identification.ScoredLaw(found, 1.0, 300.0, found.values)
 
@@ -444,6 +490,7 @@ def test_a_finer_law_counts_where_exact_derivatives_require_it(monkeypatch, adeq
     monkeypatch.setattr(law_identification, "_fit_laws", lambda search, likely, watch: [fitted(5)])
     monkeypatch.setattr(law_identification, "_refine_nodes", lambda search, best, watch: fitted(5, fitted(9)))
     monkeypatch.setattr(law_identification, "_is_adequate", lambda problem, fit: fit.nodes in adequate)
+    monkeypatch.setattr(law_identification, "excess_left", lambda search: 1.0 - (search.best.nodes in predicts))
     monkeypatch.setattr(law_identification, "_finish_law",
                         lambda search, best, scored, watch: SimpleNamespace(search=SimpleNamespace(best=best.fit, problem=None)))  # fmt: skip
     base = SimpleNamespace(ln_evidence=0.0, is_comparable=True)

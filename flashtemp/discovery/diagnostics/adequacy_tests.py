@@ -19,6 +19,7 @@ from flashtemp.discovery.estimation.nuisance_priors import (
     PRESSURE_MODE_SD,
     is_camera_gain,
     unnamed_heat_priors,
+    usual_width_ratio,
 )
 from flashtemp.discovery.estimation.per_condition import estimate_effect_by_condition
 from flashtemp.discovery.parameters import ParameterId, ParameterKind
@@ -150,13 +151,14 @@ def refit_all_data(fit: LinearisedFit) -> LinearisedFit:
 
 
 def normalised_deviations(fit: LinearisedFit) -> dict[ParameterId, float]:
-    """Deviation of every estimated parameter from its prior mean, in prior standard deviations."""
+    """Deviation of every estimated parameter from its prior mean, in its usual standard deviations."""
     out, gains = {}, any(map(is_camera_gain, fit.priors))
     for p in fit.solution.names:
         mean, sd = fit.priors[p]
         # priors of these kinds depend on the camera; those of other kinds may have been widened by hyperparameters
         is_of_camera = p.kind is ParameterKind.SPREAD or (gains and p.kind is ParameterKind.MAP)
-        prior_sd = sd if is_of_camera else NUISANCE_SD.get(p.kind, sd)
+        usual = sd * usual_width_ratio(p, fit.hyper.families)
+        prior_sd = usual if is_of_camera else NUISANCE_SD.get(p.kind, usual)
         out[p] = (fit.solution[p] - mean) / prior_sd
     return out
 

@@ -9,8 +9,9 @@ import numpy as np
 
 from flashtemp.discovery.estimation.linear_gaussian import Array, DataBlock, LinearSystem, Solution, whitened_residual
 from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
-from flashtemp.discovery.estimation.nuisance_priors import rigid_priors
+from flashtemp.discovery.estimation.nuisance_priors import rigid_priors, usual_width_ratio
 from flashtemp.discovery.estimation.whitening import WhitenedData
+from flashtemp.discovery.parameters import ParameterId
 
 HELD_OUT_FOLD = "held out"  # name of the fold of recordings and load-cell records that the campaign holds out
 MAX_RIGID_PULL = 3.0  # prior standard deviations by which a key or nuisance may deviate where nothing is flexible
@@ -23,8 +24,9 @@ class CrossValidation:
     """The prediction of left-out data, fold by fold.
 
     `density` (folds,): joint ln probability of each fold given the rest.  `rmse_K` and `z`: root mean square residual
-    in K and in standard deviations.  `chi2`: of all left-out data; `fitted_chi2`: of the same data when they are fitted
-    with the others.  `residuals` (n,): those of all left-out data, in standard deviations.
+    in K and in standard deviations.  `chi2`: of all left-out data, with the covariance of their prediction, so that it
+    allows for what the other data leave uncertain.  `fitted_chi2`: of the same data when fitted with the others.
+    `residuals` (n,): those of all left-out data, in standard deviations.
     """
 
     labels: tuple[str, ...]
@@ -43,13 +45,19 @@ class CrossValidation:
 def without_flexible_terms(fit: LinearisedFit) -> LinearisedFit:
     """A fit without free pressure modes, wall terms and friction of repetitions: the model as the case describes it.
 
-    No key and no nuisance deviates from its prior by more than MAX_RIGID_PULL standard deviations, however badly the
-    model fits.  Effects keep the strengths that the data require, because they are what the model is extended by.
+    No key and no nuisance deviates from its prior by more than MAX_RIGID_PULL usual standard deviations, however badly
+    the model fits.  Effects keep the strengths that the data require, because they are what the model is extended by.
     """
     priors = rigid_priors(fit.priors) | fit.effect_priors
-    limits = dict.fromkeys(priors.keys() - fit.effect_priors.keys(), MAX_RIGID_PULL)
+    limits = {p: _rigid_limit(p, fit) for p in priors.keys() - fit.effect_priors.keys()}
     solution = fit.system.solve_bounded(priors, limits, fit.equations)
     return replace(fit, priors=priors, solution=fit.system.fit_heldout_nuisances(solution, priors))
+
+
+def _rigid_limit(p: ParameterId, fit: LinearisedFit) -> float:
+    """The largest deviation of a key or nuisance from its prior, in prior standard deviations: MAX_RIGID_PULL of its
+    usual ones."""
+    return MAX_RIGID_PULL * usual_width_ratio(p, fit.hyper.families)
 
 
 def is_at_limit(value: float, estimate: float, pull: float, prior_sd: float) -> bool:
@@ -67,24 +75,38 @@ def cross_validate(data: WhitenedData, fit: LinearisedFit) -> CrossValidation:
     """Predict held-out recordings; if none are, each condition from the others, or (one condition) each recording."""
     system, variances = fit.system, fit.hyper.variances
     folds = _make_folds(system)
-    densities, residuals, kelvins, count, total, fitted_chi2 = [], [], 0.0, 0, 0, 0.0
+    densities, residuals, kelvins, count, total, chi2, fitted_chi2 = [], [], 0.0, 0, 0, 0.0, 0.0
     for inside in folds.values():
         every = system.solve(fit.priors, system.normal_equations(_including_fold(inside), variances))
         rest = system.solve(fit.priors, system.normal_equations(_excluding_fold(inside), variances))
         densities.append(every.ln_evidence - rest.ln_evidence)
+        # of a linear Gaussian model the chi2 of a prediction is what the least chi2 of all data grows by
+        chi2 += every.chi2 - rest.chi2
         for block in (b for b in system.blocks if inside(b)):
             residual = _heldout_residual(system, fit, rest, block)
             residuals.append(residual)
             total += block.count
-            fitted_chi2 += float(np.sum(whitened_residual(block, every) ** 2))
+            fitted_chi2 += float(np.sum(whitened_residual(block, every) ** 2)) / variances[block.label]
             if block.label in data.noises:
                 difference = data.to_kelvin(block.label, residual)
                 kelvins += float(np.sum(difference**2))
                 count += block.count
     left_out = np.concatenate(residuals) if residuals else np.zeros(0)
-    squares = float(left_out @ left_out)
-    rmse, z = np.sqrt(kelvins / max(count, 1)), np.sqrt(squares / max(total, 1))
-    return CrossValidation(tuple(folds), np.array(densities), float(rmse), float(z), squares, fitted_chi2, left_out)
+    rmse, z = np.sqrt(kelvins / max(count, 1)), np.sqrt(float(left_out @ left_out) / max(total, 1))
+    return CrossValidation(tuple(folds), np.array(densities), float(rmse), float(z), chi2, fitted_chi2, left_out)
+
+
+def heldout_excess(data: WhitenedData, base: LinearisedFit, best: LinearisedFit) -> tuple[float, float]:
+    """Excess misfit of left-out data as predicted by a base and by the `best` model that extends it.
+
+    It is the chi2 of their prediction minus what the best fit leaves when it is fitted to them too: the noise that they
+    have, not the noise that is stated.  Neither model has flexible terms: free pressure shapes that a wrong base needs
+    would predict what its extension does.
+    """
+    noise = best.hyper.variances
+    fits = (replace(f, hyper=replace(f.hyper, variances=noise)) for f in (base, best))
+    before, after = (cross_validate(data, without_flexible_terms(fit)) for fit in fits)
+    return before.chi2 - after.fitted_chi2, after.chi2 - after.fitted_chi2
 
 
 def rms_change_error(before: Array, after: Array) -> float:
@@ -130,7 +152,7 @@ def _heldout_residual(system: LinearSystem, fit: LinearisedFit, training: Soluti
     """Residual (n,) of a left-out block: shared parameters as estimated from the others, its own ones fitted.
 
     Its own ones, such as the place of its image and the friction of its condition, deviate from their priors by at most
-    MAX_RIGID_PULL standard deviations: otherwise they would be fitted to what the model does not predict.
+    MAX_RIGID_PULL usual standard deviations: otherwise they would be fitted to what the model does not predict.
     """
     others = {p for b in system.blocks if b is not block for p, _ in b.names}
     present = {p for p, _ in block.names}
@@ -142,6 +164,6 @@ def _heldout_residual(system: LinearSystem, fit: LinearisedFit, training: Soluti
         if p in others and p.is_shared:
             priors[p] = (float(training.d[i]), 1e-3 * known)
         else:
-            priors[p], limits[p] = fit.priors[p], MAX_RIGID_PULL
+            priors[p], limits[p] = fit.priors[p], _rigid_limit(p, fit)
     equations = system.normal_equations(_block_filter(block), fit.hyper.variances)
     return whitened_residual(block, system.solve_bounded(priors, limits, equations))

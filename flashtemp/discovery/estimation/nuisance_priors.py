@@ -171,6 +171,18 @@ def scale_priors(
     return out
 
 
+def usual_width_ratio(p: ParameterId, families: Mapping[ParameterKind, float]) -> float:
+    """Usual width of an error over that of its prior, at least 1.
+
+    Evidence may find that most errors of a family are small.  One that has its usual size is not unusual for that.
+
+    >>> usual_width_ratio(ParameterId(ParameterKind.STATIC, (1, 0)), {ParameterKind.STATIC: 0.5})
+    2.0
+    """
+    size = families.get(p.kind, 1.0) if p.kind in CAMERA_ERROR_KINDS or is_camera_gain(p) else 1.0
+    return 1.0 / size if 0.0 < size < 1.0 else 1.0
+
+
 def rigid_priors(priors: Priors) -> Priors:
     """Priors without free pressure shapes, wall terms and friction of repetitions; gain maps only for a camera that
     clearly has one."""

@@ -79,10 +79,10 @@ def test_a_turned_image_shows_a_round_hill_where_it_lies(degrees):
 
 
 def test_images_with_common_matrices_are_what_each_is_alone():
-    kept = {}
+    kept, alone = {}, {degrees: seen_turned(degrees).seen for degrees in (0.3, -5.0)}
     for degrees in (0.3, -5.0, 0.3):
         for slopes in (False, True, False):
-            np.testing.assert_array_equal(seen_turned(degrees, kept, 0.0, slopes).seen, seen_turned(degrees).seen)
+            np.testing.assert_array_equal(seen_turned(degrees, kept, 0.0, slopes).seen, alone[degrees])
 
 
 # --- a small campaign, altered ------------------------------------------------------------------------------
@@ -169,7 +169,7 @@ def test_columns_of_scale_and_turn_are_differences_of_images(tiny, kind, where):
     assert np.sqrt(np.mean(off**2)) < rough * np.sqrt(np.mean(slope**2))
 
 
-@pytest.mark.parametrize("early", [0.015, 0.06])
+@pytest.mark.parametrize("early", [pytest.param(0.015, marks=pytest.mark.long), 0.06])
 def test_a_clock_that_is_off_is_put_right_and_not_along_a_tangent(tiny, calibrate, early):
     """Where road or block has passed a pixel, no tangent reaches so far; the last frame is then of the very end."""
     p = ParameterId(ParameterKind.CLOCK, file="condition1_sidewall.nc")
@@ -224,7 +224,7 @@ def test_a_campaign_states_what_is_known_of_its_free_keys(tiny):
 
 
 # --- walls that a film cools --------------------------------------------------------------------------------
-@pytest.mark.parametrize("key", ["friction.mu", "contact.spot_fraction"])
+@pytest.mark.parametrize("key", ["friction.mu", pytest.param("contact.spot_fraction", marks=pytest.mark.long)])
 def test_traces_of_a_wall_that_its_film_cools_are_differences_of_images(tmp_path, key):
     """Neighbours are recorded at few times; what their face was in between shapes the wall all the same."""
     (tmp_path / "case.toml").write_text("")

@@ -163,7 +163,9 @@ def test_left_out_friction_is_not_fitted_away(identified):
     assert np.mean(left_out) == pytest.approx((jump - 3.0 * 0.02) / SIGMA, rel=0.1)
 
 
-@pytest.mark.parametrize(("after", "kind"), [(40.0, "learned"), (60.0, "unexplained")])
+@pytest.mark.parametrize(
+    ("after", "kind"), [(40.0, "learned"), pytest.param(60.0, "unexplained", marks=pytest.mark.long)]
+)
 def test_a_law_is_learned_only_if_it_halves_the_misfit_of_left_out_data(identified, monkeypatch, after, kind):
     found = identified(run_in)[2]
     monkeypatch.setattr(engine, "heldout_excess", lambda search: (100.0, after))

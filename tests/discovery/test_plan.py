@@ -33,8 +33,8 @@ repetitions = 2
 [road]
 track_length = 1.5
 [numerics]
-mesh = 0.4
-rtol = 1e-4
+mesh = 0.3
+rtol = 1e-3
 """
 ALIKE = ("conductance_load", "conductance_speed")
 OTHER = '{ "contact.pressure" = 7.5e4, "schedule.speed" = 0.3 }'

@@ -386,6 +386,7 @@ def test_the_text_is_kept_marked_and_asked_for(browser, place):
     assert (place / "campaign.toml").read_text().rstrip().endswith(written.rstrip())
 
 
+@pytest.mark.long  # above, dropped files are stored; test_dropped_files.py drops some in a browser
 def test_dropped_recordings_join_and_camera_files_lead_on(browser, place, tmp_path_factory):
     away = tmp_path_factory.mktemp("away")
     save_recording(away / "dropped.nc", 9)
@@ -413,6 +414,7 @@ def test_dropped_recordings_join_and_camera_files_lead_on(browser, place, tmp_pa
         assert (place / "T1.csv.jpg").is_file()
 
 
+@pytest.mark.long  # test_effect_files_wait_for_consent is its part
 def test_an_effect_file_runs_only_after_a_click(browser, place):
     (place / "own.py").write_text(f"open({str(place / 'ran')!r}, 'w')\n")
     (place / "case.toml").write_text('effects = ["own.py"]\n' + CASE)

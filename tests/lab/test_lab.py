@@ -207,7 +207,7 @@ def ended(job: Job, seconds: float = 120.0) -> Job:
 
 
 def test_a_command_is_started_stopped_and_gone_on_with(tmp_path):
-    longer = COARSE.replace("repetitions = 2", "repetitions = 30")  # not over before it is stopped
+    longer = COARSE.replace("repetitions = 2", "repetitions = 12")  # not over before it is stopped
     (tmp_path / "case.toml").write_text(longer)
     jobs = JobList(tmp_path)
     job = jobs.start(["run", "case.toml", "--out", "a"])
@@ -329,7 +329,8 @@ DROP = """([uploader, files]) => {
 }"""
 
 
-@pytest.mark.parametrize("several", [False, pytest.param(True, marks=pytest.mark.long)])
+@pytest.mark.long  # the clicks above, and drops in test_dropped_files.py, are its parts
+@pytest.mark.parametrize("several", [False, True])
 def test_a_flir_image_is_dropped_marked_and_saved(browser, tmp_path, several):
     """A camera's own file, dragged onto the page from outside: what it says itself is not asked for."""
     image = base64.b64encode((Path(__file__).parents[1] / "data" / "flir_linear_load.jpg").read_bytes()).decode()

@@ -108,6 +108,7 @@ def test_no_question_about_unsaved_changes_comes_from_a_start_that_saves_them(br
     assert asked == []
 
 
+@pytest.mark.long  # the buttons of a case and of the form are pressed with every change
 def test_the_home_page_asks_what_is_missing_and_lists_starts(browser, server, place):
     with page(browser, server, 800, path="/") as seen:
         seen.get_by_text("flashtemp discover campaign.toml --out results/campaign-discover").wait_for()

@@ -7,6 +7,7 @@ import importlib
 import json
 import subprocess
 import sys
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -59,7 +60,8 @@ def modules() -> dict[str, Path]:
 MODULES = modules()
 
 
-def imports(file: Path, lazy: bool = True):
+@cache
+def imports(file: Path, lazy: bool = True) -> frozenset[str]:
     """Dotted modules that a file imports; without `lazy` only those imported with the module."""
 
     def walk(node):
@@ -69,14 +71,15 @@ def imports(file: Path, lazy: bool = True):
                 yield child
                 yield from walk(child)
 
+    found = set()
     for node in walk(ast.parse(file.read_text())):
         if isinstance(node, ast.Import):
-            yield from (a.name for a in node.names)
+            found.update(a.name for a in node.names)
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{file.name}: relative import"
-            for a in node.names:
-                full = f"{node.module}.{a.name}"
-                yield full if full in MODULES else node.module
+            full = {a.name: f"{node.module}.{a.name}" for a in node.names}
+            found.update(name if name in MODULES else node.module for name in full.values())
+    return frozenset(found)
 
 
 def layer(module: str) -> str:

@@ -587,8 +587,8 @@ def test_a_right_engine_calibrates(tiny, calibrate):
     check_calibration(calibrate(tiny[0]).base, tiny[1])
 
 
+@pytest.mark.long  # `make attack` breaks whitening and images too, and runs quicker tests of each
 @pytest.mark.parametrize("name", MUTANTS)
-@pytest.mark.sample("whitening")
 def test_a_broken_engine_does_not(tiny, calibrate, monkeypatch, name):
     """Each of these once made discoveries of nothing: the checks above must see it."""
     MUTANTS[name](monkeypatch)

@@ -62,7 +62,8 @@ PAGES = {
     "frames": "/camera?open=camera", "case": "/case?open=case.toml", "campaign": "/campaign?open=lab/campaign.toml",
     "form": "/runs?command=run&of=case.toml", "result": "/result?open=results/case-run",
 }  # fmt: skip
-ELSEWHERE = ("result", "form")  # test_result_answers.py and test_runs_page.py look for barriers on such pages
+# test_result_answers.py and test_runs_page.py look for barriers on such pages; the others are the page of frames
+ELSEWHERE = ("result", "form", "camera", "recording")
 BARE_PAGES = {
     "no case": "/case", "no campaign": "/campaign", "runs": "/runs", "no such result": "/result?open=nothing",
 }  # fmt: skip

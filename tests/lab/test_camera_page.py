@@ -354,6 +354,7 @@ def test_camera_files_beside_no_others_are_called_this_folder(browser, tmp_path)
         assert seen.get_by_label("camera files", exact=True).input_value() == "this folder"
 
 
+@pytest.mark.long  # the home page leads to them in test_lab.py
 def test_cards_of_files_lead_to_them(browser, server):
     with page(browser, server) as seen:
         seen.goto(f"{server.split('/?')[0]}/camera")

@@ -360,6 +360,7 @@ def test_from_recordings_to_a_campaign(browser, place):
     assert second["with"] == {PRESSURE: "85 kPa", SPEED: "0.1 m/s"}
 
 
+@pytest.mark.long  # text is edited above, and test_case_page.py asks about unsaved changes
 def test_the_text_is_kept_marked_and_asked_for(browser, place):
     """A new campaign: errors at their line, what is typed while they are marked stays, the address names the file."""
     with served(place) as (address, _), page(browser, address) as seen:

@@ -218,7 +218,8 @@ def test_the_estimate_grows_with_cells_and_repetitions_and_follows_measured_runs
 
 # --- ready cases -----------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
-    "is_installed", [pytest.param(False, id="repository", marks=pytest.mark.long), pytest.param(True, id="package alone")]
+    "is_installed",
+    [pytest.param(False, id="repository", marks=pytest.mark.long), pytest.param(True, id="package alone")],
 )
 def test_every_ready_case_can_be_opened_in_another_folder(tmp_path, monkeypatch, is_installed):
     if is_installed:

@@ -401,7 +401,7 @@ def test_a_fit_that_cannot_reach_another_one_goes_no_further(two, behind, promis
 @pytest.fixture(scope="module")
 def peaked(campaigns):
     """The pressure peaks fivefold at the leading edge, and nobody knows."""
-    return campaigns(6, hidden=("edge_pressure",), free=KNOWN_WELL, conditions=2)
+    return campaigns(6, hidden=("edge_pressure",), free=KNOWN_WELL)
 
 
 @pytest.fixture(scope="module")

@@ -57,8 +57,8 @@ def bump(x, z, w=1.5e-3):
     return np.exp(-0.5 * ((x - 0.018) ** 2 + (z - 0.003) ** 2) / w**2)
 
 
-def seen_turned(degrees, kept=None, step=0.0, slopes=False):
-    along, up = np.linspace(0.0, 0.025, 1001), np.linspace(0.0, 0.007, 281)
+def seen_turned(degrees, kept=None, step=0.0, slopes=False, nodes=(1001, 281)):
+    along, up = np.linspace(0.0, 0.025, nodes[0]), np.linspace(0.0, 0.007, nodes[1])
     field = bump(along[None], up[:, None])[None]
     axes = PixelAxis(U, PITCH, WIDTH), PixelAxis(V, PITCH, WIDTH)
     return sample_rotated(field, (along, up), axes, np.radians(degrees) + step, (MIDDLE, 0.0), kept, slopes)
@@ -79,10 +79,11 @@ def test_a_turned_image_shows_a_round_hill_where_it_lies(degrees):
 
 
 def test_images_with_common_matrices_are_what_each_is_alone():
-    kept, alone = {}, {degrees: seen_turned(degrees).seen for degrees in (0.3, -5.0)}
+    few = {"nodes": (251, 71)}
+    kept, alone = {}, {degrees: seen_turned(degrees, **few).seen for degrees in (0.3, -5.0)}
     for degrees in (0.3, -5.0, 0.3):
         for slopes in (False, True, False):
-            np.testing.assert_array_equal(seen_turned(degrees, kept, 0.0, slopes).seen, alone[degrees])
+            np.testing.assert_array_equal(seen_turned(degrees, kept, 0.0, slopes, **few).seen, alone[degrees])
 
 
 # --- a small campaign, altered ------------------------------------------------------------------------------

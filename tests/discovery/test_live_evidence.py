@@ -32,7 +32,7 @@ from flashtemp.runs.results.worker_pool import call_safely
 
 NAMED, DISTINCT = CRITERIA.ln_bayes_named, CRITERIA.ln_bayes_distinct
 CASE = "cases/uniform_pressure"
-SHORT = {"schedule.distance": 0.2, "schedule.repetitions": 2, "numerics.mesh": 0.4}
+SHORT = {"schedule.distance": 0.2, "schedule.repetitions": 2, "numerics.mesh": 0.25}
 TRIED = 'candidates = ["pressure_tilt", "heat_depth"]\n'
 
 

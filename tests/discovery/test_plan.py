@@ -28,10 +28,10 @@ CASE = """
 [block]
 height = 0.005
 [schedule]
-distance = 1.5
+distance = 0.75
 repetitions = 2
 [road]
-track_length = 1.5
+track_length = 0.75
 [numerics]
 mesh = 0.3
 rtol = 1e-3

@@ -109,13 +109,14 @@ def mirrored(r, length):
     return replace(r, u=length - r.u[::-1], temperature=r.temperature[..., ::-1])
 
 
-def test_a_scale_that_is_off_and_a_mirror_are_found(tiny, calibrate):
-    """Both at once: pixels told 0.8 % too large, and the ends exchanged."""
+def test_a_scale_that_is_off_and_a_mirror_are_found(tiny):
+    """Both at once: pixels told 0.8 % too large, and the ends exchanged.  A whole discovery names the mirror."""
 
     def worse(r):
         return mirrored(replace(r, u=r.u * 1.008, v=r.v * 1.008), 0.025)
 
-    found = calibrate(altered(tiny, worse))
+    verdict, found = engine.discover(replace(altered(tiny, worse), candidates=()), workers=1)
+    assert (verdict.kind, [c.effect for c in verdict.causes]) == ("named", ["mirrored"])
     assert [(e.kind, e.files) for e in found.recording_errors] == [("mirrored", ("condition1_sidewall.nc",))]
     base, p = found.base, ParameterId(ParameterKind.SCALE, file="condition1_sidewall.nc")
     assert base.is_converged

@@ -344,6 +344,7 @@ def test_the_example_has_no_defects(tmp_path):
     assert opened.with_screening().screened.summary == "no bad pixels, shutter events or frozen frames"
 
 
+@pytest.mark.long  # test_lab.py sorts the files of a folder
 def test_camera_files_beside_no_others_are_called_this_folder(browser, tmp_path):
     np.savetxt(tmp_path / "a1.csv", IMAGE, delimiter="\t")
     np.savetxt(tmp_path / "a2.csv", IMAGE, delimiter="\t")

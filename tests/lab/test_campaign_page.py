@@ -10,6 +10,7 @@ import tomllib
 import numpy as np
 import pytest
 from lab.browsing import CASE, page, served
+from lab.test_accessibility import check_page
 from nicegui import Client
 from nicegui.page import page as ui_page
 
@@ -322,6 +323,7 @@ def test_from_recordings_to_a_campaign(browser, place):
         seen.get_by_role("button", name="New campaign").click()
         seen.get_by_text("One condition:").wait_for()
         seen.get_by_text("Conditions read from the file names").wait_for()
+        check_page(seen)
         cell = seen.get_by_label(f"{PRESSURE} of {NAMES[1]}")
         assert cell.input_value() == ""
         seen.get_by_role("button", name="Use them").click()

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from lab.browsing import CASE, COARSE, page, served, served_by_command
+from lab.test_accessibility import check_page
 
 import flashtemp
 from flashtemp.camera import recording
@@ -288,8 +289,10 @@ def at(seen, column, row, zoom=6, columns=160):
 def test_clicks_make_the_recording_that_the_command_line_makes(browser, server, place, width, tmp_path):
     name = f"side{width}"
     with page(browser, server, width, path="/") as seen:
+        check_page(seen)
         seen.get_by_role("link", name="view 24 files").click()
         seen.locator("#image").wait_for()
+        check_page(seen)
         seen.get_by_label("frame rate (fps), 1/s", exact=True).wait_for()
         seen.locator("#image").scroll_into_view_if_needed()
         for column, row in ((30.3, 90.6), (130.3, 90.6)):

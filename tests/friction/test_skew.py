@@ -12,7 +12,7 @@ from scipy.special import ndtri
 from flashtemp.errors import BadInput
 from flashtemp.model.build import find_theory
 from flashtemp.model.case import load_case
-from flashtemp.physics.friction import friction_table, rheology, roughness_spectrum, skewness
+from flashtemp.physics.friction import friction_table, rheology, roughness_spectrum, skewness, theory_inputs
 from flashtemp.physics.friction.adhesive_shear import AdhesiveShear
 from flashtemp.physics.friction.persson import AreaEnlargement, PerssonTheory
 
@@ -167,6 +167,13 @@ def test_skewness_of_all_waves_of_some_and_of_none():
 
 def test_waves_that_the_road_does_not_have_are_not_skewed(tmp_path, monkeypatch):
     monkeypatch.setattr(friction_table, "TEMPERATURE_NODES", 4)  # of a table that nothing here reads
+
+    @cache
+    def solve_coarsely(f, modulus, road):
+        pressures = tuple(theory_inputs.ENLARGEMENT_PRESSURES_PA.tolist())
+        return skewness.skewness_enlargement(f, modulus, pressures, 48, (0, 1), road)
+
+    monkeypatch.setattr(theory_inputs, "_cached_skewness", solve_coarsely)
     (tmp_path / "case.toml").write_text('effects = ["persson_friction"]\n')
 
     @cache

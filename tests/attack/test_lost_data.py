@@ -369,7 +369,7 @@ def until(true, seconds=20.0):
     return true()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
 def test_a_signal_while_python_ends_does_not_change_how_a_command_ended(tmp_path, number):
     """The work is done and its exit code known; by default the process would end by the signal instead."""
     (tmp_path / "case.toml").write_text("")
@@ -382,7 +382,7 @@ def test_a_signal_while_python_ends_does_not_change_how_a_command_ended(tmp_path
     assert (done.returncode, done.stderr) == (0, "")
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
 def test_workers_end_with_the_command(tmp_path, number):
     script, crowd = tmp_path / "lead.py", tmp_path / "crowd"
     script.write_text(CREW)

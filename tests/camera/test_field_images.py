@@ -507,7 +507,7 @@ FRAME = [np.round(SENSOR + k, 2) for k in range(3)]
 def test_several_images_in_one_file(load, between):
     lines = [line for k, T in enumerate(FRAME) for line in (*(b.format(k, k) for b in between), *lines_of(T, ";"))]
     frames = load(join("Unit: °C", *lines))
-    assert frames.temperature == pytest.approx(np.stack(FRAME), abs=0.006)
+    np.testing.assert_allclose(frames.temperature, np.stack(FRAME), rtol=0.0, atol=0.006)
     assert any("3 images in the file" in note for note in frames.notes)
     if "2024" in between[0]:
         assert np.diff(frames.clock) == pytest.approx([1.0, 1.0])

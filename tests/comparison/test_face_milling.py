@@ -28,6 +28,7 @@ def test_the_calibrated_model_leaves_what_its_readme_says():
     assert left() == pytest.approx([FITTED, HELD_OUT], rel=0.05)
 
 
+@pytest.mark.long  # test_cases.py runs the case, test_moving_source.py its source
 def test_a_coarser_mesh_misses_by_little_more_and_the_trailing_arc_is_needed():
     """Cells of 1.7 mm for 1.25: still below twice what is allowed; without the arc behind, five times."""
     coarse = {"numerics.mesh": 0.75, "numerics.rtol": 1e-3}

@@ -66,7 +66,8 @@ def test_a_block_alone_leaves_a_whole_result(tmp_path, pictures):
 FEW = ("conductivity_slope", "capacity_slope", "track_memory")  # enough for every part of discovery to be asked
 
 
-@pytest.mark.parametrize("candidates", [pytest.param(None, marks=pytest.mark.long), FEW])
+@pytest.mark.long  # test_discover.py names an effect with every change
+@pytest.mark.parametrize("candidates", [None, FEW])
 def test_discovery_names_the_slope_of_the_conductivity(candidates):
     """120 to 600 s are fitted; 600 to 1200 s, held out, are predicted to 1.2 K rms, by constant k to more than 6 K."""
     board = campaign.load(BOARD)

@@ -93,7 +93,7 @@ def test_camera_errors_of_the_same_prediction_are_the_same(meshes):
     for file, fixed in data.fixed.items():
         assert sorted(map(str, again.fixed[file].names)) == sorted(map(str, fixed.names))
         order = [again.fixed[file].names.index(p) for p in fixed.names]
-        assert again.fixed[file].F[:, order] == pytest.approx(fixed.F, abs=1e-6)
+        np.testing.assert_allclose(again.fixed[file].F[:, order], fixed.F, rtol=0.0, atol=1e-6)
 
 
 # --- road that the block covered when it began to slide -----------------------------------------------------------

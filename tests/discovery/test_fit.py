@@ -307,6 +307,7 @@ def test_where_an_image_lies_that_is_held_out_is_estimated_from_that_image(two):
     assert after - before == pytest.approx(1.0, abs=0.5)  # nearer to where it lies than to where it lay
 
 
+@pytest.mark.long  # test_laboratory.py corrects a clock; where a held-out image lies is estimated below
 @pytest.mark.parametrize("away", [0.0, 0.25])
 def test_the_clock_of_an_image_that_is_held_out_is_followed_beyond_one_run(wakes, away):
     """Fields reach 0.02 s from where a run is sampled.  What is fitted is at its best point from the start, or its
@@ -413,7 +414,7 @@ def test_a_fit_that_cannot_reach_what_it_must_goes_no_further(two, above, ends):
 @pytest.fixture(scope="module")
 def peaked(campaigns):
     """The pressure peaks fivefold at the leading edge, and nobody knows."""
-    return campaigns(6, hidden=("edge_pressure",), free=KNOWN_WELL, conditions=2)
+    return campaigns(6, hidden=("edge_pressure",), free=KNOWN_WELL)
 
 
 @pytest.fixture(scope="module")

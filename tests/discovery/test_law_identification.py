@@ -166,7 +166,7 @@ def test_left_out_friction_is_not_fitted_away(identified):
     assert np.mean(left_out) == pytest.approx((jump - 3.0 * 0.02) / SIGMA, rel=0.1)
 
 
-@pytest.mark.parametrize(("left", "kind"), [(0.4, "learned"), (0.6, "unexplained")])
+@pytest.mark.parametrize(("left", "kind"), [(0.4, "learned"), pytest.param(0.6, "unexplained", marks=pytest.mark.long)])
 def test_a_law_is_learned_only_if_it_halves_the_misfit_of_left_out_data(identified, monkeypatch, left, kind):
     found = identified(run_in)[2]
     monkeypatch.setattr(engine, "excess_left", lambda search: left)

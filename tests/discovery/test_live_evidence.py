@@ -32,7 +32,7 @@ from flashtemp.runs.results.worker_pool import call_safely
 
 NAMED, DISTINCT = CRITERIA.ln_bayes_named, CRITERIA.ln_bayes_distinct
 CASE = "cases/uniform_pressure"
-SHORT = {"schedule.distance": 0.2, "schedule.repetitions": 2, "numerics.mesh": 0.4}
+SHORT = {"schedule.distance": 0.2, "schedule.repetitions": 2, "numerics.mesh": 0.25}
 TRIED = 'candidates = ["pressure_tilt", "heat_depth"]\n'
 
 
@@ -49,6 +49,12 @@ def campaign(tmp_path_factory):
     file = folder / "campaign.toml"
     file.write_text(TRIED + file.read_text())
     return campaigns.load(folder)
+
+
+@pytest.fixture(scope="module")
+def without_candidates(campaign):
+    """The same where only the predictions matter."""
+    return replace(campaign, candidates=())
 
 
 def first_frames(campaign, count):
@@ -97,12 +103,13 @@ def test_frames_add_to_what_the_data_are_expected_to_show(assessments):
     assert end == pytest.approx(expected[-1], rel=0.1)  # the noise of one frame is not that of all
 
 
-def test_frames_at_slightly_other_times_need_no_further_simulation(campaign):
+def test_frames_at_slightly_other_times_need_no_further_simulation(without_candidates):
     """At a frame that is late by half a step of the clock, the kept prediction errs in second order only.
 
     A rise with sqrt(t) changes by late/(2 t) of itself to first order and by late^2/(8 t^2) to second.
     """
-    late, [view] = 0.01, campaign.views
+    campaign, late = without_candidates, 0.01
+    [view] = campaign.views
     moved = replace(view, recording=replace(view.recording, time=view.recording.time + late))
     moved = replace(moved, recording=moved.recording.select_frames(np.array([1, 2])))
     kept, exact = LiveEvidence(run), LiveEvidence(run)
@@ -115,9 +122,9 @@ def test_frames_at_slightly_other_times_need_no_further_simulation(campaign):
     assert np.nanmax(np.abs(found - wanted)) < 10.0 * second_to_first * np.nanmax(np.abs(plain - wanted))
 
 
-def test_frames_that_nothing_foretold_are_simulated_anew(campaign):
-    live, [view] = LiveEvidence(run), campaign.views
-    without_rate = replace(campaign, views=(replace(view, recording=replace(view.recording, fps=None)),))
+def test_frames_that_nothing_foretold_are_simulated_anew(without_candidates):
+    live, [view] = LiveEvidence(run), without_candidates.views
+    without_rate = replace(without_candidates, views=(replace(view, recording=replace(view.recording, fps=None)),))
     for count in (1, 2):
         live.assess(first_frames(without_rate, count), {})
     assert live.simulations == 2

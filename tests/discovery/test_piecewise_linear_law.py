@@ -288,6 +288,7 @@ def imitation(quantity, regressor, curve, low=20.0, high=80.0, count=17):
         ("block_capacity", "capacity_slope.block", 0.01), ("road_capacity", "capacity_slope.road", 0.02),
     ],
 )  # fmt: skip
+@pytest.mark.sample("block-*", "road_capacity-*")
 def test_a_law_that_equals_an_effect_of_the_catalogue_gives_its_temperatures(quantity, key, slope, tmp_path):
     """A relative error e of k or c moves a rise by at most e of it: rises go as (k c)^-1/2, at fixed heat as c^-1."""
     made, error = imitation(quantity, "inside", lambda T: np.log(1.0 + slope * (T - 20.0)))

@@ -28,13 +28,13 @@ CASE = """
 [block]
 height = 0.005
 [schedule]
-distance = 1.5
+distance = 0.75
 repetitions = 2
 [road]
-track_length = 1.5
+track_length = 0.75
 [numerics]
-mesh = 0.4
-rtol = 1e-4
+mesh = 0.3
+rtol = 1e-3
 """
 ALIKE = ("conductance_load", "conductance_speed")
 OTHER = '{ "contact.pressure" = 7.5e4, "schedule.speed" = 0.3 }'

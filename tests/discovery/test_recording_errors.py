@@ -163,7 +163,7 @@ def test_a_hypothesis_that_describes_its_own_data_worse_is_impossible(monkeypatc
 @pytest.mark.parametrize(
     ("kind", "file", "axes"),
     [
-        (ErrorKind.MIRRORED, WALLS[1], 2),
+        pytest.param(ErrorKind.MIRRORED, WALLS[1], 2, marks=pytest.mark.long),  # test_laboratory.py mirrors a wall
         (ErrorKind.MIRRORED, WAKES[0], 2),
         (ErrorKind.ROTATED, WALLS[1], (1, 2)),
     ],

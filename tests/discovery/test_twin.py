@@ -33,7 +33,7 @@ from flashtemp.model.schema import find_value_fault
 from flashtemp.physics.effect import catalogue
 
 CASES = Path(__file__).parents[2] / "cases"
-SHORT = {"schedule.distance": 0.35, "schedule.repetitions": 2, "schedule.wait": 5.0}
+SHORT = {"schedule.distance": 0.35, "schedule.repetitions": 2, "schedule.wait": 5.0, "numerics.mesh": 0.6}
 
 
 @pytest.fixture(scope="module")
@@ -295,7 +295,7 @@ def test_a_camera_writes_counts_with_bad_pixels_that_stay_and_frames_that_repeat
     np.testing.assert_array_equal(first[0][stuck[0]], other[0][stuck[0]])
 
 
-@pytest.mark.parametrize("camera_class", [UNCOOLED, COOLED])
+@pytest.mark.parametrize("camera_class", [UNCOOLED, pytest.param(COOLED, marks=pytest.mark.long)])
 def test_a_twin_with_cameras_that_err_seals_their_errors(case, tmp_path, camera_class):
     """More frames, a number in every pixel, and one camera per view in all conditions."""
     quick = case.with_values({"schedule.distance": 0.05, "schedule.wait": 0.5, "numerics.mesh": 0.3})

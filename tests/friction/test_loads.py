@@ -187,8 +187,9 @@ def test_the_command_tells_of_the_case_itself(plain, capsys):
 
 def test_all_laws_of_friction_count_with_heat_and_without():
     """A weight and a second law on friction: what nothing heats is what the balance's own laws give."""
-    theory = find_theory(load_case(CASE))[1].p.theory
-    given = {"persson_friction.weight": 0.5, "friction.mu": 0.9, "ambient.temperature": 60.0}
+    plain = {"persson_friction.flattened": 1.0, "persson_friction.work_of_adhesion": 0.0}
+    theory = find_theory(load_case(CASE, plain))[1].p.theory
+    given = plain | {"persson_friction.weight": 0.5, "friction.mu": 0.9, "ambient.temperature": 60.0}
     case = load_case(CASE, COARSE | given | {"effects": ["persson_friction", "friction_softening"]})
     mu = compute_case_friction(case, cold=True)
     expected = 0.9 * (0.5 + 0.5 * float(theory(0.5, 333.15, 1.5e5).mu)) * np.exp(-0.006 * 40)

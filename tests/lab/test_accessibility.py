@@ -67,21 +67,27 @@ BARE_PAGES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.long)])
-@pytest.mark.parametrize("name", [*PAGES, *(pytest.param(n, marks=pytest.mark.long) for n in BARE_PAGES)])
-def test_page_is_accessible_and_never_scrolls_sideways(browser, address, name, scheme):
+def check_page(seen):
+    """No barrier that axe-core finds, and no scrolling sideways."""
     from axe_playwright_python.sync_playwright import Axe
 
+    wait_until_quiet(seen)  # what the server adds after the page is connected
+    found = Axe().run(seen, options=RULES).response["violations"]
+    told = [f"{v['id']}: {v['help']}: {n['html'][:160]} {n['failureSummary'][:200]}" for v in found for n in v["nodes"]]
+    assert told == []
+    before = seen.viewport_size
+    for width in (1280, 800):
+        seen.set_viewport_size({"width": width, "height": 900})
+        seen.wait_for_timeout(200)
+        assert seen.evaluate("document.documentElement.scrollWidth") <= width
+    seen.set_viewport_size(before)
+
+
+@pytest.mark.long  # tests of the home page, of a case, of a campaign, of frames, of results and of runs check theirs
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("name", PAGES | BARE_PAGES)
+def test_page_is_accessible_and_never_scrolls_sideways(browser, address, name, scheme):
     with page(browser, address, scheme=scheme) as seen:
         seen.goto(address.split("/?")[0] + (PAGES | BARE_PAGES)[name])
         seen.locator("h1").first.wait_for()
-        wait_until_quiet(seen)  # what the server adds after the page is connected
-        found = Axe().run(seen, options=RULES).response["violations"]
-        told = [
-            f"{v['id']}: {v['help']}: {n['html'][:160]} {n['failureSummary'][:200]}" for v in found for n in v["nodes"]
-        ]
-        assert told == []
-        for width in (1280, 800):
-            seen.set_viewport_size({"width": width, "height": 900})
-            seen.wait_for_timeout(200)
-            assert seen.evaluate("document.documentElement.scrollWidth") <= width
+        check_page(seen)

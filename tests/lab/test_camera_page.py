@@ -344,6 +344,7 @@ def test_the_example_has_no_defects(tmp_path):
     assert opened.with_screening().screened.summary == "no bad pixels, shutter events or frozen frames"
 
 
+@pytest.mark.long  # test_lab.py sorts the files of a folder
 def test_camera_files_beside_no_others_are_called_this_folder(browser, tmp_path):
     np.savetxt(tmp_path / "a1.csv", IMAGE, delimiter="\t")
     np.savetxt(tmp_path / "a2.csv", IMAGE, delimiter="\t")
@@ -354,6 +355,7 @@ def test_camera_files_beside_no_others_are_called_this_folder(browser, tmp_path)
         assert seen.get_by_label("camera files", exact=True).input_value() == "this folder"
 
 
+@pytest.mark.long  # the home page leads to them in test_lab.py
 def test_cards_of_files_lead_to_them(browser, server):
     with page(browser, server) as seen:
         seen.goto(f"{server.split('/?')[0]}/camera")

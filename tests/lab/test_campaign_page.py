@@ -10,6 +10,7 @@ import tomllib
 import numpy as np
 import pytest
 from lab.browsing import CASE, page, served
+from lab.test_accessibility import check_page
 from nicegui import Client
 from nicegui.page import page as ui_page
 
@@ -322,6 +323,7 @@ def test_from_recordings_to_a_campaign(browser, place):
         seen.get_by_role("button", name="New campaign").click()
         seen.get_by_text("One condition:").wait_for()
         seen.get_by_text("Conditions read from the file names").wait_for()
+        check_page(seen)
         cell = seen.get_by_label(f"{PRESSURE} of {NAMES[1]}")
         assert cell.input_value() == ""
         seen.get_by_role("button", name="Use them").click()
@@ -360,6 +362,7 @@ def test_from_recordings_to_a_campaign(browser, place):
     assert second["with"] == {PRESSURE: "85 kPa", SPEED: "0.1 m/s"}
 
 
+@pytest.mark.long  # text is edited above, and test_case_page.py asks about unsaved changes
 def test_the_text_is_kept_marked_and_asked_for(browser, place):
     """A new campaign: errors at their line, what is typed while they are marked stays, the address names the file."""
     with served(place) as (address, _), page(browser, address) as seen:
@@ -386,6 +389,7 @@ def test_the_text_is_kept_marked_and_asked_for(browser, place):
     assert (place / "campaign.toml").read_text().rstrip().endswith(written.rstrip())
 
 
+@pytest.mark.long  # above, dropped files are stored; test_dropped_files.py drops some in a browser
 def test_dropped_recordings_join_and_camera_files_lead_on(browser, place, tmp_path_factory):
     away = tmp_path_factory.mktemp("away")
     save_recording(away / "dropped.nc", 9)
@@ -413,6 +417,7 @@ def test_dropped_recordings_join_and_camera_files_lead_on(browser, place, tmp_pa
         assert (place / "T1.csv.jpg").is_file()
 
 
+@pytest.mark.long  # test_effect_files_wait_for_consent is its part
 def test_an_effect_file_runs_only_after_a_click(browser, place):
     (place / "own.py").write_text(f"open({str(place / 'ran')!r}, 'w')\n")
     (place / "case.toml").write_text('effects = ["own.py"]\n' + CASE)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from lab.browsing import page, served
+from lab.test_accessibility import check_page
 
 import flashtemp
 from flashtemp.api.inputs import parse_case
@@ -217,7 +218,10 @@ def test_the_estimate_grows_with_cells_and_repetitions_and_follows_measured_runs
 
 
 # --- ready cases -----------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("is_installed", [False, True], ids=["repository", "package alone"])
+@pytest.mark.parametrize(
+    "is_installed",
+    [pytest.param(False, id="repository", marks=pytest.mark.long), pytest.param(True, id="package alone")],
+)
 def test_every_ready_case_can_be_opened_in_another_folder(tmp_path, monkeypatch, is_installed):
     if is_installed:
         monkeypatch.setattr(case_list, "CASES", tmp_path / "none")
@@ -250,6 +254,7 @@ def test_the_drawing_follows_the_keys_and_the_last_valid_one_stays(browser, serv
     with page(browser, server) as seen:
         seen.goto(f"{base}/case?open=mine.toml")
         seen.get_by_text("ready to run").wait_for()
+        check_page(seen)
         assert seen.get_by_label("contact.pressure").input_value() == "200"
         length, drawing = seen.get_by_label("block.length"), seen.locator("svg.ft-drawing").first
         length.fill("40")
@@ -344,6 +349,7 @@ def test_a_number_in_a_command_is_shown_with_its_unit(browser, server):
         seen.get_by_text("contact.pressure is in Pa: 150 kPa").wait_for()
 
 
+@pytest.mark.long  # test_lab_page.py opens a folder of hostile names
 def test_names_in_a_case_are_shown_as_text(browser, server):
     base = server.split("/?")[0]
     with page(browser, server) as seen:

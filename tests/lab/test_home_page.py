@@ -79,6 +79,7 @@ def test_load_cell_traces_are_not_camera_files(tmp_path):
     assert list_folder(tmp_path).images == [Path("lab/frame1.csv")]
 
 
+@pytest.mark.long  # test_start_buttons.py runs a case, and the empty page of runs gives an example
 def test_an_empty_folder_says_what_belongs_there_and_an_example_runs(browser, tmp_path):
     with served(tmp_path) as (address, _), page(browser, address, path="/") as seen:
         seen.get_by_role("button", name="Add camera files").wait_for()

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from lab.browsing import CASE, COARSE, page, served, served_by_command
+from lab.test_accessibility import check_page
 
 import flashtemp
 from flashtemp.camera import recording
@@ -207,7 +208,7 @@ def ended(job: Job, seconds: float = 120.0) -> Job:
 
 
 def test_a_command_is_started_stopped_and_gone_on_with(tmp_path):
-    longer = COARSE.replace("repetitions = 2", "repetitions = 30")  # not over before it is stopped
+    longer = COARSE.replace("repetitions = 2", "repetitions = 12")  # not over before it is stopped
     (tmp_path / "case.toml").write_text(longer)
     jobs = JobList(tmp_path)
     job = jobs.start(["run", "case.toml", "--out", "a"])
@@ -288,8 +289,10 @@ def at(seen, column, row, zoom=6, columns=160):
 def test_clicks_make_the_recording_that_the_command_line_makes(browser, server, place, width, tmp_path):
     name = f"side{width}"
     with page(browser, server, width, path="/") as seen:
+        check_page(seen)
         seen.get_by_role("link", name="view 24 files").click()
         seen.locator("#image").wait_for()
+        check_page(seen)
         seen.get_by_label("frame rate (fps), 1/s", exact=True).wait_for()
         seen.locator("#image").scroll_into_view_if_needed()
         for column, row in ((30.3, 90.6), (130.3, 90.6)):
@@ -329,7 +332,8 @@ DROP = """([uploader, files]) => {
 }"""
 
 
-@pytest.mark.parametrize("several", [False, pytest.param(True, marks=pytest.mark.long)])
+@pytest.mark.long  # the clicks above, and drops in test_dropped_files.py, are its parts
+@pytest.mark.parametrize("several", [False, True])
 def test_a_flir_image_is_dropped_marked_and_saved(browser, tmp_path, several):
     """A camera's own file, dragged onto the page from outside: what it says itself is not asked for."""
     image = base64.b64encode((Path(__file__).parents[1] / "data" / "flir_linear_load.jpg").read_bytes()).decode()

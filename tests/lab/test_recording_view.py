@@ -245,6 +245,7 @@ def test_measurements_names_and_comparison_outlive_a_reload(browser, server):
         assert float(value.inner_text()) == pytest.approx(30.0, abs=0.3)
 
 
+@pytest.mark.long  # as measurements above do
 def test_marks_and_entered_values_outlive_a_reload(browser, server):
     with page(browser, server) as seen:
         seen.goto(address_of(server, "camera"))

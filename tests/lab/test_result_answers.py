@@ -253,6 +253,7 @@ def test_a_learned_law_is_drawn_with_its_band_and_units(browser, server):
         ("tyre", "so the flash temperature causes the fall", "side force over slip angle for every load"),
     ],
 )
+@pytest.mark.sample("friction-*", "loads-*")
 def test_results_of_friction_theory_have_an_answer_and_a_plot(browser, server, name, words, plot):
     with page(browser, server, 800) as seen:
         open_result_page(seen, server, name)

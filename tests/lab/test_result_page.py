@@ -182,7 +182,7 @@ def test_a_verdict_is_read_with_its_infinite_and_missing_numbers(place):
 def test_a_sweep_is_read_over_its_keys(tmp_path):
     (tmp_path / "case.toml").write_text(CASE)
     axes = {"friction.mu": [0.5, 1.0], "schedule.speed": [0.1, 0.2]}
-    flashtemp.sweep(tmp_path / "case.toml", axes, SMALL, out=tmp_path / "s")
+    flashtemp.sweep(tmp_path / "case.toml", axes, SMALL, out=tmp_path / "s", workers=1)
     data = read_sweep(open_result(tmp_path, "s"))
     assert list(data.axes) == ["friction.mu", "schedule.speed"]
     hottest = data.numbers["highest temperature (°C)"]

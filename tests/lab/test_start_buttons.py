@@ -80,6 +80,7 @@ def test_two_clicks_on_run_it_start_one_run_and_show_it(browser, server, place):
     assert started(place) == ["$ flashtemp run case.toml --out results/case-run"]
 
 
+@pytest.mark.long  # test_lab_page.py saves from a page that was overtaken
 def test_a_case_that_another_tab_has_changed_is_not_run_unseen(browser, server, place):
     before = started(place)
     (place / "other.toml").write_text(COARSE)
@@ -93,6 +94,7 @@ def test_a_case_that_another_tab_has_changed_is_not_run_unseen(browser, server, 
     assert "mesh = 0.5" in (place / "other.toml").read_text()
 
 
+@pytest.mark.long  # test_case_page.py asks about unsaved changes
 def test_no_question_about_unsaved_changes_comes_from_a_start_that_saves_them(browser, server, place):
     asked = []
     with page(browser, server) as seen:
@@ -108,6 +110,7 @@ def test_no_question_about_unsaved_changes_comes_from_a_start_that_saves_them(br
     assert asked == []
 
 
+@pytest.mark.long  # the buttons of a case and of the form are pressed with every change
 def test_the_home_page_asks_what_is_missing_and_lists_starts(browser, server, place):
     with page(browser, server, 800, path="/") as seen:
         seen.get_by_text("flashtemp discover campaign.toml --out results/campaign-discover").wait_for()
@@ -125,6 +128,7 @@ def test_the_home_page_asks_what_is_missing_and_lists_starts(browser, server, pl
     assert lines.count("$ flashtemp compare campaign.toml --out results/campaign-compare") == 1
 
 
+@pytest.mark.long  # its button is one of those above
 def test_two_clicks_on_the_start_of_the_form_start_one_run(browser, server, place):
     before = len(started(place))
     with page(browser, server) as seen:

@@ -221,6 +221,7 @@ def faults(check, axis, values):
 
 # --- tests ----------------------------------------------------------------------------------------
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda f: f.name)
+@pytest.mark.sample("[!m]*")  # its claims load mu_of_p without the skewness of its road, which takes longest
 def test_case_is_valid_and_says_what_to_expect(folder):
     case = load_case(folder)
     again = assemble_case(tomllib.loads(case.toml()), {}, KeyLocations("effective case"), folder, folder.name)

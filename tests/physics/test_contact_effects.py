@@ -84,6 +84,7 @@ class Warmed(Effect):
     "name",
     ["", "pressure_tilt", "edge_pressure", "interface_resistance", "spot_saturation", "conductance_speed", "warm"],
 )
+@pytest.mark.sample("-True", "edge_pressure-False", "spot_saturation-True", "conductance_speed-False", "warm-False")
 def test_a_contact_that_is_asked_once_is_what_it_is_at_every_moment(monkeypatch, name, lifted):
     """To the bit, while speed and pressure change, at the start, at rest and lifted."""
     given = {k.replace("__", "."): v for k, v in QUICK.items()} | {"schedule.lifted": lifted, "output.profiles": 4}

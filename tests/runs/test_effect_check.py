@@ -80,7 +80,7 @@ BROKEN = {  # what is written instead, where it is told, and in which words
 }  # fmt: skip
 
 ALONE = {
-    look.__name__: lambda trial, bench, look=look: look(trial) for look in run_checks.FILE_CHECKS
+    look.__name__.removeprefix("check_"): lambda trial, bench, look=look: look(trial) for look in run_checks.FILE_CHECKS
 }  # spares the runs
 ALONE |= {
     "off": run_checks.check_off,
@@ -118,7 +118,7 @@ def test_a_sound_effect_passes(look):
 def test_a_broken_rule_is_told(look, rule):
     right, wrong, name, says = BROKEN[rule]
     assert right in SOUND
-    found = look(SOUND.replace(right, wrong), only=name)
+    found = look(SOUND.replace(right, wrong), only=name)  # of its own check where that needs no runs
     assert name in found, list(found)
     assert not found[name].ok
     assert re.search(says, found[name].says), found[name].says

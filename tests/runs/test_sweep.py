@@ -74,7 +74,7 @@ def test_every_combination_is_the_run_itself(case, tmp_path):
 
 
 def test_places_count_from_the_edge_that_leads_forward(case, tmp_path):
-    found, _ = carried(case, tmp_path / "out", "schedule.speed=0.1,-0.1")
+    found, _ = carried(case, tmp_path / "out", "schedule.speed=0.1,-0.1", workers=1)
     forward, back = found.T_spot.isel(repetition=-1)
     np.testing.assert_allclose(back[::-1], forward, rtol=1e-9)
     assert found.place.attrs["long_name"] == "x/L from the edge that leads while the block slides forward"

@@ -114,6 +114,7 @@ def test_once_refuses_a_damaged_file_in_one_line_and_compares_the_others(measure
     assert found == state(out) | {"out": str(out)}
 
 
+@pytest.mark.long  # test_job.py interrupts a command; below, a watch is interrupted between two events
 def test_ctrl_c_ends_with_130_and_complete_files_and_a_restart_goes_on(measured, lab, tmp_path, capsys):
     out = tmp_path / "out"
     put(measured, lab, 0)

@@ -151,7 +151,7 @@ def opened(html: str) -> ET.Element:
 
 
 @pytest.mark.parametrize("name", CALLS)
-@pytest.mark.sample("[!td]*", "twin")
+@pytest.mark.sample("[!tdp]*", "twin")
 def test_a_result_shows_itself(name, lab):
     result = CALLS[name](lab)
     assert isinstance(result, DisplayMixin)

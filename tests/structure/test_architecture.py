@@ -23,15 +23,15 @@ def drawing():
     del sys.modules[spec.name]
 
 
-def test_every_package_stands_in_the_drawing(drawing):
-    text = {e.text for e in ElementTree.fromstring(drawing.draw()).iter() if e.text}
-    assert {name + ("/" if room.modules else "") for name, room in drawing.packages().items()} <= text
-
-
 @pytest.fixture(scope="module")
 def rooms(drawing):
     """The packages as they are."""
     return drawing.packages()
+
+
+def test_every_package_stands_in_the_drawing(drawing, rooms):
+    text = {e.text for e in ElementTree.fromstring(drawing.draw()).iter() if e.text}
+    assert {name + ("/" if room.modules else "") for name, room in rooms.items()} <= text
 
 
 def test_no_arrow_points_up(drawing, rooms):

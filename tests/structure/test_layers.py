@@ -7,6 +7,7 @@ import importlib
 import json
 import subprocess
 import sys
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -57,9 +58,16 @@ def modules() -> dict[str, Path]:
 
 
 MODULES = modules()
+INSIDE = [m for m in sorted(MODULES) if m != "flashtemp"]
 
 
-def imports(file: Path, lazy: bool = True):
+@cache
+def parse_file(file: Path) -> ast.Module:
+    return ast.parse(file.read_text())
+
+
+@cache
+def imports(file: Path, lazy: bool = True) -> frozenset[str]:
     """Dotted modules that a file imports; without `lazy` only those imported with the module."""
 
     def walk(node):
@@ -69,14 +77,15 @@ def imports(file: Path, lazy: bool = True):
                 yield child
                 yield from walk(child)
 
-    for node in walk(ast.parse(file.read_text())):
+    found = set()
+    for node in walk(parse_file(file)):
         if isinstance(node, ast.Import):
-            yield from (a.name for a in node.names)
+            found.update(a.name for a in node.names)
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{file.name}: relative import"
-            for a in node.names:
-                full = f"{node.module}.{a.name}"
-                yield full if full in MODULES else node.module
+            full = {a.name: f"{node.module}.{a.name}" for a in node.names}
+            found.update(name if name in MODULES else node.module for name in full.values())
+    return frozenset(found)
 
 
 def layer(module: str) -> str:
@@ -89,19 +98,15 @@ def own(file: Path, lazy: bool = True) -> set[str]:
     return {m for m in imports(file, lazy) if m.startswith("flashtemp.")}
 
 
-def named(*names: str):
-    return pytest.mark.parametrize("module", [m for m in sorted(MODULES) if m not in ("flashtemp", *names)])
-
-
 def may_import(module: str) -> set[str]:
     """Packages that a module may import from."""
     floor = FLOOR[layer(module)]  # a new package needs a place in the tower
     return {layer(module), *(name for name, f in FLOOR.items() if f < floor)}
 
 
-@named()
-def test_imports_only_from_below(module):
-    assert {m for m in own(MODULES[module]) if layer(m) not in may_import(module)} == set()
+def test_imports_only_from_below():
+    above = {m: {n for n in own(MODULES[m]) if layer(n) not in may_import(m)} for m in INSIDE}
+    assert {m: names for m, names in above.items() if names} == {}
 
 
 def discovery_group(module: str) -> str | None:
@@ -135,25 +140,22 @@ def test_no_circles():
     assert list(TopologicalSorter(graph).static_order())
 
 
-@named()
-def test_drawing_stays_at_the_edge(module):
+def test_drawing_stays_at_the_edge():
     """pyvista and matplotlib only in viz and runs.vtk; nobody imports viz while it is itself being imported."""
-    if layer(module) != "viz" and module != "flashtemp.runs.results.vtk":
-        tops = {m.split(".")[0] for m in imports(MODULES[module])}
-        assert tops.isdisjoint({"pyvista", "matplotlib", "vtk", "vtkmodules"})
-    if layer(module) != "viz":
-        assert not any(layer(m) == "viz" for m in own(MODULES[module], lazy=False))
+    for module in (m for m in INSIDE if layer(m) != "viz"):
+        if module != "flashtemp.runs.results.vtk":
+            tops = {m.split(".")[0] for m in imports(MODULES[module])}
+            assert tops.isdisjoint({"pyvista", "matplotlib", "vtk", "vtkmodules"}), module
+        assert not any(layer(m) == "viz" for m in own(MODULES[module], lazy=False)), module
 
 
-@named()
-def test_length(module):
-    assert len(MODULES[module].read_text().splitlines()) <= LONGEST
+def test_length():
+    assert [m for m in INSIDE if len(MODULES[m].read_text().splitlines()) > LONGEST] == []
 
 
-@named()
-def test_functions_fit_on_a_screen(module):
-    functions = [n for n in ast.walk(ast.parse(MODULES[module].read_text())) if isinstance(n, ast.FunctionDef)]
-    assert [f.name for f in functions if f.end_lineno - f.lineno + 1 > SCREEN] == []
+def test_functions_fit_on_a_screen():
+    functions = [(m, n) for m in INSIDE for n in ast.walk(parse_file(MODULES[m])) if isinstance(n, ast.FunctionDef)]
+    assert [(m, f.name) for m, f in functions if f.end_lineno - f.lineno + 1 > SCREEN] == []
 
 
 @pytest.mark.parametrize("folder", ["meshes", "viz"])

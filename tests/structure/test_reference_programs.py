@@ -81,7 +81,7 @@ def test_nothing_hidden_compares_within_a_thousandth_at_one_condition(tmp_path):
     check_agrees(tmp_path, {}, SHORT, 1e-3)
 
 
-@pytest.mark.parametrize(("strength", "repetitions"), [(1.0, 2), (0.4, 3)])
+@pytest.mark.parametrize(("strength", "repetitions"), [pytest.param(1.0, 2, marks=pytest.mark.long), (0.4, 3)])
 def test_road_that_comes_round_shows_what_it_brought_wherever_it_is(tmp_path, strength, repetitions):
     """In the wake too, and from the first road of a repetition on, which lay around the block when that began; of what
     every earlier pass left the same share is met, however often it has come round."""

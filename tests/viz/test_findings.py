@@ -466,7 +466,7 @@ def test_what_is_long_is_folded(pages):
     assert f">{RIVALS[0].effect.replace('_', ' ')}</td>" not in less
 
 
-def test_a_campaign_of_load_cells_alone_has_no_temperatures_in_its_report():
+def test_a_campaign_of_load_cells_alone_has_no_temperatures_in_its_report(monkeypatch):
     few = replace(BASE, rmse_K=np.nan, mean_map_rmse_K=np.nan, near_contact_rmse_K=np.nan, held_out_rmse_K=0.0)
     v = verdict("named", gain={}, base=few, extended=replace(few, chi2_per_dof=1.02), before=(), after=())
     html = verdict_report.render_report(v)
@@ -474,6 +474,7 @@ def test_a_campaign_of_load_cells_alone_has_no_temperatures_in_its_report():
     assert "– K" not in html
     assert "left-out data (K)" not in html
     assert "hardly changes" not in html
+    monkeypatch.setattr(verdict_figures, "draw_figures", lambda verdict: {})  # the same pictures again
     html = verdict_report.render_report(verdict("named", gain={}, base=few, extended=replace(few), before=(), after=()))
     assert "The missing effect is identified, but it hardly changes the computed friction" in html
 

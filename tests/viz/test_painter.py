@@ -81,7 +81,7 @@ def test_both_draw_what_one_draws_to_the_byte(run, alone, two, mine, tmp_path, m
     assert not hasattr(os, "getpgid") or os.getpgid(two._second.pid) != os.getpgid(0)  # it does not hear Ctrl-C
 
 
-@pytest.mark.parametrize("late", [False, True])
+@pytest.mark.parametrize("late", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_one_draws_all_where_the_second_is_killed(run, alone, two, mine, tmp_path, monkeypatch, late):
     """Before it is asked, or with the last picture in its hands: whatever it left behind is drawn once more."""
     second, tell, drawn = two._second, drawing_process._send_object, flashtemp.viz.draw_picture

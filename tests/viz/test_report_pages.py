@@ -173,7 +173,7 @@ def pdf_reader():
     return pytest.importorskip("pypdf")
 
 
-@pytest.mark.parametrize("name", ["run", "compared"])
+@pytest.mark.parametrize("name", [pytest.param("run", marks=pytest.mark.long), "compared"])
 def test_the_pdf_has_the_pages_of_the_report_with_whole_pictures(folder, name):
     pypdf = pdf_reader()
     flashtemp.report(folder / name, pdf=True)

@@ -23,7 +23,7 @@ CASE = """title = "small block"
 distance = 0.05
 repetitions = 1
 [numerics]
-mesh = 1.5
+mesh = 0.5
 [output]
 animation = false
 vtk = false

@@ -767,6 +767,10 @@ FAILED_LAW = RuleResult(
     False,
     "57 % of the excess misfit of left-out data remains with the law",
 )
+REFUTED_LAW = RuleResult(
+    "left-out data do not speak against it", -9.0, -4.5, False,
+    "left-out data are less probable with it (change of ln probability -9.0)",
+)  # fmt: skip
 PASSED = RuleResult("the evidence is strong", 12.0, 8.0, True, "the ln Bayes factor is 12")
 SETUP = Cause(
     "pixel_scale", "the pixel scale of wall.nc is 1.2 % too small (or the block's length is 25.3 mm)",
@@ -885,6 +889,8 @@ def test_the_text_of_a_verdict_names_contradicted_inputs_and_up_to_six_that_cann
          "The catalogue has more effects; leave out `candidates` to try them."),
         ("unexplained", {"law": LAW, "rules": (FAILED, FAILED_LAW)}, "Something is missing that none of the ",
          f"The closest law is only a hint, because {FAILED_LAW.consequence}: friction.mu as a function of T"),
+        ("unexplained", {"law": LAW, "rules": (FAILED, REFUTED_LAW)}, "Something is missing that none of the ",
+         f"The closest law is only a hint, because {REFUTED_LAW.consequence}: friction.mu as a function of T"),
         ("none_needed", {}, "No extension is needed", "a cause needs 8"),
         ("no_verdict", {"not_named": ("wear could not be fitted to an end",)},
          "There is no verdict: wear could not be fitted to an end.", "Check the values of the case"),

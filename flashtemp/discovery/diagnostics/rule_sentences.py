@@ -42,7 +42,8 @@ ADEQUACY_WORDS = {  # by the names of `adequacy_tests`
         "The residuals are as small as the noise", "largest chi2 of a recording over what its noise allows",
         "the residuals of a recording exceed its noise", True),
 }  # fmt: skip
-LAW_RULE = "the law predicts left-out data"
+LAW_RULE, HELDOUT_RULE = "the law predicts left-out data", "left-out data do not speak against it"
+LAW_RULES = (LAW_RULE, HELDOUT_RULE)  # without them a law is a hint
 DECISION_WORDS = {  # by the names of the other rules of `decide`
     "the fit converged": RuleWords("The fit of the final model converged", ""),
     "all effects were judged": RuleWords("The full fits of all effects that may explain more were completed", ""),
@@ -52,7 +53,7 @@ DECISION_WORDS = {  # by the names of the other rules of `decide`
     "no smooth error of the model explains it as well": RuleWords(
         "A smooth error of the model does not explain it as well",
         "ln Bayes factor with the largest plausible model discrepancy"),
-    "left-out data do not speak against it": RuleWords(
+    HELDOUT_RULE: RuleWords(
         "Left-out data do not contradict the cause", "change of their ln probability"),
     "it can be seen": RuleWords("The cause changes the data visibly", "largest change as a fraction of the signal"),
 }  # fmt: skip

@@ -20,7 +20,7 @@ from flashtemp.discovery.diagnostics.quantity_format import (
     unit_suffix,
     wrong_input_words,
 )
-from flashtemp.discovery.diagnostics.rule_sentences import LAW_RULE, describe_failure
+from flashtemp.discovery.diagnostics.rule_sentences import LAW_RULES, describe_failure
 from flashtemp.discovery.parameters import ALL_CONDITIONS, POINT_KINDS, ParameterId, ParameterKind
 from flashtemp.discovery.prediction.problem import ASSUMED_CAMERA_VALUES
 from flashtemp.discovery.verdict import (
@@ -233,7 +233,7 @@ def _group_words(v: Verdict, known: Mapping[str, type[Effect]]) -> str:
 
 
 def _answer_unexplained(v: Verdict, known: Mapping[str, type[Effect]]) -> Iterator[str]:
-    failed = [r for r in v.rules if not r.passed and r.name != LAW_RULE]
+    failed = [r for r in v.rules if not r.passed and r.name not in LAW_RULES]
     is_only_noise = bool(failed) and all(r.name == NOISE_TEST for r in failed)
     if is_only_noise:
         sentence = describe_failure(failed[0])
@@ -252,7 +252,7 @@ def _answer_unexplained(v: Verdict, known: Mapping[str, type[Effect]]) -> Iterat
         names = " with ".join(c.effect for c in effects)
         yield f"The closest explanation in the catalogue is {names}, but the model is not adequate with it."
     if v.law is not None:
-        left = [r.consequence for r in v.rules if r.name == LAW_RULE and not r.passed]
+        left = [r.consequence for r in v.rules if r.name in LAW_RULES and not r.passed]
         reason = left[0] if left else "the model is not adequate with it"
         yield f"The closest law is only a hint, because {reason}: {v.law.words}. {_law_words(v.law)}"
     if v.missing:

@@ -99,12 +99,12 @@ def cross_validate(data: WhitenedData, fit: LinearisedFit) -> CrossValidation:
 def heldout_excess(data: WhitenedData, base: LinearisedFit, best: LinearisedFit) -> tuple[float, float]:
     """Excess misfit of left-out data as predicted by a base and by the `best` model that extends it.
 
-    It is the chi2 of their prediction minus what the best fit leaves when it is fitted to them too: the noise that they
-    have, not the noise that is stated.  Neither model has flexible terms: free pressure shapes that a wrong base needs
-    would predict what its extension does.
+    It is the chi2 of their prediction, at the stated noise, minus what the best fit leaves when it is fitted to them
+    too: the noise that they have.  Noise that a fit has estimated would hide its own misfit.  Neither model has flexible
+    terms: free pressure shapes that a wrong base needs would predict what its extension does.
     """
-    noise = best.hyper.variances
-    fits = (replace(f, hyper=replace(f.hyper, variances=noise)) for f in (base, best))
+    stated = {b.label: 1.0 for b in best.blocks}
+    fits = (replace(f, hyper=replace(f.hyper, variances=stated)) for f in (base, best))
     before, after = (cross_validate(data, without_flexible_terms(fit)) for fit in fits)
     return before.chi2 - after.fitted_chi2, after.chi2 - after.fitted_chi2
 

@@ -100,8 +100,8 @@ def heldout_excess(data: WhitenedData, base: LinearisedFit, best: LinearisedFit)
     """Excess misfit of left-out data as predicted by a base and by the `best` model that extends it.
 
     It is the chi2 of their prediction, at the stated noise, minus what the best fit leaves when it is fitted to them
-    too: the noise that they have.  Noise that a fit has estimated would hide its own misfit.  Neither model has flexible
-    terms: free pressure shapes that a wrong base needs would predict what its extension does.
+    too: the noise that they have.  Noise that a fit has estimated would hide its own misfit.  Neither model has
+    flexible terms: free pressure shapes that a wrong base needs would predict what its extension does.
     """
     stated = {b.label: 1.0 for b in best.blocks}
     fits = (replace(f, hyper=replace(f.hyper, variances=stated)) for f in (base, best))

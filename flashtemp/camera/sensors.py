@@ -73,7 +73,7 @@ class SensorPositions:
         values[slice(None) if point is None else point] += step
         return _build_unchecked({f.name: getattr(self, f.name) for f in fields(self)} | {key: values})
 
-    def subset(self, points: np.ndarray) -> SensorPositions:
+    def select_points(self, points: np.ndarray) -> SensorPositions:
         """Positions of some of the points, by their numbers, which may repeat, or by a mask (n,)."""
         numbers = np.arange(len(self))[points]
         names = tuple(self.names[i] for i in numbers)

@@ -327,12 +327,12 @@ def _refine_nodes(search: EffectSearch, found: FittedLaw, watch: ProgressCallbac
     """Add nodes between the nodes of a law while the evidence requires them, or else the adequacy of the model.
 
     Adequacy counts where the evidence is not against the new nodes: a chord may miss the curve by less than what
-    their priors cost.  A finer law is not fitted to the end where it cannot reach the ln evidence `least`.
+    their priors cost.  A finer law is not fitted to the end once neither evidence nor adequacy can require its nodes.
     """
     while len(nodes := found.scored.law.refined_nodes) > len(found.scored.law.nodes):
         watch(f"{len(nodes)} nodes in place of {len(found.scored.law.nodes)}: {found.scored.law.description}")
         try:
-            least = found.fit.ln_evidence - CRITERIA.ln_bayes_law_node  # below it neither can require the nodes
+            least = found.fit.ln_evidence - CRITERIA.ln_bayes_law_node  # the least with which nodes are kept
             finer = _fit_refined(search, found, nodes, watch, least)
         except SolverFailure:
             break  # the coarser law remains

@@ -89,7 +89,7 @@ def _fields_at_sensors(run, places: SensorPositions) -> np.ndarray:
     mesh = run.mesh
     above = places.z >= 0
     if above.any():
-        edges_x, here = mesh.x[mesh.first : mesh.last + 1], places.subset(above)
+        edges_x, here = mesh.x[mesh.first : mesh.last + 1], places.select_points(above)
         at_face, wz = block_height_weights(mesh, here.z)
         out[:, above] = _interpolate_columns(run.field, mesh.everywhere(mesh.block), edges_x, mesh.y, here, wz)
         if at_face.any():
@@ -97,7 +97,7 @@ def _fields_at_sensors(run, places: SensorPositions) -> np.ndarray:
             face = np.einsum("fij,pi,pj->fp", _face_temperatures(run), wx, wy, optimize=True)
             out[:, above] += face * at_face
     if (~above).any():
-        here = places.subset(~above)
+        here = places.select_points(~above)
         wz = cell_weights(-mesh.depth[::-1], here.z)
         out[:, ~above] = _interpolate_columns(run.field, mesh.everywhere(mesh.road), mesh.x, mesh.y, here, wz)
     return out

@@ -14,7 +14,7 @@ from flashtemp.discovery.estimation.whitening import WhitenedData
 from flashtemp.discovery.parameters import ParameterId
 
 HELD_OUT_FOLD = "held out"  # name of the fold of recordings and load-cell records that the campaign holds out
-MAX_RIGID_PULL = 3.0  # prior standard deviations by which a key or nuisance may deviate where nothing is flexible
+MAX_RIGID_PULL = 3.0  # usual standard deviations by which a key or nuisance may deviate where nothing is flexible
 
 BlockFilter = Callable[[DataBlock], bool]
 

@@ -36,7 +36,7 @@ def sensor_columns(predict_images: Callable[..., Array], recording: Recording, r
     uncertain = [row for row in _iter_bead_parameters(places) if row[-1] > 0]
     if uncertain:  # every perturbed point is a point of one recording, whose fields are interpolated once
         steps = SENSOR_STEP_FRACTION * np.array([sd for *_, sd in uncertain])
-        moved = places.subset(np.tile([i for i, *_ in uncertain], 2))
+        moved = places.select_points(np.tile([i for i, *_ in uncertain], 2))
         for number, step in enumerate([*steps, *-steps]):
             moved = moved.perturb_key(uncertain[number % len(uncertain)][2], step, number)
         ahead, behind = np.split(predict_images(recording=_without_readings(recording, moved)), 2, axis=-1)

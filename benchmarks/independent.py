@@ -114,7 +114,7 @@ def run_seed(seed: int, small: bool = False, held: bool = False, varied: bool = 
     setup_errors = {name: LABORATORY[name]} if kind == "laboratory" else {}
     with tempfile.TemporaryDirectory() as folder:
         usual = (
-            laboratory.MeasurementProgramme(0.4, repetitions, wait=4.0, columns=50, mesh=0.5)
+            laboratory.MeasurementProgramme(0.4, repetitions, wait=4.0, columns=100, mesh=0.5)
             if small
             else laboratory.MeasurementProgramme()
         )

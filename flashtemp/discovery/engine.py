@@ -35,6 +35,7 @@ from flashtemp.discovery.estimation.linearised_fit import FitStatus, LinearisedF
 from flashtemp.discovery.estimation.nuisance_priors import all_derivatives
 from flashtemp.discovery.estimation.outlier_rejection import reject_outliers
 from flashtemp.discovery.estimation.whitening import WhitenedData
+from flashtemp.discovery.hypotheses.candidates import ModelPoint
 from flashtemp.discovery.input_alternatives import find_input_alternatives, free_input
 from flashtemp.discovery.law_identification import IdentifiedLaw, excess_left, identify_law
 from flashtemp.discovery.measurement_errors.initial_registration import register_images
@@ -45,7 +46,7 @@ from flashtemp.discovery.measurement_errors.recording_errors import (
     find_recording_errors,
 )
 from flashtemp.discovery.prediction.mesh_extrapolation import coarser_mesh_factors
-from flashtemp.discovery.prediction.prediction import DerivativeRequest, Prediction, predict_condition
+from flashtemp.discovery.prediction.prediction import DerivativeRequest, Prediction, predict_again, predict_condition
 from flashtemp.discovery.prediction.problem import Problem, prepare_problem
 from flashtemp.discovery.selection.forward_selection import (
     EffectSearch,
@@ -130,14 +131,17 @@ def calibrate_base(
     """
     problem = reject_outliers(problem, first)
     watch("simulating coarser meshes")
-    data = WhitenedData.from_predictions(problem, first, predict_coarser_meshes(problem))
+    coarser = predict_coarser_meshes(problem)
+    data = WhitenedData.from_predictions(problem, first, coarser)
     for warning in mesh_resolution_warnings(data, first):
         watch(warning)
     tasks = problem.make_tasks(problem.stated_model, replace(all_derivatives(problem), fields=True))
     start = Linearisation(problem.stated_model, tuple(tasks), tuple(first), LinearSystem(data.make_blocks(first)))
     watch("calibrating the stated model")
     base = finish_fit(Hypothesis(problem, data, problem.stated_model), start, watch)
-    data = data.with_image_errors_of(base.predictions)
+    factors = (None, *coarser_mesh_factors(problem.case))
+    meshes = [_place_images(problem, run, f, base.model) for f, run in zip(factors, (first, *coarser), strict=True)]
+    data = data.with_image_errors_of(base.predictions, meshes)
     names = [c.effect for c in problem.candidates]
     watch(ProgressMessage(f"sensitivities of {len(names)} candidates", candidates=[{"effect": n} for n in names]))
     return problem, data, refit_with_candidates(problem, data, base, problem.candidates, watch)
@@ -182,12 +186,32 @@ def judge_with_law(verdict: Verdict, search: EffectSearch, watch: ProgressCallba
     return replace(verdict, says=verdict_sentences.describe_verdict(verdict, search.problem.case.known_effects)), search
 
 
+def _place_images(
+    problem: Problem, predictions: list[Prediction], cell_factors: tuple[float, ...] | None, seen: ModelPoint
+) -> list[Prediction]:
+    """Predictions of the stated model on one of the meshes, with all images where they lie in the model `seen`.
+
+    The mesh error depends on the distance from the contact, hence on the place and rotation of an image.
+    """
+    stated, placements = problem.stated_model, {}
+    for file, place in seen.placements.items():  # fields are stored at the times of the stated clock
+        placements[file] = replace(place, clock=stated.image_placement(file).clock)
+    model, out = replace(stated, shifts=seen.shifts, placements=placements), []
+    for task, prediction in zip(problem.make_tasks(stated, DerivativeRequest(), cell_factors), predictions, strict=True):
+        run = prediction.full_run
+        assert run is not None
+        images = [v for v in task.views if v.recording.places is None]
+        moved = {v.file: predict_again(task, run, v, model, with_columns=False) for v in images}
+        out.append(replace(prediction, observables=prediction.observables | moved))
+    return out
+
+
 def predict_coarser_meshes(problem: Problem) -> list[list[Prediction]]:
-    """Predictions of the stated model on each of the coarser meshes, simulated in one batch."""
+    """Predictions of the stated model on each of the coarser meshes with their fields, simulated in one batch."""
     tasks = [
         task
         for c in coarser_mesh_factors(problem.case)
-        for task in problem.make_tasks(problem.stated_model, DerivativeRequest(), c)
+        for task in problem.make_tasks(problem.stated_model, DerivativeRequest(fields=True), c)
     ]
     answers, count = problem.predict(tasks), len(problem.conditions)
     return [answers[k : k + count] for k in range(0, len(answers), count)]

@@ -28,7 +28,12 @@ from flashtemp.discovery.hypotheses.piecewise_linear_law import LEARNED_LAW_NAME
 from flashtemp.discovery.parameters import ParameterId, ParameterKind
 from flashtemp.discovery.prediction.prediction import DerivativeRequest
 from flashtemp.discovery.prediction.problem import Problem
-from flashtemp.discovery.selection.forward_selection import EffectSearch, finish_fit, refit_with_candidates
+from flashtemp.discovery.selection.forward_selection import (
+    EffectSearch,
+    finish_fit,
+    refit_with_candidates,
+    update_image_errors,
+)
 from flashtemp.discovery.selection.scores import score_candidates, select_for_rescoring
 from flashtemp.discovery.verdict import LearnedLaw
 from flashtemp.errors import SolverFailure
@@ -381,6 +386,7 @@ def _finish_law(
     search: EffectSearch, found: FittedLaw, scored: tuple[ScoredLaw, ...], watch: ProgressCallback
 ) -> IdentifiedLaw:
     """The law with exact derivatives at its best point, and scores of the effects that may act in addition to it."""
+    search = update_image_errors(search, found.fit)
     problem, data = found.problem, replace(search.data, problem=found.problem)
     before = (
         search.ranking[0]

@@ -10,12 +10,14 @@ import pytest
 from reference.uncooled_camera import smear_motion
 
 from flashtemp.camera.camera_classes import CAMERA_CLASSES, UNCOOLED
+from flashtemp.camera.image_placement import ImagePlacement
 from flashtemp.comparison import campaign
 from flashtemp.comparison.synthetic_campaign import SyntheticPlan, make_synthetic_campaign
-from flashtemp.discovery.engine import predict_coarser_meshes
+from flashtemp.discovery.engine import _place_images, predict_coarser_meshes
 from flashtemp.discovery.estimation import whitening
 from flashtemp.discovery.estimation.camera_error_columns import MAX_UNTRACKED_FRACTION, smear_modes
 from flashtemp.discovery.estimation.nuisance_priors import nuisance_priors
+from flashtemp.discovery.parameters import ParameterKind
 from flashtemp.discovery.prediction.mesh_extrapolation import (
     coarser_mesh_factors,
     coarser_mesh_keys,
@@ -66,7 +68,7 @@ def meshes(tmp_path_factory):
     lab = make_synthetic_campaign(load_case(folder / "case.toml", SHORT), plan, folder / "lab")
     coarse = prepare_problem(campaign.load(lab), lambda tasks: [predict_condition(task) for task in tasks])
     fine = replace(coarse, case=coarse.case.with_values({"numerics.mesh": FINE}))
-    first, exact = (p.predict(p.make_tasks(p.stated_model, DerivativeRequest())) for p in (coarse, fine))
+    first, exact = (p.predict(p.make_tasks(p.stated_model, DerivativeRequest(fields=True))) for p in (coarse, fine))
     return SimpleNamespace(problem=coarse, first=first, exact=exact, coarser=predict_coarser_meshes(coarse))
 
 
@@ -85,6 +87,37 @@ def test_extrapolation_removes_most_of_the_error_of_a_mesh(meshes, view):
     rms = [float(np.sqrt(np.mean(a**2))) for a in (error, left)]
     assert rms[0] > 1e-3
     assert rms[1] < rms[0] / 3.0
+
+
+def test_the_error_of_a_mesh_is_known_where_an_image_lies(meshes):
+    """A wall that is rotated by 5 degrees and lies 1 px higher shows other depths of the block in each column."""
+    stated = meshes.problem.stated_model
+    [entry] = [v for v in meshes.problem.campaign.views if v.recording.view == "sidewall"]
+    moved = replace(
+        stated, placements={entry.file: ImagePlacement(turn=np.radians(5.0))}, shifts={entry.file: (0.0, 1.0)}
+    )
+    factors = (None, *coarser_mesh_factors(meshes.problem.case))
+    placed = [
+        _place_images(meshes.problem, runs, f, moved)
+        for f, runs in zip(factors, (meshes.first, *meshes.coarser), strict=True)
+    ]
+    fine = replace(meshes.problem, case=meshes.problem.case.with_values({"numerics.mesh": FINE}))
+    [exact] = _place_images(fine, meshes.exact, None, moved)
+    seen = placed[0][0].observables[entry.file]
+    error = (exact.observables[entry.file].values - seen.values)[:, seen.inside]
+    data = whitening.WhitenedData.from_predictions(meshes.problem, meshes.first, meshes.coarser)
+
+    def left_over(of):
+        """Root mean square of the error less what the prior expects, in standard deviations of the noise."""
+        fixed = of.fixed[entry.file]
+        columns = {p: F for p, F in zip(fixed.names, fixed.F.T, strict=True) if p.kind is ParameterKind.MESH}
+        priors = nuisance_priors(meshes.problem, columns, stated)
+        left = of._whiten_values(entry, error) - sum(priors[p][0] * F for p, F in columns.items())
+        return float(np.sqrt(np.mean(left**2)))
+
+    there = data.with_image_errors_of(placed[0], placed)
+    assert left_over(there) < left_over(data) / 3.0
+    assert sum(p.kind is ParameterKind.MESH for p in there.fixed[entry.file].names) == len(factors) - 1
 
 
 def test_camera_errors_of_the_same_prediction_are_the_same(meshes):

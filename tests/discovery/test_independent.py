@@ -116,7 +116,7 @@ def test_images_are_moved_far_where_nothing_else_is_wrong(tmp_path, calibrate, h
     from flashtemp.discovery.prediction.prediction import predict_condition
     from flashtemp.discovery.prediction.problem import prepare_problem
 
-    test = laboratory.MeasurementProgramme(0.4, wait=4.0, columns=50, mesh=0.5, conditions=((2e5, 0.2),))
+    test = laboratory.MeasurementProgramme(0.4, wait=4.0, columns=100, mesh=0.5, conditions=((2e5, 0.2),))
     laboratory.write_campaign(tmp_path, hidden, 908, test=test, setup_errors=setup_errors, views=("sidewall",))
     stated = campaign.load(tmp_path)
     if is_registered:  # dead frames, and pixels that fail now and then, say nothing of where it lies
@@ -152,11 +152,16 @@ TURNED = ("condition2_sidewall.nc", {}, {"turned": 0.035})
     [TURNED, ("condition1", {}, {}), ("condition1_sidewall.nc", {"pressure_tilt": 0.4}, {})],
 )
 def test_recordings_that_are_held_out_have_cameras_of_their_own(benchmark, tmp_path, held, hidden, setup_errors):
-    """Images that lie a usual way off, or are turned by two degrees, left any model unexplained."""
+    """Images that lie a usual way off, or are turned by two degrees, left any model unexplained.
+
+    Friction scatters by 1 % between repetitions, which no model predicts for a whole condition that is left out: that
+    is 30 mK beside noise of 50 mK.
+    """
     verdict = _without(benchmark, tmp_path, held, hidden, setup_errors)
     assert [c.effect for c in verdict.causes] == (["image_turn"] if setup_errors else [*hidden]), verdict.says
     assert all(value <= limit for value, limit in verdict.gates.values())
-    assert (verdict.extended or verdict.base).held_out_z == pytest.approx(1.0, abs=0.1)
+    largest = np.hypot(1.0, 30.0 / 50.0) if held == "condition1" else 1.1
+    assert 0.9 < (verdict.extended or verdict.base).held_out_z < largest
     if setup_errors:
         [turn] = verdict.causes[0].parameters
         assert turn.name == f"image_turn.{held}"
@@ -181,7 +186,7 @@ def test_cameras_of_which_nothing_is_said_do_for_a_verdict(benchmark, tmp_path, 
     from flashtemp.comparison import campaign
     from flashtemp.discovery.engine import discover
 
-    test = laboratory.MeasurementProgramme(0.4, wait=4.0, columns=50, mesh=0.5)
+    test = laboratory.MeasurementProgramme(0.4, wait=4.0, columns=100, mesh=0.5)
     laboratory.write_campaign(tmp_path, hidden, 84, test=test)
     told = replace(campaign.load(tmp_path), candidates=benchmark.FEW)
     facts = ("netd_K", "fixed_pattern_K", "psf_sigma_px", "registration_sigma_px", "emissivity", "reflected_degC")
@@ -207,7 +212,7 @@ def _without(benchmark, folder, held, hidden, setup_errors, early=0.0):
     from flashtemp.comparison import campaign
     from flashtemp.discovery.engine import discover
 
-    test = laboratory.MeasurementProgramme(0.4, wait=4.0, columns=50, mesh=0.5)
+    test = laboratory.MeasurementProgramme(0.4, wait=4.0, columns=100, mesh=0.5)
     laboratory.write_campaign(folder / "told", hidden, 71, test=test)
     laboratory.write_campaign(folder / "other", hidden, 71, test=test, setup_errors=setup_errors)
     told, other = (replace(campaign.load(folder / name), candidates=benchmark.FEW) for name in ("told", "other"))
@@ -249,7 +254,7 @@ def test_a_tilt_that_no_candidate_knows_is_learned(benchmark, tmp_path):
     from flashtemp.comparison import campaign
     from flashtemp.discovery.engine import discover
 
-    test = laboratory.MeasurementProgramme(0.4, wait=4.0, columns=50, mesh=0.5, conditions=((2e5, 0.2), (1e5, 0.3)))
+    test = laboratory.MeasurementProgramme(0.4, wait=4.0, columns=100, mesh=0.5, conditions=((2e5, 0.2), (1e5, 0.3)))
     laboratory.write_campaign(tmp_path, {"pressure_tilt": 0.45}, 11, test=test, views=("sidewall", "wake"))
     names = tuple(n for n in benchmark.FEW if n not in ("pressure_tilt", "edge_pressure"))
     verdict, _ = discover(replace(campaign.load(tmp_path), candidates=names), workers=1)
@@ -277,7 +282,7 @@ def test_a_clock_that_all_side_walls_share_is_named(tmp_path, benchmark):
     from flashtemp.discovery.engine import discover
 
     test = laboratory.MeasurementProgramme(
-        0.4, wait=4.0, columns=50, mesh=0.5, conditions=((1.5e5, 0.1), (0.75e5, 0.2))
+        0.4, wait=4.0, columns=100, mesh=0.5, conditions=((1.5e5, 0.1), (0.75e5, 0.2))
     )
     laboratory.write_campaign(tmp_path, {}, 8801, test=test)
     told = replace(campaign.load(tmp_path), candidates=benchmark.FEW)

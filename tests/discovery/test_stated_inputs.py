@@ -413,3 +413,17 @@ def test_alternatives_of_a_set_up_error_are_the_best_and_the_fewest(monkeypatch)
     others = [(0, 3), (0,), (3,), (2,)]  # the best first; the last has nothing in place of it
     found = setup_errors._list_alternatives(None, {}, _reduced_set(), (2,), others)
     assert found == (("key.0", "key.0"),)
+
+
+def test_an_error_of_many_usual_sizes_is_not_shrunk_towards_zero():
+    """A clock of 0.138 s that all walls share, seven usual sizes of 0.02 s, was told as 0.12 s +- 0.0077 s."""
+    from flashtemp.discovery.diagnostics.setup_errors import ReducedFit
+
+    information = np.diag([0.0077**-2.0, 0.0077**-2.0])
+    clocks = (ParameterId(ParameterKind.CLOCK, name="sidewall"), ParameterId(ParameterKind.CLOCK, name="wake"))
+    found = ReducedFit(clocks, information @ [0.138, 0.01], information, np.array([0.02, 0.02]))
+    assert found.solve((0, 1))[1] == pytest.approx([0.1202, 0.0087], abs=1e-4)
+    wide = found.with_local_widths((0, 1))
+    assert wide.solve((0, 1))[1] == pytest.approx([0.138, 0.0087], abs=2e-3)  # a usual one is shrunk as before
+    assert wide.sd == pytest.approx([0.068, 0.02], abs=2e-3)
+    assert found.with_local_widths((1,)).sd == pytest.approx([0.02, 0.02])

@@ -22,6 +22,7 @@ from flashtemp.discovery.estimation.linearised_fit import LinearisedFit
 from flashtemp.discovery.estimation.model_discrepancy import LARGEST_DISCREPANCY
 from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD
 from flashtemp.discovery.estimation.whitening import WhitenedData
+from flashtemp.discovery.hypotheses.heavy_tails import INPUT_TAIL, MAX_WIDTH_SWEEPS, WIDTH_TOLERANCE, local_width
 from flashtemp.discovery.parameters import PLACEMENT_KINDS, ParameterId, ParameterKind, Priors
 from flashtemp.discovery.prediction.problem import Problem
 
@@ -102,6 +103,22 @@ class ReducedFit:
             values[~is_impossible], stderr[~is_impossible] = kept, kept_stderr
         return ln_evidence, values, stderr
 
+    def with_local_widths(self, free: tuple[int, ...]) -> ReducedFit:
+        """The same with priors of heavy tails for the errors that are `free`, as wide as they are at their estimates.
+
+        An error of many usual sizes that the data determine is then not shrunk towards zero.
+        """
+        usual, wide = np.array(self.sd), self
+        for _ in range(MAX_WIDTH_SWEEPS):
+            sd = usual.copy()
+            for k, value in zip(free, wide.solve(free)[1].tolist(), strict=True):
+                sd[k] = local_width(usual[k], value, INPUT_TAIL)
+            is_settled = np.all(np.abs(np.log(sd / wide.sd)) < np.log(WIDTH_TOLERANCE))
+            wide = replace(self, sd=sd)
+            if is_settled:
+                break
+        return wide
+
     def _solve_unbounded(self, free: tuple[int, ...]) -> tuple[float, Array, Array]:
         at = list(free)
         precision = self.information[np.ix_(at, at)] + np.diag(self.sd[at] ** -2.0)
@@ -131,13 +148,13 @@ def find_setup_errors(
     sets = _select_stepwise(system, criteria.ln_bayes_named)
     free = max(sets, key=lambda s: sets[s])
     equivalent = sorted((s for s in sets if sets[free] - sets[s] < criteria.ln_bayes_distinct), key=lambda s: -sets[s])
-    best = system.solve(free)
+    ln_evidence, (_, values, stderr) = system.solve(free)[0], system.with_local_widths(free).solve(free)
     errors = []
     for place, k in enumerate(free):
         rest = tuple(q for q in free if q != k)
         # the gain must remain with the largest model discrepancy, which may explain the data as well
-        gain = min(best[0] - system.solve(rest)[0], largest.solve(free)[0] - largest.solve(rest)[0])
-        value, sd = float(best[1][place]), float(best[2][place])
+        gain = min(ln_evidence - system.solve(rest)[0], largest.solve(free)[0] - largest.solve(rest)[0])
+        value, sd = float(values[place]), float(stderr[place])
         is_certain = gain > criteria.ln_bayes_named and abs(value) > criteria.setup_standard_errors * sd
         p = system.names[k]
         # an error that changes the data by less than the model may err is not reported, such as the height of a block

@@ -192,8 +192,8 @@ def _first_point(h: Hypothesis, first: Linearisation | None) -> Generator[Simula
     if h.parent is not None:
         system = h.parent.system
         at = Linearisation(h.model, (), h.parent.predictions, system)
-        # the new effects are still neutral, so the parent's hyperparameters hold
-        return _FitState(LinearisedPoint(at, h.parent.hyper, True), TrustRegion(), needs_derivatives=True)
+        # the new effects are still neutral, but errors of the camera that stood for them may be needed no more
+        return _FitState(LinearisedPoint(at, _find_hyperparameters(h, at), True), TrustRegion(), needs_derivatives=True)
     answer = yield from _evaluate_model(h, h.model, h.all_derivatives(), None)
     if isinstance(answer, str):
         raise SolverFailure(answer)
@@ -214,11 +214,13 @@ def _try_step(
     answer = yield from _evaluate_model(h, _take_step(h, point, steps), wanted, best)
     state.count += 1
     if isinstance(answer, str):
+        state.needs_derivatives = False
         return -1.0
     answer = _align_images(h, answer, point.hyper)
     before, after = (_full_objective(h, at, point.hyper) for at in (point.linearisation, answer))
     ratio = (before - after) / max(predicted, 1e-300)  # eq. (45)
-    state.needs_derivatives = not GOOD_RATIO <= ratio <= 1.0 / GOOD_RATIO
+    # after a step that failed, those of the present point are enough: the next one starts there again
+    state.needs_derivatives = ratio > 0.0 and not GOOD_RATIO <= ratio <= 1.0 / GOOD_RATIO
     state.poor_steps = 0 if ratio > POOR_RATIO else state.poor_steps + 1
     if ratio > 0.0:
         state.point = LinearisedPoint(answer, _find_hyperparameters(h, answer), exact)

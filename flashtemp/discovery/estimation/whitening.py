@@ -102,23 +102,39 @@ class WhitenedData:
                 data.fixed[entry.file] = FixedColumns(tuple(own), F, gram_matrices([F])[0])
         return data
 
-    def with_image_errors_of(self, predictions: Sequence[Prediction]) -> WhitenedData:
+    def with_image_errors_of(
+        self, predictions: Sequence[Prediction], meshes: Sequence[Sequence[Prediction]] = ()
+    ) -> WhitenedData:
         """The data with the columns of camera and model errors computed anew, for predictions of a calibrated model.
 
         These errors multiply with the place of an image, so they are not those of an image that lies elsewhere.
-        Offsets of whole frames stay: the jumps among them show in the residual of the first predictions.
+        Offsets of whole frames stay: the jumps among them show in the residual of the first predictions.  `meshes`:
+        the stated model on its own mesh and on coarser ones, seen as in the predictions, for columns of the mesh error.
         """
         fixed = dict(self.fixed)
-        for condition, prediction in zip(self.problem.conditions, predictions, strict=True):
+        for condition, prediction, *runs in zip(self.problem.conditions, predictions, *meshes, strict=True):
             for view in condition.views:
                 seen, old = prediction.observables[view.file], self.fixed[view.file]
                 own = _image_errors(view, seen, None, prediction.run, self.noises[view.file])
+                if runs:
+                    fine, *rough = (r.observables[view.file] for r in runs)
+                    own |= _mesh_errors(self.problem, fine, rough)
                 same = (*FIXED_KINDS, *MODEL_KINDS, ParameterKind.OFFSET)
-                kept = [k for k, p in enumerate(old.names) if p.kind in same]
+                kept = [k for k, p in enumerate(old.names) if p.kind in same and p not in own]
                 F = np.hstack([old.F[:, kept], self._whiten_columns(view, own)])
                 names = (*(old.names[k] for k in kept), *own)
                 fixed[view.file] = FixedColumns(names, F, gram_matrices([F])[0])
         return replace(self, fixed=fixed)
+
+    def update_block(self, block: DataBlock) -> DataBlock:
+        """A block that was made before, with the fixed columns of these data."""
+        fixed, own = self.fixed[block.label], block.C.shape[1]
+        if block.F is fixed.F:
+            return block
+        entry = next(e for c in self.problem.conditions for e in c.entries if e.file == block.label)
+        shared = self._column_names(list(fixed.names), block.condition, entry)
+        names = (*((p, k) for p, k in block.names if k < own), *((p, own + k) for p, k in shared))
+        return replace(block, names=names, F=fixed.F, FF=fixed.FF)
 
     def make_blocks(self, predictions: Sequence[Prediction], first: int = 0) -> list[DataBlock]:
         """One block for each recording and load-cell record; conditions are numbered from `first`."""

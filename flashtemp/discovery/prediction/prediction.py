@@ -184,14 +184,16 @@ def predict_condition(task: PredictionTask) -> Prediction:
     return Prediction(shown, thin, {k: m.step for k, m in moves.items()}, near.run if asked.fields else None)
 
 
-def predict_again(task: PredictionTask, run: Run, view: RecordingEntry, model: ModelPoint) -> Observable:
+def predict_again(
+    task: PredictionTask, run: Run, view: RecordingEntry, model: ModelPoint, with_columns: bool = True
+) -> Observable:
     """A recording predicted again from the fields of a run, with the image placement of another model.
 
-    The physics of both models is the same.  The recording has the columns of the camera parameters.  A clock may
-    differ by CLOCK_STEP_S from that of the run.
+    The physics of both models is the same.  The recording has the columns of the camera parameters, if they are
+    wanted.  A clock may differ by CLOCK_STEP_S from that of the run.
     """
     base = task.case.with_values(task.given | task.mesh_overrides)
-    moved = replace(task, model=model, derivatives=DerivativeRequest(optics=True))
+    moved = replace(task, model=model, derivatives=DerivativeRequest(optics=with_columns))
     point = EvaluationPoint(moved, base, model.apply_to(base).scene)
     return _predict_recording(point, view, RunWithSensitivities[ParameterId](run, None, {}, {}), {}, {})
 

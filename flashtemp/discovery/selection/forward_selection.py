@@ -16,6 +16,7 @@ from typing import Any
 from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.estimation.concurrent_fits import describe_fit, lowest_score_within_reach, run_fits
 from flashtemp.discovery.estimation.fitting import Hypothesis, ProgressCallback, fit_hypothesis
+from flashtemp.discovery.estimation.hyperparameters import maximise_evidence
 from flashtemp.discovery.estimation.image_alignment import Linearisation
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
 from flashtemp.discovery.estimation.linearised_fit import FitStatus, LinearisedFit
@@ -139,10 +140,31 @@ def select_effects(problem: Problem, data: WhitenedData, base: LinearisedFit, wa
         candidates = select_for_rescoring(problem, search.best, extension, ranked)
         words = f"candidates in addition to {' and '.join(sorted(effect_names(extension)))}"
         watch(ProgressMessage(words, **(describe_search(search) | {"accepted": sorted(effect_names(extension))})))
-        best = refit_with_candidates(problem, data, extension, candidates, watch)
+        search = update_image_errors(search, extension)
+        best = refit_with_candidates(problem, search.data, extension, candidates, watch)
         search = replace(search, best=best, fits=search.fits | {effect_names(best): best})
     last = score_candidates(problem, search.best, problem.candidates)
     return replace(search, ranking=(*search.ranking, last))
+
+
+def update_image_errors(search: EffectSearch, fit: LinearisedFit) -> EffectSearch:
+    """A search whose fits share the columns of camera and model errors at the image that `fit` predicts.
+
+    Smear and stray light follow the image: where an effect changes it, those of the stated model fit no more.  All fits
+    are solved again with the new columns, so that their evidence stays comparable.
+    """
+    data = search.data.with_image_errors_of(fit.predictions)
+    fits = {names: _solve_again(search.problem, data, f) for names, f in search.fits.items()}
+    base, best = (fits.get(effect_names(f)) or _solve_again(search.problem, data, f) for f in (search.base, search.best))
+    return replace(search, data=data, base=base, best=best, fits=fits)
+
+
+def _solve_again(problem: Problem, data: WhitenedData, fit: LinearisedFit) -> LinearisedFit:
+    """A fit at its point with the fixed columns of other data."""
+    system = LinearSystem([data.update_block(b) for b in fit.blocks])
+    found = maximise_evidence(problem, system, fit.model, fit.free_effect_priors)
+    solution = replace(found.solution, ln_evidence=found.solution.ln_evidence - fit.width_price)
+    return replace(fit, system=system, solution=solution, priors=found.priors, hyper=found.hyper)
 
 
 def _fit_shortlist(search: EffectSearch, ranked: Sequence[CandidateScore], watch: ProgressCallback) -> EffectSearch:

@@ -197,7 +197,8 @@ def _place_images(
     for file, place in seen.placements.items():  # fields are stored at the times of the stated clock
         placements[file] = replace(place, clock=stated.image_placement(file).clock)
     model, out = replace(stated, shifts=seen.shifts, placements=placements), []
-    for task, prediction in zip(problem.make_tasks(stated, DerivativeRequest(), cell_factors), predictions, strict=True):
+    tasks = problem.make_tasks(stated, DerivativeRequest(), cell_factors)
+    for task, prediction in zip(tasks, predictions, strict=True):
         run = prediction.full_run
         assert run is not None
         images = [v for v in task.views if v.recording.places is None]

@@ -155,8 +155,9 @@ def update_image_errors(search: EffectSearch, fit: LinearisedFit) -> EffectSearc
     """
     data = search.data.with_image_errors_of(fit.predictions)
     fits = {names: _solve_again(search.problem, data, f) for names, f in search.fits.items()}
-    base, best = (fits.get(effect_names(f)) or _solve_again(search.problem, data, f) for f in (search.base, search.best))
-    return replace(search, data=data, base=base, best=best, fits=fits)
+    return replace(
+        search, data=data, base=fits[effect_names(search.base)], best=fits[effect_names(search.best)], fits=fits
+    )
 
 
 def _solve_again(problem: Problem, data: WhitenedData, fit: LinearisedFit) -> LinearisedFit:

@@ -966,9 +966,9 @@ def test_an_error_of_the_set_up_within_usual_limits_has_the_unit_of_its_input():
         SetupErrorReport("block_length", 0.005, 0.001, "1", 0.5, "the block's length is 25.1 mm"),
     )
     lines = describe_verdict(verdict("none_needed", inputs=INPUTS, laboratory=found), catalogue())
-    assert [line for line in lines if line.startswith("The data suggest")] == [
-        "The data suggest that ambient.temperature is 19.6 degC, not 20 degC (+- 0.05 K), which is within usual limits.",
-        "The data suggest that the block's length is 25.1 mm (+- 0.1 %), which is within usual limits.",
+    assert [line for line in lines if line.startswith("Within usual")] == [
+        "Within usual limits, and calibrated: ambient.temperature is 19.6 degC, not 20 degC (+- 0.05 K); "
+        "the block's length is 25.1 mm (+- 0.1 %)."
     ]
 
 

@@ -383,9 +383,12 @@ def _describe_friction(v: Verdict) -> Iterator[str]:
 def _describe_usual_errors(v: Verdict) -> Iterator[str]:
     """Errors of the set-up within usual limits; not for a fit without a valid model, where they mean little."""
     absolute = {i.key: unit_suffix("K" if i.unit == "degC" else i.unit) for i in v.inputs if not i.relative}
+    found = []
     for f in () if v.kind in ("no_verdict", "unexplained") else v.laboratory[:MAX_LISTED_ITEMS]:
         error = f"{f.stderr:.2g}{absolute[f.name]}" if f.name in absolute else format_error(f.stderr, f.unit)
-        yield f"The data suggest that {f.words} (+- {error}), which is within usual limits."
+        found.append(f"{f.words} (+- {error})")
+    if found:
+        yield f"Within usual limits, and calibrated: {'; '.join(found)}."
 
 
 # --- parts of sentences ----------------------------------------------------------------------------------------

@@ -193,13 +193,14 @@ def pytest_terminal_summary(terminalreporter, config):
 
 @pytest.fixture(scope="session")
 def discovery_benchmark():
-    """Modules of the benchmark of discovery: its count of outcomes, its stored evidence and the replay."""
+    """Modules of the benchmark of discovery: its campaigns, its count of outcomes, its stored evidence and the replay."""
     before = list(sys.path)
     sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
     try:
         import campaigns
         import criteria_replay
+        import discover
         import stored_evidence
     finally:
         sys.path[:] = before
-    return SimpleNamespace(campaigns=campaigns, replay=criteria_replay, stored=stored_evidence)
+    return SimpleNamespace(campaigns=campaigns, replay=criteria_replay, discover=discover, stored=stored_evidence)

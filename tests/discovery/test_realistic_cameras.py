@@ -61,3 +61,15 @@ def test_real_cameras_hide_nothing_strong_and_add_nothing(discovery_benchmark, t
     record |= discovery_benchmark.campaigns.describe_verdict(verdict, true)
     assert discovery_benchmark.campaigns.classify(record) in honest, verdict.says
     assert discovery_benchmark.replay.list_not_reproduced([recorder.to_stored_search(record)]) == []
+
+
+@pytest.mark.long
+def test_a_pressure_that_peaks_fourfold_is_named_although_its_image_is_smeared(discovery_benchmark, tmp_path):
+    """The camera misses a fifth of the motion; smear of the stated model, whose image has no peak, fitted no more."""
+    discovery_benchmark.discover.store_campaigns(7952, 7953, tmp_path, "strong")
+    verdict, _ = engine.discover(campaign.load(tmp_path / "strong_7952" / "campaign"), workers=1)
+    assert verdict.kind == "named", verdict.says
+    [cause] = verdict.causes
+    assert cause.effect == "edge_pressure"
+    [height] = [p for p in cause.parameters if p.name == "edge_pressure.B"]
+    assert height.ci95[0] < 3.914 < height.ci95[1]

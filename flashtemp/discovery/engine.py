@@ -194,7 +194,7 @@ def _place_images(
     The mesh error depends on the distance from the contact, hence on the place and rotation of an image.
     """
     stated, placements = problem.stated_model, {}
-    for file, place in seen.placements.items():  # fields are stored at the times of the stated clock
+    for file, place in seen.placements.items():  # the fields serve the stated clocks
         placements[file] = replace(place, clock=stated.image_placement(file).clock)
     model, out = replace(stated, shifts=seen.shifts, placements=placements), []
     tasks = problem.make_tasks(stated, DerivativeRequest(), cell_factors)
@@ -212,7 +212,7 @@ def predict_coarser_meshes(problem: Problem) -> list[list[Prediction]]:
     tasks = [
         task
         for c in coarser_mesh_factors(problem.case)
-        for task in problem.make_tasks(problem.stated_model, DerivativeRequest(fields=True), c)
+        for task in problem.make_tasks(problem.stated_model, DerivativeRequest(fields=True, stated_clocks=True), c)
     ]
     answers, count = problem.predict(tasks), len(problem.conditions)
     return [answers[k : k + count] for k in range(0, len(answers), count)]

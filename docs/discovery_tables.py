@@ -29,6 +29,8 @@ SETS = {  # what a set of campaigns is, by the first word of its campaigns' name
     "strong": "uncooled camera, one strong effect",
     "later": "uncooled camera, seeds 7669 to 7692",
     "heavy": "uncooled camera, one strong effect, prior with heavy tails",
+    "newest": "uncooled camera, seeds 7696 to 7719",
+    "mistake": "uncooled camera, one error of the set-up",
     "varied": "another test programme in each",
     "programme": "another test programme in each, after the mends",
 }

@@ -28,7 +28,7 @@ GRADES = {  # of each kind of verdict: the answer in words, and the colour that 
     "weak": ("A missing effect is likely, but the evidence is weak", "warning"),
     "group": ("Several causes explain these data equally well", "warning"),
     "none_needed": ("No extension is needed", "good"),
-    "unexplained": ("Something is missing, and no candidate explains it", "error"),
+    "unexplained": ("Not explained: neither the model nor a candidate describes the data", "error"),
     "no_verdict": ("No verdict: the calibration is not reliable", "error"),
 }
 Record = TypeVar("Record")

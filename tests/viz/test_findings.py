@@ -882,14 +882,14 @@ def test_the_text_of_a_verdict_names_contradicted_inputs_and_up_to_six_that_cann
         ("group", {"group": ("wear", "friction.mu"), "causes": (replace(CAUSE, effect="wear"),)},
          "Either an effect is missing or a stated input is wrong, and these data cannot distinguish which: ",
          "To decide, measure friction.mu in a separate test in which wear does not act; "),
-        ("unexplained", {"rules": (PASSED, FAILED), "rivals": ()},
+        ("unexplained", {"rules": (PASSED, FAILED), "rivals": (), "causes": (CAUSE,)},
          "Something is missing that the catalogue does not contain.",
          "What was tested and failed: heat of another shape is needed along the contact"),
-        ("unexplained", {}, f"Something is missing that none of the {len(RIVALS)} `candidates` of this campaign",
+        ("unexplained", {"causes": (CAUSE,)}, f"Something is missing that none of the {len(RIVALS)} `candidates` of this campaign",
          "The catalogue has more effects; leave out `candidates` to try them."),
-        ("unexplained", {"law": LAW, "rules": (FAILED, FAILED_LAW)}, "Something is missing that none of the ",
+        ("unexplained", {"law": LAW, "rules": (FAILED, FAILED_LAW), "causes": (CAUSE,)}, "Something is missing that none of the ",
          f"The closest law is only a hint, because {FAILED_LAW.consequence}: friction.mu as a function of T"),
-        ("unexplained", {"law": LAW, "rules": (FAILED, REFUTED_LAW)}, "Something is missing that none of the ",
+        ("unexplained", {"law": LAW, "rules": (FAILED, REFUTED_LAW), "causes": (CAUSE,)}, "Something is missing that none of the ",
          f"The closest law is only a hint, because {REFUTED_LAW.consequence}: friction.mu as a function of T"),
         ("none_needed", {}, "No extension is needed", "a cause needs 8"),
         ("no_verdict", {"not_named": ("wear could not be fitted to an end",)},
@@ -970,6 +970,16 @@ def test_an_error_of_the_set_up_within_usual_limits_has_the_unit_of_its_input():
         "Within usual limits, and calibrated: ambient.temperature is 19.6 degC, not 20 degC (+- 0.05 K); "
         "the block's length is 25.1 mm (+- 0.1 %)."
     ]
+
+
+@pytest.mark.parametrize(("ln_bayes", "first"), [(69.0, "The model does not explain"), (11.0, "Something is missing")])
+def test_an_input_that_is_wrong_comes_before_a_model_that_fails(ln_bayes, first):
+    """A speed 5 % too low was told in the sixth sentence, after an effect and a law that were not there."""
+    wrong = stated_input("schedule.speed", "contradicted", 4.1, ln_bayes)
+    effect = replace(CAUSE, ln_bayes=12.0)
+    lines = describe_verdict(verdict("unexplained", causes=(effect,), inputs=(wrong,), rules=(FAILED,)), catalogue())
+    assert lines[0].startswith(first)
+    assert sum("schedule.speed is stated as" in line for line in lines[1:]) == 1
 
 
 def test_what_cannot_be_as_stated_has_no_number():

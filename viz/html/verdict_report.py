@@ -24,7 +24,7 @@ ANSWERS_BY_KIND = {
     "weak": ("A missing effect is likely, but the evidence is weak", "near"),
     "group": ("An effect is missing; these data cannot distinguish which of several", "near"),
     "none_needed": ("No extension is needed", "good"),
-    "unexplained": ("Something is missing, and no candidate explains it", "bad"),
+    "unexplained": ("Not explained: neither the model nor a candidate describes the data", "bad"),
     "no_verdict": ("No verdict: the calibration is not reliable", "bad"),
 }
 SETUP_ANSWERS_BY_KIND = {  # where no effect is missing

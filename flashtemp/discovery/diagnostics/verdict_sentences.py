@@ -239,6 +239,9 @@ def _answer_unexplained(v: Verdict, known: Mapping[str, type[Effect]]) -> Iterat
         sentence = describe_failure(failed[0])
         yield f"{sentence[:1].upper()}{sentence[1:]}; the model passes all other tests."
         yield NOISE_HINT
+    elif (wrong := _likeliest_input(v)) is not None:
+        yield f"The model does not explain the data, and the likeliest reason is that {wrong} is stated wrongly."
+        yield f"Correct {wrong}, or state how well it is known (`known`), and repeat before you look for an effect."
     elif _is_catalogue_tried(v, known):
         yield "Something is missing that the catalogue does not contain."
     else:
@@ -257,6 +260,12 @@ def _answer_unexplained(v: Verdict, known: Mapping[str, type[Effect]]) -> Iterat
         yield f"The closest law is only a hint, because {reason}: {v.law.words}. {_law_words(v.law)}"
     if v.missing:
         yield "The missing heat flux in the report shows where along the contact the model errs."
+
+
+def _likeliest_input(v: Verdict) -> str | None:
+    """The stated input that the data contradict more clearly than the closest effect is required, if there is one."""
+    required = max((c.ln_bayes for c in _physical_causes(v)), default=CRITERIA.ln_bayes_named)
+    return next((i.key for i in select_contradicted(v.inputs) if i.ln_bayes > required), None)
 
 
 def _is_catalogue_tried(v: Verdict, known: Mapping[str, type[Effect]]) -> bool:

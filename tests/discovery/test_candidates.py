@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from flashtemp.discovery.diagnostics.missing_heat import estimate_missing_heat
-from flashtemp.discovery.hypotheses.candidates import find_candidates
+from flashtemp.discovery.hypotheses.candidates import NEEDS_OTHER_MESH, find_candidates
 from flashtemp.discovery.verdict_assembly import describe_single_condition
 from flashtemp.model.case import load_case
 from flashtemp.solver.time_integration import integrate_schedule
@@ -33,6 +33,13 @@ def test_candidate_whose_shape_variant_does_not_fit_the_mesh_is_left_out(case):
     assert "heat_depth" not in names_of(found)
     assert left["heat_depth"].startswith("cannot be built with heat_depth.depth = 3.33e-05: ")
     assert "numerics.first_block" in left["heat_depth"]
+
+
+def test_a_candidate_that_refines_the_mesh_is_left_out_with_a_reason(case):
+    """Sensitivities are differences of runs on one mesh; listed in `candidates`, it ended with a traceback."""
+    found, left = find_candidates(case, ("resolved_spots", "pressure_tilt"))
+    assert [c.effect for c in found] == ["pressure_tilt"]
+    assert left == {"resolved_spots": NEEDS_OTHER_MESH}
 
 
 def test_candidate_must_be_possible_in_every_condition(case):

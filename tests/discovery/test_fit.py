@@ -23,7 +23,6 @@ from flashtemp.discovery.estimation.fitting import (
     Hypothesis,
     SimulationRequest,
     _first_point,
-    _try_step,
     fit_hypothesis,
 )
 from flashtemp.discovery.estimation.hyperparameters import maximise_evidence
@@ -45,7 +44,7 @@ from flashtemp.discovery.prediction.prediction import DerivativeRequest
 from flashtemp.discovery.prediction.problem import _unstated_facts, prepare_problem
 from flashtemp.discovery.selection.forward_selection import EffectSearch, update_image_errors
 from flashtemp.discovery.selection.scores import MIN_PARTNER_Z, score_candidates, select_for_rescoring
-from flashtemp.errors import BadInput, SolverFailure
+from flashtemp.errors import BadInput
 from flashtemp.model.case import load_case
 from flashtemp.physics.effect import find_effect
 
@@ -452,23 +451,6 @@ def test_errors_of_the_camera_that_stood_for_an_effect_are_weighed_again_at_its_
     best = maximise_evidence(peaked.problem, at.linearisation.system, h.model, priors)
     assert dict(at.hyper.families) == dict(best.hyper.families) != dict(USUAL_CAMERA_ERRORS)
     assert at.hyper.scale < 30.0
-
-
-@pytest.mark.parametrize(("step", "is_simulated"), [(0.0, False), (0.5, True)])
-def test_after_a_step_that_failed_no_derivatives_are_computed_for_the_next_one(two, step, is_simulated):
-    """The next step starts at the same point, whose derivatives are known; with many free keys they cost minutes."""
-    h = Hypothesis.from_parent(two.problem, two.data, two.base, [candidate(two, "edge_pressure")])
-    state = returned(_first_point(h, None))
-    assert state.needs_derivatives
-    steps = np.zeros(len(h.stepped_parameters(state.point.linearisation.system)))
-    steps[0] = step  # of ln friction, away from its optimum
-    trial = _try_step(h, state, steps, 1e9, two.base)
-    request = next(trial)
-    assert request.tasks[0].derivatives.model_parameters
-    with pytest.raises(StopIteration) as end:
-        trial.send(two.problem.run(request.tasks) if is_simulated else [SolverFailure("no")])
-    assert end.value.value < 0.0
-    assert not state.needs_derivatives
 
 
 def test_errors_of_the_camera_follow_the_image_of_an_accepted_effect(peaked, peak):

@@ -214,13 +214,12 @@ def _try_step(
     answer = yield from _evaluate_model(h, _take_step(h, point, steps), wanted, best)
     state.count += 1
     if isinstance(answer, str):
-        state.needs_derivatives = False
         return -1.0
     answer = _align_images(h, answer, point.hyper)
     before, after = (_full_objective(h, at, point.hyper) for at in (point.linearisation, answer))
     ratio = (before - after) / max(predicted, 1e-300)  # eq. (45)
-    # after a step that failed, those of the present point are enough: the next one starts there again
-    state.needs_derivatives = ratio > 0.0 and not GOOD_RATIO <= ratio <= 1.0 / GOOD_RATIO
+    # also after a step that failed: columns of cameras that belong to another image can make good steps fail
+    state.needs_derivatives = not GOOD_RATIO <= ratio <= 1.0 / GOOD_RATIO
     state.poor_steps = 0 if ratio > POOR_RATIO else state.poor_steps + 1
     if ratio > 0.0:
         state.point = LinearisedPoint(answer, _find_hyperparameters(h, answer), exact)

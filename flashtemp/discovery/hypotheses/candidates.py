@@ -22,6 +22,7 @@ KEY_PRIOR_SD = {  # relative prior standard deviation of keys that are usually c
     "ambient.convection": 0.3,
 }
 DEFAULT_KEY_PRIOR_SD = 0.2
+NEEDS_OTHER_MESH = "refines the mesh along the road; add it to the effects of the case instead"
 NOTHING_SLIDES = "nothing slides: the block is by itself"
 # prefixes of quantities that matter in contact with the road only
 CONTACT_TARGETS = ("friction.", "contact.", "holder.", "road.lane", "block.abrasion", "block.worn", "block.expansion")
@@ -213,11 +214,12 @@ def _exclusion_reason(case: Case, name: str, effect: type[Effect], is_requested:
     if effect.alike and not is_requested:
         return f"resembles {effect.alike}, which is tried; name it in candidates to try it too"
     try:
-        case.with_values({"effects": [*case.effects, name]})
+        extended = case.with_values({"effects": [*case.effects, name]})
     except BadInput as fault:
         needs = [k for k, p in effect.params().items() if p.value is None and p.kinds != ("name",)]
         return f"needs {', '.join(needs)}" if needs else fault.lines[0]
-    return ""
+    # sensitivities are differences of runs on one mesh
+    return "" if np.array_equal(extended.scene.mesh.x, case.scene.mesh.x) else NEEDS_OTHER_MESH
 
 
 def _build_fault(candidate: CandidateEffect, cases: Sequence[Case]) -> str:

@@ -536,3 +536,11 @@ def test_walls_and_wakes_of_odd_cases_are_a_little_cooler(name):
         warm = np.abs(plain - 20.0).max()
         assert np.abs(seen - plain).max() < (0.1 * warm + 0.2 if view == "sidewall" else 0.02 * warm)
         assert np.all(seen <= plain + 1e-3) or name == "air that cools down"
+
+
+def test_a_wake_that_is_stamped_at_the_end_of_a_slide_never_shows_the_lifted_block():
+    """A clock 20 ms early changed such frames by 0.13 K, and no step of a fit could succeed."""
+    phases = [SimpleNamespace(end=end) for end in (4.0, 12.0, 16.0)]
+    scene = SimpleNamespace(schedule=SimpleNamespace(phases=phases))
+    stamped = np.array([1.4, 4.0, 4.0000005, 4.01, 12.0, 16.1])
+    assert observation._phase_ends(scene, stamped).tolist() == [4.0, 4.0, 4.0, 12.0, 12.0, 16.0]

@@ -36,6 +36,7 @@ POINTS_PER_CELL = 3  # of the refined fields that are sampled
 BATCH = 64  # frames that are predicted at a time: refined fields are large
 EDGE_MARGIN_PX = 1.5  # px around the edge of a body that no comparison uses
 BLOCK_SIZE_TOLERANCE = 0.01  # relative uncertainty of the block's length and width, and so of its edges
+ROUNDED_TIME_S = 1e-6  # by which a stamp at the end of a phase may be rounded up
 PSF_TAIL_WIDTHS = 4.0  # widths of the point spread within which the edge of the wake shows
 
 
@@ -130,6 +131,8 @@ def observe(
     if recording.places is not None:
         return _observe_sensors(run, recording, camera)
     times = np.clip(camera.observed_times(), 0.0, run.time[-1])
+    if recording.view == "wake":
+        times = np.minimum(times, _phase_ends(scene, recording.time))
     formation = ImageFormation.from_camera(camera, scene, shift, change, place)
     offset = np.broadcast_to(camera("offset", 0.0), len(times))[:, None, None]
     predicted: dict[str, np.ndarray] = {}
@@ -146,6 +149,16 @@ def observe(
     return PredictedImage(
         temperature, _interior_mask(recording, *_stated_nodes(recording, scene, ruler, along, up)), predicted
     )
+
+
+def _phase_ends(scene: Scene, stamped: np.ndarray) -> np.ndarray:
+    """Ends (frames,) in s of the phases that frames are `stamped` in.
+
+    A wake that was seen while the block slid does not show the lifted block, however early the clock is.
+    """
+    ends = np.array([phase.end for phase in scene.schedule.phases])
+    phase = np.searchsorted(ends, stamped - ROUNDED_TIME_S)
+    return ends[np.minimum(phase, len(ends) - 1)]
 
 
 def _observe_sensors(run, recording: Recording, camera: CameraModel) -> PredictedImage:

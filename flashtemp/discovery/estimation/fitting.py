@@ -218,7 +218,6 @@ def _try_step(
     answer = _align_images(h, answer, point.hyper)
     before, after = (_full_objective(h, at, point.hyper) for at in (point.linearisation, answer))
     ratio = (before - after) / max(predicted, 1e-300)  # eq. (45)
-    # also after a step that failed: columns of cameras that belong to another image can make good steps fail
     state.needs_derivatives = not GOOD_RATIO <= ratio <= 1.0 / GOOD_RATIO
     state.poor_steps = 0 if ratio > POOR_RATIO else state.poor_steps + 1
     if ratio > 0.0:

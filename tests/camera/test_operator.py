@@ -542,5 +542,6 @@ def test_a_wake_that_is_stamped_at_the_end_of_a_slide_never_shows_the_lifted_blo
     """A clock 20 ms early changed such frames by 0.13 K, and no step of a fit could succeed."""
     phases = [SimpleNamespace(end=end) for end in (4.0, 12.0, 16.0)]
     scene = SimpleNamespace(schedule=SimpleNamespace(phases=phases))
-    stamped = np.array([1.4, 4.0, 4.0000005, 4.01, 12.0, 16.1])
-    assert observation._phase_ends(scene, stamped).tolist() == [4.0, 4.0, 4.0, 12.0, 12.0, 16.0]
+    stamped = np.array([1.4, 3.99, 4.0, 4.0000005, 4.01, 12.0, 16.1])
+    expected = [np.inf, np.inf, 4.0, 4.0000005, np.inf, 12.0, np.inf]
+    assert observation._latest_times(scene, stamped).tolist() == expected

@@ -435,7 +435,7 @@ def test_a_full_fit_from_a_gross_misfit_ends_at_the_truth(peaked, peak):
     assert peak.chi2 == pytest.approx(peak.solution.count, abs=5 * np.sqrt(2 * peak.solution.count))
 
 
-def returned(generator):
+def return_value(generator):
     """What a generator returns that needs no simulation."""
     with pytest.raises(StopIteration) as end:
         next(generator)
@@ -446,7 +446,7 @@ def test_errors_of_the_camera_that_stood_for_an_effect_are_weighed_again_at_its_
     """A drift of the room was explained by offsets of the camera; the fit of the drift kept them and gained nothing."""
     parent = replace(peaked.base, hyper=replace(peaked.base.hyper, families=USUAL_CAMERA_ERRORS, scale=30.0))
     h = Hypothesis.from_parent(peaked.problem, peaked.data, parent, [candidate(peaked, "edge_pressure")])
-    at = returned(_first_point(h, None)).point
+    at = return_value(_first_point(h, None)).point
     priors = {p: v for c in h.effects for p, v in c.parameter_priors(h.model.effects[c.effect]).items()}
     best = maximise_evidence(peaked.problem, at.linearisation.system, h.model, priors)
     assert dict(at.hyper.families) == dict(best.hyper.families) != dict(USUAL_CAMERA_ERRORS)

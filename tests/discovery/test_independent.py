@@ -69,8 +69,8 @@ def test_campaigns_of_another_laboratory_end_as_they_are(benchmark, seed, repeti
 
 
 BEYOND_THE_MODEL = pytest.mark.xfail(
-    reason="a misfit of 0.2 % of the rise near the contact of a rotated wall looks like conductivity_slope or a shorter "
-    "distance, with a ln Bayes factor of 16; without the rotation, 0.6",
+    reason="a rotated wall looks like conductivity_slope or a shorter distance, for a reason that is not known: ln Bayes "
+    "factor 16 on this mesh, 13 on one of 1; 0.6 without the rotation",
     strict=True,
 )
 WORLDS = {  # seeds with a block, a road, a schedule and cameras of their own, and how they end
@@ -149,24 +149,24 @@ def _held_out(condition):
 
 
 TURNED = ("condition2_sidewall.nc", {}, {"turned": 0.035})
+WHOLE_CONDITION = pytest.mark.xfail(
+    reason="a condition that is left out whole is predicted to 1.11 times its noise since its own friction and cameras stay "
+    "within three usual sizes; its level of friction ends at that limit, for a reason that is not known",
+    strict=True,
+)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("held", "hidden", "setup_errors"),
-    [TURNED, ("condition1", {}, {}), ("condition1_sidewall.nc", {"pressure_tilt": 0.4}, {})],
+    [TURNED, pytest.param("condition1", {}, {}, marks=WHOLE_CONDITION), ("condition1_sidewall.nc", {"pressure_tilt": 0.4}, {})],
 )
 def test_recordings_that_are_held_out_have_cameras_of_their_own(benchmark, tmp_path, held, hidden, setup_errors):
-    """Images that lie a usual way off, or are turned by two degrees, left any model unexplained.
-
-    Friction scatters by 1 % between repetitions, which no model predicts for a whole condition that is left out: that
-    is 30 mK beside noise of 50 mK.
-    """
+    """Images that lie a usual way off, or are turned by two degrees, left any model unexplained."""
     verdict = _without(benchmark, tmp_path, held, hidden, setup_errors)
     assert [c.effect for c in verdict.causes] == (["image_turn"] if setup_errors else [*hidden]), verdict.says
     assert all(value <= limit for value, limit in verdict.gates.values())
-    largest = np.hypot(1.0, 30.0 / 50.0) if held == "condition1" else 1.1
-    assert 0.9 < (verdict.extended or verdict.base).held_out_z < largest
+    assert (verdict.extended or verdict.base).held_out_z == pytest.approx(1.0, abs=0.1)
     if setup_errors:
         [turn] = verdict.causes[0].parameters
         assert turn.name == f"image_turn.{held}"

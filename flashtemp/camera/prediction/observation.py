@@ -36,7 +36,7 @@ POINTS_PER_CELL = 3  # of the refined fields that are sampled
 BATCH = 64  # frames that are predicted at a time: refined fields are large
 EDGE_MARGIN_PX = 1.5  # px around the edge of a body that no comparison uses
 BLOCK_SIZE_TOLERANCE = 0.01  # relative uncertainty of the block's length and width, and so of its edges
-ROUNDED_TIME_S = 1e-6  # by which a stamp at the end of a phase may be rounded up
+ROUNDED_TIME_S = 1e-6  # by which a stamp at the end of a phase may be rounded
 PSF_TAIL_WIDTHS = 4.0  # widths of the point spread within which the edge of the wake shows
 
 
@@ -132,7 +132,7 @@ def observe(
         return _observe_sensors(run, recording, camera)
     times = np.clip(camera.observed_times(), 0.0, run.time[-1])
     if recording.view == "wake":
-        times = np.minimum(times, _phase_ends(scene, recording.time))
+        times = np.minimum(times, _latest_times(scene, recording.time))
     formation = ImageFormation.from_camera(camera, scene, shift, change, place)
     offset = np.broadcast_to(camera("offset", 0.0), len(times))[:, None, None]
     predicted: dict[str, np.ndarray] = {}
@@ -151,14 +151,15 @@ def observe(
     )
 
 
-def _phase_ends(scene: Scene, stamped: np.ndarray) -> np.ndarray:
-    """Ends (frames,) in s of the phases that frames are `stamped` in.
+def _latest_times(scene: Scene, stamped: np.ndarray) -> np.ndarray:
+    """Latest times (frames,) in s that frames with the times `stamped` may show.
 
-    A wake that was seen while the block slid does not show the lifted block, however early the clock is.
+    A frame that is stamped at the very end of a phase, as schedules have it, shows this phase: a moment later the block
+    may be lifted.  Others have no limit, because their clock may be off by more than they are from the end.
     """
     ends = np.array([phase.end for phase in scene.schedule.phases])
-    phase = np.searchsorted(ends, stamped - ROUNDED_TIME_S)
-    return ends[np.minimum(phase, len(ends) - 1)]
+    is_end = np.any(np.abs(stamped[:, None] - ends) <= ROUNDED_TIME_S, axis=1)
+    return np.where(is_end, stamped, np.inf)
 
 
 def _observe_sensors(run, recording: Recording, camera: CameraModel) -> PredictedImage:

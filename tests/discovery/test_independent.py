@@ -159,7 +159,11 @@ WHOLE_CONDITION = pytest.mark.xfail(
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("held", "hidden", "setup_errors"),
-    [TURNED, pytest.param("condition1", {}, {}, marks=WHOLE_CONDITION), ("condition1_sidewall.nc", {"pressure_tilt": 0.4}, {})],
+    [
+        TURNED,
+        pytest.param("condition1", {}, {}, marks=WHOLE_CONDITION),
+        ("condition1_sidewall.nc", {"pressure_tilt": 0.4}, {}),
+    ],
 )
 def test_recordings_that_are_held_out_have_cameras_of_their_own(benchmark, tmp_path, held, hidden, setup_errors):
     """Images that lie a usual way off, or are turned by two degrees, left any model unexplained."""

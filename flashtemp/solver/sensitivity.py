@@ -37,6 +37,7 @@ from flashtemp.solver.system import PhaseSystem
 from flashtemp.solver.time_integration import StepHistory, integrate_schedule
 
 FIRST_STEP_U, MAX_STEP_U = 0.03, 0.1  # first and longest step in u = sqrt(fraction of the segment)
+MIN_STEP_U = 1e-4  # a shorter step is not repeated
 CORRECTION_RATIO = 0.2  # target of Newton's correction over the largest change in the segment: it sets the next step
 FINE_CORRECTION_RATIO = 0.015  # the same while the front of the road that the block met first is visible
 FINE_STEP_WINDOWS = 4.0  # slid distance for which it may be visible, in lengths of the window
@@ -121,10 +122,9 @@ class _PerturbedRun:
             self.integration_state.track = build_track(self.balance, scene.schedule.lap)
 
     @property
-    def meets_own_road(self) -> bool:
-        """Whether road that left the window is stored, to enter it again."""
-        track = self.integration_state.track
-        return track is not None and len(track.place) > 0
+    def has_track(self) -> bool:
+        """Whether road that leaves the window is stored, to enter it again."""
+        return self.integration_state.track is not None
 
     def own_state(self, y: np.ndarray, s: np.ndarray) -> np.ndarray:
         """State y + step s of the perturbed run; its ledger is zero if it has other entries than the run's."""
@@ -280,7 +280,7 @@ class SensitivityIntegrator:
         for t, frame in times:
             base.record_own(t, interpolant(t), reference.s, frame)
         # road that comes round only in some runs changes them abruptly: their short steps must not hold up the others
-        revisiting = {id(one) for one in active if one.meets_own_road and not reference.meets_own_road}
+        revisiting = {id(one) for one in active if one.has_track and not reference.has_track}
         for group in ([o for o in active if id(o) not in revisiting], [o for o in active if id(o) in revisiting]):
             if not group:
                 continue
@@ -319,6 +319,8 @@ def _integrate_differences(
     span, fine_until = phase.end - phase.begin, _fine_step_distance(phase, reference, times)
     first_field = next((at for at, frame in times if frame and at > phase.begin), phase.end)
     u, h, times = 0.0, FIRST_STEP_U, list(times)
+    # the front of road that comes round may enter within one step, which is then repeated
+    may_meet_front = phase.sliding and any(one.perturbed_run.has_track for one in perturbed)
     if times and times[0][0] <= phase.begin:
         _record_all(path, perturbed, times.pop(0), S)
     while u < 1.0:
@@ -326,26 +328,27 @@ def _integrate_differences(
         h = new - u
         t = phase.end if new == 1.0 else phase.begin + span * new**2
         after, change = _bdf2_step(path(t), t, 2.0 * new * span, (h, before), (old, S), reference, perturbed)
+        reached = [one.largest_difference(s) for one, s in zip(perturbed, after - begin, strict=True)]
+        moved = np.abs(change[:, :m]).max(axis=1, initial=0.0) / np.maximum(size, reached)
+        # heat spreads, so errors of early steps have decayed when the first field is recorded
+        early = min(1.0, (t - phase.begin) / (first_field - phase.begin))
+        error = early * float(np.sqrt(np.mean(moved**2)))
+        is_fine = fine_until and reference.system.law_context(t).slid < fine_until
+        close = FINE_CORRECTION_RATIO if is_fine else CORRECTION_RATIO
+        if error > close and h > MIN_STEP_U and may_meet_front:
+            h *= 0.5
+            continue
         while times and times[0][0] <= t * (1 + 1e-12):
             at = times.pop(0)
-            reached = float(np.sqrt((at[0] - phase.begin) / span))
-            _record_all(path, perturbed, at, interpolate_quadratic(reached, (u - before, u, new), (old, S, after)))
+            where = float(np.sqrt((at[0] - phase.begin) / span))
+            _record_all(path, perturbed, at, interpolate_quadratic(where, (u - before, u, new), (old, S, after)))
         old, S, before, u = S, after, h, new
         if phase.sliding:
             y = path(t)
             reference.store_own_column(t, y, reference.perturbed_run.s)
             for one, s in zip(perturbed, S, strict=True):
                 one.store_own_column(t, y, s)
-        size = np.maximum(size, [one.largest_difference(s) for one, s in zip(perturbed, S - begin, strict=True)])
-        moved = np.abs(change[:, :m]).max(axis=1, initial=0.0) / size
-        # heat spreads, so errors of early steps have decayed when the first field is recorded
-        early = min(1.0, (t - phase.begin) / (first_field - phase.begin))
-        error = early * float(np.sqrt(np.mean(moved**2)))
-        close = (
-            FINE_CORRECTION_RATIO
-            if fine_until and reference.system.law_context(t).slid < fine_until
-            else CORRECTION_RATIO
-        )
+        size = np.maximum(size, reached)
         h = min(h * float(np.clip(np.sqrt(close / max(error, 1e-12)), 0.5, MAX_STEP_GROWTH)), longest)
     return S
 

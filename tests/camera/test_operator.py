@@ -23,6 +23,7 @@ from flashtemp.camera.prediction.wall_temperature.contact_conductance import eff
 from flashtemp.camera.prediction.wall_temperature.side_wall_temperature import (
     FaceHistory,
     WallFilmCoefficients,
+    corner_step_times,
     side_wall_rise,
 )
 from flashtemp.camera.radiometry import LONG_WAVE
@@ -32,6 +33,7 @@ from flashtemp.model.case import assemble_case
 from flashtemp.model.case_file import KeyLocations
 from flashtemp.model.scene import ActiveEffect
 from flashtemp.physics.effect import Term, find_effect
+from flashtemp.solver.sensitivity import Perturbation, run_with_sensitivities
 from flashtemp.solver.time_integration import integrate_schedule
 
 L, H, W = 0.025, 0.007, 0.05
@@ -364,14 +366,47 @@ def wall_of(lab, z, section, films, time, face=None):
     times, rise = face or (np.array([0.0, 1e-9, time]), np.array([0.0, 1.0, 1.0]))
     begun, values = map(np.array, zip(*films, strict=True))
     films = WallFilmCoefficients(begun, values, 0.0 * values, STILL)
-    return side_wall_rise(scene, films, z, np.array([time]), section[None, None], along(times, rise, 1e6))[0, 0]
+    return side_wall_rise(scene, films, z, np.array([time]), section[None, None], along(times, rise, 1e6, films))[0, 0]
 
 
-def along(times, rise, held):
+def along(times, rise, held, films):
     """A block's face, alike in both columns of `lab.column`, held by as much (W/m2K) all the time or in each step."""
     two = np.ones(2)
     none = np.zeros((len(times), 2))
-    return FaceHistory(np.outer(rise, two), times, np.outer(np.broadcast_to(held, len(times) - 1), two), none, none)
+    conductance = np.outer(np.broadcast_to(held, len(times) - 1), two)
+    return FaceHistory(
+        np.outer(rise, two), times, conductance, none, none, corner_step_times(times, conductance, films)
+    )
+
+
+def test_the_wall_in_air_that_warms_changes_by_as_much_beside_a_run_as_in_a_run_of_its_own():
+    """Other time steps of the corner model made the wall's derivative two to three times as large as it is."""
+    given = {"schedule.repetitions": 2, "schedule.distance": 0.4, "schedule.wait": 4.0, "numerics.mesh": 0.5}
+
+    def drifting(rate):
+        return assemble_case(
+            {}, given | {"effects": ["ambient_drift"], "ambient_drift.rate": rate}, KeyLocations("none"), Path(), "air"
+        )
+
+    plain = assemble_case({}, given, KeyLocations("none"), Path(), "air")
+    told, (step, rate) = recording(times=(4.0, 8.0, 12.0)), (5e-5, 2e-2)
+    settings = replace(plain.settings, times=tuple(told.time), fields=2)
+    hood = run_with_sensitivities(
+        plain.scene, settings, {"drift": Perturbation(drifting(step).scene, step)}, "", tuple(told.time)
+    )
+    face = FaceHistory.from_run(hood.run, plain.scene)
+    scenes, runs = (plain.scene, drifting(step).scene), (hood.reference, hood.perturbed["drift"])
+    level, moved = (
+        observe(run, scene, told, face=face.for_perturbed_run(run, hood.reference, scene))
+        for run, scene in zip(runs, scenes, strict=True)
+    )
+    found = (moved.temperature - level.temperature)[:, level.inside] / step
+    still, warm = (
+        observe(integrate_schedule(one.scene, replace(one.settings, times=tuple(told.time), fields=2)), one.scene, told)
+        for one in (drifting(0.0), drifting(rate))
+    )
+    expected = (warm.temperature - still.temperature)[:, still.inside] / rate
+    assert np.sqrt(np.mean((found - expected) ** 2)) < 0.1 * np.sqrt(np.mean(expected**2))
 
 
 @pytest.mark.parametrize("tilted", [False, True])
@@ -405,8 +440,8 @@ def test_a_film_that_the_section_feels_cools_the_wall_below_it(lab):
     rate = 2.0 * film * scene.block.diffusivity / (k * W)
     t = np.concatenate([[0.0], begin + np.linspace(1e-3, time, 400)])
     even = np.exp(-rate * (t - begin)) * (t > 0)
-    face = along(t, even, np.where(t[1:] < begin + 1e-2, 1e6, 0.0))
     still = WallFilmCoefficients(np.array([0.0, begin]), np.array([0.0, film]), np.array([0.0, film]), STILL)
+    face = along(t, even, np.where(t[1:] < begin + 1e-2, 1e6, 0.0), still)
     found = side_wall_rise(scene, still, z, t[-1:], np.full((1, 1, 2), even[-1]), face)[0, 0]
     angle = brentq(lambda a: a * np.tan(a) - film * 0.5 * W / k, 0.1, 1.5)
     size = 4.0 * np.sin(angle) / (2.0 * angle + np.sin(2.0 * angle))
@@ -425,8 +460,8 @@ def test_the_wall_of_a_face_that_warms_slowly(lab):
         return d * (np.exp(-((z / d) ** 2)) / np.sqrt(np.pi) - z / d * erfc(z / d))
 
     scene = lab.scene(replace(lab.column(8, 0.05, 1e-4), y=np.array([-0.5, 0.5])))
-    face = along(t, np.append(0.0, depth / np.sqrt(np.pi)), 1e6)
     films = WallFilmCoefficients(np.zeros(1), np.array([film]), np.zeros(1), STILL)
+    face = along(t, np.append(0.0, depth / np.sqrt(np.pi)), 1e6, films)
     found = side_wall_rise(scene, films, z, t[-1:], warm(z, time)[None, None], face)[0, 0]
     ages, weights = np.polynomial.legendre.leggauss(60)
     root = 0.5 * np.sqrt(time) * (ages + 1.0)  # of the age of what was drawn

@@ -8,7 +8,7 @@ docs/explanation/theory.md.  Its accuracy is listed in docs/explanation/camera_m
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -37,7 +37,8 @@ class FaceHistory:
     """History of the block's face: `rise` (n, x) in K above ambient at `times` (n,) in s.
 
     `contact_conductance` (n - 1, x) in W/m2K follows from the rise, the local `pressure` (n, x) in Pa and the depth by
-    which the face is `worn` (n, x), m.
+    which the face is `worn` (n, x), m.  `step_times` (m,) in s: ends of the time steps of the corner model, beside the
+    times at which it is evaluated.
     """
 
     rise: np.ndarray
@@ -45,19 +46,22 @@ class FaceHistory:
     contact_conductance: np.ndarray
     pressure: np.ndarray
     worn: np.ndarray
+    step_times: np.ndarray
 
     @classmethod
     def from_run(cls, run, scene: Scene) -> FaceHistory:
         """History of the face in a 2D run of a scene."""
         rise = run.T_block.astype(float) - run.ambient_degC
         pressure, worn = run.pressure.astype(float), run.worn.astype(float)
-        return cls(rise, run.time, effective_contact_conductance(scene, run.time, rise, pressure, worn), pressure, worn)
+        conductance = effective_contact_conductance(scene, run.time, rise, pressure, worn)
+        steps = corner_step_times(run.time, conductance, WallFilmCoefficients.from_scene(scene))
+        return cls(rise, run.time, conductance, pressure, worn, steps)
 
     def for_perturbed_run(self, run, reference, scene: Scene) -> FaceHistory:
         """History of the face in a perturbed `run` of another `scene`.
 
         That run and its `reference` are recorded at few times.  Their relative difference, interpolated linearly in
-        time, scales this history.
+        time, scales this history.  Its time steps are kept: other ones would show their own error as a change.
         """
         perturbed, base = (one.T_block.astype(float) - one.ambient_degC for one in (run, reference))
         relative_change = (perturbed - base) / np.maximum(
@@ -66,7 +70,18 @@ class FaceHistory:
         rise = self.rise * (1.0 + interpolate_linear(relative_change, reference.time, self.times))
         # the unperturbed profiles of rise, pressure and wear enter here: their change is of second order
         conductance = effective_contact_conductance(scene, self.times, self.rise, self.pressure, self.worn)
-        return FaceHistory(rise, self.times, conductance, self.pressure, self.worn)
+        return replace(self, rise=rise, contact_conductance=conductance)
+
+
+def corner_step_times(times: np.ndarray, contact_conductance: np.ndarray, films: WallFilmCoefficients) -> np.ndarray:
+    """Ends of the time steps (s) of a corner model, from the records of a face at `times` (n,) s.
+
+    They are every second record, those at which the `contact_conductance` (n - 1, x) changes, the times at which a
+    heat-transfer coefficient changes, and those that describe air that warms.
+    """
+    changes = np.append(True, np.any(contact_conductance[1:] != contact_conductance[:-1], axis=1))
+    records = times[:-1][changes | (np.arange(len(changes)) % 2 == 0)]
+    return np.unique(np.concatenate([records, films.start_times, films.air[0] if np.ptp(films.air[1]) else []]))
 
 
 def side_wall_rise(
@@ -99,10 +114,8 @@ def build_corner_model(
 ) -> tuple[WallCornerModel, np.ndarray]:
     """Corner model of a block whose face has such a history, and the indices of `times` (s) among its moments."""
     last_time = max(times)
-    changes = np.append(True, np.any(face.contact_conductance[1:] != face.contact_conductance[:-1], axis=1))
-    records = face.times[:-1][changes | (np.arange(len(changes)) % 2 == 0)]  # every second, and where H changes
-    required = [records, films.start_times, times, films.air[0] if np.ptp(films.air[1]) else films.start_times]
-    moments = np.unique(np.concatenate([t[(t >= face.times[0]) & (t <= last_time)] for t in map(np.asarray, required)]))
+    moments = np.union1d(face.step_times, times)
+    moments = moments[(moments >= face.times[0]) & (moments <= last_time)]
     mid = 0.5 * (moments[1:] + moments[:-1])
     interval = np.clip(np.searchsorted(face.times, mid) - 1, 0, len(face.contact_conductance) - 1)
     edges, mean = group_columns(scene)

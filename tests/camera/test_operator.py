@@ -33,7 +33,8 @@ from flashtemp.model.case import assemble_case
 from flashtemp.model.case_file import KeyLocations
 from flashtemp.model.scene import ActiveEffect
 from flashtemp.physics.effect import Term, find_effect
-from flashtemp.solver.sensitivity import Perturbation, run_with_sensitivities
+from flashtemp.solver.perturbed_run import Perturbation
+from flashtemp.solver.sensitivity import run_with_sensitivities
 from flashtemp.solver.time_integration import integrate_schedule
 
 L, H, W = 0.025, 0.007, 0.05

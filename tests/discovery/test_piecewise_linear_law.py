@@ -34,7 +34,8 @@ from flashtemp.runs.checks.effect_check.fixtures import EffectUnderTest, SceneCa
 from flashtemp.runs.load_run import open_run
 from flashtemp.solver.enthalpy import CapacityTable, TabulatedCapacity
 from flashtemp.solver.heat_balance import HeatBalance
-from flashtemp.solver.sensitivity import Perturbation, run_with_sensitivities
+from flashtemp.solver.perturbed_run import Perturbation
+from flashtemp.solver.sensitivity import run_with_sensitivities
 from flashtemp.solver.time_integration import integrate_schedule
 
 TINY = {

@@ -15,7 +15,8 @@ from flashtemp.model import priors
 from flashtemp.model.case import load_case
 from flashtemp.runs.results import vtk
 from flashtemp.solver.heat_balance import HeatBalance
-from flashtemp.solver.sensitivity import Perturbation, run_with_sensitivities
+from flashtemp.solver.perturbed_run import Perturbation
+from flashtemp.solver.sensitivity import run_with_sensitivities
 from flashtemp.solver.system import PhaseSystem
 from flashtemp.solver.time_integration import integrate_schedule
 from flashtemp.viz.run import case_sketch

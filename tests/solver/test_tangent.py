@@ -17,8 +17,9 @@ from flashtemp.model.case_file import KeyLocations
 from flashtemp.solver.conjugate_residuals import MAX_RESIDUAL_RATIO, solve_shifted_system
 from flashtemp.solver.heat_balance import HeatBalance
 from flashtemp.solver.mesh_mapping import stretch_mesh
+from flashtemp.solver.perturbed_run import Perturbation
 from flashtemp.solver.run import Run
-from flashtemp.solver.sensitivity import Perturbation, run_with_sensitivities
+from flashtemp.solver.sensitivity import run_with_sensitivities
 from flashtemp.solver.system import PhaseSystem
 from flashtemp.solver.time_integration import integrate_schedule
 
@@ -234,6 +235,21 @@ def test_trace_of_the_tracks_memory_from_nothing():
 @pytest.mark.parametrize("binding", numerics.installed_bindings())
 def test_either_binding(binding):
     check(traces({"numerics.integrator": binding}, ["friction.mu"]), {}, "friction.mu")
+
+
+def test_trace_of_friction_that_oscillates_beside_traces_that_do_not():
+    """Steps that suit the others are longer than a period: its face was half off."""
+    wave = {"effects": ["stick_slip"], "stick_slip.wavelength": 0.05}
+    plain, others = scene({}), ("friction.mu", "contact.spot_fraction", "ambient.convection", "contact.pressure")
+    perturbations = {
+        key: Perturbation(scene(moved({}, key, MOVES[key][0] + MOVES[key][1])), MOVES[key][1]) for key in others
+    } | {"stick_slip.amplitude": Perturbation(scene(wave | {"stick_slip.amplitude": 1e-3}), 1e-3)}
+    hood = run_with_sensitivities(plain, asked({}), perturbations, "", moments({}))
+    with_waves, without = exact(wave | {"stick_slip.amplitude": 0.1}), exact(wave | {"stick_slip.amplitude": 0.0})
+    expected = (see(with_waves, "T_block", moments({})) - see(without, "T_block", moments({}))) / 0.1
+    found = hood.derivative_of(lambda run: see(run, "T_block", moments({})), "stick_slip.amplitude")
+    assert rms(found - expected) < 0.1 * rms(expected)
+    check(hood, {}, "friction.mu")
 
 
 def test_trace_of_road_that_comes_round_as_a_slide_ends():

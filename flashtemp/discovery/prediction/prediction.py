@@ -41,8 +41,9 @@ from flashtemp.model.numerics import SolverSettings
 from flashtemp.model.scene import ActiveEffect, Scene
 from flashtemp.physics.effect import Effect, Param
 from flashtemp.physics.quantities import KELVIN
+from flashtemp.solver.perturbed_run import Perturbation
 from flashtemp.solver.run import Run
-from flashtemp.solver.sensitivity import Perturbation, RunWithSensitivities, run_with_sensitivities
+from flashtemp.solver.sensitivity import RunWithSensitivities, run_with_sensitivities
 from flashtemp.solver.time_integration import integrate_schedule
 
 Array = npt.NDArray[np.float64]

@@ -24,8 +24,8 @@ from flashtemp.runs.results.resumable_batch import open_batch_folder, run_batch
 from flashtemp.runs.studies import variance_decomposition
 from flashtemp.runs.studies.friction_trends import find_trends
 from flashtemp.runs.studies.sensitivity_result import OUTPUT_SPECS, PredictedNumber, PredictionBand, SensitivityResult
-from flashtemp.solver.run import Run
 from flashtemp.solver.perturbed_run import Perturbation
+from flashtemp.solver.run import Run
 from flashtemp.solver.sensitivity import RunWithSensitivities, run_with_sensitivities
 from flashtemp.solver.time_integration import integrate_schedule
 

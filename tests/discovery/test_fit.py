@@ -42,7 +42,12 @@ from flashtemp.discovery.hypotheses.candidates import ModelPoint
 from flashtemp.discovery.parameters import ParameterId, ParameterKind
 from flashtemp.discovery.prediction.prediction import DerivativeRequest
 from flashtemp.discovery.prediction.problem import _unstated_facts, prepare_problem
-from flashtemp.discovery.selection.forward_selection import EffectSearch, update_image_errors
+from flashtemp.discovery.selection.forward_selection import (
+    EffectSearch,
+    drop_needless_effects,
+    finish_fit,
+    update_image_errors,
+)
 from flashtemp.discovery.selection.scores import MIN_PARTNER_Z, score_candidates, select_for_rescoring
 from flashtemp.errors import BadInput
 from flashtemp.model.case import load_case
@@ -470,6 +475,21 @@ def test_errors_of_the_camera_follow_the_image_of_an_accepted_effect(peaked, pea
     [view] = peaked.problem.campaign.views
     assert not np.allclose(after.data.fixed[view.file].FF[-1, -1], before.data.fixed[view.file].FF[-1, -1], rtol=0.01)
     assert after.best.ln_evidence == pytest.approx(peak.ln_evidence, abs=3.0)  # an ideal camera needs none of them
+
+
+def test_an_effect_that_a_pair_does_not_need_is_dropped(peaked, peak):
+    """A fit of stick-slip alone had ended elsewhere, so a tilt of 0.002 +- 0.006 was named beside it."""
+    tilt = candidate(peaked, "pressure_tilt")
+    model = peak.model.with_effect("pressure_tilt", {**tilt.neutral_values(), "a": 0.002})
+    pair = finish_fit(
+        Hypothesis(peaked.problem, peaked.data, model, (candidate(peaked, "edge_pressure"), tilt)), None, str
+    )
+    search = EffectSearch(peaked.problem, peaked.data, peaked.base, pair, {frozenset(): peaked.base})
+    after = drop_needless_effects(search, str)
+    assert after.best.model.effects.keys() == {"edge_pressure"}
+    assert after.best.ln_evidence == pytest.approx(peak.ln_evidence, abs=1.0)
+    assert after.fits[frozenset({"edge_pressure"})] is after.best
+    assert drop_needless_effects(after, str).best is after.best
 
 
 @pytest.mark.parametrize(("size", "far"), [(0.3, 1.5), (1.0, 1.5), (3.0, 0.5)])

@@ -17,7 +17,7 @@ from flashtemp.discovery.criteria import CRITERIA
 from flashtemp.discovery.estimation.concurrent_fits import describe_fit, lowest_score_within_reach, run_fits
 from flashtemp.discovery.estimation.fitting import Hypothesis, ProgressCallback, fit_hypothesis
 from flashtemp.discovery.estimation.hyperparameters import maximise_evidence
-from flashtemp.discovery.estimation.image_alignment import Linearisation
+from flashtemp.discovery.estimation.image_alignment import FIXED_STEP_SD, Linearisation
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
 from flashtemp.discovery.estimation.linearised_fit import FitStatus, LinearisedFit
 from flashtemp.discovery.estimation.per_condition import estimate_effect_by_condition
@@ -143,6 +143,7 @@ def select_effects(problem: Problem, data: WhitenedData, base: LinearisedFit, wa
         search = update_image_errors(search, extension)
         best = refit_with_candidates(problem, search.data, extension, candidates, watch)
         search = replace(search, best=best, fits=search.fits | {effect_names(best): best})
+        search = drop_needless_effects(search, watch)
     last = score_candidates(problem, search.best, problem.candidates)
     return replace(search, ranking=(*search.ranking, last))
 
@@ -158,6 +159,41 @@ def update_image_errors(search: EffectSearch, fit: LinearisedFit) -> EffectSearc
     return replace(
         search, data=data, base=fits[effect_names(search.base)], best=fits[effect_names(search.best)], fits=fits
     )
+
+
+def drop_needless_effects(search: EffectSearch, watch: ProgressCallback) -> EffectSearch:
+    """A search whose best fit has no effect without which the data are explained as well.
+
+    "Stepwise" selection with backward elimination (Efroymson, in Ralston and Wilf (eds.), Mathematical Methods for
+    Digital Computers, 1960, ch. 17): a fit of several effects may end better than those of fewer, because it started
+    elsewhere.  Fits of fewer effects are therefore started from its best point, where the linearised model needs them
+    no more.
+    """
+    for effect in sorted(effect_names(search.best)):
+        if len(effect_names(search.best)) == 1:
+            break
+        before = search.best
+        if before.secured_evidence - _evidence_without(search.problem, before, effect) > CRITERIA.ln_bayes_named:
+            continue
+        model = replace(before.model, effects={k: v for k, v in before.model.effects.items() if k != effect})
+        candidates = search.problem.candidates
+        fewer = refit_with_candidates(search.problem, search.data, replace(before, model=model), candidates, watch)
+        search = replace(search, fits=search.fits | {effect_names(fewer): fewer})
+        if before.secured_evidence - fewer.secured_evidence <= CRITERIA.ln_bayes_named:
+            search = replace(search, best=fewer)
+    return search
+
+
+def _evidence_without(problem: Problem, fit: LinearisedFit, effect: str) -> float:
+    """ln evidence of the linearised model of a fit with all strengths of an effect held at their neutral values."""
+    params, values = problem.case.known_effects[effect].params(), fit.model.effects[effect]
+    held = {}
+    for p in fit.effect_parameters:
+        if p.effect == effect and (off := params[p.name].off) is not None:
+            step = off - values[p.name]
+            held[p] = (step, FIXED_STEP_SD * max(abs(step), FIXED_STEP_SD))
+    others = {p: v for p, v in fit.free_effect_priors.items() if p.effect != effect}
+    return fit.solve_with(problem, others | held).solution.ln_evidence
 
 
 def _solve_again(problem: Problem, data: WhitenedData, fit: LinearisedFit) -> LinearisedFit:

@@ -16,8 +16,9 @@ from flashtemp.solver.perturbed_run import PhaseSegment
 from flashtemp.solver.time_integration import StepHistory
 
 FIRST_STEP_U, MAX_STEP_U = 0.03, 0.1  # first and longest step in u = sqrt(fraction of the segment)
+FADED_FRACTION = 0.03  # of its largest change so far that a change which fades is resolved to
 MIN_STEP_U = 1e-4  # a shorter step is not repeated
-FASTER_RATIO = 4.0  # times the target: a run with such a correction needs less than half the step (BDF2: order 2)
+TOO_LONG_RATIO = 4.0  # times the target: with such a correction a step is over twice as long as it may be (order 2)
 CORRECTION_RATIO = 0.2  # target of Newton's correction over the largest change in the segment: it sets the next step
 FINE_CORRECTION_RATIO = 0.015  # the same while the front of the road that the block met first is visible
 FINE_STEP_WINDOWS = 4.0  # slid distance for which it may be visible, in lengths of the window
@@ -87,8 +88,9 @@ class _GroupIntegrator:
     ) -> np.ndarray:
         """Differences (k, ...) at the end of the segment.
 
-        Runs whose differences change much faster than those of the others continue by themselves, as a group that
-        `is_abrupt`: there, a step with too large a correction is repeated with half its length.
+        Runs for which a step is much too long continue by themselves, as a group that `is_abrupt`: there, a step with a
+        correction above the target is repeated with half its length.  In other groups changes may fade, as where a
+        source has passed: corrections are compared with what is left of a change.
         """
         out, members = np.empty_like(now.S), np.arange(len(perturbed))
         times = list(times)
@@ -101,12 +103,14 @@ class _GroupIntegrator:
             )
             reached = [one.largest_difference(s) for one, s in zip(perturbed, after - now.begin, strict=True)]
             size = np.maximum(now.size, reached)
-            target, errors = self._target(t), self._errors(t, change, size)
+            has_track = any(one.perturbed_run.has_track for one in perturbed)
+            present = size if has_track else np.maximum(reached, FADED_FRACTION * size)
+            target, errors = self._target(t), self._errors(t, change, present)
             error = float(np.sqrt(np.mean(errors**2)))
             if is_abrupt and error > target and h > MIN_STEP_U:
                 now = replace(now, h=0.5 * h)
                 continue
-            faster = errors > FASTER_RATIO * target
+            faster = errors > TOO_LONG_RATIO * target
             if not is_abrupt and faster.any() and not faster.all():
                 split = [perturbed[k] for k in np.flatnonzero(faster)]
                 out[members[faster]] = self.integrate(split, now.select(faster), times, True)
@@ -133,7 +137,7 @@ class _GroupIntegrator:
         return FINE_CORRECTION_RATIO if is_fine else CORRECTION_RATIO
 
     def _errors(self, t: float, change: np.ndarray, size: np.ndarray) -> np.ndarray:
-        """Newton's corrections (k,) over the largest change of each run.
+        """Newton's corrections (k,) over the change `size` (k,) of each run.
 
         Heat spreads, so errors of early steps have decayed when the first field of all cells is recorded: until then
         they count in proportion to the time since the start of the segment.

@@ -237,7 +237,7 @@ def test_the_command_writes_numbers_and_a_picture(written, tmp_path, capsys):
     assert main(["plan", str(folder), "--out", str(out), "--workers", "1"]) == 0
     text = capsys.readouterr().out
     assert "effects can be distinguished from all others" in text
-    assert sorted(p.name for p in out.iterdir()) == ["plan.json", "separability.png"]
+    assert sorted(p.name for p in out.iterdir()) == ["plan.json", "report.html", "separability.png"]
     assert (out / "separability.png").read_bytes().startswith(b"\x89PNG")
     found = json.loads((out / "plan.json").read_text())
     assert {e["effect"] for e in found["effects"]} == set(ALIKE)

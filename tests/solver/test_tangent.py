@@ -12,7 +12,7 @@ import pytest
 from flashtemp.discovery.hypotheses.discrepancy_effects import add_friction_scatter
 from flashtemp.model import numerics
 from flashtemp.model.build import first_cells
-from flashtemp.model.case import assemble_case
+from flashtemp.model.case import assemble_case, load_case
 from flashtemp.model.case_file import KeyLocations
 from flashtemp.solver.conjugate_residuals import MAX_RESIDUAL_RATIO, solve_shifted_system
 from flashtemp.solver.heat_balance import HeatBalance
@@ -23,6 +23,7 @@ from flashtemp.solver.sensitivity import run_with_sensitivities
 from flashtemp.solver.system import PhaseSystem
 from flashtemp.solver.time_integration import integrate_schedule
 
+CASES = Path(__file__).parents[2] / "cases"
 SMALL = {
     "block.height": 0.005, "road.depth": 0.01, "road.track_length": 0.1, "schedule.distance": 0.2,
     "schedule.repetitions": 2, "schedule.wait": 1.0, "numerics.mesh": 0.3, "numerics.first_block": 1e-5,
@@ -250,6 +251,20 @@ def test_trace_of_friction_that_oscillates_beside_traces_that_do_not():
     found = hood.derivative_of(lambda run: see(run, "T_block", moments({})), "stick_slip.amplitude")
     assert rms(found - expected) < 0.1 * rms(expected)
     check(hood, {}, "friction.mu")
+
+
+def test_trace_of_a_source_that_has_passed():
+    """Its heat has spread, and is a hundredth of what it was under the source: half of the trace was wrong.
+
+    Everything is linear, so that all of the rise goes with the strength of the source.
+    """
+    milled, times, key = load_case(CASES / "face_milling"), (5.0, 187.0), "moving_source.strength"
+    moved_keys = (key, "moving_source.speed", "ambient.convection")
+    moves = {k: Perturbation(milled.with_values({k: 1.001 * milled[k]}).scene, 0.001) for k in moved_keys}
+    hood = run_with_sensitivities(milled.scene, replace(milled.settings, times=times), moves, "", times)
+    rise = see(hood.run, "field", times[1:]) - milled["ambient.temperature"]
+    found = hood.derivative_of(lambda run: see(run, "field", times[1:]), key)
+    assert rms(found - rise) < 0.15 * rms(rise)
 
 
 def test_trace_of_road_that_comes_round_as_a_slide_ends():

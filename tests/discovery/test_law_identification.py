@@ -184,6 +184,7 @@ def test_no_law_is_identified_where_nothing_is_hidden(identified):
     )
 
 
+@pytest.mark.long  # `decide` itself is tested with every change
 def test_a_law_that_does_not_predict_is_not_learned_however_much_it_explains(identified):
     """Every law is wrong for one of the two speeds; the best gains a lot on the data that it has seen."""
     found = identified(opposite)[2]

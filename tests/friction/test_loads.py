@@ -215,7 +215,8 @@ def test_the_cutoff_of_skewness_is_an_input(tmp_path, capsys):
 
 
 def test_a_negative_cutoff_of_skewness_is_refused(tmp_path, capsys):
-    assert main(["loads", str(CASE), "--skewness-cutoff", "-1", "--out", str(tmp_path / "no")]) == 2
+    even = "persson_friction.flattened=1"  # no skewness to compute before the refusal
+    assert main(["loads", str(CASE), even, "--skewness-cutoff", "-1", "--out", str(tmp_path / "no")]) == 2
     told = capsys.readouterr().err.strip()
     assert "persson_friction.skewness_cutoff" in told
     assert len(told.splitlines()) == 1

@@ -253,6 +253,7 @@ def test_trace_of_friction_that_oscillates_beside_traces_that_do_not():
     check(hood, {}, "friction.mu")
 
 
+@pytest.mark.long  # traces of a block that slides are quicker siblings
 def test_trace_of_a_source_that_has_passed():
     """Its heat has spread, and is a hundredth of what it was under the source: half of the trace was wrong.
 

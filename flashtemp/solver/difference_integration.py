@@ -89,8 +89,8 @@ class _GroupIntegrator:
         """Differences (k, ...) at the end of the segment.
 
         Runs for which a step is much too long continue by themselves, as a group that `is_abrupt`: there, a step with a
-        correction above the target is repeated with half its length.  In other groups changes may fade, as where a
-        source has passed: corrections are compared with what is left of a change.
+        correction above the target is repeated with half its length.  Where no road comes round, changes may fade, as
+        after a source has passed: corrections are compared with what is left of a change.
         """
         out, members = np.empty_like(now.S), np.arange(len(perturbed))
         times = list(times)

@@ -13,7 +13,7 @@ from flashtemp.comparison.compare import compare
 
 MILLED = Path(__file__).parents[2] / "cases" / "face_milling"
 SIGMA = 0.2  # K: what the campaign allows such a model
-FITTED, HELD_OUT = 0.167, 0.132  # K rms: what the README tells
+FITTED, HELD_OUT = 0.159, 0.141  # K rms: what the README tells
 
 
 def left(**given):

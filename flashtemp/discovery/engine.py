@@ -32,7 +32,7 @@ from flashtemp.discovery.estimation.fitting import Hypothesis, ProgressCallback
 from flashtemp.discovery.estimation.image_alignment import Linearisation
 from flashtemp.discovery.estimation.linear_gaussian import LinearSystem
 from flashtemp.discovery.estimation.linearised_fit import FitStatus, LinearisedFit
-from flashtemp.discovery.estimation.nuisance_priors import all_derivatives
+from flashtemp.discovery.estimation.nuisance_priors import NUISANCE_SD, all_derivatives
 from flashtemp.discovery.estimation.outlier_rejection import reject_outliers
 from flashtemp.discovery.estimation.whitening import WhitenedData
 from flashtemp.discovery.hypotheses.candidates import ModelPoint
@@ -45,6 +45,7 @@ from flashtemp.discovery.measurement_errors.recording_errors import (
     find_misassigned_recordings,
     find_recording_errors,
 )
+from flashtemp.discovery.parameters import ParameterKind
 from flashtemp.discovery.prediction.mesh_extrapolation import coarser_mesh_factors
 from flashtemp.discovery.prediction.prediction import DerivativeRequest, Prediction, predict_again, predict_condition
 from flashtemp.discovery.prediction.problem import Problem, prepare_problem
@@ -139,12 +140,38 @@ def calibrate_base(
     start = Linearisation(problem.stated_model, tuple(tasks), tuple(first), LinearSystem(data.make_blocks(first)))
     watch("calibrating the stated model")
     base = finish_fit(Hypothesis(problem, data, problem.stated_model), start, watch)
+    base = refit_opposite_sizes(problem, data, base, watch)
     factors = (None, *coarser_mesh_factors(problem.case))
     meshes = [_place_images(problem, run, f, base.model) for f, run in zip(factors, (first, *coarser), strict=True)]
     data = data.with_image_errors_of(base.predictions, meshes)
     names = [c.effect for c in problem.candidates]
     watch(ProgressMessage(f"sensitivities of {len(names)} candidates", candidates=[{"effect": n} for n in names]))
     return problem, data, refit_with_candidates(problem, data, base, problem.candidates, watch)
+
+
+def refit_opposite_sizes(
+    problem: Problem, data: WhitenedData, base: LinearisedFit, watch: ProgressCallback
+) -> LinearisedFit:
+    """The better of a calibrated fit and of one that starts on the other side of the stated size of the block.
+
+    It is made where a size differs from the stated one by more than it usually does.  Edges guide a fit
+    from within a pixel or so only: from farther away it may end with a block that is too short where it is too long,
+    and with errors of the camera that stand for the difference (multistart).
+    """
+    sizes = {
+        p: base.model.setup_value(p) + base.solution[p] for p in base.solution.names if p.kind is ParameterKind.SIZE
+    }
+    far = {p: v for p, v in sizes.items() if abs(v) > NUISANCE_SD[ParameterKind.SIZE]}
+    model = problem.stated_model
+    for p, value in far.items():
+        model = model.with_step(p, -value)
+    if not far:
+        return base
+    try:
+        other = finish_fit(Hypothesis(problem, data, model), None, watch)
+    except SolverFailure:
+        return base
+    return other if other.is_comparable and other.secured_evidence > base.secured_evidence else base
 
 
 def select_with_inputs(

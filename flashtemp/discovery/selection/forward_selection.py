@@ -117,10 +117,12 @@ def refit_with_candidates(
     return finish_fit(h, first, watch)
 
 
-def finish_fit(h: Hypothesis, first: Linearisation, watch: ProgressCallback, least: float = -math.inf) -> LinearisedFit:
-    """Run one fit from a linearised point until it ends, or cannot reach the ln evidence `least`.
+def finish_fit(
+    h: Hypothesis, first: Linearisation | None, watch: ProgressCallback, least: float = -math.inf
+) -> LinearisedFit:
+    """Run one fit until it ends, or cannot reach the ln evidence `least`.
 
-    Raises SolverFailure.
+    It starts at the linearisation `first`, or at the model of the hypothesis.  Raises SolverFailure.
     """
     outcome = run_fits(h.problem, {"": fit_hypothesis(h, first)}, watch, least)
     if "" not in outcome.fits:

@@ -31,6 +31,7 @@ SETS = {  # what a set of campaigns is, by the first word of its campaigns' name
     "heavy": "uncooled camera, one strong effect, prior with heavy tails",
     "newest": "uncooled camera, seeds 7696 to 7719",
     "latest": "uncooled camera, 15 seeds from 7720 to 7743",
+    "derivative": "uncooled camera, seeds 7745 to 7764, and 7958 to 7965 with one strong effect",
     "mistake": "uncooled camera, one error of the set-up",
     "varied": "another test programme in each",
     "programme": "another test programme in each, after the mends",

@@ -154,7 +154,7 @@ def refit_opposite_sizes(
 ) -> LinearisedFit:
     """The better of a calibrated fit and of one that starts on the other side of the stated size of the block.
 
-    It is made where a size differs from the stated one by more than it usually does.  Edges guide a fit
+    The second fit is made where a size differs from the stated one by more than its usual error.  Edges guide a fit
     from within a pixel or so only: from farther away it may end with a block that is too short where it is too long,
     and with errors of the camera that stand for the difference (multistart).
     """
@@ -162,11 +162,11 @@ def refit_opposite_sizes(
         p: base.model.setup_value(p) + base.solution[p] for p in base.solution.names if p.kind is ParameterKind.SIZE
     }
     far = {p: v for p, v in sizes.items() if abs(v) > NUISANCE_SD[ParameterKind.SIZE]}
+    if not far:
+        return base
     model = problem.stated_model
     for p, value in far.items():
         model = model.with_step(p, -value)
-    if not far:
-        return base
     try:
         other = finish_fit(Hypothesis(problem, data, model), None, watch)
     except SolverFailure:

@@ -16,7 +16,7 @@ from flashtemp.solver.perturbed_run import PhaseSegment
 from flashtemp.solver.time_integration import StepHistory
 
 FIRST_STEP_U, MAX_STEP_U = 0.03, 0.1  # first and longest step in u = sqrt(fraction of the segment)
-FADED_FRACTION = 0.03  # of its largest change so far that a change which fades is resolved to
+FADED_FRACTION = 0.03  # of its largest change so far, to which a fading change is resolved; 0.1 doubles the error
 MIN_STEP_U = 1e-4  # a shorter step is not repeated
 TOO_LONG_RATIO = 4.0  # times the target: with such a correction a step is over twice as long as it may be (order 2)
 CORRECTION_RATIO = 0.2  # target of Newton's correction over the largest change in the segment: it sets the next step
@@ -43,7 +43,7 @@ def integrate_differences(
     is_abrupt = phase.sliding and any(one.perturbed_run.has_track for one in perturbed)
     first_field = next((at for at, frame in times if frame), phase.end)
     integrator = _GroupIntegrator(phase, path, reference, fine_until, first_field)
-    return integrator.integrate(perturbed, _GroupState(0.0, FIRST_STEP_U, 0.0, S, S, S, size), times, is_abrupt)
+    return integrator.integrate_group(perturbed, _GroupState(0.0, FIRST_STEP_U, 0.0, S, S, S, size), times, is_abrupt)
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class _GroupState:
     begin: np.ndarray
     size: np.ndarray
 
-    def select(self, members: np.ndarray) -> _GroupState:
+    def select_members(self, members: np.ndarray) -> _GroupState:
         """The state of some of the runs; `members` (k,) is a mask."""
         return replace(
             self, old=self.old[members], S=self.S[members], begin=self.begin[members], size=self.size[members]
@@ -83,7 +83,7 @@ class _GroupIntegrator:
     fine_until: float
     first_field: float
 
-    def integrate(
+    def integrate_group(
         self, perturbed: list[PhaseSegment], now: _GroupState, times: list[tuple[float, bool]], is_abrupt: bool
     ) -> np.ndarray:
         """Differences (k, ...) at the end of the segment.
@@ -97,15 +97,21 @@ class _GroupIntegrator:
         while now.u < 1.0:
             new = 1.0 if 1.0 - now.u < 1.5 * now.h else now.u + now.h
             h = new - now.u
-            t = self.phase.end if new == 1.0 else self.phase.begin + self._span * new**2
+            t = self.phase.end if new == 1.0 else self.phase.begin + self._segment_span * new**2
             after, change = _bdf2_step(
-                self.path(t), t, 2.0 * new * self._span, (h, now.before), (now.old, now.S), self.reference, perturbed
+                self.path(t),
+                t,
+                2.0 * new * self._segment_span,
+                (h, now.before),
+                (now.old, now.S),
+                self.reference,
+                perturbed,
             )
             reached = [one.largest_difference(s) for one, s in zip(perturbed, after - now.begin, strict=True)]
             size = np.maximum(now.size, reached)
             has_track = any(one.perturbed_run.has_track for one in perturbed)
             present = size if has_track else np.maximum(reached, FADED_FRACTION * size)
-            target, errors = self._target(t), self._errors(t, change, present)
+            target, errors = self._correction_target(t), self._relative_corrections(t, change, present)
             error = float(np.sqrt(np.mean(errors**2)))
             if is_abrupt and error > target and h > MIN_STEP_U:
                 now = replace(now, h=0.5 * h)
@@ -113,30 +119,30 @@ class _GroupIntegrator:
             faster = errors > TOO_LONG_RATIO * target
             if not is_abrupt and faster.any() and not faster.all():
                 split = [perturbed[k] for k in np.flatnonzero(faster)]
-                out[members[faster]] = self.integrate(split, now.select(faster), times, True)
+                out[members[faster]] = self.integrate_group(split, now.select_members(faster), times, True)
                 perturbed = [perturbed[k] for k in np.flatnonzero(~faster)]
-                now, members = now.select(~faster), members[~faster]
+                now, members = now.select_members(~faster), members[~faster]
                 continue
-            self._record(perturbed, now, times, (t, new), after)
+            self._record_step(perturbed, now, times, (t, new), after)
             ratio = float(np.clip(np.sqrt(target / max(error, 1e-12)), 0.5, MAX_STEP_GROWTH))
-            now = replace(now, u=new, h=min(h * ratio, self._longest), before=h, old=now.S, S=after, size=size)
+            now = replace(now, u=new, h=min(h * ratio, self._longest_step), before=h, old=now.S, S=after, size=size)
         out[members] = now.S
         return out
 
     @property
-    def _span(self) -> float:
+    def _segment_span(self) -> float:
         return self.phase.end - self.phase.begin
 
     @property
-    def _longest(self) -> float:
+    def _longest_step(self) -> float:
         # road that comes round enters with a temperature that changes all the time: shorter steps resolve it
         return 0.5 * MAX_STEP_U if self.reference.system.b.laws.has_law("road.inflow") else MAX_STEP_U
 
-    def _target(self, t: float) -> float:
+    def _correction_target(self, t: float) -> float:
         is_fine = self.fine_until and self.reference.system.law_context(t).slid < self.fine_until
         return FINE_CORRECTION_RATIO if is_fine else CORRECTION_RATIO
 
-    def _errors(self, t: float, change: np.ndarray, size: np.ndarray) -> np.ndarray:
+    def _relative_corrections(self, t: float, change: np.ndarray, size: np.ndarray) -> np.ndarray:
         """Newton's corrections (k,) over the change `size` (k,) of each run.
 
         Heat spreads, so errors of early steps have decayed when the first field of all cells is recorded: until then
@@ -147,12 +153,14 @@ class _GroupIntegrator:
         moved: np.ndarray = early * np.abs(change[:, :m]).max(axis=1, initial=0.0) / size
         return moved
 
-    def _record(self, perturbed: list[PhaseSegment], now: _GroupState, times: list, end: tuple[float, float], after):
+    def _record_step(
+        self, perturbed: list[PhaseSegment], now: _GroupState, times: list, end: tuple[float, float], after
+    ):
         """Record the runs at all `times` within a step that ends at the time and the u of `end`."""
         t, new = end
         while times and times[0][0] <= t * (1 + 1e-12):
             at = times.pop(0)
-            u = float(np.sqrt((at[0] - self.phase.begin) / self._span))
+            u = float(np.sqrt((at[0] - self.phase.begin) / self._segment_span))
             values = interpolate_quadratic(u, (now.u - now.before, now.u, new), (now.old, now.S, after))
             _record_all(self.path, perturbed, at, values)
         if self.phase.sliding:

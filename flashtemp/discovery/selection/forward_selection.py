@@ -179,15 +179,23 @@ def drop_needless_effects(search: EffectSearch, watch: ProgressCallback) -> Effe
             continue
         model = replace(before.model, effects={k: v for k, v in before.model.effects.items() if k != effect})
         candidates = search.problem.candidates
-        fewer = refit_with_candidates(search.problem, search.data, replace(before, model=model), candidates, watch)
-        search = replace(search, fits=search.fits | {effect_names(fewer): fewer})
+        try:
+            fewer = refit_with_candidates(search.problem, search.data, replace(before, model=model), candidates, watch)
+        except SolverFailure:  # a model that cannot be simulated must not cost what was found
+            continue
+        known = search.fits.get(effect_names(fewer), fewer)
+        better = max(known, fewer, key=lambda f: f.secured_evidence)
+        search = replace(search, fits=search.fits | {effect_names(fewer): better})
         if before.secured_evidence - fewer.secured_evidence <= CRITERIA.ln_bayes_named:
             search = replace(search, best=fewer)
     return search
 
 
 def _evidence_without(problem: Problem, fit: LinearisedFit, effect: str) -> float:
-    """ln evidence of the linearised model of a fit with all strengths of an effect held at their neutral values."""
+    """ln evidence of the linearised model of a fit with all strengths of an effect held at their neutral values.
+
+    What the fit pays for strengths larger than typical is kept, because an effect that is not needed pays nothing.
+    """
     params, values = problem.case.known_effects[effect].params(), fit.model.effects[effect]
     held = {}
     for p in fit.effect_parameters:
@@ -195,7 +203,7 @@ def _evidence_without(problem: Problem, fit: LinearisedFit, effect: str) -> floa
             step = off - values[p.name]
             held[p] = (step, FIXED_STEP_SD * max(abs(step), FIXED_STEP_SD))
     others = {p: v for p, v in fit.free_effect_priors.items() if p.effect != effect}
-    return fit.solve_with(problem, others | held).solution.ln_evidence
+    return fit.solve_with(problem, others | held).solution.ln_evidence - fit.width_price
 
 
 def _solve_again(problem: Problem, data: WhitenedData, fit: LinearisedFit) -> LinearisedFit:
